@@ -1,0 +1,75 @@
+"""The fixed gait between postures (chapter 5.1.4): lift a limb, place it, push the body, next limb.
+
+In a round of N limbs the body covers 1/N of its way after each limb is placed. The critical
+instants are the 2 N of a round: after each lift and after each push.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.climb.scene import ClimbScene, load_wrench
+from climbplan.plans.climb_plan import Instants, Rounds
+from climbplan.robots.kinematics import inverse, require_reachable, to_body
+
+
+def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
+    """The 2 N M critical instants of a posture sequence with their joint angles.
+
+    Joint angles are those of the planned pose, without sag. Raises ReachFailure naming round,
+    limb and missing reach or joint bound.
+    """
+    robot, terrain, gait = scene.robot, scene.terrain, np.array(scene.gait)
+    n, m = robot.limb_count, rounds.count
+    step = np.arange(n)  # position in the gait order
+    rank = np.empty(n, np.int64)
+    rank[gait] = step  # (N,) when each limb moves
+
+    # Body fraction of its way: k/N when limb k is lifted, (k+1)/N after its push.
+    fraction = np.stack([step / n, (step + 1) / n], axis=1).ravel()  # (2N,)
+    com = rounds.com[:-1, None] + fraction[:, None] * np.diff(rounds.com, axis=0)[:, None]
+    rpy = rounds.rpy[:-1, None] + fraction[:, None] * np.diff(rounds.rpy, axis=0)[:, None]
+
+    # A limb stands on its new place from its own push on.
+    is_push = np.tile([False, True], n)  # (2N,)
+    moving = np.repeat(gait, 2)  # (2N,) limb of each instant
+    placed = rank[None, :] < np.repeat(step, 2)[:, None]  # (2N, N)
+    placed |= is_push[:, None] & (np.arange(n)[None, :] == moving[:, None])
+    lifted = ~is_push[:, None] & (np.arange(n)[None, :] == moving[:, None])
+
+    old, new = rounds.toes[:-1, None], rounds.toes[1:, None]  # (M, 1, N, 3)
+    toes = np.where(placed[None, :, :, None], new, old)
+    region = np.where(placed[None], rounds.region[1:, None], rounds.region[:-1, None])
+
+    shape = (m * 2 * n, n)
+    toes, region = toes.reshape(*shape, 3), region.reshape(shape)
+    lifted = np.tile(lifted, (m, 1))
+    normals = np.empty_like(toes)
+    mu = np.empty(shape)
+    for index, surface in enumerate(terrain.surfaces):
+        here = region == index
+        mu[here] = surface.friction
+        normals[here] = surface.normal_at(toes[here])
+    toes = toes + scene.spec.trajectory.lift * normals * lifted[..., None]
+
+    com, rpy = com.reshape(-1, 3), rpy.reshape(-1, 3)
+    instants = Instants(
+        round=np.repeat(np.arange(1, m + 1), 2 * n),
+        lifted=lifted,
+        contact=~lifted,
+        com=com,
+        rpy=rpy,
+        toes=toes,
+        normal=normals,
+        mu=mu,
+        region=region,
+        joint_angles=np.full((*shape, 3), np.nan),
+        external_wrench=load_wrench(scene.spec, robot, rpy),
+    )
+    toes_body = to_body(com, rpy, toes)
+    solution = inverse(robot, toes_body)
+    for k in np.flatnonzero(~solution.valid.all(axis=1)):
+        require_reachable(robot, toes_body[k], instants.label(int(k), robot.limb_names))
+    return replace(instants, joint_angles=solution.best())

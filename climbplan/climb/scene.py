@@ -1,0 +1,99 @@
+"""The scene of a climb: robot, terrain, start and goal postures in numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.plans.climb_plan import Index
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.spec.climb import ClimbSpec, PostureSpec
+from climbplan.spec.robot import RobotSpec
+from climbplan.terrain.model import Terrain, build_terrain
+
+ON_SURFACE = 1e-6  # [m] stated toes must lie this close to a surface
+
+
+@dataclass(frozen=True)
+class Stance:
+    """One posture: body pose and toes on surfaces."""
+
+    com: Array  # (3,) [m]
+    rpy: Array  # (3,) [rad]
+    toes: Array  # (N, 3) [m]
+    region: Index  # (N,)
+
+
+@dataclass(frozen=True)
+class ClimbScene:
+    """All numbers the planner starts from."""
+
+    spec: ClimbSpec
+    robot: Robot
+    terrain: Terrain
+    start: Stance
+    goal: Stance
+    gait: tuple[int, ...]  # limbs in the order in which they move
+
+
+def _stance(
+    posture: PostureSpec, key: str, robot: Robot, terrain: Terrain, mistakes: list[SpecMistake]
+) -> Stance:
+    """Stated toes, or the surface points nearest to the limbs' nominal stances."""
+    com, rpy = np.array(posture.com, float), np.deg2rad(posture.rpy_deg)
+    nominal = com + robot.stance_body @ rotation_world_body(rpy).T
+    toes, region = np.empty_like(nominal), np.empty(robot.limb_count, np.int64)
+    for limb, name in enumerate(robot.limb_names):
+        point = np.array(posture.toes.get(name, nominal[limb]), float)
+        region[limb] = terrain.nearest_surface(limb, point)
+        surface = terrain.surfaces[region[limb]]
+        toes[limb] = surface.project(point)
+        distance = surface.distance(point)
+        if name in posture.toes and distance > ON_SURFACE:
+            mistakes.append(
+                SpecMistake(
+                    f"{key}.toes.{name}",
+                    f"expected a point on a contact region {name} may use; "
+                    f"it is {1e3 * distance:.2f} mm off {surface.name!r}",
+                )
+            )
+    return Stance(com, rpy, toes, region)
+
+
+def load_wrench(spec: ClimbSpec, robot: Robot, rpy: Array) -> Array:
+    """Payload weight and external load as force and moment about the body origin.
+
+    rpy: (..., 3) [rad]. Returns (..., 6) [N, N m], world frame.
+    """
+    payload, external = spec.task.payload, spec.task.external_wrench
+    weight = np.array([0.0, 0.0, -payload.mass * robot.gravity])
+    arm = rotation_world_body(rpy) @ np.array(payload.offset, float)
+    moment = np.cross(arm, weight) + np.array(external.moment, float)
+    force = np.broadcast_to(weight + np.array(external.force, float), moment.shape)
+    return np.concatenate([force, moment], axis=-1)
+
+
+def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") -> ClimbScene:
+    """Numbers of a validated spec.
+
+    Raises SpecError for toes off their surfaces and UsageError for malformed terrain.
+    """
+    robot = Robot.from_spec(robot_spec)
+    terrain = build_terrain(spec.terrain, robot)
+    mistakes: list[SpecMistake] = []
+    start = _stance(spec.task.start, "task.start", robot, terrain, mistakes)
+    goal = _stance(spec.task.goal, "task.goal", robot, terrain, mistakes)
+    if mistakes:
+        raise SpecError(source, mistakes)
+    order = spec.task.gait or robot.limb_names
+    return ClimbScene(
+        spec=spec,
+        robot=robot,
+        terrain=terrain,
+        start=start,
+        goal=goal,
+        gait=tuple(robot.limb_names.index(name) for name in order),
+    )

@@ -1,0 +1,113 @@
+"""The exceptions of the package, one for each way a run can end without a verified plan.
+
+Each carries the exit code that the command line gives it (see the README's table).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """Exit codes of every command."""
+
+    OK = 0
+    INTERNAL = 1
+    USAGE = 2
+    INFEASIBLE = 3
+    LIMIT = 4
+    UNVERIFIED = 5
+
+
+class ClimbplanError(Exception):
+    """Root of all errors that are not bugs."""
+
+    exit_code: ExitCode = ExitCode.USAGE
+
+
+@dataclass(frozen=True)
+class SpecMistake:
+    """One mistake in a spec: where it stands and what was expected there."""
+
+    key: str  # dotted path, "" for the whole document
+    message: str  # what is wrong and what was expected
+    line: int | None = None  # 1-based line in the file
+    suggestion: str | None = None  # nearest valid key
+
+
+class SpecError(ClimbplanError):
+    """A spec that cannot be used; carries every mistake found, not just the first."""
+
+    def __init__(self, source: str, mistakes: list[SpecMistake]) -> None:
+        self.source = source
+        self.mistakes = mistakes
+        super().__init__("\n".join(self._line(m) for m in mistakes))
+
+    def _line(self, mistake: SpecMistake) -> str:
+        where = f"{self.source}:{mistake.line}" if mistake.line else self.source
+        key = f"{mistake.key}: " if mistake.key else ""
+        hint = f" (did you mean {mistake.suggestion!r}?)" if mistake.suggestion else ""
+        return f"{where}: {key}{mistake.message}{hint}"
+
+
+class UsageError(ClimbplanError):
+    """A command that cannot be carried out as given (paths, options, file formats)."""
+
+
+class PlanFileError(UsageError):
+    """A file that is not a plan, or a plan that is damaged."""
+
+
+class MissingSolver(UsageError):
+    """A solver or library that is not installed; says how to install it."""
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Constraints that cannot hold together, in the robot's terms."""
+
+    where: str  # "round 3, LM lifted"
+    constraints: tuple[str, ...]  # ("friction at RF", "torque of LR femur")
+    remedies: tuple[str, ...] = ()  # ("mu >= 0.83", "payload <= 1.2 kg")
+
+    def __str__(self) -> str:
+        what = " and ".join(self.constraints)
+        verb = "conflict" if len(self.constraints) > 1 else "cannot be met"
+        cure = f"; feasible with {' or '.join(self.remedies)}" if self.remedies else ""
+        return f"{self.where}: {what} {verb}{cure}"
+
+
+class NoPlanFound(ClimbplanError):
+    """No plan exists or none was found within the limits."""
+
+    exit_code = ExitCode.INFEASIBLE
+
+
+class Infeasible(NoPlanFound):
+    """The problem is proved to have no solution; names the conflicting constraints."""
+
+    def __init__(self, message: str, conflicts: list[Conflict] | None = None) -> None:
+        self.conflicts = conflicts or []
+        super().__init__("\n".join([message, *(str(c) for c in self.conflicts)]))
+
+
+class LimitReached(NoPlanFound):
+    """A time or iteration limit was hit before any plan was found."""
+
+    exit_code = ExitCode.LIMIT
+
+
+class ReachFailure(ClimbplanError):
+    """A toe that a limb cannot reach within its joint bounds."""
+
+    exit_code = ExitCode.INFEASIBLE
+
+    def __init__(self, limb: str, reason: str, missing: float = 0.0, where: str = "") -> None:
+        self.limb = limb
+        self.reason = reason  # "too far", "too near", "femur bound", ...
+        self.missing = missing  # [m] out of reach by this much; 0 if only joint bounds fail
+        self.where = where  # "round 3, LM lifted"
+        prefix = f"{where}: " if where else ""
+        gap = f" by {1e3 * missing:.1f} mm" if missing > 0 else ""
+        super().__init__(f"{prefix}{limb} cannot reach its toe: {reason}{gap}")

@@ -1,0 +1,1 @@
+"""Plan files: what they hold, how they are written and read, and how they are verified."""

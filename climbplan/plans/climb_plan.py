@@ -1,0 +1,150 @@
+"""A climb plan in memory, field by field as in its file.
+
+Shapes: N limbs, M rounds, K instants, T samples, R surfaces. World frame, z up; SI units.
+Forces act on the robot, from the terrain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.robots.model import Robot
+from climbplan.terrain.model import Terrain
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """Postures: row 0 is the start, row j the end of round j."""
+
+    com: Array  # (M+1, 3) body origin [m]
+    rpy: Array  # (M+1, 3) roll, pitch, yaw [rad]
+    toes: Array  # (M+1, N, 3) [m]
+    region: Index  # (M+1, N) surface each toe stands on
+
+    @property
+    def count(self) -> int:
+        """M."""
+        return len(self.com) - 1
+
+
+@dataclass(frozen=True)
+class Instants:
+    """The 2 N instants a round at which forces are planned: after each lift and each push."""
+
+    round: Index  # (K,) 1..M
+    lifted: Mask  # (K, N) the limb in the air
+    contact: Mask  # (K, N) limbs that carry load
+    com: Array  # (K, 3) planned body origin [m]
+    rpy: Array  # (K, 3) [rad]
+    toes: Array  # (K, N, 3) [m]; a lifted toe hovers above where it stood
+    normal: Array  # (K, N, 3) unit, from the surface into free space
+    mu: Array  # (K, N) friction coefficient
+    region: Index  # (K, N) surface of each toe (a lifted toe: the one it left)
+    joint_angles: Array  # (K, N, 3) [rad]
+    external_wrench: Array  # (K, 6) force and moment about the body origin beside the weight
+
+    @property
+    def count(self) -> int:
+        """K."""
+        return len(self.round)
+
+    def label(self, k: int, limb_names: tuple[str, ...]) -> str:
+        """Where instant k stands in the gait: "round 3, LM lifted" or "round 3, LM placed"."""
+        per_round = 2 * len(limb_names)
+        lifted = np.flatnonzero(self.lifted[k])
+        if len(lifted):
+            return f"round {self.round[k]}, {limb_names[lifted[0]]} lifted"
+        pushes = (k % per_round) // 2 + 1
+        return f"round {self.round[k]}, push {pushes}"
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Contact forces at the instants and what follows from them."""
+
+    force: Array  # (K, N, 3) [N], zero for lifted limbs
+    joint_torques: Array  # (K, N, 3) J^T force [N m]
+    wall_deflection: Array  # (K, N, 3) imposed toe deflection [m]
+    com_deflection: Array  # (K, 6) sag and small rotation of the body [m, rad]
+    toe_command: Array  # (K, N, 3) toe position sent to the joints [m]
+    safety_torque: Array  # (K,) least max_torque / |torque|
+    safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
+    mu_critical: Array  # (K, N) friction coefficient at which the limb would slip, 0 if lifted
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Playable motion at a fixed rate."""
+
+    time: Array  # (T,) [s]
+    com: Array  # (T, 3) [m]
+    rpy: Array  # (T, 3) [rad]
+    joint_command: Array  # (T, N, 3) [rad]
+    contact: Mask  # (T, N)
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """Bounds the postures were planned with, kept for verification."""
+
+    com_max: float  # [m]
+    toe_max: float  # [m]
+    rotation_max: float  # [rad] about each axis
+    com_min: float  # [m]
+    toe_min: float  # [m]
+    goal_com: Array  # (3,) [m]
+    goal_toes: Array  # (N, 3) [m]
+    goal_tolerance: float  # [m]
+    body_clearance: float  # [m]
+    safety_friction: float  # S_mu asked for
+    safety_torque: float  # least S_tau asked for
+
+
+@dataclass(frozen=True)
+class Study:
+    """Labels over a grid of spec values."""
+
+    keys: tuple[str, ...]  # one or two dotted keys
+    values: tuple[Array, ...]  # values of each key
+    label: Index  # (len(values[0]), len(values[1]) or 1): index into `LABELS`
+    detail: tuple[str, ...]  # message of each cell, row by row
+
+    LABELS = ("feasible", "force-infeasible", "kinematics-infeasible")
+
+
+@dataclass(frozen=True)
+class ClimbPlan:
+    """Everything a climb plan file holds."""
+
+    name: str
+    robot: Robot
+    terrain: Terrain
+    rounds: Rounds
+    instants: Instants
+    forces: Forces
+    trajectory: Trajectory
+    limits: StepLimits
+    status: str  # "optimal" or "feasible"
+    objective: float
+    bound: float | None
+    gap: float | None
+    spec_text: str
+    spec_sha256: str
+    seed: int
+    timings: dict[str, float]  # [s] by stage
+    solvers: dict[str, str]  # stage -> solver and version
+    sizes: dict[str, Any]  # problem sizes by stage
+    warnings: tuple[str, ...] = ()
+    study: Study | None = None
+    verified: bool = False
+    created: str = ""
+    climbplan_version: str = ""
+    summary: tuple[str, ...] = field(default=())  # lines for the terminal

@@ -1,0 +1,1 @@
+"""Robots: geometry, kinematics, and the data files of the built-in ones."""

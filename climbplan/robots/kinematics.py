@@ -1,0 +1,170 @@
+"""Forward and inverse kinematics of coxa-femur-tibia limbs.
+
+With yaw psi = mount_yaw + theta_1 the toe of a limb lies at radius
+L1 + L2 cos(theta_2) + L3 sin(theta_2 + theta_3) from the shoulder and at height
+L2 sin(theta_2) - L3 cos(theta_2 + theta_3): at zero angles the femur points outward and the tibia
+straight down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.errors import ReachFailure
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, rotation_world_body
+
+JOINTS = ("coxa", "femur", "tibia")
+_BOUND_SLACK = 1e-9  # [rad] rounding at a joint bound is not a violation
+
+
+def joint_points_body(robot: Robot, angles: Array) -> Array:
+    """Shoulder, femur joint, knee and toe of every limb.
+
+    angles: (..., N, 3) [rad]. Returns (..., N, 4, 3) in the body frame [m].
+    """
+    l1, l2, l3 = robot.link_lengths.T
+    psi = robot.mount_yaw + angles[..., 0]
+    tilt = angles[..., 1] + angles[..., 2]
+    radius = np.stack([np.zeros_like(psi), np.broadcast_to(l1, psi.shape)], axis=-1)
+    knee_r = l1 + l2 * np.cos(angles[..., 1])
+    toe_r = knee_r + l3 * np.sin(tilt)
+    knee_z = l2 * np.sin(angles[..., 1])
+    toe_z = knee_z - l3 * np.cos(tilt)
+    radius = np.concatenate([radius, knee_r[..., None], toe_r[..., None]], axis=-1)  # (..., N, 4)
+    height = np.stack([np.zeros_like(psi), np.zeros_like(psi), knee_z, toe_z], axis=-1)
+    offset = np.stack(
+        [radius * np.cos(psi)[..., None], radius * np.sin(psi)[..., None], height], axis=-1
+    )
+    return robot.shoulder_body[:, None, :] + offset
+
+
+def toe_body(robot: Robot, angles: Array) -> Array:
+    """Toe positions (..., N, 3) in the body frame [m] for angles (..., N, 3) [rad]."""
+    return joint_points_body(robot, angles)[..., 3, :]
+
+
+def jacobian_body(robot: Robot, angles: Array) -> Array:
+    """d(toe_body)/d(angles) of every limb, (..., N, 3, 3), body frame [m/rad]."""
+    l1, l2, l3 = robot.link_lengths.T
+    psi = robot.mount_yaw + angles[..., 0]
+    tilt = angles[..., 1] + angles[..., 2]
+    cos_psi, sin_psi = np.cos(psi), np.sin(psi)
+    toe_r = l1 + l2 * np.cos(angles[..., 1]) + l3 * np.sin(tilt)
+    tibia_dr, tibia_dz = l3 * np.cos(tilt), l3 * np.sin(tilt)
+    femur_dr = tibia_dr - l2 * np.sin(angles[..., 1])
+    femur_dz = tibia_dz + l2 * np.cos(angles[..., 1])
+    columns = [
+        np.stack([-toe_r * sin_psi, toe_r * cos_psi, np.zeros_like(psi)], axis=-1),
+        np.stack([femur_dr * cos_psi, femur_dr * sin_psi, femur_dz], axis=-1),
+        np.stack([tibia_dr * cos_psi, tibia_dr * sin_psi, tibia_dz], axis=-1),
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def toe_world(robot: Robot, com: Array, rpy: Array, angles: Array) -> Array:
+    """Toe positions (..., N, 3) in the world for body poses (..., 3) and angles (..., N, 3)."""
+    rotation = rotation_world_body(rpy)
+    return com[..., None, :] + np.einsum("...ij,...nj->...ni", rotation, toe_body(robot, angles))
+
+
+def jacobian_world(robot: Robot, rpy: Array, angles: Array) -> Array:
+    """d(toe_world)/d(angles) at a fixed body, (..., N, 3, 3) [m/rad]."""
+    rotation = rotation_world_body(rpy)
+    return np.einsum("...ij,...njk->...nik", rotation, jacobian_body(robot, angles))
+
+
+def to_body(com: Array, rpy: Array, points_world: Array) -> Array:
+    """World points (..., N, 3) in the frame of bodies at com, rpy (..., 3)."""
+    rotation = rotation_world_body(rpy)
+    return np.einsum("...ji,...nj->...ni", rotation, points_world - com[..., None, :])
+
+
+@dataclass(frozen=True)
+class InverseKinematics:
+    """All closed-form branches of the limbs for given toes.
+
+    Branches: 0 knee up, 1 knee down (coxa towards the toe); 2 and 3 with the coxa turned away.
+    """
+
+    angles: Array  # (..., 4, N, 3) [rad], wrapped into the joint bounds where possible
+    reachable: NDArray[np.bool_]  # (..., 4, N) the toe lies within the links' reach
+    within_bounds: NDArray[np.bool_]  # (..., 4, N) reachable and every joint within its bounds
+    missing: Array  # (..., 4, N) [m] distance by which the toe is out of reach, 0 if reachable
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(..., N): at least one branch is within the joint bounds."""
+        return np.asarray(self.within_bounds.any(axis=-2))
+
+    def best(self) -> Array:
+        """(..., N, 3): the first branch within bounds of every limb (NaN where there is none)."""
+        first = np.argmax(self.within_bounds, axis=-2)  # (..., N)
+        chosen = np.take_along_axis(self.angles, first[..., None, :, None], axis=-3)[..., 0, :, :]
+        return np.where(self.valid[..., None], chosen, np.nan)
+
+
+def inverse(robot: Robot, toes_body: Array) -> InverseKinematics:
+    """Joint angles that put the toes at toes_body (..., N, 3), body frame [m]."""
+    l1, l2, l3 = robot.link_lengths.T
+    offset = toes_body - robot.shoulder_body
+    direction = np.arctan2(offset[..., 1], offset[..., 0])
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    angles, reachable, missing = [], [], []
+    for turn, sign in ((0.0, 1.0), (np.pi, -1.0)):
+        u = sign * distance - l1
+        z = offset[..., 2]
+        span = np.hypot(u, z)
+        cos_beta = (span**2 - l2**2 - l3**2) / (2 * l2 * l3)
+        gap = np.maximum(span - (l2 + l3), np.abs(l2 - l3) - span)
+        # beta: angle from femur to tibia; rounding at full stretch must not count as out of reach
+        beta = np.arccos(np.clip(cos_beta, -1.0, 1.0))
+        for bend in (-beta, beta):
+            femur = np.arctan2(z, u) - np.arctan2(l3 * np.sin(bend), l2 + l3 * np.cos(bend))
+            coxa = direction + turn - robot.mount_yaw
+            angles.append(np.stack([coxa, femur, bend + np.pi / 2], axis=-1))
+            reachable.append(gap <= 1e-9)
+            missing.append(np.maximum(gap, 0.0))
+    stacked = np.stack(angles, axis=-3)  # (..., 4, N, 3)
+    middle = (robot.joint_lower + robot.joint_upper) / 2
+    wrapped = stacked - 2 * np.pi * np.round((stacked - middle) / (2 * np.pi))
+    inside = (wrapped >= robot.joint_lower - _BOUND_SLACK) & (
+        wrapped <= robot.joint_upper + _BOUND_SLACK
+    )
+    reach = np.stack(reachable, axis=-2)
+    return InverseKinematics(
+        angles=wrapped,
+        reachable=reach,
+        within_bounds=reach & inside.all(axis=-1),
+        missing=np.stack(missing, axis=-2),
+    )
+
+
+def require_reachable(robot: Robot, toes_body: Array, where: str) -> Array:
+    """Joint angles (N, 3) for one posture.
+
+    Raises ReachFailure with the limb, the missing reach or the violated joint bound.
+    """
+    solution = inverse(robot, toes_body)
+    for limb in np.flatnonzero(~solution.valid):
+        name = robot.limb_names[limb]
+        if not solution.reachable[:, limb].any():
+            branch = int(np.argmin(solution.missing[:, limb]))
+            gap = float(solution.missing[branch, limb])
+            offset = toes_body[limb] - robot.shoulder_body[limb]
+            u = np.hypot(offset[0], offset[1]) - robot.link_lengths[limb, 0]
+            far = np.hypot(u, offset[2]) > robot.link_lengths[limb, 1:].sum()
+            raise ReachFailure(name, "too far" if far else "too near", gap, where)
+        excess = np.maximum(
+            robot.joint_lower[limb] - solution.angles[:, limb],
+            solution.angles[:, limb] - robot.joint_upper[limb],
+        )
+        excess[~solution.reachable[:, limb]] = np.inf
+        branch = int(np.argmin(excess.max(axis=-1)))
+        joint = int(np.argmax(excess[branch]))
+        over = np.rad2deg(excess[branch, joint])
+        raise ReachFailure(name, f"{JOINTS[joint]} {over:.1f} deg past its bound", 0.0, where)
+    return solution.best()

@@ -1,0 +1,1 @@
+"""Spec models: what a user may write, with units, bounds and meaning."""

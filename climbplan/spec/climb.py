@@ -1,0 +1,198 @@
+"""Climb spec (`kind: climb`): what the decoupled planner of chapter 5.1 is asked to do."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from climbplan.spec.base import Count, Number, SpecModel, Vector, quantity
+from climbplan.spec.terrain import TerrainSpec
+
+
+class PostureSpec(SpecModel):
+    """Where body and toes stand at the start or the end."""
+
+    com: Vector = quantity("m", "body origin in the world")
+    rpy_deg: Vector = quantity("deg", "roll, pitch, yaw of the body", default=(0.0, 0.0, 0.0))
+    toes: dict[str, Vector] = quantity(
+        "m",
+        "toe positions by limb; a limb left out stands on the contact region point nearest to its "
+        "nominal stance",
+        default={},
+    )
+
+
+class GoalSpec(PostureSpec):
+    """The posture to reach."""
+
+    tolerance: Number = quantity(
+        "m", "largest distance of any toe and of the body from the goal", default=0.02, gt=0
+    )
+
+
+class PayloadSpec(SpecModel):
+    """A mass fixed to the body."""
+
+    mass: Number = quantity("kg", "payload mass", default=0.0, ge=0)
+    offset: Vector = quantity("m", "its centre of mass, body frame", default=(0.0, 0.0, 0.0))
+
+
+class WrenchSpec(SpecModel):
+    """A constant load on the body beside all weights (wind, a hose)."""
+
+    force: Vector = quantity("N", "force, world frame", default=(0.0, 0.0, 0.0))
+    moment: Vector = quantity("N m", "moment about the body origin", default=(0.0, 0.0, 0.0))
+
+
+class TaskSpec(SpecModel):
+    """Start, goal, rounds and load."""
+
+    rounds: Count = quantity("", "number of rounds; every limb moves once a round", ge=1, le=200)
+    start: PostureSpec = Field(description="posture before the first round")
+    goal: GoalSpec = Field(description="posture after the last round")
+    gait: tuple[str, ...] | None = Field(
+        default=None,
+        description="order in which limbs move in a round; the robot's order if left out",
+    )
+    payload: PayloadSpec = PayloadSpec()
+    """Mass carried on the body."""
+    external_wrench: WrenchSpec = WrenchSpec()
+    """Load beside all weights."""
+
+
+class PostureWeights(SpecModel):
+    """Weights of the posture cost; zero leaves a term out of the cost."""
+
+    goal: Number = quantity("", "W_g on the final toes' distance to the goal", default=1.0, gt=0)
+    com: Number = quantity("", "W_COM on body steps", default=0.01, gt=0)
+    toe: Number = quantity("", "W_s on toe steps", default=0.01, gt=0)
+    rotation: Number = quantity("m^2/rad^2", "W_ROT on rotation steps", default=1e-3, gt=0)
+
+
+class PostureSteps(SpecModel):
+    """Bounds on what may change from one round to the next."""
+
+    com_max: Number = quantity("m", "largest body step", default=0.15, gt=0)
+    toe_max: Number = quantity("m", "largest toe step", default=0.24, gt=0)
+    rotation_max_deg: Number = quantity("deg", "largest turn about each axis", default=10.0, gt=0)
+    com_min: Number = quantity("m", "smallest body step (`nlp` only)", default=0.0, ge=0)
+    toe_min: Number = quantity("m", "smallest toe step (`nlp` only)", default=0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.com_min >= self.com_max:
+            raise ValueError(f"com_min {self.com_min} is not below com_max {self.com_max}")
+        if self.toe_min >= self.toe_max:
+            raise ValueError(f"toe_min {self.toe_min} is not below toe_max {self.toe_max}")
+        return self
+
+
+class PosturePlannerSpec(SpecModel):
+    """The posture planner (first stage)."""
+
+    weights: PostureWeights = PostureWeights()
+    """Cost weights."""
+    steps: PostureSteps = PostureSteps()
+    """Step bounds."""
+    rotation_limit_deg: Number = quantity(
+        "deg", "largest roll, pitch or yaw of the body from level", default=20.0, gt=0, le=180
+    )
+    intermediate_reach: bool = Field(
+        default=True,
+        description="also keep every toe in its workspace while the body moves within a round",
+    )
+    stance_workspace: bool = Field(
+        default=True, description="also keep every toe near its nominal stance (second ball)"
+    )
+    body_clearance: Number = quantity(
+        "m", "distance the body hull keeps from obstacles and walls", default=0.02, ge=0
+    )
+
+
+class ForcePlannerSpec(SpecModel):
+    """The force planner (second stage)."""
+
+    safety_friction: Number = quantity("", "S_mu, friction safety factor", default=1.8, ge=1)
+    safety_torque: Number = quantity("", "least S_tau, torque safety factor", default=1.0, ge=1)
+    normal_force_weight: Number = quantity(
+        "1/N", "w: how much pressing harder is worth against torque", default=2e-4, ge=0
+    )
+    facets: Count = quantity(
+        "", "sides of the pyramid inscribed in the friction cone", default=16, ge=4, le=128
+    )
+    sag: Literal["predicted", "compensated"] = Field(
+        default="predicted",
+        description="`predicted`: least commanded penetration, the body sags as reported; "
+        "`compensated`: toe commands lift the body back to its planned pose",
+    )
+
+
+class TrajectorySpec(SpecModel):
+    """The playable motion between the planned instants."""
+
+    speed: Number = quantity("m/s", "mean climbing speed", default=0.2 / 60, gt=0, le=1)
+    rate: Number = quantity("Hz", "sample rate", default=20.0, gt=0, le=1000)
+    lift: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
+
+
+class SolverSpec(SpecModel):
+    """Which method and solver, and when to stop."""
+
+    method: Literal["micp", "nlp"] = Field(
+        default="micp",
+        description="`micp`: globally optimal postures, small rotations; `nlp`: exact rotations, "
+        "curved terrain",
+    )
+    posture: Literal["branch-and-bound", "scip", "gurobi"] = Field(
+        default="branch-and-bound", description="solver of the posture program (`micp`)"
+    )
+    force: Literal["daqp", "clarabel", "osqp"] = Field(
+        default="daqp",
+        description="`daqp`: inscribed pyramid, fastest; `clarabel`: exact cone; `osqp`: pyramid",
+    )
+    gap: Number = quantity("", "relative optimality gap to prove", default=1e-4, gt=0, lt=1)
+    time_limit: Number = quantity("s", "time limit of the posture planner", default=120.0, gt=0)
+    starts: Count = quantity("", "random starts of `nlp`", default=4, ge=1, le=1000)
+
+
+class StudySpec(SpecModel):
+    """A grid of runs of the same spec with other values (feasible regions)."""
+
+    grid: dict[str, tuple[Number, ...]] = Field(
+        description="dotted key -> values; one or two keys, the plan itself is made at the spec's "
+        "own values"
+    )
+
+    @model_validator(mode="after")
+    def _one_or_two(self) -> Self:
+        if len(self.grid) not in (1, 2):
+            raise ValueError(f"grid: expected one or two keys, got {len(self.grid)}")
+        for key, values in self.grid.items():
+            if not values:
+                raise ValueError(f"grid.{key}: expected at least one value")
+        return self
+
+
+class ClimbSpec(SpecModel):
+    """Climb between walls, in tubes, or over steps."""
+
+    kind: Literal["climb"] = Field(description="always `climb`")
+    title: str = Field(default="", description="one line for reports")
+    robot: str = Field(
+        min_length=1, description="built-in robot (`silvia`) or path of a robot YAML file"
+    )
+    terrain: TerrainSpec
+    """Where toes may stand and what must not be touched."""
+    task: TaskSpec
+    """Start, goal, rounds and load."""
+    posture: PosturePlannerSpec = PosturePlannerSpec()
+    """The posture planner."""
+    force: ForcePlannerSpec = ForcePlannerSpec()
+    """The force planner."""
+    trajectory: TrajectorySpec = TrajectorySpec()
+    """The playable motion."""
+    solver: SolverSpec = SolverSpec()
+    """Methods, solvers and limits."""
+    seed: Count = quantity("", "seed of everything random", default=0, ge=0)
+    study: StudySpec | None = Field(default=None, description="grid of runs beside the plan")

@@ -1,0 +1,130 @@
+"""The terrain of one task: surfaces by limb, solids, and the body's free space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+from climbplan.spec.terrain import TerrainSpec, WallsSpec
+from climbplan.terrain.solids import Solid
+from climbplan.terrain.surfaces import Region, Surface, Tube
+
+
+@dataclass(frozen=True)
+class FreeRegion:
+    """Convex free space {x : A x <= b} for the body (may be unbounded)."""
+
+    name: str
+    A: Array  # (F, 3) unit rows
+    b: Array  # (F,) [m]
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Contact surfaces and what must be kept clear."""
+
+    surfaces: tuple[Surface, ...]  # Regions, or one Tube
+    allowed: NDArray[np.bool_]  # (N, R) limb i may stand on surface r
+    obstacles: tuple[Solid, ...]
+    free_choices: tuple[tuple[FreeRegion, ...], ...]  # the body is in one region of every choice
+
+    @property
+    def curved(self) -> bool:
+        """Whether the surface is a tube."""
+        return isinstance(self.surfaces[0], Tube)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The flat regions (none in a tube)."""
+        return tuple(s for s in self.surfaces if isinstance(s, Region))
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """Obstacles and the material behind flat regions, for collision checks."""
+        return (*self.obstacles, *(region.slab() for region in self.regions))
+
+    def nearest_surface(self, limb: int, point: Array) -> int:
+        """Index of the surface nearest to a point among those the limb may use."""
+        candidates = np.flatnonzero(self.allowed[limb])
+        distances = [self.surfaces[r].distance(point) for r in candidates]
+        return int(candidates[int(np.argmin(distances))])
+
+
+def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
+    """Left and right wall as regions; with an angle they open towards +y."""
+    tilt = np.deg2rad(walls.angle_deg) / 2
+    along, up = np.array(walls.along), np.array(walls.up)
+    built = []
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        direction = np.array([side * np.sin(tilt), np.cos(tilt), 0.0])
+        origin = np.array([side * walls.gap / 2, 0.0, 0.0])
+        # Ends are given along y; the wall itself is longer by 1 / cos(tilt).
+        ends = [origin + direction * (y / np.cos(tilt)) for y in along]
+        corners = [ends[0] + [0, 0, up[0]], ends[1] + [0, 0, up[0]]]
+        corners += [ends[1] + [0, 0, up[1]], ends[0] + [0, 0, up[1]]]
+        if side > 0:  # anticlockwise seen from between the walls
+            corners.reverse()
+        built.append(Region.from_vertices(name, np.array(corners), friction))
+    return built[0], built[1]
+
+
+def _free_choices(
+    spec: TerrainSpec, obstacles: tuple[Solid, ...]
+) -> tuple[tuple[FreeRegion, ...], ...]:
+    """Stated free regions, or for each obstacle the half-spaces beyond its faces."""
+    if spec.free_regions:
+        solids = [Solid.from_spec(s) for s in spec.free_regions]
+        return (tuple(FreeRegion(s.name, s.A, s.b) for s in solids),)
+    return tuple(
+        tuple(
+            FreeRegion(f"{solid.name} face {k}", -solid.A[k : k + 1], -solid.b[k : k + 1])
+            for k in range(len(solid.b))
+        )
+        for solid in obstacles
+    )
+
+
+def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
+    """The terrain of a spec for a robot.
+
+    Raises UsageError for a region that is empty, not flat or not convex, and for a flat solid.
+    """
+    surfaces: list[Surface] = []
+    allowed: list[list[bool]] = []
+    if spec.tube is not None:
+        tube = spec.tube
+        surfaces.append(
+            Tube("tube", np.array(tube.center), tube.radius, *tube.up, friction=spec.friction)
+        )
+        allowed.append([True] * robot.limb_count)
+    if spec.walls is not None:
+        for region in _wall_regions(spec.walls, spec.friction):
+            surfaces.append(region)
+            allowed.append([side in (region.name, "any") for side in robot.sides])
+    for item in spec.regions:
+        friction = item.friction if item.friction is not None else spec.friction
+        if item.rectangle is not None:
+            flat = item.rectangle
+            region = Region.from_rectangle(
+                item.name,
+                np.array(flat.center),
+                np.array(flat.normal),
+                flat.width,
+                flat.height,
+                friction,
+            )
+        else:
+            region = Region.from_vertices(item.name, np.array(item.vertices), friction)
+        surfaces.append(region)
+        allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
+    obstacles = tuple(Solid.from_spec(s) for s in spec.obstacles)
+    return Terrain(
+        surfaces=tuple(surfaces),
+        allowed=np.array(allowed, bool).T,
+        obstacles=obstacles,
+        free_choices=_free_choices(spec, obstacles),
+    )

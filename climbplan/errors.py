@@ -34,6 +34,7 @@ class SpecMistake:
     message: str  # what is wrong and what was expected
     line: int | None = None  # 1-based line in the file
     suggestion: str | None = None  # nearest valid key
+    source: str | None = None  # file or command option, where it is not the spec itself
 
 
 class SpecError(ClimbplanError):
@@ -45,7 +46,8 @@ class SpecError(ClimbplanError):
         super().__init__("\n".join(self._line(m) for m in mistakes))
 
     def _line(self, mistake: SpecMistake) -> str:
-        where = f"{self.source}:{mistake.line}" if mistake.line else self.source
+        where = mistake.source or self.source
+        where = f"{where}:{mistake.line}" if mistake.line else where
         key = f"{mistake.key}: " if mistake.key else ""
         hint = f" (did you mean {mistake.suggestion!r}?)" if mistake.suggestion else ""
         return f"{where}: {key}{mistake.message}{hint}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from climbplan.spec.climb import ClimbSpec, PostureSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.terrain.model import Terrain, build_terrain
 
-ON_SURFACE = 1e-6  # [m] stated toes must lie this close to a surface
+ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,14 @@ def _stance(
     return Stance(com, rpy, toes, region)
 
 
+def _with_stance(robot: Robot, spec: ClimbSpec) -> Robot:
+    """The robot with the task's own nominal toe positions."""
+    stance = robot.stance_body.copy()
+    for name, toe in spec.task.stance.items():
+        stance[robot.limb_names.index(name)] = toe
+    return replace(robot, stance_body=stance)
+
+
 def load_wrench(spec: ClimbSpec, robot: Robot, rpy: Array) -> Array:
     """Payload weight and external load as force and moment about the body origin.
 
@@ -81,7 +89,7 @@ def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") ->
 
     Raises SpecError for toes off their surfaces and UsageError for malformed terrain.
     """
-    robot = Robot.from_spec(robot_spec)
+    robot = _with_stance(Robot.from_spec(robot_spec), spec)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
     start = _stance(spec.task.start, "task.start", robot, terrain, mistakes)

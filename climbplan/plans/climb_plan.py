@@ -103,6 +103,8 @@ class StepLimits:
     goal_com: Array  # (3,) [m]
     goal_toes: Array  # (N, 3) [m]
     goal_tolerance: float  # [m]
+    goal_rpy: Array  # (3,) [rad]
+    goal_rotation_tolerance: float  # [rad] about each axis
     body_clearance: float  # [m]
     safety_friction: float  # S_mu asked for
     safety_torque: float  # least S_tau asked for

@@ -151,18 +151,17 @@ def require_reachable(robot: Robot, toes_body: Array, where: str) -> Array:
     solution = inverse(robot, toes_body)
     for limb in np.flatnonzero(~solution.valid):
         name = robot.limb_names[limb]
-        if not solution.reachable[:, limb].any():
-            branch = int(np.argmin(solution.missing[:, limb]))
-            gap = float(solution.missing[branch, limb])
+        # Said of the branches that face the toe: turning the coxa away is no one's intention.
+        if not solution.reachable[:2, limb].any():
+            gap = float(solution.missing[:2, limb].min())
             offset = toes_body[limb] - robot.shoulder_body[limb]
             u = np.hypot(offset[0], offset[1]) - robot.link_lengths[limb, 0]
             far = np.hypot(u, offset[2]) > robot.link_lengths[limb, 1:].sum()
             raise ReachFailure(name, "too far" if far else "too near", gap, where)
         excess = np.maximum(
-            robot.joint_lower[limb] - solution.angles[:, limb],
-            solution.angles[:, limb] - robot.joint_upper[limb],
+            robot.joint_lower[limb] - solution.angles[:2, limb],
+            solution.angles[:2, limb] - robot.joint_upper[limb],
         )
-        excess[~solution.reachable[:, limb]] = np.inf
         branch = int(np.argmin(excess.max(axis=-1)))
         joint = int(np.argmax(excess[branch]))
         over = np.rad2deg(excess[branch, joint])

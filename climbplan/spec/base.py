@@ -6,9 +6,13 @@ SI units and radians unless a field's name says otherwise (`_deg`, `_mm`).
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
+
+LARGEST_NUMBER = 1e9  # anything beyond is a slip of units, and its square still a finite float
 
 
 class SpecModel(BaseModel):
@@ -19,10 +23,34 @@ class SpecModel(BaseModel):
     )
 
 
+class Fault(NamedTuple):
+    """Something wrong with a model as a whole, and the dotted key below it that is to blame."""
+
+    key: str  # "" for the model itself
+    message: str
+
+
+def refuse(faults: Sequence[Fault]) -> None:
+    """Make a validator report all `faults` at once; an empty sequence passes.
+
+    Raises:
+        PydanticCustomError: of type `spec`, with the faults in its context.
+    """
+    if faults:
+        text = "; ".join(f"{f.key}: {f.message}" if f.key else f.message for f in faults)
+        raise PydanticCustomError("spec", "{text}", {"text": text, "faults": tuple(faults)})
+
+
 def _plain_number(value: Any) -> Any:
     """Refuse what YAML or pydantic would quietly turn into a number."""
-    if isinstance(value, (bool, str)):
+    if isinstance(value, bool | str):
         raise ValueError(f"expected a number, got {value!r}")
+    return value
+
+
+def _sensible_size(value: float) -> float:
+    if abs(value) > LARGEST_NUMBER:
+        raise ValueError(f"expected a number within +-{LARGEST_NUMBER:g}, got {value!r}")
     return value
 
 
@@ -36,7 +64,7 @@ def quantity(unit: str, description: str, default: Any = ..., **bounds: Any) -> 
     )
 
 
-Number = Annotated[float, BeforeValidator(_plain_number)]
+Number = Annotated[float, BeforeValidator(_plain_number), AfterValidator(_sensible_size)]
 Count = Annotated[int, BeforeValidator(_plain_number)]
 Vector = tuple[Number, Number, Number]
 Interval = tuple[Number, Number]

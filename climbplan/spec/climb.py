@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Count, Number, SpecModel, Vector, quantity
+from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.terrain import TerrainSpec
 
 
@@ -28,6 +28,9 @@ class GoalSpec(PostureSpec):
 
     tolerance: Number = quantity(
         "m", "largest distance of any toe and of the body from the goal", default=0.02, gt=0
+    )
+    rotation_tolerance_deg: Number = quantity(
+        "deg", "largest difference of roll, pitch and yaw from the goal", default=3.0, gt=0
     )
 
 
@@ -55,6 +58,9 @@ class TaskSpec(SpecModel):
         default=None,
         description="order in which limbs move in a round; the robot's order if left out",
     )
+    stance: dict[str, Vector] = quantity(
+        "m", "nominal toe positions by limb, body frame, where they differ from the robot's", {}
+    )
     payload: PayloadSpec = PayloadSpec()
     """Mass carried on the body."""
     external_wrench: WrenchSpec = WrenchSpec()
@@ -65,6 +71,10 @@ class PostureWeights(SpecModel):
     """Weights of the posture cost; zero leaves a term out of the cost."""
 
     goal: Number = quantity("", "W_g on the final toes' distance to the goal", default=1.0, gt=0)
+    goal_com: Number = quantity("", "weight of the final body's distance", default=1.0, ge=0)
+    goal_rotation: Number = quantity(
+        "m^2/rad^2", "weight of the final rotation's distance to the goal", default=0.1, ge=0
+    )
     com: Number = quantity("", "W_COM on body steps", default=0.01, gt=0)
     toe: Number = quantity("", "W_s on toe steps", default=0.01, gt=0)
     rotation: Number = quantity("m^2/rad^2", "W_ROT on rotation steps", default=1e-3, gt=0)
@@ -81,10 +91,16 @@ class PostureSteps(SpecModel):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        if self.com_min >= self.com_max:
-            raise ValueError(f"com_min {self.com_min} is not below com_max {self.com_max}")
-        if self.toe_min >= self.toe_max:
-            raise ValueError(f"toe_min {self.toe_min} is not below toe_max {self.toe_max}")
+        refuse(
+            [
+                Fault(f"{name}_min", f"expected less than {name}_max {largest:g}, got {least:g}")
+                for name, least, largest in (
+                    ("com", self.com_min, self.com_max),
+                    ("toe", self.toe_min, self.toe_max),
+                )
+                if least >= largest
+            ]
+        )
         return self
 
 
@@ -166,11 +182,14 @@ class StudySpec(SpecModel):
 
     @model_validator(mode="after")
     def _one_or_two(self) -> Self:
+        faults = [
+            Fault("grid", f"{key}: expected a list of at least one number, got an empty list")
+            for key, values in self.grid.items()
+            if not values
+        ]
         if len(self.grid) not in (1, 2):
-            raise ValueError(f"grid: expected one or two keys, got {len(self.grid)}")
-        for key, values in self.grid.items():
-            if not values:
-                raise ValueError(f"grid.{key}: expected at least one value")
+            faults.append(Fault("grid", f"expected one or two dotted keys, got {len(self.grid)}"))
+        refuse(faults)
         return self
 
 
@@ -194,5 +213,5 @@ class ClimbSpec(SpecModel):
     """The playable motion."""
     solver: SolverSpec = SolverSpec()
     """Methods, solvers and limits."""
-    seed: Count = quantity("", "seed of everything random", default=0, ge=0)
+    seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
     study: StudySpec | None = Field(default=None, description="grid of runs beside the plan")

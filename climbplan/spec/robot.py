@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Number, SpecModel, Vector, quantity
+from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
 
 
 class LimbSpec(SpecModel):
@@ -28,17 +28,27 @@ class LimbSpec(SpecModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for label, values in (
-            ("link_lengths", self.link_lengths),
-            ("max_torque", self.max_torque),
-            ("joint_stiffness", self.joint_stiffness),
-            ("max_joint_speed", self.max_joint_speed),
-        ):
-            if min(values) <= 0:
-                raise ValueError(f"{label}: expected three numbers above zero, got {list(values)}")
-        for low, high in zip(self.joint_lower_deg, self.joint_upper_deg, strict=True):
-            if low >= high:
-                raise ValueError(f"joint_lower_deg {low} is not below joint_upper_deg {high}")
+        faults = [
+            Fault(label, f"expected three numbers > 0, got {list(values)}")
+            for label, values in (
+                ("link_lengths", self.link_lengths),
+                ("max_torque", self.max_torque),
+                ("joint_stiffness", self.joint_stiffness),
+                ("max_joint_speed", self.max_joint_speed),
+            )
+            if min(values) <= 0
+        ]
+        faults += [
+            Fault(
+                "joint_lower_deg",
+                f"{joint}: expected less than joint_upper_deg {high:g}, got {low:g}",
+            )
+            for joint, low, high in zip(
+                ("coxa", "femur", "tibia"), self.joint_lower_deg, self.joint_upper_deg, strict=True
+            )
+            if low >= high
+        ]
+        refuse(faults)
         return self
 
 
@@ -71,9 +81,15 @@ class RobotSpec(SpecModel):
     @model_validator(mode="after")
     def _limb_names_differ(self) -> Self:
         names = [limb.name for limb in self.limbs]
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
-            raise ValueError(f"limbs: names must differ, {', '.join(twice)} appears twice")
+        faults = [
+            Fault(
+                f"limbs.{i}.name", f"names must differ, {name!r} is also limb {names.index(name)}"
+            )
+            for i, name in enumerate(names)
+            if names.index(name) < i
+        ]
         if min(self.body_half_size) <= 0:
-            raise ValueError("body_half_size: expected three numbers above zero")
+            size = list(self.body_half_size)
+            faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
+        refuse(faults)
         return self

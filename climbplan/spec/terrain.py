@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Interval, Number, SpecModel, Vector, quantity
+from climbplan.spec.base import Fault, Interval, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.shapes import hull_fault, polygon_fault
+
+
+def _interval_fault(key: str, interval: tuple[float, float]) -> list[Fault]:
+    low, high = interval
+    if low < high:
+        return []
+    return [Fault(key, f"expected [from, to] with from < to, got [{low:g}, {high:g}]")]
 
 
 class RectangleSpec(SpecModel):
@@ -16,6 +25,12 @@ class RectangleSpec(SpecModel):
     normal: Vector = quantity("", "direction into free space (need not have unit length)")
     width: Number = quantity("m", "horizontal extent", gt=0)
     height: Number = quantity("m", "extent along the slope, perpendicular to `width`", gt=0)
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Self:
+        if max(map(abs, self.normal)) < 1e-9:
+            refuse([Fault("normal", f"expected a direction, got {list(self.normal)}")])
+        return self
 
 
 class RegionSpec(SpecModel):
@@ -36,9 +51,10 @@ class RegionSpec(SpecModel):
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
         if (self.rectangle is None) == (self.vertices is None):
-            raise ValueError("expected either `rectangle` or `vertices`")
-        if self.vertices is not None and len(self.vertices) < 3:
-            raise ValueError("vertices: an area needs at least three corners")
+            both = "got both" if self.rectangle else "got neither"
+            refuse([Fault("", f"expected either `rectangle` or `vertices`, {both}")])
+        if self.vertices is not None and (fault := polygon_fault(self.vertices)):
+            refuse([Fault("vertices", fault)])
         return self
 
 
@@ -55,6 +71,17 @@ class WallsSpec(SpecModel):
     along: Interval = quantity("m", "extent of both walls along y, from and to")
     up: Interval = quantity("m", "extent of both walls along z, from and to")
 
+    @model_validator(mode="after")
+    def _extents(self) -> Self:
+        faults = [*_interval_fault("along", self.along), *_interval_fault("up", self.up)]
+        opening = 2 * math.tan(math.radians(self.angle_deg) / 2)  # change of the gap along y
+        y = min(self.along, key=lambda y: y * opening)
+        if self.gap + y * opening <= 0:
+            meet = -self.gap / opening
+            faults.append(Fault("along", f"the walls meet at y = {meet:.3g} m, inside the extent"))
+        refuse(faults)
+        return self
+
 
 class TubeSpec(SpecModel):
     """The inside of a round upright tube (method `nlp` only)."""
@@ -62,6 +89,11 @@ class TubeSpec(SpecModel):
     radius: Number = quantity("m", "inner radius", gt=0)
     center: tuple[Number, Number] = quantity("m", "axis position (x, y)", default=(0.0, 0.0))
     up: Interval = quantity("m", "extent along z, from and to")
+
+    @model_validator(mode="after")
+    def _extents(self) -> Self:
+        refuse(_interval_fault("up", self.up))
+        return self
 
 
 class SolidSpec(SpecModel):
@@ -76,13 +108,18 @@ class SolidSpec(SpecModel):
     def _one_shape(self) -> Self:
         box = self.lower is not None and self.upper is not None
         if (self.lower is None) != (self.upper is None) or box == (self.vertices is not None):
-            raise ValueError("expected either `lower` and `upper` (a box) or `vertices` (a hull)")
+            expected = "expected either `lower` and `upper` (a box) or `vertices` (a hull)"
+            refuse([Fault("", expected)])
         if self.lower is not None and self.upper is not None:
-            for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
-                if low >= high:
-                    raise ValueError(f"box is empty along {axis}: lower {low} >= upper {high}")
-        if self.vertices is not None and len(self.vertices) < 4:
-            raise ValueError("vertices: a solid needs at least four points")
+            refuse(
+                [
+                    Fault("lower", f"the box is empty along {axis}: lower {low:g}, upper {high:g}")
+                    for axis, low, high in zip("xyz", self.lower, self.upper, strict=True)
+                    if low >= high
+                ]
+            )
+        if self.vertices is not None and (fault := hull_fault(self.vertices)):
+            refuse([Fault("vertices", fault)])
         return self
 
 
@@ -104,20 +141,23 @@ class TerrainSpec(SpecModel):
     @model_validator(mode="after")
     def _some_surface(self) -> Self:
         flat = bool(self.regions) or self.walls is not None
+        faults = []
         if self.tube is not None and flat:
-            raise ValueError("expected either flat regions (`regions`, `walls`) or `tube`")
+            faults.append(
+                Fault("tube", "expected either flat regions (`regions`, `walls`) or `tube`")
+            )
         if not flat and self.tube is None:
-            raise ValueError("no surface to stand on: expected `regions`, `walls` or `tube`")
-        names = [r.name for r in self.regions]
-        names += [s.name for s in (*self.obstacles, *self.free_regions)]
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
-            raise ValueError(f"names must differ, {', '.join(twice)} appears twice")
-        for pair, label in (
-            (self.walls and self.walls.along, "walls.along"),
-            (self.walls and self.walls.up, "walls.up"),
-            (self.tube and self.tube.up, "tube.up"),
-        ):
-            if pair and pair[0] >= pair[1]:
-                raise ValueError(f"{label}: expected [from, to] with from < to, got {list(pair)}")
+            faults.append(Fault("", "nothing to stand on: expected `regions`, `walls` or `tube`"))
+        seen: dict[str, str] = {}
+        names = [
+            *((r.name, f"regions.{i}") for i, r in enumerate(self.regions)),
+            *((s.name, f"obstacles.{i}") for i, s in enumerate(self.obstacles)),
+            *((s.name, f"free_regions.{i}") for i, s in enumerate(self.free_regions)),
+        ]
+        for name, place in names:
+            first = seen.setdefault(name, place)
+            if first != place:
+                message = f"names must differ, {name!r} is also {first}"
+                faults.append(Fault(f"{place}.name", message))
+        refuse(faults)
         return self

@@ -1,0 +1,118 @@
+"""The command `climbplan`: its commands, and how every run ends.
+
+Nothing here or in the command files imports a solver, numpy or pydantic until a command runs,
+so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+from climbplan import __version__
+from climbplan.cli.bench import bench
+from climbplan.cli.console import Session, plain_warnings, print_error, silence_standard_output
+from climbplan.cli.doctor import doctor
+from climbplan.cli.export import export
+from climbplan.cli.new import new
+from climbplan.cli.plan_climb import plan_climb
+from climbplan.cli.report import report
+from climbplan.cli.schema import schema
+from climbplan.cli.validate import validate
+from climbplan.cli.verify import verify
+from climbplan.errors import ClimbplanError, ExitCode, UsageError
+
+INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+PIPE_CLOSED = 141  # 128 + SIGPIPE
+
+
+class _Commands(TyperGroup):
+    """Turns the errors that are not bugs into messages and exit codes."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            result = super().invoke(ctx)
+            _flush_result()
+        except ClimbplanError as error:
+            print_error(error)
+            raise typer.Exit(error.exit_code) from None
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            raise typer.Exit(INTERRUPTED) from None
+        except BrokenPipeError:
+            silence_standard_output()
+            raise typer.Exit(PIPE_CLOSED) from None
+        return result
+
+
+def _flush_result() -> None:
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        silence_standard_output()
+        raise UsageError(f"standard output cannot be written: {error.strerror}") from error
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help="Verified plans for robots that move by making and breaking contact.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,  # plain help starts twice as fast, and needs no terminal
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for _command in (plan_climb, verify, report, export, validate, schema, new, doctor, bench):
+    app.command(_command.__name__.replace("_", "-"))(_command)
+
+
+def _print_version(value: bool) -> None:
+    if value:
+        print(f"climbplan {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _global_options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Verified plans for robots that move by making and breaking contact."""
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line (by default the process's own) and return its exit code."""
+    session = Session()
+    command = typer.main.get_command(app)
+    try:
+        with plain_warnings():
+            command.main(args=arguments, prog_name="climbplan", obj=session)
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(bool(end.code))
+    except Exception as error:  # the one place where a bug becomes an exit code
+        if session.verbose:
+            traceback.print_exc()
+        reason = str(error).partition("\n")[0]
+        print(
+            f"internal error: {type(error).__name__}: {reason}\n"
+            "This is a bug in climbplan; with -v the traceback is printed.",
+            file=sys.stderr,
+        )
+        return ExitCode.INTERNAL
+    return ExitCode.OK
+
+
+def main() -> NoReturn:
+    """Entry point of the command line."""
+    sys.exit(int(run()))

@@ -1,0 +1,48 @@
+"""`climbplan new`: a commented, runnable example spec to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from climbplan.cli.console import print_result
+from climbplan.cli.options import Force, Quiet, Verbose
+from climbplan.errors import UsageError
+
+
+def new(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help="Kind of spec: climb, robot.")],
+    directory: Annotated[
+        Path, typer.Argument(metavar="[DIR]", help="Where to write it [default: here].")
+    ] = Path(),
+    example: Annotated[
+        str | None,
+        typer.Option("--example", metavar="NAME", help="Another example, such as climb_tube."),
+    ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Write a commented example spec that runs as it is, and print its path."""
+    from climbplan.plans.atomic_file import written_aside
+    from climbplan.spec.examples import FIRST_EXAMPLE, example_names, example_text
+
+    if kind not in FIRST_EXAMPLE:
+        raise UsageError(f"no spec kind {kind!r}, known are {', '.join(FIRST_EXAMPLE)}")
+    name = example or FIRST_EXAMPLE[kind]
+    if example is not None and example not in example_names(kind):
+        known = ", ".join(example_names(kind))
+        raise UsageError(f"no example {example!r} of kind {kind!r}, there are {known}")
+    text = example_text(name)
+    target = directory / f"{name}.yaml"
+    if target.exists() and not force:
+        raise UsageError(f"{target}: already exists; --force replaces it")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{directory}: cannot be created: {error.strerror}") from error
+    with written_aside(target) as aside:
+        aside.write_text(text, encoding="utf-8")
+    print_result(str(target))

@@ -1,0 +1,65 @@
+"""The options that several commands share, each spelt once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from climbplan.cli.console import Session
+
+
+def _quiet(context: typer.Context, value: bool) -> bool:
+    context.ensure_object(Session).quiet = value
+    return value
+
+
+def _verbose(context: typer.Context, value: bool) -> bool:
+    context.ensure_object(Session).verbose = value
+    return value
+
+
+Spec = Annotated[str, typer.Argument(metavar="SPEC", help="Spec file, or - for standard input.")]
+Plan = Annotated[
+    Path, typer.Argument(metavar="PLAN", help="Plan file, or the output directory it is in.")
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", metavar="DIR", help="Output directory [default: outputs/<spec name>]."
+    ),
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", "-s", metavar="KEY=VALUE", help="Set a key of the spec: task.rounds=6. Repeatable."
+    ),
+]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of all randomness.")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Parallel workers.")]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option("--time-limit", metavar="SECONDS", help="Time limit of the planner."),
+]
+Method = Annotated[
+    str | None, typer.Option("--method", metavar="NAME", help="Planning method (micp, nlp).")
+]
+Solver = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--solver", metavar="NAME", help="Solver of the posture or force problem. Repeatable."
+    ),
+]
+SaveModel = Annotated[
+    Path | None,
+    typer.Option("--save-model", metavar="FILE", help="Also write the mathematical program."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_quiet, help="No progress and no summary.")
+]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", callback=_verbose, help="Tracebacks of internal errors.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is already there.")]

@@ -1,0 +1,225 @@
+"""An output directory that appears whole or not at all.
+
+Everything is written into a hidden sibling, `.<name>.<pid>.tmp`, synced to disk and renamed. A
+process killed at any moment leaves the old directory, the new one, or none, never a half-written
+one; siblings that a killed process left behind are removed by the next run.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from climbplan.errors import UsageError
+
+RESULTS = ("plan.h5", "dataset.h5", "envelopes.h5", "model.h5")  # one marks a finished directory
+_AT_FDCWD = -100
+_RENAME_EXCHANGE = 2
+_ENVIRONMENT = (
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO,
+    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY, errno.EBUSY,
+)  # fmt: skip
+
+
+class OutputDirectory:
+    """Context that collects a run's files in `path` until `publish` puts them at `target`.
+
+    Leaving the context without `publish` removes everything that it created.
+
+    Raises:
+        UsageError: on entry if `target` is taken or cannot be written; later if the disk fails.
+    """
+
+    def __init__(self, target: Path, force: bool = False) -> None:
+        self.target = target
+        self.force = force
+        self._final = Path(os.path.realpath(target))  # unlike resolve(), takes a loop of links
+        self.path = self._sibling("tmp")
+        self._created_parents: list[Path] = []
+        self._lock: int | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            self._refuse_taken_target()
+            self._make_parents()
+            try:
+                self._remove_stale_siblings()
+                self._make_path()
+            except BaseException:
+                self._remove_created_parents()
+                raise
+        except OSError as error:
+            raise self._cannot_write(error) from error
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+        shutil.rmtree(self.path, ignore_errors=True)
+        self._remove_created_parents()
+        if isinstance(error, OSError) and error.errno in _ENVIRONMENT:
+            raise self._cannot_write(error) from error
+
+    def publish(self) -> None:
+        """Sync all files to disk and put them at `target` in one step."""
+        try:
+            _sync_tree(self.path)
+            if self.force and self._final.exists() and any(self._final.iterdir()):
+                self._replace_existing()
+            else:
+                self.path.rename(self._final)
+            _sync(self._final.parent)
+        except OSError as error:
+            raise self._cannot_write(error) from error
+
+    def _replace_existing(self) -> None:
+        if exchange(self.path, self._final):
+            return  # the old directory now stands at `path` and goes with it
+        aside = self._sibling("old")
+        self._final.rename(aside)
+        self.path.rename(self._final)
+        shutil.rmtree(aside)
+
+    def _refuse_taken_target(self) -> None:
+        final = self._final
+        if final == Path.cwd() or final in Path.cwd().parents:
+            raise UsageError(f"{self.target}: is the current directory or above it, name another")
+        if not final.exists():
+            return
+        if not final.is_dir():
+            raise UsageError(f"{self.target}: is a file, expected a directory")
+        if not any(final.iterdir()):
+            return
+        finished = any((final / name).exists() for name in RESULTS)
+        if not finished:
+            raise UsageError(
+                f"{self.target}: holds other files and no plan, so it is not replaced; "
+                "name another with --out"
+            )
+        if not self.force:
+            raise UsageError(f"{self.target}: already exists; --force replaces it")
+
+    def _make_parents(self) -> None:
+        missing = [self._final.parent, *self._final.parent.parents]
+        for parent in reversed([p for p in missing if not p.exists()]):
+            parent.mkdir(exist_ok=True)
+            self._created_parents.append(parent)
+
+    def _make_path(self) -> None:
+        try:
+            self.path.mkdir()
+        except FileExistsError:
+            # Same number, other process space (containers): not stale, or it would be gone.
+            raise UsageError(f"{self.target}: another run is writing it") from None
+        self._lock = os.open(self.path, os.O_RDONLY)
+        _try_lock(self._lock)
+
+    def _remove_stale_siblings(self) -> None:
+        pattern = re.compile(rf"\.{re.escape(self._final.name)}\.(\d+)\.(tmp|old)")
+        for entry in self._final.parent.iterdir():
+            match = pattern.fullmatch(entry.name)
+            if match is None or not _is_abandoned(entry, int(match[1])):
+                continue
+            if match[2] == "old" and not self._final.exists():
+                entry.rename(self._final)  # its run was killed between two renames
+                self._refuse_taken_target()
+            else:
+                shutil.rmtree(entry, ignore_errors=True)
+
+    def _remove_created_parents(self) -> None:
+        for parent in reversed(self._created_parents):
+            try:
+                parent.rmdir()
+            except OSError:
+                return  # in use by now, and so are those above it
+
+    def _sibling(self, ending: str) -> Path:
+        return self._final.with_name(f".{self._final.name}.{os.getpid()}.{ending}")
+
+    def _cannot_write(self, error: OSError) -> UsageError:
+        if error.errno in (errno.EEXIST, errno.ENOTEMPTY):
+            return UsageError(f"{self.target}: appeared meanwhile, written by another run")
+        return UsageError(f"{self.target}: cannot be written: {error.strerror or error}")
+
+
+def exchange(first: Path, second: Path) -> bool:
+    """Swap two paths in one step; False where kernel or file system cannot."""
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except AttributeError:
+        return False
+    failed = renameat2(
+        _AT_FDCWD, os.fsencode(first), _AT_FDCWD, os.fsencode(second), _RENAME_EXCHANGE
+    )
+    if not failed:
+        return True
+    code = ctypes.get_errno()
+    if code in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM):
+        return False
+    raise OSError(code, os.strerror(code), str(second))
+
+
+def _is_abandoned(entry: Path, pid: int) -> bool:
+    """Whether the process that wrote `entry` is gone: no such process, and nobody's lock."""
+    if pid != os.getpid():  # this process has not made its own yet: a namesake's leftover
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            pass
+        except OSError:
+            return False
+        else:
+            return False
+    try:
+        descriptor = os.open(entry, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return _try_lock(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _try_lock(descriptor: int) -> bool:
+    """Lock a directory; True also where the file system knows no locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _sync_tree(directory: Path) -> None:
+    for root, _, names in os.walk(directory):
+        for name in names:
+            _sync(Path(root, name))
+        _sync(Path(root))
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # no sync on this file system
+            raise
+    finally:
+        os.close(descriptor)

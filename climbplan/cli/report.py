@@ -1,0 +1,48 @@
+"""`climbplan report`: figures and a self-contained page from a plan file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.options import Force, Json, Plan, Quiet, Verbose
+from climbplan.cli.plan_path import find_plan
+
+PAGE = "report.html"
+
+
+def report(
+    context: typer.Context,
+    plan: Plan,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Directory [default: beside the plan]."),
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Write report.html, report.json and figures/ of a plan, and print the page's path.
+
+    Beside the plan, an older report is replaced; in a directory of another plan only with
+    --force. With --json the report is printed and nothing is written.
+    """
+    path = find_plan(plan)
+    from climbplan.cli.progress import StageProgress
+    from climbplan.cli.report_files import place_report
+    from climbplan.reports.climb_report import report_dict, write_report
+
+    if as_json:
+        print_json(report_dict(path))
+        return
+    beside = path.parent
+    target = out if out is not None else beside
+    own = target.resolve() == beside.resolve()
+    with StageProgress(context.ensure_object(Session)) as progress:
+        progress.report("report", 0.0)
+        place_report(target, lambda directory: write_report(path, directory), force or own)
+    print_result(str(target / PAGE))

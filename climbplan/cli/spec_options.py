@@ -1,0 +1,51 @@
+"""Command options that stand for a key of the spec."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from climbplan.errors import UsageError
+from climbplan.spec.climb import SolverSpec
+from climbplan.spec.fields import nearest, slot_at
+from climbplan.spec.overrides import Override
+
+
+def spec_overrides(
+    assignments: Sequence[str] | None,
+    seed: int | None = None,
+    time_limit: float | None = None,
+    method: str | None = None,
+    solvers: Sequence[str] | None = None,
+) -> list[str | Override]:
+    """`--set` and the options that stand for a key, the latter last and so the stronger.
+
+    Raises:
+        UsageError: a solver that neither the posture nor the force problem knows.
+    """
+    overrides: list[str | Override] = list(assignments or ())
+    for key, option, value in (
+        ("seed", "--seed", seed),
+        ("solver.time_limit", "--time-limit", time_limit),
+        ("solver.method", "--method", method),
+    ):
+        if value is not None:
+            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
+            overrides.append(Override(key, text, f"{option} {value}"))
+    overrides += [Override(_solver_key(name), name, f"--solver {name}") for name in solvers or ()]
+    return overrides
+
+
+def _solver_key(name: str) -> str:
+    """`solver.posture` or `solver.force`, whichever accepts this solver."""
+    accepted = {}
+    for key in ("posture", "force"):
+        slot = slot_at(SolverSpec, (key,))
+        accepted[key] = slot.choices if slot is not None else ()
+        if name in accepted[key]:
+            return f"solver.{key}"
+    near = nearest(name, [*accepted["posture"], *accepted["force"]])
+    raise UsageError(
+        f"--solver {name}: no such solver; posture problem: {', '.join(accepted['posture'])}; "
+        f"force problem: {', '.join(accepted['force'])}"
+        + (f" (did you mean {near!r}?)" if near else "")
+    )

@@ -1,0 +1,47 @@
+"""`climbplan validate`: all mistakes of specs, without planning anything."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any
+
+import typer
+
+from climbplan.cli.console import print_error, print_json, print_result
+from climbplan.cli.options import Json, Quiet, Set, Verbose
+from climbplan.errors import ExitCode
+
+
+def validate(
+    specs: Annotated[
+        list[str], typer.Argument(metavar="SPEC...", help="Spec files, or - for standard input.")
+    ],
+    assignments: Set = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Check specs of any kind and list every mistake with its file, line and key.
+
+    Exit code 2 if there is one.
+    """
+    from climbplan.errors import SpecError
+    from climbplan.spec.loading import check_spec
+
+    results: list[dict[str, Any]] = []
+    for spec in specs:
+        try:
+            kind = check_spec(spec, assignments or ())
+        except SpecError as error:
+            mistakes = [dataclasses.asdict(mistake) for mistake in error.mistakes]
+            results.append({"spec": spec, "valid": False, "mistakes": mistakes})
+            if not as_json:
+                print_error(error)
+        else:
+            results.append({"spec": spec, "valid": True, "kind": kind, "mistakes": []})
+            if not as_json:
+                print_result(f"{spec}: ok ({kind})")
+    if as_json:
+        print_json({"specs": results})
+    if not all(result["valid"] for result in results):
+        raise typer.Exit(ExitCode.USAGE)

@@ -1,0 +1,29 @@
+"""`climbplan verify`: every constraint re-checked from the plan file alone."""
+
+from __future__ import annotations
+
+import typer
+
+from climbplan.cli.console import print_json, print_result
+from climbplan.cli.options import Json, Plan, Quiet, Verbose
+from climbplan.cli.plan_path import find_plan
+from climbplan.errors import ExitCode
+
+
+def verify(
+    plan: Plan, as_json: Json = False, quiet: Quiet = False, verbose: Verbose = False
+) -> None:
+    """Re-check every constraint of a plan from its file alone.
+
+    Prints the worst residual of each check and its limit. Exit code 5 if one is exceeded.
+    """
+    path = find_plan(plan)
+    from climbplan.plans.verification import verify as verify_plan
+
+    verification = verify_plan(path)
+    if as_json:
+        print_json(verification.as_dict())
+    else:
+        print_result(verification.table())
+    if not verification.passed:
+        raise typer.Exit(ExitCode.UNVERIFIED)

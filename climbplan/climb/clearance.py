@@ -1,0 +1,40 @@
+"""Exact clearance of the moving body from obstacles, free regions and walls."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.climb.scene import ClimbScene
+from climbplan.plans.climb_plan import Rounds
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.terrain.model import FreeRegion
+
+_STEPS = 12  # poses checked along a round
+
+
+def hull_world(scene: ClimbScene, com: Array, rpy: Array) -> Array:
+    """Corners (..., 8, 3) of the body hull at poses (..., 3), exact rotation."""
+    rotation = rotation_world_body(rpy)
+    return com[..., None, :] + np.einsum("...ij,vj->...vi", rotation, scene.robot.body_hull)
+
+
+def body_shortfall(scene: ClimbScene, rounds: Rounds) -> Array:
+    """By how much each round misses the clearance asked for, (M,) [m], 0 where it is kept.
+
+    A pose is clear of a choice if its hull lies in one of the choice's free regions.
+    """
+    share = np.linspace(0.0, 1.0, _STEPS)[:, None]
+    com = rounds.com[:-1, None] + share * np.diff(rounds.com, axis=0)[:, None]  # (M, S, 3)
+    rpy = rounds.rpy[:-1, None] + share * np.diff(rounds.rpy, axis=0)[:, None]
+    corners = hull_world(scene, com, rpy)  # (M, S, 8, 3)
+    keep = scene.spec.posture.body_clearance
+    worst = np.zeros(rounds.count)
+    for choice in scene.terrain.free_choices:
+        room = np.stack([_room(free, corners) for free in choice])  # (regions, M, S)
+        worst = np.maximum(worst, (keep - room.max(axis=0)).max(axis=1))
+    return np.maximum(worst, 0.0)
+
+
+def _room(free: FreeRegion, corners: Array) -> Array:
+    """Least distance of all corners (..., V, 3) from the region's faces, negative outside."""
+    return (free.b - corners @ free.A.T).min(axis=(-2, -1))

@@ -1,0 +1,50 @@
+"""Force problems on inscribed pyramids by DAQP, a dual active-set method for small dense QPs."""
+
+from __future__ import annotations
+
+import daqp
+import numpy as np
+
+from climbplan.climb.force_pyramids import Optima
+from climbplan.climb.force_reduction import PREFERENCE, Halfspaces, ReducedForces
+from climbplan.plans.climb_plan import Mask
+
+_UNBOUNDED = -1e30  # no lower bound, in DAQP's terms
+_PRIMAL_TOLERANCE = 1e-10  # on rows of unit length
+_SOLVED = 1
+
+
+def solve_daqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = None) -> Optima:
+    """Minimise gradient . x + PREFERENCE |y|^2 / 2 over the rows, one call an instant.
+
+    The term on s only keeps the Hessian definite. active: (B, m) rows to start from; without it
+    each instant starts from the rows that were active in the one before.
+    """
+    b, m, size = rows.A.shape
+    hessian = PREFERENCE * np.eye(size)
+    upper = np.empty((b, m + 1))  # the bound on s comes first
+    upper[:, 0], upper[:, 1:] = group.largest_s, rows.upper
+    lower = np.full(m + 1, _UNBOUNDED)
+    lower[0] = 0.0
+    x, multipliers = np.empty((b, size)), np.empty((b, m + 1))
+    solved = np.zeros(b, bool)
+    start = np.zeros((b, m + 1), np.int32)
+    if active is not None:
+        start[:, 1:] = active
+    sense = start[0]
+    for k in range(b):
+        if active is not None:
+            sense = start[k]
+        answer, _, flag, info = daqp.solve(
+            hessian,
+            group.gradient[k],
+            rows.A[k],
+            upper[k],
+            lower,
+            sense,
+            primal_tol=_PRIMAL_TOLERANCE,
+        )
+        x[k], multipliers[k], solved[k] = answer, info["lam"], flag == _SOLVED
+        if active is None:
+            sense = (multipliers[k] > 0).astype(np.int32) if solved[k] else start[0]
+    return Optima(x, multipliers[:, 1:] > 0, solved)

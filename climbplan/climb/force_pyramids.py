@@ -1,0 +1,82 @@
+"""Friction cones as inscribed pyramids, in two passes.
+
+The pyramid of the first pass has equal sides; that of the second has most of its edges close to
+the direction in which each contact then shears, and starts from the rows that were active. Both lie
+inside the cone, so an answer is a friction-safe one, and the second comes as close to the cone's
+optimum as a regular pyramid of a hundred sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from climbplan.climb.force_reduction import Halfspaces, ReducedForces, halfspaces, set_friction
+from climbplan.mechanics.friction import regular_corners
+from climbplan.plans.climb_plan import Array, Mask
+
+_COARSE = 3  # corners that close the second pyramid on its far side
+_WINDOW = 0.75  # half width of the fine part, in sides of the first pyramid
+
+
+@dataclass(frozen=True)
+class Optima:
+    """Answers of a solver to B linear problems; not yet checked."""
+
+    x: Array  # (B, q + 1) s and y
+    active: Mask  # (B, m) rows with a multiplier
+    solved: Mask  # (B,) what the solver says of itself
+
+
+class RowSolver(Protocol):
+    """Minimises a group's objective over halfspaces."""
+
+    def __call__(
+        self, group: ReducedForces, rows: Halfspaces, active: Mask | None = None
+    ) -> Optima: ...
+
+
+def solve_pyramids(group: ReducedForces, facets: int, solver: RowSolver) -> Optima:
+    """Optima over inscribed pyramids of `facets` sides; unsolved where the first pass has none."""
+    b, n = group.limb.shape
+    corners = np.broadcast_to(regular_corners(facets), (b, n, facets))
+    rows = halfspaces(group, corners)
+    first = solver(group, rows)
+    set_friction(group, rows, _refined(_shear_direction(group, first.x[:, 1:]), facets))
+    second = solver(group, rows, _carried_over(first.active, n, facets))
+    # The second pyramid does not contain the first: where it fails, the first answer stands.
+    x = np.where(second.solved[:, None], second.x, first.x)
+    return Optima(x, second.active, first.solved | second.solved)
+
+
+def _shear_direction(group: ReducedForces, y: Array) -> Array:
+    """(B, n) angle of each tangential force from the tangent [rad]."""
+    force = group.particular + np.einsum("bniq,bq->bni", group.null_space, y)
+    along = np.einsum("bni,bni->bn", force, group.frame.tangent)
+    across = np.einsum("bni,bni->bn", force, group.frame.bitangent)
+    return np.arctan2(across, along)
+
+
+def _refined(direction: Array, facets: int) -> Array:
+    """(B, n, F) corners around `direction` (B, n), one of them on it."""
+    fine = max(1, facets - _COARSE)
+    fine -= 1 - fine % 2  # odd, so that one corner is in the middle
+    coarse = facets - fine
+    width = _WINDOW * 2 * np.pi / facets if fine > 1 else 0.0
+    near = np.linspace(-width, width, fine)
+    far = width + (2 * np.pi - 2 * width) * np.arange(1, coarse + 1) / (coarse + 1)
+    return np.asarray(direction[..., None] + np.concatenate([near, far]))
+
+
+def _carried_over(active: Mask, n: int, facets: int) -> Mask:
+    """Rows to start the second pass from: the same joints and contacts, and the facet that begins
+    at the middle corner wherever friction was active."""
+    start = active.copy()
+    friction = start[:, 7 * n :].reshape(-1, n, facets)
+    sliding = friction.any(axis=-1)
+    friction[:] = False
+    fine = max(1, facets - _COARSE)
+    friction[:, :, (fine - (1 - fine % 2)) // 2] = sliding
+    return start

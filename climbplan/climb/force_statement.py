@@ -1,0 +1,130 @@
+"""The force problem of every instant in numbers (chapter 5.1.4).
+
+    minimise    s - w sum_i n_i . f_i                     s = 1 / S_tau
+    such that   sum f_i + F = 0, sum r_i x f_i + M = 0    equilibrium
+                |J_i^T f_i| <= s max_torque               torque
+                0 <= s <= 1 / (least S_tau)
+                n_i . f_i >= 0                            contact: a surface cannot pull
+                |f_t,i| <= (mu_i / S_mu) n_i . f_i        friction
+
+Deflections drop out: the limb stiffness is invertible, so any forces in equilibrium have wall
+deflections that produce them, and eqs. (4.14) and (4.17) together say no more than equilibrium.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.scene import ClimbScene
+from climbplan.mechanics.equilibrium import total_load, wrench_of
+from climbplan.mechanics.friction import split_force
+from climbplan.plans.climb_plan import Array, Instants, Mask
+from climbplan.robots.kinematics import jacobian_world
+
+TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met as asked
+
+
+@dataclass(frozen=True)
+class ForceStatement:
+    """Numbers of the force problems of K instants."""
+
+    contact: Mask  # (K, N)
+    arms: Array  # (K, N, 3) from the body origin to the toes [m]
+    normal: Array  # (K, N, 3) unit, into free space
+    mu: Array  # (K, N)
+    jacobian: Array  # (K, N, 3, 3) world frame [m/rad]
+    max_torque: Array  # (N, 3) [N m]
+    load: Array  # (K, 6) weight and external wrench on the body [N, N m]
+    safety_friction: float  # S_mu
+    least_safety_torque: float  # lower bound on S_tau
+    normal_force_weight: float  # w [1/N]
+    unit: float  # force scale [N]
+    length: float  # lever arm scale [m]
+
+    @property
+    def usable_mu(self) -> Array:
+        """(K, N) mu / S_mu."""
+        return self.mu / self.safety_friction
+
+    @property
+    def torque_per_force(self) -> Array:
+        """(K, N, 3, 3) J^T with each row divided by its torque limit [1/N]."""
+        return np.asarray(np.swapaxes(self.jacobian, -1, -2) / self.max_torque[..., None])
+
+    @property
+    def largest_s(self) -> float:
+        """Upper bound of s."""
+        return (1 - TORQUE_MARGIN) / self.least_safety_torque
+
+
+def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
+    """The force problems of a scene's instants."""
+    robot, force = scene.robot, scene.spec.force
+    arms = instants.toes - instants.com[:, None]
+    load = total_load(robot, instants.external_wrench)
+    length = robot.reach
+    size = np.hypot(
+        np.linalg.norm(load[:, :3], axis=1), np.linalg.norm(load[:, 3:], axis=1) / length
+    )
+    heaviest = float(size.max(initial=0.0))
+    # Without any load the torque limits set the scale.
+    unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
+    return ForceStatement(
+        contact=instants.contact,
+        arms=arms,
+        normal=instants.normal,
+        mu=instants.mu,
+        jacobian=jacobian_world(robot, instants.rpy, instants.joint_angles),
+        max_torque=robot.max_torque,
+        load=load,
+        safety_friction=force.safety_friction,
+        least_safety_torque=force.safety_torque,
+        normal_force_weight=force.normal_force_weight,
+        unit=unit,
+        length=length,
+    )
+
+
+def torques_of(statement: ForceStatement, force: Array) -> Array:
+    """Joint torques J^T f (K, N, 3) [N m] of forces (K, N, 3)."""
+    return np.einsum("knij,kni->knj", statement.jacobian, force)
+
+
+def objective_of(statement: ForceStatement, force: Array) -> Array:
+    """Objective s - w sum n . f (K,) of forces (K, N, 3), with s as small as their torques allow."""
+    s = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
+    pressure = split_force(force, statement.normal).normal.sum(axis=1)
+    return np.asarray(s - statement.normal_force_weight * pressure)
+
+
+@dataclass(frozen=True)
+class ForceResiduals:
+    """By how much each instant's forces miss a constraint, 0 if they hold (all dimensionless)."""
+
+    equilibrium: Array  # (K,) relative to the largest load
+    friction: Array  # (K,) relative to the largest load
+    contact: Array  # (K,) pull on a surface or force on a lifted limb, relative to the largest load
+    torque: Array  # (K,) relative to the torque limit
+
+    @property
+    def worst(self) -> Array:
+        """(K,) largest of the four."""
+        return np.max([self.equilibrium, self.friction, self.contact, self.torque], axis=0)
+
+
+def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
+    """Residuals of forces (K, N, 3) against the exact constraints, cones included."""
+    unbalanced = wrench_of(statement.arms, force) + statement.load
+    unbalanced[:, 3:] /= statement.length
+    parts = split_force(force, statement.normal)
+    excess = parts.shear - statement.usable_mu * np.maximum(parts.normal, 0.0)
+    stray = np.abs(force).max(axis=-1) * ~statement.contact
+    use = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
+    return ForceResiduals(
+        equilibrium=np.linalg.norm(unbalanced, axis=1) / statement.unit,
+        friction=np.maximum(excess, 0.0).max(axis=1) / statement.unit,
+        contact=np.maximum(np.maximum(-parts.normal, stray), 0.0).max(axis=1) / statement.unit,
+        torque=np.maximum(use * statement.least_safety_torque - 1.0, 0.0),
+    )

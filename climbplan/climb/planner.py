@@ -1,0 +1,176 @@
+"""The decoupled planner: postures, instants, forces, trajectory (chapter 5.1)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.climb.clearance import body_shortfall
+from climbplan.climb.forces import plan_forces
+from climbplan.climb.gait import plan_instants
+from climbplan.climb.posture import PostureResult, plan_postures
+from climbplan.climb.posture_nlp import plan_postures_nlp
+from climbplan.climb.posture_statement import PostureMargins
+from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.summary import summary_lines
+from climbplan.climb.trajectory import plan_trajectory
+from climbplan.errors import ReachFailure
+from climbplan.plans.climb_plan import ClimbPlan, Instants, StepLimits
+from climbplan.spec.loading import LoadedClimb
+
+Progress = Callable[[str, float], None]
+
+_TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
+_STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
+
+
+@dataclass
+class StageClock:
+    """Seconds by stage, adding up repeated stages."""
+
+    report: Progress
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str):  # type: ignore[no-untyped-def]
+        """Time a stage."""
+        self.report(name, 0.0)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            self.report(name, 1.0)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Postures and instants that passed the exact kinematic and clearance checks."""
+
+    posture: PostureResult
+    instants: Instants
+    tightenings: tuple[str, ...]
+
+
+def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = None) -> Motion:
+    """Postures whose every instant can be reached and whose body keeps clear.
+
+    The convex statement knows workspaces as balls and rotations to first order. Where the exact
+    check finds a joint bound or clearance missed, the limb's ball or the clearance is tightened
+    and the postures are planned again. Raises ReachFailure or Infeasible if that does not help.
+    """
+    margins = PostureMargins()
+    notes: list[str] = []
+    failure: ReachFailure | None = None
+    for _ in range(_TIGHTENINGS):
+        with clock.stage("posture"):
+            if scene.spec.solver.method == "nlp":
+                posture = plan_postures_nlp(scene, clock.report)
+            else:
+                posture = plan_postures(scene, margins, save_model)
+        with clock.stage("kinematics"):
+            shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
+            if shortfall > 1e-9 and scene.spec.solver.method == "micp":
+                margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
+                notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
+                continue
+            try:
+                instants = plan_instants(scene, posture.rounds)
+            except ReachFailure as error:
+                failure = error
+                if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
+                    raise
+                margins = _shrunk(scene, margins, error)
+                notes.append(f"workspace of {error.limb} tightened: {error}")
+                continue
+        return Motion(posture, instants, tuple(notes))
+    assert failure is not None
+    raise failure
+
+
+def _shrunk(scene: ClimbScene, margins: PostureMargins, failure: ReachFailure) -> PostureMargins:
+    radius = margins.stance_radius
+    if radius is None:
+        radius = np.full(scene.robot.limb_count, scene.robot.stance_radius)
+    radius = radius.copy()
+    radius[scene.robot.limb_names.index(failure.limb)] *= _STANCE_SHRINK
+    return replace(margins, stance_radius=radius)
+
+
+def plan_climb(
+    loaded: LoadedClimb,
+    report: Progress | None = None,
+    jobs: int = 1,
+    save_model: Path | None = None,
+) -> ClimbPlan:
+    """A climb plan for a loaded spec, not yet verified.
+
+    report: called with stage name and fraction done. jobs: worker processes of a study.
+    Raises Infeasible, ReachFailure or LimitReached in the robot's terms.
+    """
+    from climbplan.climb.study import run_study
+
+    clock = StageClock(report or (lambda stage, fraction: None))
+    spec = loaded.spec
+    scene = build_scene(spec, loaded.robot, loaded.source)
+    motion = plan_motion(scene, clock, save_model)
+    rounds, instants = motion.posture.rounds, motion.instants
+    with clock.stage("force"):
+        forces = plan_forces(scene, instants)
+    with clock.stage("trajectory"):
+        trajectory = plan_trajectory(scene, rounds, instants, forces)
+    study = None
+    if spec.study is not None:
+        with clock.stage("study"):
+            study = run_study(loaded, jobs, clock.report)
+    plan = ClimbPlan(
+        name=loaded.name,
+        robot=scene.robot,
+        terrain=scene.terrain,
+        rounds=rounds,
+        instants=instants,
+        forces=forces,
+        trajectory=trajectory,
+        limits=step_limits(scene),
+        status=motion.posture.status,
+        objective=motion.posture.objective,
+        bound=motion.posture.bound,
+        gap=motion.posture.gap,
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        seed=spec.seed,
+        timings=dict(clock.seconds),
+        solvers={"posture": motion.posture.solver, "force": spec.solver.force},
+        sizes={
+            "posture": {**motion.posture.sizes, "nodes": motion.posture.nodes},
+            "force": {"instants": instants.count},
+        },
+        warnings=(*motion.posture.warnings, *motion.tightenings),
+        study=study,
+    )
+    return replace(plan, summary=summary_lines(plan))
+
+
+def step_limits(scene: ClimbScene) -> StepLimits:
+    """The bounds a plan is verified against."""
+    steps, force = scene.spec.posture.steps, scene.spec.force
+    return StepLimits(
+        com_max=steps.com_max,
+        toe_max=steps.toe_max,
+        rotation_max=float(np.deg2rad(steps.rotation_max_deg)),
+        com_min=steps.com_min,
+        toe_min=steps.toe_min,
+        goal_com=scene.goal.com,
+        goal_toes=scene.goal.toes,
+        goal_tolerance=scene.spec.task.goal.tolerance,
+        goal_rpy=scene.goal.rpy,
+        goal_rotation_tolerance=float(np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg)),
+        body_clearance=scene.spec.posture.body_clearance,
+        safety_friction=force.safety_friction,
+        safety_torque=force.safety_torque,
+    )

@@ -1,0 +1,128 @@
+"""First stage: the posture sequence, by global mixed-integer optimisation or by an NLP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from climbplan.climb.posture_statement import PostureMargins, posture_program
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import Infeasible, LimitReached, UsageError
+from climbplan.plans.climb_plan import Rounds
+from climbplan.program import Program
+from climbplan.program.polytope import Array
+from climbplan.solvers.model_file import save_model as write_model
+from climbplan.solvers.registry import solve
+from climbplan.solvers.result import SolverResult
+
+LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by more than about 3 %
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class PostureResult:
+    """Postures with what is known of their optimality."""
+
+    rounds: Rounds
+    status: Literal["optimal", "feasible"]
+    objective: float  # posture cost [m^2]
+    bound: float | None  # valid lower bound, None where the method gives none
+    gap: float | None  # relative
+    nodes: int  # branch-and-bound nodes, or NLP starts
+    solver: str
+    sizes: dict[str, Any]
+    warnings: tuple[str, ...]
+
+
+def plan_postures(
+    scene: ClimbScene,
+    margins: PostureMargins | None = None,
+    save_model: Path | None = None,
+) -> PostureResult:
+    """Globally optimal postures under linearised rotation (method `micp`).
+
+    Raises Infeasible naming round, limb and constraint, or LimitReached without an incumbent.
+    """
+    refuse_unsuitable(scene)
+    options = scene.spec.solver
+    program = posture_program(scene, margins)
+    instance = program.at()
+    if save_model is not None:
+        write_model(instance, save_model)
+    result = solve(instance, options.posture, gap=options.gap, time_limit=options.time_limit)
+    if result.status == "infeasible":
+        raise Infeasible("no posture sequence exists under the given bounds")
+    if result.x is None or result.assignment is None or result.objective is None:
+        raise LimitReached(
+            f"posture planner: no plan within {options.time_limit:g} s "
+            f"({result.nodes} nodes searched)"
+        )
+    rounds = to_rounds(scene, program, result)
+    return PostureResult(
+        rounds=rounds,
+        status="optimal" if result.status == "optimal" else "feasible",
+        objective=result.objective,
+        bound=result.bound,
+        gap=result.gap,
+        nodes=result.nodes,
+        solver=result.solver,
+        sizes=program.counts(),
+        warnings=rotation_warnings(rounds),
+    )
+
+
+def refuse_unsuitable(scene: ClimbScene) -> None:
+    """UsageError for what a convex statement cannot hold: curved terrain, lower step bounds."""
+    steps = scene.spec.posture.steps
+    if scene.terrain.curved:
+        raise UsageError("method micp needs flat contact regions: use --method nlp in a tube")
+    if steps.com_min > 0 or steps.toe_min > 0:
+        raise UsageError(
+            "method micp cannot hold lower bounds on steps (com_min, toe_min): they are not "
+            "convex; use --method nlp"
+        )
+
+
+def to_rounds(scene: ClimbScene, program: Program, result: SolverResult) -> Rounds:
+    """Postures from a solution vector, toes put exactly on their regions."""
+    assert result.x is not None
+    assert result.assignment is not None
+    m, n = scene.spec.task.rounds, scene.robot.limb_count
+    toes = np.concatenate([scene.start.toes[None], program.value("toe", result.x)])
+    region = np.empty((m + 1, n), np.int64)
+    region[0] = scene.start.region
+    chosen = result.assignment[: m * n].reshape(m, n)
+    for limb in range(n):
+        region[1:, limb] = np.flatnonzero(scene.terrain.allowed[limb])[chosen[:, limb]]
+    for j in range(1, m + 1):
+        for limb in range(n):
+            toes[j, limb] = scene.terrain.surfaces[region[j, limb]].project(toes[j, limb])
+    return Rounds(
+        com=_with_start(scene.start.com, program.value("com", result.x)),
+        rpy=_with_start(scene.start.rpy, program.value("rpy", result.x)),
+        toes=toes,
+        region=region,
+    )
+
+
+def _with_start(start: Array, rest: Array) -> Array:
+    return np.concatenate([start[None], rest])
+
+
+def rotation_warnings(rounds: Rounds) -> tuple[str, ...]:
+    """Rounds whose rotation leaves the range of the linearisation."""
+    largest = np.abs(rounds.rpy).max(axis=1)
+    beyond = np.flatnonzero(largest > LINEAR_ROTATION_LIMIT)
+    if len(beyond) == 0:
+        return ()
+    j = int(np.argmax(largest))
+    text = (
+        f"the body turns {np.rad2deg(largest[j]):.1f} deg in round {j}: the linearised rotation "
+        "of method micp holds below about 15 deg; reach and clearance were checked exactly"
+    )
+    return (text,)

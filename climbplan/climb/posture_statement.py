@@ -1,0 +1,144 @@
+"""The posture problem of chapter 5.1.3, stated once as a program.
+
+Decision variables for rounds j = 1..M: toes p_i[j], body origin p_COM[j] and rotation
+Theta[j] = (roll, pitch, yaw), linearised by eq. (5.5), R v = v + Theta x v. Round 0 is the given
+start. Constraint letters are those of the complete formulation (Fig. 5.1 of the chapter).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from climbplan.climb.scene import ClimbScene
+from climbplan.program import Polytope, Program
+from climbplan.program.polytope import Array
+from climbplan.program.statement import Expression
+from climbplan.terrain.model import FreeRegion
+from climbplan.terrain.surfaces import Region
+
+
+@dataclass(frozen=True)
+class PostureMargins:
+    """Tightening after a posture failed an exact check that the statement only approximates."""
+
+    stance_radius: Array | None = None  # (N,) [m], the robot's own if None
+    clearance: float = 0.0  # [m] beyond the spec's body clearance
+
+
+def rotated(rpy: Expression, vector: Array) -> Expression:
+    """R v to first order, eq. (5.5): v + Theta x v. rpy (..., 3) and vector (..., 3)."""
+    a, b, c = rpy[..., 0], rpy[..., 1], rpy[..., 2]
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    return np.stack([x + b * z - c * y, y + c * x - a * z, z + a * y - b * x], axis=-1)
+
+
+def region_polytope(region: Region) -> Polytope:
+    """A contact region as rows in space: A_r p <= b_r and the equation of its plane."""
+    return Polytope(
+        name=region.name,
+        A=region.A,
+        b=region.b,
+        C=region.normal[None],
+        c=np.array([region.offset]),
+        vertices=region.vertices,
+    )
+
+
+def body_polytope(free: FreeRegion, hull: Array, clearance: float) -> Polytope:
+    """Body poses (com, Theta) before and after a round for which the hull stays in a free region.
+
+    A free region is convex and every hull corner moves on a straight line between the two
+    linearised poses, so the corners of both poses are enough. Rows in R^12:
+    a (com + v + Theta x v) <= b becomes a com + (v x a) Theta <= b - a v.
+    """
+    rows, bounds = [], []
+    for normal, offset in zip(free.A, free.b, strict=True):
+        arms = np.cross(hull, normal)
+        rows.append(np.hstack([np.broadcast_to(normal, arms.shape), arms]))
+        bounds.append(offset - clearance - hull @ normal)
+    A, b = np.vstack(rows), np.concatenate(bounds)
+    zero = np.zeros_like(A)
+    both = np.block([[A, zero], [zero, A]])
+    return Polytope.halfspaces(free.name, both, np.concatenate([b, b]))
+
+
+def sum_of_squares(expression: Expression) -> Any:
+    """Sum of the squares of all entries."""
+    return np.sum(expression**2)
+
+
+def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) -> Program:
+    """M rounds of postures for a scene with flat contact regions."""
+    spec, robot, terrain = scene.spec.posture, scene.robot, scene.terrain
+    margins = margins or PostureMargins()
+    stance_radius = margins.stance_radius
+    if stance_radius is None:
+        stance_radius = np.full(robot.limb_count, robot.stance_radius)
+    m, n = scene.spec.task.rounds, robot.limb_count
+    weights, steps = spec.weights, spec.steps
+    limit = np.deg2rad(spec.rotation_limit_deg)
+
+    p = Program("posture")
+    toe = p.continuous("toe", (m, n, 3), unit="m")
+    com = p.continuous("com", (m, 3), unit="m")
+    rpy = p.continuous("rpy", (m, 3), -limit, limit, unit="rad")
+    toes: Expression = np.concatenate([scene.start.toes[None].astype(object), toe])  # (M+1, N, 3)
+    coms: Expression = np.concatenate([scene.start.com[None].astype(object), com])  # (M+1, 3)
+    turns: Expression = np.concatenate([scene.start.rpy[None].astype(object), rpy])
+
+    # A, B: body, toe and rotation steps between rounds
+    p.ball("posture.com_step", np.diff(coms, axis=0), steps.com_max, unit="m")
+    p.ball("posture.toe_step", np.diff(toes, axis=0), steps.toe_max, unit="m")
+    turn = np.deg2rad(steps.rotation_max_deg)
+    p.between("posture.rotation_step", np.diff(turns, axis=0), -turn, turn, unit="rad")
+
+    # C: toes in the limbs' workspace balls, about the shoulder and about the nominal stance
+    def arms(body: Expression, rotation: Expression, feet: Expression, origin: Array) -> Expression:
+        return feet - body[..., None, :] - rotated(rotation[..., None, :], origin)
+
+    balls = [("reach", robot.shoulder_body, np.full(n, robot.reach))]
+    if spec.stance_workspace:
+        balls.append(("stance", robot.stance_body, stance_radius))
+    for label, origin, radius in balls:
+        p.ball(f"posture.{label}", arms(com, rpy, toe, origin), np.tile(radius, (m, 1)), unit="m")
+        if spec.intermediate_reach:
+            # The k-th limb to move does so when the body has covered k / N of its way: it leaves
+            # its old place and reaches its new one from there.
+            share = np.empty(n)
+            share[list(scene.gait)] = np.arange(n) / n
+            at = [
+                x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)
+            ]
+            for when, feet in (("lift", toes[:-1]), ("place", toes[1:])):
+                arm = feet - at[0] - rotated(at[1], origin)
+                p.ball(f"posture.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
+
+    # D: every toe in one contact region, H_ri => A_r p_i <= b_r
+    regions = [region_polytope(region) for region in terrain.regions]
+    per_limb = [[regions[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
+    p.one_of("posture.contact_region", toe, per_limb * m, unit="m")
+
+    # The body's way through each round stays in one convex free region
+    keep = spec.body_clearance + margins.clearance
+    poses = np.concatenate([coms[:-1], turns[:-1], coms[1:], turns[1:]], axis=-1)  # (M, 12)
+    for index, choice in enumerate(terrain.free_choices):
+        free = [body_polytope(region, robot.body_hull, keep) for region in choice]
+        p.one_of(f"posture.body_free_{index}", poses, [free] * m, unit="m")
+
+    # Goal: within tolerance, and as close as the weights say
+    goal = scene.goal
+    tolerance = scene.spec.task.goal.tolerance
+    p.ball("posture.goal_com", com[-1] - goal.com, tolerance, unit="m")
+    p.ball("posture.goal_toes", toe[-1] - goal.toes, tolerance, unit="m")
+    turned = np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg)
+    p.between("posture.goal_rotation", rpy[-1] - goal.rpy, -turned, turned, unit="rad")
+    p.minimise("goal", weights.goal * sum_of_squares(toe[-1] - goal.toes))
+    p.minimise("goal_com", weights.goal_com * sum_of_squares(com[-1] - goal.com))
+    p.minimise("goal_rotation", weights.goal_rotation * sum_of_squares(rpy[-1] - goal.rpy))
+    p.minimise("com_step", weights.com * sum_of_squares(np.diff(coms, axis=0)))
+    p.minimise("toe_step", weights.toe * sum_of_squares(np.diff(toes, axis=0)))
+    p.minimise("rotation_step", weights.rotation * sum_of_squares(np.diff(turns, axis=0)))
+    return p

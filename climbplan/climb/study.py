@@ -1,0 +1,62 @@
+"""Feasible regions: the same task planned over a grid of spec values (Fig. 5.7)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from climbplan.climb.forces import plan_forces
+from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.scene import build_scene
+from climbplan.errors import Infeasible, ReachFailure, UsageError
+from climbplan.plans.climb_plan import Study
+from climbplan.spec.loading import LoadedClimb
+
+Progress = Callable[[str, float], None]
+
+_FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
+
+
+def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
+    """Label and message of one grid point."""
+    here = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
+    scene = build_scene(here.spec, here.robot, here.source)
+    try:
+        motion = plan_motion(scene, StageClock(lambda stage, fraction: None))
+    except (ReachFailure, Infeasible) as error:
+        return _NO_POSTURE, str(error).splitlines()[0]
+    try:
+        plan_forces(scene, motion.instants)
+    except Infeasible as error:
+        return _NO_FORCE, str(error.conflicts[0]) if error.conflicts else str(error)
+    return _FEASIBLE, ""
+
+
+def run_study(loaded: LoadedClimb, jobs: int, report: Progress) -> Study:
+    """Label every grid point; the result does not depend on the number of workers.
+
+    Raises UsageError if the spec has no study.
+    """
+    if loaded.spec.study is None:
+        raise UsageError("the spec has no `study`")
+    grid = loaded.spec.study.grid
+    cells = [dict(zip(grid, v, strict=True)) for v in itertools.product(*grid.values())]
+    results: list[tuple[int, str]] = []
+    work = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(_cell)(loaded, cell) for cell in cells
+    )
+    for result in work:
+        results.append(result)
+        report("study", len(results) / len(cells))
+    shape = [len(v) for v in grid.values()]
+    if len(shape) == 1:
+        shape.append(1)
+    return Study(
+        keys=tuple(grid),
+        values=tuple(np.array(v, float) for v in grid.values()),
+        label=np.array([label for label, _ in results], np.int64).reshape(shape),
+        detail=tuple(detail for _, detail in results),
+    )

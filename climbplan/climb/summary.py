@@ -1,0 +1,41 @@
+"""The lines a run prints: one a stage, with the figure that matters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.kinematics import JOINTS
+
+
+def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
+    """Head line, posture and force lines as shown on a terminal."""
+    robot, rounds, instants = plan.robot, plan.rounds, plan.instants
+    surfaces = ", ".join(s.name for s in plan.terrain.surfaces[:4])
+    if len(plan.terrain.surfaces) > 4:
+        surfaces += f" and {len(plan.terrain.surfaces) - 4} more"
+    head = f"{robot.name}, {rounds.count} rounds, {instants.count} instants, surfaces {surfaces}"
+    cost = f"cost {plan.objective:.4g}"
+    if plan.bound is not None:
+        cost += f", bound {plan.bound:.4g}"
+    nodes = plan.sizes["posture"]["nodes"]
+    seconds = plan.timings
+    solved = f"{instants.count} of {instants.count}"
+    return (
+        f"{plan.name:<16} {head}",
+        f"{'posture':<9} {plan.status:<9} {seconds['posture']:.2f} s   {cost}, {nodes} nodes",
+        f"{'force':<9} {solved:<9} {seconds['force']:.2f} s   {least_safety(plan)}",
+    )
+
+
+def least_safety(plan: ClimbPlan) -> str:
+    """Where the torque safety factor is least, and which joint sets it."""
+    robot, instants, forces = plan.robot, plan.instants, plan.forces
+    k = int(np.argmin(forces.safety_torque))
+    load = np.abs(forces.joint_torques[k]) / robot.max_torque
+    limb, joint = np.unravel_index(int(np.argmax(load)), load.shape)
+    torque = abs(forces.joint_torques[k, limb, joint])
+    return (
+        f"least S_tau {forces.safety_torque[k]:.2f}: {instants.label(k, robot.limb_names)}, "
+        f"{robot.limb_names[limb]} {JOINTS[joint]} {torque:.1f} N m"
+    )

@@ -1,0 +1,1 @@
+"""Mechanics of a robot in contact: limb and whole-body stiffness, equilibrium, friction."""

@@ -1,0 +1,73 @@
+"""Equilibrium of point contacts (chapter 4.2, eqs. (4.15) and (4.16))."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, skew
+
+_RANK_TOLERANCE = 1e-8  # of the largest singular value; collinear contacts end near 1e-16
+
+
+def total_load(robot: Robot, external_wrench: Array) -> Array:
+    """Weight at the body origin plus an external wrench.
+
+    external_wrench: (..., 6) force and moment about the body origin [N, N m], world frame.
+    Returns (..., 6).
+    """
+    weight = np.array([0.0, 0.0, -robot.weight, 0.0, 0.0, 0.0])
+    return np.asarray(external_wrench + weight)
+
+
+def grasp_matrix(arms: Array) -> Array:
+    """G with [sum f; sum r x f] = G [f_1; ...; f_n], eqs. (4.15) and (4.16).
+
+    arms: (..., n, 3) from the body origin to the contacts [m]. Returns (..., 6, 3 n).
+    """
+    *batch, n, _ = arms.shape
+    grasp = np.empty((*batch, 6, n, 3))
+    grasp[..., :3, :, :] = np.eye(3)[:, None, :]
+    grasp[..., 3:, :, :] = np.moveaxis(skew(arms), -3, -2)
+    return grasp.reshape(*batch, 6, 3 * n)
+
+
+def wrench_of(arms: Array, force: Array) -> Array:
+    """Sum of forces and of their moments: (..., n, 3) arms and forces to (..., 6)."""
+    return np.concatenate([force.sum(axis=-2), np.cross(arms, force).sum(axis=-2)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Balance:
+    """All contact forces that balance a load: f = particular + null_space y."""
+
+    particular: Array  # (B, 3 n) least-norm forces [N]
+    null_space: Array  # (B, 3 n, q) orthonormal columns
+    rank: NDArray[np.int64]  # (B,) 6, or less if the contacts cannot resist every load
+    residual: Array  # (B,) part of the load that no contact forces balance [N], 0 at full rank
+
+
+def balance_load(arms: Array, load: Array, length: float) -> list[tuple[NDArray[np.int64], Balance]]:
+    """Contact forces that balance loads, batched over instants with equally many contacts.
+
+    arms: (B, n, 3) [m]; load: (B, 6) [N, N m] on the body; length [m] makes moments comparable
+    with forces. Returns pairs of indices into the batch and their Balance, one pair for each rank
+    that occurs: on two contacts (or on contacts in a line) one moment component cannot be resisted.
+    """
+    scale = np.array([1.0] * 3 + [1 / length] * 3)
+    grasp = grasp_matrix(arms) * scale[:, None]
+    need = -load * scale
+    left, sigma, right = np.linalg.svd(grasp, full_matrices=True)
+    rank = (sigma > _RANK_TOLERANCE * sigma[:, :1]).sum(axis=1)
+    parts = []
+    for r in np.unique(rank):
+        at = np.flatnonzero(rank == r)
+        along = np.einsum("bij,bi->bj", left[at], need[at])  # load along the left vectors
+        particular = np.einsum("brk,br->bk", right[at, :r], along[:, :r] / sigma[at, :r])
+        residual = np.linalg.norm(along[:, r:], axis=1)
+        null_space = np.swapaxes(right[at, r:], 1, 2)
+        parts.append((at, Balance(particular, null_space, rank[at], residual)))
+    return parts

@@ -1,0 +1,94 @@
+"""Coulomb friction at point contacts: cones, inscribed pyramids, critical coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+
+
+@dataclass(frozen=True)
+class ContactFrame:
+    """Right-handed frames of contacts."""
+
+    normal: Array  # (..., 3) unit, from the surface into free space
+    tangent: Array  # (..., 3) unit
+    bitangent: Array  # (..., 3) unit, normal x tangent
+
+
+def contact_frame(normal: Array) -> ContactFrame:
+    """Frames for unit normals (..., 3): the bitangent as upright as the surface allows.
+
+    On a level surface, where no tangent is upright, the frame follows the world's x axis.
+    """
+    level = np.abs(normal[..., 2:]) > 1 - 1e-9
+    reference = np.where(level, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    tangent = np.cross(reference, normal)
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    return ContactFrame(normal, tangent, np.cross(normal, tangent))
+
+
+@dataclass(frozen=True)
+class ContactForce:
+    """Contact forces split along and across the surface normal."""
+
+    normal: Array  # (...) pressure, n . f [N]
+    tangential: Array  # (..., 3) [N]
+    shear: Array  # (...) length of the tangential part [N]
+
+
+def split_force(force: Array, normal: Array) -> ContactForce:
+    """Normal and tangential parts of forces (..., 3) on surfaces with unit normals (..., 3)."""
+    pressure = np.einsum("...i,...i->...", force, normal)
+    tangential = force - pressure[..., None] * normal
+    return ContactForce(pressure, tangential, np.sqrt((tangential**2).sum(axis=-1)))
+
+
+def critical_friction(force: Array, normal: Array) -> Array:
+    """Least friction coefficient |f_t| / f_n that holds each force (..., 3).
+
+    0 where there is no force at all, infinite where the force pulls or only shears.
+    """
+    parts = split_force(force, normal)
+    loaded = parts.shear > 0
+    critical = np.full(parts.shear.shape, np.inf)
+    np.divide(parts.shear, parts.normal, out=critical, where=loaded & (parts.normal > 0))
+    return np.where(loaded | (parts.normal < 0), critical, 0.0)
+
+
+def project_to_cone(force: Array, normal: Array, mu: Array) -> Array:
+    """Forces (..., 3) with their tangential part shortened until |f_t| <= mu n . f >= 0.
+
+    mu: (...). Not the nearest point of the cone: what changes is the shear only, except where a
+    force pulls on the surface. Meant to take rounding away from friction.
+    """
+    parts = split_force(force, normal)
+    pressure = np.maximum(parts.normal, 0.0)
+    allowed = mu * pressure
+    factor = np.ones_like(allowed)
+    np.divide(allowed, parts.shear, out=factor, where=parts.shear > allowed)
+    return np.asarray(pressure[..., None] * normal + factor[..., None] * parts.tangential)
+
+
+def regular_corners(count: int) -> Array:
+    """Angles (count,) of a regular polygon's corners in the contact frame, from the tangent [rad]."""
+    return 2 * np.pi * np.arange(count) / count
+
+
+def pyramid_rows(frame: ContactFrame, mu: Array, corners: Array) -> Array:
+    """Rows a with a . f <= 0 for the pyramid inscribed in |f_t| <= mu n . f.
+
+    mu: (...); corners: (..., F) increasing angles of the polygon's corners within one turn, from
+    the tangent [rad]. Returns (..., F, 3). Every corner lies on the cone, so a force inside the
+    pyramid is inside the cone.
+    """
+    following = np.concatenate([corners[..., 1:], corners[..., :1] + 2 * np.pi], axis=-1)
+    middle, half = (corners + following) / 2, (following - corners) / 2
+    across = (
+        np.cos(middle)[..., None] * frame.tangent[..., None, :]
+        + np.sin(middle)[..., None] * frame.bitangent[..., None, :]
+    )
+    along = (mu[..., None] * np.cos(half))[..., None] * frame.normal[..., None, :]
+    return np.asarray(across - along)

@@ -1,0 +1,124 @@
+"""Limb and whole-body stiffness by the virtual joint method (chapter 4).
+
+Notation: f_i force on the robot at toe i, r_i from the body origin to toe i, P_i = skew(r_i),
+B_i = [I P_i^T], delta_wall deflections imposed on the toes, delta_com translation and small
+rotation of the body. Stiffness is used only where the text's equations ask for it; everything else
+works on the compliance, which stays finite in singular postures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.errors import ClimbplanError
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, skew
+
+_SINGULAR = 1e12  # condition number of a compliance beyond which a limb has no stiffness matrix
+_SLIGHT = 1e-12  # weight of the body's own deflection where contacts in a line leave it open
+
+
+class SingularPosture(ClimbplanError):
+    """A limb so stretched or folded that its stiffness is infinite in some direction."""
+
+
+def limb_compliance(robot: Robot, jacobian: Array) -> Array:
+    """Toe compliance J k^-1 J^T / (1 - share) of every limb, the inverse of eq. (4.7).
+
+    jacobian: (..., N, 3, 3), world frame [m/rad]. The structure's share of the compliance (chapter
+    4.3) is added in proportion. Returns (..., N, 3, 3) [m/N], symmetric.
+    """
+    soft = jacobian / (robot.joint_stiffness * (1 - robot.structural_compliance_share))[:, None, :]
+    return np.asarray(soft @ np.swapaxes(jacobian, -1, -2))
+
+
+def limb_stiffness(robot: Robot, jacobian: Array) -> Array:
+    """Toe stiffness K = (J k^-1 J^T)^-1 (1 - share) of every limb, eq. (4.7).
+
+    jacobian: (..., N, 3, 3), world frame [m/rad]. Returns (..., N, 3, 3) [N/m], symmetric positive
+    definite. Raises SingularPosture where the Jacobian has no inverse.
+    """
+    compliance = limb_compliance(robot, jacobian)
+    if not (np.linalg.cond(compliance) < _SINGULAR).all():
+        raise SingularPosture("a limb is in a singular posture: its stiffness is not defined")
+    stiffness = np.linalg.inv(compliance)
+    return np.asarray((stiffness + np.swapaxes(stiffness, -1, -2)) / 2)
+
+
+def rigid_motion(arms: Array) -> Array:
+    """B = [I P^T]: toe displacement by a small body motion, eq. (4.12).
+
+    arms: (..., 3) from the body origin to the toes [m]. Returns (..., 3, 6).
+    """
+    identity = np.broadcast_to(np.eye(3), (*arms.shape, 3))
+    return np.concatenate([identity, -skew(arms)], axis=-1)  # skew(r)^T = -skew(r)
+
+
+def whole_body_stiffness(stiffness: Array, arms: Array) -> Array:
+    """A = sum_i B_i^T K_i B_i, eq. (4.18).
+
+    stiffness: (..., N, 3, 3) [N/m], zero for limbs in the air; arms: (..., N, 3) [m].
+    Returns (..., 6, 6).
+    """
+    motion = rigid_motion(arms)
+    return np.asarray((np.swapaxes(motion, -1, -2) @ stiffness @ motion).sum(axis=-3))
+
+
+def body_deflection(stiffness: Array, arms: Array, wall_deflection: Array, load: Array) -> Array:
+    """Deflection of the body under a load with given wall deflections, eq. (4.17).
+
+    stiffness: (..., N, 3, 3), zero for limbs in the air; arms, wall_deflection: (..., N, 3); load:
+    (..., 6) on the body. Returns (..., 6) [m, rad].
+    """
+    motion = rigid_motion(arms)
+    pushed = np.einsum("...nji,...njk,...nk->...i", motion, stiffness, wall_deflection)
+    system = whole_body_stiffness(stiffness, arms)
+    return np.linalg.solve(system, (load + pushed)[..., None])[..., 0]
+
+
+def contact_forces(
+    stiffness: Array, arms: Array, wall_deflection: Array, com_deflection: Array
+) -> Array:
+    """Forces f_i = K_i (delta_wall_i - B_i delta_com) on the robot, eq. (4.14).
+
+    stiffness: (..., N, 3, 3); arms, wall_deflection: (..., N, 3); com_deflection: (..., 6).
+    Returns (..., N, 3) [N].
+    """
+    moved = np.einsum("...nij,...j->...ni", rigid_motion(arms), com_deflection)
+    return np.einsum("...nij,...nj->...ni", stiffness, wall_deflection - moved)
+
+
+@dataclass(frozen=True)
+class Deflections:
+    """Wall and body deflections that produce given contact forces."""
+
+    wall: Array  # (..., N, 3) [m], zero for limbs in the air
+    com: Array  # (..., 6) sag and small rotation of the body [m, rad]
+
+
+def deflections_for_forces(
+    compliance: Array, arms: Array, force: Array, contact: Array, compensated: bool
+) -> Deflections:
+    """Deflections with delta_wall_i = C_i f_i + B_i delta_com, the inverse of eq. (4.14).
+
+    compliance: (..., N, 3, 3) [m/N]; arms, force: (..., N, 3); contact: (..., N) bool. The six
+    degrees of freedom that the forces leave open are delta_com: zero if `compensated`, so that
+    toe commands carry the body back to its planned pose, else those of the least sum of squared
+    wall deflections, so that toes are commanded no deeper than the forces need and the body sags.
+    """
+    own = np.einsum("...nij,...nj->...ni", compliance, force) * contact[..., None]
+    if compensated:
+        return Deflections(own, np.zeros((*own.shape[:-2], 6)))
+    motion = rigid_motion(arms) * contact[..., None, None]
+    # In a line of contacts a rotation moves no toe: the slight weight keeps it at zero. It does
+    # not touch the relation to the forces, which holds for any delta_com.
+    length = np.sqrt((arms**2).sum(axis=-1).mean(axis=-1))
+    slight = np.ones((*length.shape, 6)) * contact.sum(axis=-1)[..., None]
+    slight[..., 3:] *= length[..., None] ** 2
+    normal_matrix = np.einsum("...nki,...nkj->...ij", motion, motion)
+    normal_matrix += _SLIGHT * slight[..., None] * np.eye(6)
+    right = -np.einsum("...nki,...nk->...i", motion, own)
+    com = np.linalg.solve(normal_matrix, right[..., None])[..., 0]
+    return Deflections(own + np.einsum("...nij,...j->...ni", motion, com), com)

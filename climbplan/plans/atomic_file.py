@@ -1,0 +1,40 @@
+"""Files that are either complete or not there: written aside, flushed to disk, then renamed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from climbplan.errors import UsageError
+
+
+@contextmanager
+def written_aside(path: Path) -> Iterator[Path]:
+    """A path next to `path` to write to; it takes the place of `path` if all goes well.
+
+    Whatever stops the writing, the file at `path` stays as it was. Raises UsageError if the place
+    cannot be written to.
+    """
+    if path.is_dir():
+        raise UsageError(f"{path}: cannot be written: it is a directory")
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield aside
+        _flush(aside)
+        os.replace(aside, path)
+        _flush(path.parent)  # the rename itself
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(f"{path}: cannot be written: {reason}") from error
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,272 @@
+"""Climb plans as HDF5 files: writing them, and reading them back exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import climbplan
+from climbplan.errors import PlanFileError
+from climbplan.plans import climb_layout as layout
+from climbplan.plans.climb_plan import (
+    ClimbPlan,
+    Forces,
+    Instants,
+    Rounds,
+    StepLimits,
+    Study,
+    Trajectory,
+)
+from climbplan.plans.hdf5_store import (
+    Layout,
+    Reader,
+    new_store,
+    opened_store,
+    write_dataset,
+    write_json,
+    write_text,
+)
+from climbplan.plans.terrain_store import read_terrain, write_terrain
+from climbplan.robots.model import Robot
+
+_HEADER_NUMBERS = ("bound", "gap")  # left out where the method gives none
+
+
+def write_climb(plan: ClimbPlan, path: Path) -> None:
+    """Write a plan; the file appears whole or not at all, in place of one that is there.
+
+    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
+    the file cannot be written.
+    """
+    plan = replace(
+        plan,
+        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
+        climbplan_version=plan.climbplan_version or climbplan.__version__,
+    )
+    with new_store(path) as file:
+        _write_header(file, plan)
+        _write_robot(file.create_group("robot"), plan.robot)
+        _write_fields(file.create_group("rounds"), plan.rounds, layout.ROUNDS)
+        instants = file.create_group("instants")
+        _write_fields(instants, plan.instants, layout.INSTANTS)
+        _write_fields(instants, plan.forces, layout.FORCES)
+        _write_fields(file.create_group("trajectory"), plan.trajectory, layout.TRAJECTORY)
+        limits = file.create_group("limits")
+        _write_fields(limits, plan.limits, layout.LIMITS)
+        for name in layout.LIMITS_NUMBERS:
+            limits.attrs[name] = float(vars(plan.limits)[name])
+        write_terrain(file.create_group("terrain"), plan.terrain)
+        write_dataset(file, "warnings", plan.warnings, layout.TEXTS)
+        write_dataset(file, "summary", plan.summary, layout.TEXTS)
+        if plan.study is not None:
+            _write_study(file.create_group("study"), plan.study)
+
+
+def read_climb(path: Path) -> ClimbPlan:
+    """The plan in a file, exactly as it was written.
+
+    Nothing in a file is ever run. Raises PlanFileError for anything that is not a whole climb
+    plan: another format or version, missing or misshapen data, NaN where numbers must be.
+    """
+    reading = read_as_found(path)
+    if reading.not_finite:
+        names = ", ".join(reading.not_finite[:3])
+        more = len(reading.not_finite) - 3
+        raise PlanFileError(
+            f"{path}: NaN or infinity in {names}{f' and {more} more' if more > 0 else ''}"
+        )
+    return reading.plan
+
+
+class Reading:
+    """A plan whose shapes and types are right, and where its numbers are not finite."""
+
+    def __init__(self, plan: ClimbPlan, not_finite: tuple[str, ...]) -> None:
+        self.plan = plan
+        self.not_finite = not_finite
+
+
+def read_as_found(path: Path) -> Reading:
+    """As `read_climb`, but NaN and infinities are only listed, so that a check can report them."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        _require_format(reader)
+        plan = _read(reader)
+        return Reading(plan, tuple(reader.not_finite))
+
+
+def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
+    texts = {
+        "format": layout.FORMAT,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "status": plan.status,
+    }
+    for name, text in texts.items():
+        write_text(file, name, text)
+    file.attrs["format_version"] = layout.FORMAT_VERSION
+    file.attrs["seed"] = plan.seed
+    file.attrs["verified"] = np.bool_(plan.verified)
+    file.attrs["objective"] = float(plan.objective)
+    for name in _HEADER_NUMBERS:
+        value = vars(plan)[name]
+        if value is not None:
+            file.attrs[name] = float(value)
+    write_json(file, "timings", plan.timings)
+    write_json(file, "solvers", plan.solvers)
+    write_json(file, "sizes", plan.sizes)
+
+
+def _write_fields(group: h5py.Group, source: Any, layouts: Mapping[str, Layout]) -> None:
+    fields = vars(source)
+    for name, shape in layouts.items():
+        write_dataset(group, name, fields[name], shape)
+
+
+def _write_robot(group: h5py.Group, robot: Robot) -> None:
+    write_text(group, "name", robot.name)
+    for name in layout.ROBOT_NUMBERS:
+        group.attrs[name] = float(vars(robot)[name])
+    _write_fields(group, robot, layout.ROBOT_TEXTS)
+    _write_fields(group, robot, layout.ROBOT)
+
+
+def _write_study(group: h5py.Group, study: Study) -> None:
+    write_dataset(group, "keys", study.keys, layout.TEXTS)
+    write_dataset(group, "labels", Study.LABELS, layout.TEXTS)
+    write_dataset(group, "label", study.label, layout.STUDY_LABEL)
+    write_dataset(group, "detail", study.detail, layout.TEXTS)
+    for index, values in enumerate(study.values):
+        write_dataset(group, f"values_{index}", values, layout.STUDY_VALUES)
+
+
+def _require_format(reader: Reader) -> None:
+    if not reader.has_attribute("", "format"):
+        raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
+    found = reader.text("", "format")
+    if found != layout.FORMAT:
+        raise reader.refuse(f"holds {found!r}, expected {layout.FORMAT!r}")
+    version = reader.integer("", "format_version")
+    if version != layout.FORMAT_VERSION:
+        newer = "; a newer climbplan reads it" if version > layout.FORMAT_VERSION else ""
+        raise reader.refuse(f"format version {version}, expected {layout.FORMAT_VERSION}{newer}")
+
+
+def _read(reader: Reader) -> ClimbPlan:
+    robot = _read_robot(reader)
+    rounds = Rounds(**_arrays(reader, "rounds", layout.ROUNDS))
+    instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
+    forces = Forces(**_arrays(reader, "instants", layout.FORCES))
+    trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
+    limits = StepLimits(
+        **_arrays(reader, "limits", layout.LIMITS),
+        **{name: reader.number("limits", name) for name in layout.LIMITS_NUMBERS},
+    )
+    _require_counts(reader)
+    terrain = read_terrain(reader, "terrain")
+    for name, region in (("rounds/region", rounds.region), ("instants/region", instants.region)):
+        if region.min() < 0 or region.max() >= len(terrain.surfaces):
+            raise reader.refuse(
+                f"{name} names a surface that is not there (0 to {len(terrain.surfaces) - 1})"
+            )
+    status = reader.text("", "status")
+    if status not in layout.STATUSES:
+        raise reader.refuse(f"status {status!r}, expected one of {', '.join(layout.STATUSES)}")
+    return ClimbPlan(
+        name=reader.text("", "name"),
+        robot=robot,
+        terrain=terrain,
+        rounds=rounds,
+        instants=instants,
+        forces=forces,
+        trajectory=trajectory,
+        limits=limits,
+        status=status,
+        objective=reader.number("", "objective"),
+        bound=_optional(reader, "bound"),
+        gap=_optional(reader, "gap"),
+        spec_text=reader.text("", "spec"),
+        spec_sha256=reader.text("", "spec_sha256"),
+        seed=reader.integer("", "seed"),
+        timings=_mapping(reader, "timings"),
+        solvers=_mapping(reader, "solvers"),
+        sizes=_mapping(reader, "sizes"),
+        warnings=reader.texts("warnings", layout.TEXTS),
+        study=_read_study(reader) if reader.has("study") else None,
+        verified=reader.flag("", "verified"),
+        created=reader.text("", "created"),
+        climbplan_version=reader.text("", "climbplan_version"),
+        summary=reader.texts("summary", layout.TEXTS),
+    )
+
+
+def _require_counts(reader: Reader) -> None:
+    """Dimensions that follow from one another, and that nothing is empty."""
+    size = reader.dimensions
+    if size["N"] < 3:
+        raise reader.refuse(f"robot has {size['N']} limbs, expected at least 3")
+    if size["M1"] < 2:
+        raise reader.refuse("rounds holds no round")
+    expected = 2 * size["N"] * (size["M1"] - 1)
+    if size["K"] != expected:
+        raise reader.refuse(
+            f"instants holds {size['K']} instants, expected 2 for each of {size['N']} limbs in "
+            f"each of {size['M1'] - 1} rounds: {expected}"
+        )
+    if size["T"] < 2:
+        raise reader.refuse("trajectory holds fewer than two samples")
+
+
+def _arrays(reader: Reader, group: str, layouts: Mapping[str, Layout]) -> dict[str, Any]:
+    reader.group(group)
+    return {name: reader.array(f"{group}/{name}", shape) for name, shape in layouts.items()}
+
+
+def _read_robot(reader: Reader) -> Robot:
+    reader.group("robot")
+    texts = {
+        name: reader.texts(f"robot/{name}", shape) for name, shape in layout.ROBOT_TEXTS.items()
+    }
+    return Robot(
+        name=reader.text("robot", "name"),
+        **texts,
+        **{name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS},
+        **_arrays(reader, "robot", layout.ROBOT),
+    )
+
+
+def _read_study(reader: Reader) -> Study:
+    keys = reader.texts("study/keys", layout.TEXTS)
+    if len(keys) not in (1, 2):
+        raise reader.refuse(f"study/keys holds {len(keys)} keys, expected one or two")
+    label = reader.array("study/label", layout.STUDY_LABEL)
+    values = tuple(
+        reader.array(f"study/values_{index}", layout.STUDY_VALUES) for index in range(len(keys))
+    )
+    shape = tuple(len(v) for v in values) + (1,) * (2 - len(values))
+    detail = reader.texts("study/detail", layout.TEXTS)
+    if label.shape != shape or len(detail) != label.size:
+        raise reader.refuse("study/label and study/detail do not fit study/values")
+    if label.size and not (0 <= label.min() and label.max() < len(Study.LABELS)):
+        raise reader.refuse(f"study/label leaves the range 0 to {len(Study.LABELS) - 1}")
+    return Study(keys=keys, values=values, label=label, detail=detail)
+
+
+def _optional(reader: Reader, name: str) -> float | None:
+    return reader.number("", name) if reader.has_attribute("", name) else None
+
+
+def _mapping(reader: Reader, name: str) -> dict[str, Any]:
+    value = reader.json("", name)
+    if not isinstance(value, dict):
+        raise reader.refuse(f"attribute {name} is not a JSON object")
+    return value

@@ -1,0 +1,111 @@
+"""The layout of climb plan files, as data: what is stored where, in which shape, unit and frame.
+
+N limbs, M rounds (M1 = M + 1 postures), K instants, T samples, R surfaces; "*" is any length.
+Each table's keys are the fields of the dataclass of the same name in `climb_plan`.
+"""
+
+from __future__ import annotations
+
+from climbplan.plans.hdf5_store import Layout
+
+FORMAT = "climbplan/climb"
+FORMAT_VERSION = 1
+STATUSES = ("optimal", "feasible", "infeasible", "limit")
+
+ROBOT = {
+    "shoulder_body": Layout(("N", 3), "m", "body"),
+    "mount_yaw": Layout(("N",), "rad", "body"),
+    "link_lengths": Layout(("N", 3), "m"),
+    "max_torque": Layout(("N", 3), "N m"),
+    "joint_stiffness": Layout(("N", 3), "N m/rad"),
+    "joint_lower": Layout(("N", 3), "rad"),
+    "joint_upper": Layout(("N", 3), "rad"),
+    "max_joint_speed": Layout(("N", 3), "rad/s"),
+    "stance_body": Layout(("N", 3), "m", "body"),
+    "body_hull": Layout(("*", 3), "m", "body"),
+}
+ROBOT_TEXTS = {"limb_names": Layout(("N",), kind="text"), "sides": Layout(("N",), kind="text")}
+ROBOT_NUMBERS = {
+    "mass": "kg",
+    "gravity": "m/s^2",
+    "structural_compliance_share": "",
+    "reach": "m",
+    "stance_radius": "m",
+    "limb_radius": "m",
+}
+
+ROUNDS = {
+    "com": Layout(("M1", 3), "m", "world"),
+    "rpy": Layout(("M1", 3), "rad", "world"),
+    "toes": Layout(("M1", "N", 3), "m", "world"),
+    "region": Layout(("M1", "N"), kind="int"),
+}
+
+INSTANTS = {
+    "round": Layout(("K",), kind="int"),
+    "lifted": Layout(("K", "N"), kind="bool"),
+    "contact": Layout(("K", "N"), kind="bool"),
+    "com": Layout(("K", 3), "m", "world"),
+    "rpy": Layout(("K", 3), "rad", "world"),
+    "toes": Layout(("K", "N", 3), "m", "world"),
+    "normal": Layout(("K", "N", 3), "", "world"),
+    "mu": Layout(("K", "N")),
+    "region": Layout(("K", "N"), kind="int"),
+    "joint_angles": Layout(("K", "N", 3), "rad"),
+    "external_wrench": Layout(("K", 6), "N, N m", "world"),
+}
+
+# Stored in the same group as the instants.
+FORCES = {
+    "force": Layout(("K", "N", 3), "N", "world"),
+    "joint_torques": Layout(("K", "N", 3), "N m"),
+    "wall_deflection": Layout(("K", "N", 3), "m", "world"),
+    "com_deflection": Layout(("K", 6), "m, rad", "world"),
+    "toe_command": Layout(("K", "N", 3), "m", "world"),
+    "safety_torque": Layout(("K",), may_be_infinite=True),
+    "safety_friction": Layout(("K",), may_be_infinite=True),
+    "mu_critical": Layout(("K", "N")),
+}
+
+TRAJECTORY = {
+    "time": Layout(("T",), "s"),
+    "com": Layout(("T", 3), "m", "world"),
+    "rpy": Layout(("T", 3), "rad", "world"),
+    "joint_command": Layout(("T", "N", 3), "rad"),
+    "contact": Layout(("T", "N"), kind="bool"),
+}
+
+LIMITS = {
+    "goal_com": Layout((3,), "m", "world"),
+    "goal_toes": Layout(("N", 3), "m", "world"),
+}
+LIMITS_NUMBERS = {
+    "com_max": "m",
+    "toe_max": "m",
+    "rotation_max": "rad",
+    "com_min": "m",
+    "toe_min": "m",
+    "goal_tolerance": "m",
+    "body_clearance": "m",
+    "safety_friction": "",
+    "safety_torque": "",
+}
+
+# terrain/surfaces/<index>, attribute `kind` "flat" or "tube"; a dataset of edge half-spaces for flat
+FLAT = {
+    "vertices": Layout(("*", 3), "m", "world"),
+    "normal": Layout((3,), "", "world"),
+    "A": Layout(("*", 3), "", "world"),
+    "b": Layout(("*",), "m"),
+}
+TUBE = {"center": Layout((2,), "m", "world")}
+TUBE_NUMBERS = ("radius", "lower", "upper")
+ALLOWED = Layout(("N", "R"), kind="bool")
+
+# terrain/obstacles/<index> and terrain/free_choices/<index>/<index>: {x : A x <= b}
+VERTICES = Layout(("*", 3), "m", "world")
+HALF_SPACES = {"A": Layout(("*", 3), "", "world"), "b": Layout(("*",), "m")}
+
+TEXTS = Layout(("*",), kind="text")
+STUDY_LABEL = Layout(("*", "*"), kind="int")
+STUDY_VALUES = Layout(("*",))

@@ -1,0 +1,329 @@
+"""HDF5 with every doubt turned into a clear message.
+
+Writing: plain numbers, booleans and UTF-8 text only, each dataset with its `units` and, where it
+applies, its `frame`. Reading: a file from elsewhere is not trusted. Nothing is allocated before
+type, shape and stored size were looked at, links out of the file are refused, and whatever the
+HDF5 library says about damage becomes a PlanFileError.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.errors import PlanFileError
+from climbplan.plans.atomic_file import written_aside
+
+Kind = Literal["float", "int", "bool", "text"]
+Dimensions = dict[str, int]
+
+LARGEST_DATASET = 2**30  # [bytes]
+_LARGEST_RATIO = 1100  # deflate cannot shrink further than this
+_LARGEST_TEXT = 2**26  # [bytes]
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+_DTYPE_KINDS = {"float": "f", "int": "iu", "bool": "b"}
+_TEXT = h5py.string_dtype("utf-8")
+
+# What h5py raises when bytes are not what they claim to be; it has no exception of its own.
+_DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One dataset: its shape in symbols ("K", "N") and numbers, its units and its frame."""
+
+    shape: tuple[str | int, ...]
+    units: str = ""
+    frame: str = ""
+    kind: Kind = "float"
+    may_be_infinite: bool = False
+
+
+# Writing
+
+
+@contextmanager
+def new_store(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file that takes the place of `path` once it is complete.
+
+    Raises UsageError if it cannot be written.
+    """
+    with written_aside(path) as aside, h5py.File(aside, "w") as file:
+        yield file
+
+
+def write_dataset(group: h5py.Group, name: str, value: Any, layout: Layout) -> None:
+    """One array or a sequence of texts."""
+    if layout.kind == "text":
+        dataset = group.create_dataset(name, (len(value),), dtype=_TEXT)
+        if len(value):
+            dataset[:] = list(value)
+    else:
+        types = {"float": np.float64, "int": np.int64, "bool": np.bool_}
+        dataset = group.create_dataset(name, data=np.asarray(value, types[layout.kind]))
+    write_text(dataset, "units", layout.units)
+    if layout.frame:
+        write_text(dataset, "frame", layout.frame)
+
+
+def write_text(holder: h5py.HLObject, name: str, text: str) -> None:
+    """A UTF-8 attribute of any length."""
+    holder.attrs.create(name, text, dtype=_TEXT)
+
+
+def write_json(holder: h5py.HLObject, name: str, value: Any) -> None:
+    """An attribute that holds JSON text."""
+    write_text(holder, name, json.dumps(value, ensure_ascii=False))
+
+
+# Reading
+
+
+@contextmanager
+def opened_store(path: Path) -> Iterator[h5py.File]:
+    """An existing HDF5 file.
+
+    Raises PlanFileError for a missing file, a directory, another format or a damaged file.
+    """
+    if path.is_dir():
+        raise PlanFileError(f"{path}: a directory, expected a plan file")
+    try:
+        with path.open("rb") as stream:
+            empty = not stream.read(1)
+        is_hdf5 = h5py.is_hdf5(path)
+    except FileNotFoundError:
+        raise PlanFileError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise PlanFileError(f"{path}: cannot be read: {error}") from error
+    if not is_hdf5:
+        what = "empty" if empty else "not an HDF5 file"
+        raise PlanFileError(f"{path}: {what}, expected a plan file")
+    try:
+        file = h5py.File(path, "r")
+    except _DAMAGE as error:
+        raise PlanFileError(f"{path}: damaged (cut short?): {error}") from error
+    with file:
+        yield file
+
+
+@dataclass
+class Reader:
+    """Typed access to one file; dimensions are bound at their first use and hold from then on."""
+
+    path: Path
+    root: h5py.Group
+    dimensions: Dimensions = field(default_factory=dict)
+    not_finite: list[str] = field(default_factory=list)  # datasets and attributes seen so far
+
+    def refuse(self, what: str) -> PlanFileError:
+        """The error to raise, with the file's name."""
+        return PlanFileError(f"{self.path}: {what}")
+
+    def group(self, name: str) -> h5py.Group:
+        """A group that must be there."""
+        item = self._item(name)
+        if not isinstance(item, h5py.Group):
+            raise self.refuse(f"{name} is missing (expected a group)")
+        return item
+
+    def has(self, name: str) -> bool:
+        """Whether a dataset or group is there."""
+        return self._item(name) is not None
+
+    def members(self, name: str, most: int = 10_000) -> list[str]:
+        """Full names of the members of a group, in order."""
+        group = self.group(name)
+        if len(group) > most:
+            raise self.refuse(f"{name} has {len(group)} members, expected {most} at most")
+        try:
+            return [f"{name}/{key}" for key in sorted(group)]
+        except _DAMAGE as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+
+    def array(self, name: str, layout: Layout) -> NDArray[Any]:
+        """A dataset of numbers or booleans.
+
+        Raises PlanFileError if it is missing or of another type or shape.
+        """
+        dataset = self._dataset(name, layout)
+        types: dict[str, type[Any]] = {"float": np.float64, "int": np.int64, "bool": np.bool_}
+        try:
+            value = np.asarray(dataset[()]).astype(types[layout.kind])
+        except (*_DAMAGE, MemoryError) as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+        if layout.kind == "float":
+            bad = np.isnan(value) if layout.may_be_infinite else ~np.isfinite(value)
+            if bad.any():
+                self.not_finite.append(name)
+        return value
+
+    def texts(self, name: str, layout: Layout) -> tuple[str, ...]:
+        """A dataset of texts."""
+        dataset = self._dataset(name, layout)
+        try:
+            return tuple(_decoded(entry) for entry in dataset[()])
+        except (*_DAMAGE, MemoryError) as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+
+    def text(self, holder: str, name: str) -> str:
+        """A text attribute of the group `holder` ("" for the file itself)."""
+        value = self._attribute(holder, name)
+        if not isinstance(value, (str, bytes)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not text")
+        try:
+            return _decoded(value)
+        except UnicodeError as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is not UTF-8 text") from error
+
+    def number(self, holder: str, name: str) -> float:
+        """A number attribute; NaN and infinities are noted."""
+        value = self._attribute(holder, name)
+        if isinstance(value, np.bool_) or not isinstance(value, (np.number, int, float)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not a number")
+        try:
+            number = float(value)
+        except _DAMAGE as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is not a number") from error
+        if not math.isfinite(number):
+            self.not_finite.append(_at(holder, name))
+        return number
+
+    def integer(self, holder: str, name: str) -> int:
+        """An integer attribute."""
+        value = self._attribute(holder, name)
+        if isinstance(value, np.bool_) or not isinstance(value, (np.integer, int)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not an integer")
+        return int(value)
+
+    def flag(self, holder: str, name: str) -> bool:
+        """A boolean attribute."""
+        value = self._attribute(holder, name)
+        if not isinstance(value, (np.bool_, bool)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not a boolean")
+        return bool(value)
+
+    def json(self, holder: str, name: str) -> Any:
+        """The value of an attribute that holds JSON text."""
+        try:
+            return json.loads(self.text(holder, name))
+        except (ValueError, RecursionError) as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
+
+    def has_attribute(self, holder: str, name: str) -> bool:
+        """Whether an attribute is there."""
+        try:
+            return name in self._holder(holder).attrs
+        except _DAMAGE as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is damaged: {error}") from error
+
+    def _holder(self, holder: str) -> h5py.Group:
+        return self.group(holder) if holder else self.root
+
+    def _attribute(self, holder: str, name: str) -> Any:
+        owner = self._holder(holder)
+        where = f"attribute {_at(holder, name)}"
+        if not self.has_attribute(holder, name):
+            raise self.refuse(f"{where} is missing")
+        try:
+            if owner.attrs.get_id(name).shape != ():
+                raise self.refuse(f"{where} is not a single value")
+            return owner.attrs[name]
+        except (*_DAMAGE, MemoryError) as error:
+            raise self.refuse(f"{where} is damaged: {error}") from error
+
+    def _item(self, name: str) -> h5py.Group | h5py.Dataset | None:
+        """A member reached through the file's own links only."""
+        here: Any = self.root
+        try:
+            for part in name.split("/"):
+                if not isinstance(here, h5py.Group):
+                    return None
+                link = here.get(part, getlink=True)
+                if link is None:
+                    return None
+                if not isinstance(link, h5py.HardLink):
+                    raise self.refuse(f"{name} is a link, expected data in the file itself")
+                here = here[part]
+        except _DAMAGE as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+        return here
+
+    def _dataset(self, name: str, layout: Layout) -> h5py.Dataset:
+        dataset = self._item(name)
+        if not isinstance(dataset, h5py.Dataset):
+            raise self.refuse(f"{name} is missing (expected a dataset)")
+        try:
+            dtype, shape = dataset.dtype, dataset.shape
+            stored = dataset.id.get_storage_size()
+            plan = dataset.id.get_create_plist()
+            filters = {plan.get_filter(k)[0] for k in range(plan.get_nfilters())}
+            elsewhere = dataset.is_virtual or plan.get_external_count() > 0
+        except _DAMAGE as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+        if layout.kind == "text":
+            matches = h5py.check_string_dtype(dtype) is not None
+        else:
+            matches = dtype.kind in _DTYPE_KINDS[layout.kind]
+        if not matches:
+            raise self.refuse(f"{name} holds {dtype}, expected {layout.kind}")
+        if shape is None:
+            raise self.refuse(f"{name} is empty, expected shape {_shown(layout.shape)}")
+        self._bind(name, shape, layout.shape)
+        if elsewhere:
+            raise self.refuse(f"{name} refers to data outside the file")
+        if not filters <= _FILTERS:
+            raise self.refuse(f"{name} is compressed with an unknown filter")
+        claimed = math.prod(shape) * dtype.itemsize
+        if claimed > LARGEST_DATASET or claimed > _LARGEST_RATIO * stored:
+            raise self.refuse(
+                f"{name} claims shape {_shown(shape)}, but the file holds {stored} bytes of it"
+            )
+        return dataset
+
+    def _bind(self, name: str, shape: tuple[int, ...], expected: Sequence[str | int]) -> None:
+        """Dimensions are bound by the first dataset that has them, names say which."""
+        fits = len(shape) == len(expected)
+        if fits:
+            for size, symbol in zip(shape, expected, strict=True):
+                want = (
+                    self.dimensions.get(symbol, size) if isinstance(symbol, str) else int(symbol)
+                )
+                fits = fits and size == want
+        if not fits:
+            known = [
+                f"{symbol} = {self.dimensions[symbol]}"
+                for symbol in expected
+                if isinstance(symbol, str) and symbol in self.dimensions
+            ]
+            detail = f" with {', '.join(known)}" if known else ""
+            raise self.refuse(
+                f"{name} has shape {_shown(shape)}, expected {_shown(expected)}{detail}"
+            )
+        for size, symbol in zip(shape, expected, strict=True):
+            # "*" stands for any length and is never bound.
+            if isinstance(symbol, str) and symbol != "*":
+                self.dimensions[symbol] = size
+
+
+def _decoded(entry: str | bytes) -> str:
+    text = entry.decode("utf-8") if isinstance(entry, bytes) else entry
+    if len(text) > _LARGEST_TEXT:
+        raise ValueError("text too long")
+    return text.encode("utf-8").decode("utf-8")  # refuses what was smuggled in as surrogates
+
+
+def _at(holder: str, name: str) -> str:
+    return f"{holder}/{name}" if holder else name
+
+
+def _shown(shape: Sequence[str | int]) -> str:
+    return f"({', '.join(str(s) for s in shape)}{',' if len(shape) == 1 else ''})"

@@ -1,0 +1,60 @@
+"""The named blocks a program is made of, as stated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from climbplan.program.polytope import Array, Polytope
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A block of continuous variables."""
+
+    name: str
+    shape: tuple[int, ...]
+    start: int  # first index in x
+    lower: Array
+    upper: Array
+    unit: str
+
+    @property
+    def stop(self) -> int:
+        """One past the last index in x."""
+        return self.start + math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class RowBlock:
+    """lower <= expression <= upper."""
+
+    name: str
+    shape: tuple[int, ...]
+    expression: list[Any]
+    lower: Array
+    upper: Array
+    unit: str
+
+
+@dataclass(frozen=True)
+class BallBlock:
+    """|| rows of expression || <= radius."""
+
+    name: str
+    shape: tuple[int, ...]
+    expression: list[Any]  # K d scalars
+    dimension: int
+    radius: Array  # (K,)
+    unit: str
+
+
+@dataclass(frozen=True)
+class ChoiceBlock:
+    name: str
+    shape: tuple[int, ...]  # of the choices
+    expression: list[Any]
+    dimension: int
+    alternatives: tuple[tuple[Polytope, ...], ...]
+    unit: str

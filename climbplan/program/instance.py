@@ -1,0 +1,101 @@
+"""The numbers of a program at one parameter value: what solvers read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from climbplan.program.polytope import Array, Polytope
+
+
+@dataclass(frozen=True)
+class Balls:
+    """K constraints || F_k x + f_k ||_2 <= radius_k, all of the same dimension d."""
+
+    F: sparse.csr_matrix  # (K d, n) rows of ball k are k d ... k d + d - 1
+    f: Array  # (K, d)
+    radius: Array  # (K,)
+
+    @property
+    def count(self) -> int:
+        """K."""
+        return len(self.radius)
+
+    def vectors(self, x: Array) -> Array:
+        """F_k x + f_k, (K, d)."""
+        return (self.F @ x).reshape(self.f.shape) + self.f
+
+    def excess(self, x: Array) -> Array:
+        """|| F_k x + f_k || - radius_k, (K,): positive where violated."""
+        return np.linalg.norm(self.vectors(x), axis=1) - self.radius
+
+
+@dataclass(frozen=True)
+class Choice:
+    """y = E x + e lies in at least one of the alternatives; one binary each."""
+
+    name: str
+    E: sparse.csr_matrix  # (d, n)
+    e: Array  # (d,)
+    alternatives: tuple[Polytope, ...]
+
+    def point(self, x: Array) -> Array:
+        """y (d,)."""
+        return np.asarray(self.E @ x + self.e)
+
+    def violations(self, x: Array) -> Array:
+        """Violation of each alternative at x, (R,)."""
+        y = self.point(x)
+        return np.array([p.violation(y) for p in self.alternatives])
+
+
+@dataclass(frozen=True)
+class Instance:
+    """minimise 1/2 x'Px + q'x + constant over bounds, rows, balls and choices."""
+
+    name: str
+    P: sparse.csc_matrix  # (n, n) symmetric positive semidefinite
+    q: Array  # (n,)
+    constant: float
+    lower: Array  # (n,)
+    upper: Array  # (n,)
+    A: sparse.csr_matrix  # (m, n) row_lower <= A x <= row_upper
+    row_lower: Array  # (m,)
+    row_upper: Array  # (m,)
+    balls: tuple[Balls, ...]
+    choices: tuple[Choice, ...]
+
+    @property
+    def size(self) -> int:
+        """n, continuous variables."""
+        return len(self.q)
+
+    @property
+    def binary_count(self) -> int:
+        """One binary for each alternative of each choice."""
+        return sum(len(c.alternatives) for c in self.choices)
+
+    def objective(self, x: Array) -> float:
+        """Exact objective at x."""
+        return float(0.5 * x @ (self.P @ x) + self.q @ x + self.constant)
+
+    def assignment(self, x: Array) -> NDArray[np.int64]:
+        """Least violated alternative of each choice at x."""
+        return np.array([int(np.argmin(c.violations(x))) for c in self.choices], np.int64)
+
+    def violation(self, x: Array, assignment: NDArray[np.int64] | None = None) -> float:
+        """Largest violation of any constraint at x (0 if feasible)."""
+        chosen = self.assignment(x) if assignment is None else assignment
+        worst = [0.0, float((self.lower - x).max()), float((x - self.upper).max())]
+        if self.A.shape[0]:
+            row = self.A @ x
+            worst += [float((self.row_lower - row).max()), float((row - self.row_upper).max())]
+        worst += [float(balls.excess(x).max()) for balls in self.balls if balls.count]
+        worst += [
+            c.alternatives[k].violation(c.point(x))
+            for c, k in zip(self.choices, chosen, strict=True)
+        ]
+        return max(worst)

@@ -1,0 +1,243 @@
+"""Stating a program: variables, parameters, named blocks, cost terms.
+
+Expressions are CasADi scalars in NumPy object arrays, so that a statement reads like its
+derivation. Compiling extracts the coefficient matrices once as functions of the parameters;
+`at(theta)` only updates numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from climbplan.program.blocks import BallBlock, ChoiceBlock, RowBlock, Variable
+from climbplan.program.compilation import CompiledProgram, compile_program
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array, Polytope
+from climbplan.program.residuals import BlockResidual, CheckReport
+
+Expression = NDArray[np.object_]  # CasADi scalars, any shape
+
+
+@dataclass
+class Program:
+    """minimise f(x; theta) subject to named linear, ball and one-of-several-polytopes blocks."""
+
+    name: str
+    variables: dict[str, Variable] = field(default_factory=dict)
+    parameters: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    _x: list[Any] = field(default_factory=list, repr=False)
+    _theta: list[Any] = field(default_factory=list, repr=False)
+    _rows: list[RowBlock] = field(default_factory=list, repr=False)
+    _balls: list[BallBlock] = field(default_factory=list, repr=False)
+    _choices: list[ChoiceBlock] = field(default_factory=list, repr=False)
+    _costs: dict[str, Any] = field(default_factory=dict, repr=False)
+    _compiled: CompiledProgram | None = field(default=None, repr=False)
+
+    # ---- variables and parameters
+
+    def continuous(
+        self,
+        name: str,
+        shape: tuple[int, ...],
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        unit: str = "",
+    ) -> Expression:
+        """A block of continuous variables with bounds, as an array of scalars."""
+        self._fresh(name, self.variables)
+        low = np.broadcast_to(np.asarray(lower, float), shape)
+        high = np.broadcast_to(np.asarray(upper, float), shape)
+        self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
+        return self._symbols(name, shape, self._x)
+
+    def parameter(self, name: str, shape: tuple[int, ...]) -> Expression:
+        """A block of parameters theta, as an array of scalars."""
+        self._fresh(name, self.parameters)
+        self.parameters[name] = shape
+        return self._symbols(name, shape, self._theta)
+
+    # ---- constraints
+
+    def between(
+        self, name: str, expression: Expression, lower: ArrayLike, upper: ArrayLike, unit: str = ""
+    ) -> None:
+        """lower <= expression <= upper, elementwise; the bounds are numbers."""
+        shape = np.shape(expression)
+        low = np.broadcast_to(np.asarray(lower, float), shape).ravel()
+        high = np.broadcast_to(np.asarray(upper, float), shape).ravel()
+        self._rows.append(RowBlock(name, shape, list(np.ravel(expression)), low, high, unit))
+        self._compiled = None
+
+    def equal(self, name: str, expression: Expression, unit: str = "") -> None:
+        """expression == 0, elementwise."""
+        self.between(name, expression, 0.0, 0.0, unit)
+
+    def ball(self, name: str, vectors: Expression, radius: ArrayLike, unit: str = "") -> None:
+        """|| vectors[k] ||_2 <= radius[k] along the last axis: a second-order cone each."""
+        *shape, dimension = np.shape(vectors)
+        radii = np.broadcast_to(np.asarray(radius, float), tuple(shape)).ravel()
+        block = BallBlock(name, tuple(shape), list(np.ravel(vectors)), dimension, radii, unit)
+        self._balls.append(block)
+        self._compiled = None
+
+    def one_of(
+        self,
+        name: str,
+        points: Expression,
+        alternatives: Sequence[Sequence[Polytope]],
+        unit: str = "",
+    ) -> None:
+        """points[k] (last axis) lies in one of alternatives[k]: one binary an alternative."""
+        *shape, dimension = np.shape(points)
+        block = ChoiceBlock(
+            name,
+            tuple(shape),
+            list(np.ravel(points)),
+            dimension,
+            tuple(tuple(group) for group in alternatives),
+            unit,
+        )
+        if len(block.alternatives) != math.prod(shape):
+            raise ValueError(f"{name}: one list of alternatives for each point is needed")
+        self._choices.append(block)
+        self._compiled = None
+
+    def minimise(self, name: str, term: Any) -> None:
+        """Add a named cost term (quadratic in the variables)."""
+        self._fresh(name, self._costs)
+        self._costs[name] = term
+        self._compiled = None
+
+    # ---- numbers
+
+    def at(self, theta: Mapping[str, ArrayLike] | None = None) -> Instance:
+        """The instance at parameter values; rebuilds nothing but numbers after the first call."""
+        if self._compiled is None:
+            self._compiled = compile_program(
+                self.name,
+                tuple(self.variables.values()),
+                tuple(self._rows),
+                tuple(self._balls),
+                tuple(self._choices),
+                sum(self._costs.values(), ca.SX(0)),
+                self._x,
+                self._theta,
+            )
+        return self._compiled.instance(self.theta(theta))
+
+    def theta(self, values: Mapping[str, ArrayLike] | None = None) -> Array:
+        """Parameter values as one vector; raises ValueError for missing, unknown or misshapen."""
+        given = dict(values or {})
+        if set(given) != set(self.parameters):
+            raise ValueError(f"parameters {sorted(self.parameters)} expected, got {sorted(given)}")
+        parts = []
+        for name, shape in self.parameters.items():
+            part = np.asarray(given[name], float)
+            if part.shape != shape:
+                raise ValueError(f"parameter {name}: shape {shape} expected, got {part.shape}")
+            parts.append(part.ravel())
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def value(self, name: str, x: Array) -> Array:
+        """The values of one variable block in a solution vector."""
+        variable = self.variables[name]
+        return np.asarray(x[variable.start : variable.stop]).reshape(variable.shape)
+
+    def point(self, values: Mapping[str, ArrayLike]) -> Array:
+        """The solution vector made of values of all variable blocks."""
+        x = np.empty(len(self._x))
+        for name, variable in self.variables.items():
+            x[variable.start : variable.stop] = np.asarray(values[name], float).ravel()
+        return x
+
+    # ---- counting and checking
+
+    def counts(self) -> dict[str, Any]:
+        """Sizes in all and by block name."""
+        binaries = {b.name: sum(map(len, b.alternatives)) for b in self._choices}
+        rows = {b.name: len(b.expression) for b in self._rows}
+        balls = {b.name: len(b.radius) for b in self._balls}
+        return {
+            "continuous": len(self._x),
+            "binary": sum(binaries.values()),
+            "linear_rows": sum(rows.values()),
+            "balls": sum(balls.values()),
+            "choices": sum(len(b.alternatives) for b in self._choices),
+            "by_block": {**rows, **balls, **binaries},
+        }
+
+    def check(
+        self,
+        x: Array,
+        theta: Mapping[str, ArrayLike] | None = None,
+        assignment: NDArray[np.int64] | None = None,
+    ) -> CheckReport:
+        """Residual of every named block at x.
+
+        assignment: chosen alternative of each choice in order of statement; the least violated one
+        if left out.
+        """
+        instance = self.at(theta)
+        out = []
+        for v in self.variables.values():
+            values = x[v.start : v.stop].reshape(v.shape)
+            out.append(_worst(f"bounds.{v.name}", _outside(values, v.lower, v.upper), v.unit))
+        row = instance.A @ x
+        start = 0
+        for rows in self._rows:
+            here = slice(start, start + len(rows.expression))
+            start = here.stop
+            low, high = instance.row_lower[here], instance.row_upper[here]
+            out.append(
+                _worst(rows.name, _outside(row[here], low, high).reshape(rows.shape), rows.unit)
+            )
+        for block, balls in zip(self._balls, instance.balls, strict=True):
+            excess = np.maximum(balls.excess(x), 0.0).reshape(block.shape)
+            out.append(_worst(block.name, excess, block.unit))
+        chosen = instance.assignment(x) if assignment is None else assignment
+        start = 0
+        for group in self._choices:
+            here = slice(start, start + len(group.alternatives))
+            start = here.stop
+            violation = np.array(
+                [
+                    c.alternatives[k].violation(c.point(x))
+                    for c, k in zip(instance.choices[here], chosen[here], strict=True)
+                ]
+            )
+            out.append(_worst(group.name, violation.reshape(group.shape), group.unit))
+        return CheckReport(tuple(out), instance.objective(x))
+
+    # ---- internals
+
+    def _fresh(self, name: str, taken: Mapping[str, Any]) -> None:
+        if name in taken:
+            raise ValueError(f"{self.name}: {name!r} is stated twice")
+        self._compiled = None
+
+    @staticmethod
+    def _symbols(name: str, shape: tuple[int, ...], into: list[Any]) -> Expression:
+        symbols = ca.SX.sym(name, math.prod(shape)).elements()
+        into.extend(symbols)
+        block = np.empty(len(symbols), dtype=object)
+        block[:] = symbols
+        return block.reshape(shape)
+
+
+def _outside(value: Array, lower: Array, upper: Array) -> Array:
+    return np.maximum(np.maximum(lower - value, value - upper), 0.0)
+
+
+def _worst(name: str, residual: Array, unit: str) -> BlockResidual:
+    if residual.size == 0:
+        return BlockResidual(name, 0.0, unit, ())
+    flat = int(np.argmax(residual))
+    index = tuple(int(i) for i in np.unravel_index(flat, residual.shape))
+    return BlockResidual(name, float(residual.ravel()[flat]), unit, index)

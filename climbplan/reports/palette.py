@@ -1,0 +1,35 @@
+"""Colours shared by figures and page, told apart with any common colour blindness.
+
+Limb colours are those of Okabe and Ito, with the two that vanish on white replaced by dark ones.
+"""
+
+from __future__ import annotations
+
+LIMBS = (
+    "#0072B2",  # blue
+    "#D55E00",  # vermillion
+    "#009E73",  # green
+    "#CC79A7",  # pink
+    "#E69F00",  # orange
+    "#56B4E9",  # sky
+    "#882255",  # wine
+    "#7A7A2A",  # olive
+)
+INK = "#1F2933"
+MUTED = "#697586"
+GRID = "#D5DBE3"
+SURFACE = "#8FA3B8"  # walls and tubes
+OBSTACLE = "#B0906A"
+BODY = "#4A5A6B"
+FAILURE = "#C0392B"  # limits at which the robot slips or overloads
+REQUIRED = "#475569"  # margins asked for
+FORCE = "#123C8C"
+TRACE = "#9AA5B1"
+CONE = "#C0392B"
+CONE_SHRUNK = "#E08E79"
+LABELS = ("#4DA37F", "#E0A03A", "#8C5FA8")  # feasible, force-, kinematics-infeasible
+
+
+def limb_color(limb: int) -> str:
+    """Colour of a limb; repeats after eight, where names tell limbs apart."""
+    return LIMBS[limb % len(LIMBS)]

@@ -1,0 +1,80 @@
+"""What figures and page plot over the instants: worst torque and critical friction by limb."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.plans.climb_plan import ClimbPlan, Index
+from climbplan.robots.rotations import Array
+
+
+@dataclass(frozen=True)
+class Span:
+    """Consecutive instants, both ends included."""
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class LimbSeries:
+    """One limb over the K instants."""
+
+    name: str
+    torque: Array  # (K,) |torque| of the joint nearest to its limit [N m]
+    joint: Index  # (K,) that joint: 0 coxa, 1 femur, 2 tibia
+    torque_limit: Array  # (K,) max_torque of that joint [N m]
+    torque_planned: Array  # (K,) torque_limit / S_tau of the instant [N m]
+    mu_critical: Array  # (K,) friction coefficient at which the toe would slip, eq. (5.2)
+    mu: Array  # (K,) friction coefficient of the surface
+    mu_planned: Array  # (K,) mu / S_mu asked for
+    lifted: tuple[Span, ...]  # when the limb is in the air
+
+
+def spans(mask: NDArray[np.bool_]) -> tuple[Span, ...]:
+    """Runs of True in a mask (K,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return tuple(
+        Span(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)
+    )
+
+
+def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
+    """The series of every limb of a plan."""
+    instants, forces = plan.instants, plan.forces
+    magnitude = np.abs(forces.joint_torques)  # (K, N, 3)
+    limits = np.broadcast_to(plan.robot.max_torque, magnitude.shape)
+    worst = np.argmax(magnitude / limits, axis=-1)[..., None]  # (K, N, 1)
+    torque = np.take_along_axis(magnitude, worst, axis=-1)[..., 0]
+    limit = np.take_along_axis(limits, worst, axis=-1)[..., 0]
+    return tuple(
+        LimbSeries(
+            name=name,
+            torque=torque[:, limb],
+            joint=worst[:, limb, 0],
+            torque_limit=limit[:, limb],
+            torque_planned=limit[:, limb] / forces.safety_torque,
+            mu_critical=forces.mu_critical[:, limb],
+            mu=instants.mu[:, limb],
+            mu_planned=instants.mu[:, limb] / plan.limits.safety_friction,
+            lifted=spans(instants.lifted[:, limb]),
+        )
+        for limb, name in enumerate(plan.robot.limb_names)
+    )
+
+
+def round_spans(plan: ClimbPlan) -> tuple[Span, ...]:
+    """The instants of each round, in order."""
+    numbers = plan.instants.round
+    starts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1))
+    ends = np.append(starts[1:], len(numbers)) - 1
+    return tuple(Span(int(a), int(b)) for a, b in zip(starts, ends, strict=True))
+
+
+def instant_labels(plan: ClimbPlan) -> tuple[str, ...]:
+    """Where every instant stands in the gait."""
+    names = plan.robot.limb_names
+    return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))

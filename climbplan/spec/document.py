@@ -1,0 +1,57 @@
+"""A parsed spec whose every value knows where it was written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from climbplan.errors import SpecMistake
+
+KeyPath = tuple[str | int, ...]
+
+
+def dotted(path: KeyPath) -> str:
+    """`terrain.regions.0.friction`, the form that `--set` takes."""
+    text = ".".join(str(segment) for segment in path)
+    text = text if text.isprintable() else ascii(text)[1:-1]
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something wrong at a key path, before it is known where that path was written."""
+
+    path: KeyPath
+    message: str
+    suggestion: str | None = None
+    option: str | None = None  # the command option at fault, where no value came of it
+
+
+@dataclass
+class Document:
+    """Plain YAML data (mappings, lists, text, numbers) with the origin of each value."""
+
+    source: str  # as shown in messages
+    text: str
+    value: Any
+    lines: dict[KeyPath, int] = field(default_factory=dict)  # 1-based
+    options: dict[KeyPath, str] = field(default_factory=dict)  # set by this command option
+    findings: list[Finding] = field(default_factory=list)  # mistakes of the YAML itself
+
+    def mistake(self, finding: Finding) -> SpecMistake:
+        """The finding with the line or the option that its value came from."""
+        option, line = finding.option, None
+        for length in range(len(finding.path), -1, -1):
+            prefix = finding.path[:length]
+            option = option or self.options.get(prefix)
+            line = None if option else self.lines.get(prefix)
+            if option or line:
+                break
+        source = option or self.source
+        return SpecMistake(dotted(finding.path), finding.message, line, finding.suggestion, source)
+
+    def mistakes(self, findings: Iterable[Finding]) -> list[SpecMistake]:
+        """All findings with their places, in the order of the file."""
+        mistakes = [self.mistake(finding) for finding in findings]
+        return sorted(mistakes, key=lambda m: (m.line is None, m.line or 0))

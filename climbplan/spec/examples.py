@@ -1,0 +1,49 @@
+"""The runnable example specs, wherever the package was installed from."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+from climbplan.errors import UsageError
+from climbplan.spec.fields import nearest
+
+# What `climbplan new KIND` writes; the most telling example of each kind.
+FIRST_EXAMPLE = {"climb": "climb_obstacle", "robot": "silvia"}
+
+
+def example_names(kind: str) -> list[str]:
+    """Names of the example specs of one kind, sorted; empty for an unknown kind."""
+    marker = re.compile(rf"^kind:\s*{re.escape(kind)}\s*(#.*)?$", re.MULTILINE)
+    return sorted(
+        name for name, file in _files().items() if marker.search(file.read_text(encoding="utf-8"))
+    )
+
+
+def example_text(name: str) -> str:
+    """The YAML text of an example, comments included.
+
+    Raises:
+        UsageError: there is no such example.
+    """
+    examples = _files()
+    if name not in examples:
+        near = nearest(name, list(examples))
+        hint = f" (did you mean {near!r}?)" if near else ""
+        raise UsageError(f"no example {name!r}, there are {', '.join(sorted(examples))}{hint}")
+    return examples[name].read_text(encoding="utf-8")
+
+
+def _files() -> dict[str, Traversable]:
+    package = files("climbplan")
+    specs = package.joinpath("example_specs")  # a wheel carries them inside the package
+    if not specs.is_dir():
+        specs = package.joinpath("..", "specs")  # a checkout beside it
+    directories = [d for d in (specs, package.joinpath("robots")) if d.is_dir()]
+    return {
+        entry.name.removesuffix(".yaml"): entry
+        for directory in directories
+        for entry in directory.iterdir()
+        if entry.name.endswith(".yaml")
+    }

@@ -1,0 +1,153 @@
+"""From a spec file and overrides to validated models, with all mistakes at once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.spec.base import SpecModel
+from climbplan.spec.checks import ClimbParts, check_parts, check_study
+from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
+from climbplan.spec.document import Document, Finding
+from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import UnknownRobot, load_robot, robot_of
+from climbplan.spec.source import SourceText, read_source
+from climbplan.spec.terrain import TerrainSpec
+from climbplan.spec.yaml_source import parse_yaml
+
+Model = TypeVar("Model", bound=SpecModel)
+
+
+@dataclass(frozen=True)
+class LoadedClimb:
+    """A climb spec, checked against its robot, and the text it came from."""
+
+    spec: ClimbSpec
+    robot: RobotSpec
+    text: str  # YAML after overrides; the file's own text if there were none
+    sha256: str  # of `text`
+    name: str  # file stem, "stdin" for standard input
+    source: str  # as in messages
+    directory: Path  # that a robot's path starts from
+
+    def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
+        """The same climb with other values, as the points of a study are.
+
+        Raises:
+            SpecError: with every mistake that the overrides bring.
+        """
+        return _load(SourceText(self.source, self.name, self.directory, self.text), overrides)
+
+
+def load_climb(
+    source: str | Path,
+    overrides: Sequence[str | Override] = (),
+    robot_dir: str | Path | None = None,
+) -> LoadedClimb:
+    """Read, override and check a climb spec and its robot.
+
+    `source` is a path or `-` for standard input. A robot given by path is looked up from
+    `robot_dir`, by default the directory of the spec (the current one for standard input).
+
+    Raises:
+        SpecError: with every mistake in spec, overrides and robot file.
+    """
+    text = read_source(source)
+    if robot_dir is not None:
+        text = replace(text, directory=Path(robot_dir))
+    return _load(text, overrides)
+
+
+def check_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> str:
+    """Check a spec of any kind and return its kind.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    text = read_source(source)
+    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
+    kind = find_kind(document)
+    if isinstance(kind, Finding):
+        raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
+    if kind == "robot":
+        robot_of(document)
+    else:
+        _climb_of(document, text)
+    return kind
+
+
+def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
+    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
+    spec, robot = _climb_of(document, text)
+    return LoadedClimb(
+        spec=spec,
+        robot=robot,
+        text=document.text,
+        sha256=hashlib.sha256(document.text.encode()).hexdigest(),
+        name=text.name,
+        source=text.shown,
+        directory=text.directory,
+    )
+
+
+def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpec]:
+    findings: list[Finding] = []
+    kind = find_kind(document, wanted="climb")
+    if isinstance(kind, Finding):
+        findings.append(kind)
+    spec, found = validate(document, ClimbSpec)
+    findings += [f for f in found if f.path != ("kind",)]
+    robot, robot_mistakes = _robot_of_climb(document, text.directory)
+    findings += check_parts(_parts(document, robot))
+    if spec is not None:
+        findings += check_study(spec)
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
+    if spec is None or robot is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    return spec, robot
+
+
+def _robot_of_climb(
+    document: Document, directory: Path
+) -> tuple[RobotSpec | None, list[SpecMistake]]:
+    reference = document.value.get("robot")
+    if not isinstance(reference, str) or not reference:
+        return None, []  # the model says what is wrong with it
+    try:
+        return load_robot(reference, directory), []
+    except UnknownRobot as error:
+        finding = Finding(("robot",), str(error), error.suggestion)
+        return None, [document.mistake(finding)]
+    except SpecError as error:
+        return None, [
+            # Without a line the file itself is at fault, and so the key that names it.
+            replace(m, source=m.source or error.source)
+            if m.line
+            else document.mistake(Finding(("robot",), f"{error.source}: {m.message}", m.suggestion))
+            for m in error.mistakes
+        ]
+
+
+def _parts(document: Document, robot: RobotSpec | None) -> ClimbParts:
+    return ClimbParts(
+        terrain=_part(document, "terrain", TerrainSpec),
+        task=_part(document, "task", TaskSpec),
+        posture=_part(document, "posture", PosturePlannerSpec),
+        solver=_part(document, "solver", SolverSpec),
+        robot=robot,
+    )
+
+
+def _part(document: Document, key: str, model: type[Model]) -> Model | None:
+    try:
+        return model.model_validate(document.value.get(key, {}))
+    except ValidationError:
+        return None  # reported with the whole

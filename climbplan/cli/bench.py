@@ -22,7 +22,7 @@ BENCHMARKS = {
 def bench(
     context: typer.Context,
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="One benchmark [default: all].")
+        str | None, typer.Argument(metavar="NAME", help="One benchmark [default: all].")
     ] = None,
     show_list: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Smaller instances, fewer runs.")] = False,

@@ -56,7 +56,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[gurobi]'",
     ),
-    Part("Knitro", "knitro", "knitro", "not used yet; needs a licence", required=False),
+    Part("Knitro", "knitro", "knitro", "no command of this version uses it", required=False),
     Part(
         "CVXPY",
         "cvxpy",

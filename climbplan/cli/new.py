@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 def new(
     kind: Annotated[str, typer.Argument(metavar="KIND", help="Kind of spec: climb, robot.")],
     directory: Annotated[
-        Path, typer.Argument(metavar="[DIR]", help="Where to write it [default: here].")
+        Path, typer.Argument(metavar="DIR", help="Where to write it [default: here].")
     ] = Path(),
     example: Annotated[
         str | None,

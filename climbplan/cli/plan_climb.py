@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import (
-    Force, Jobs, Json, Method, Out, Quiet, SaveModel, Seed, Set, Solver, Spec, TimeLimit, Verbose,
-)  # fmt: skip
+    Force,
+    Jobs,
+    Json,
+    Method,
+    Out,
+    Quiet,
+    SaveModel,
+    Seed,
+    Set,
+    Solver,
+    Spec,
+    TimeLimit,
+    Verbose,
+)
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from climbplan.plans.verification import Check, Verification
 
 
 def plan_climb(
@@ -55,7 +73,8 @@ def plan_climb(
         from climbplan.reports.climb_report import report_dict, write_report
 
         with StageProgress(session) as progress:
-            found = plan(loaded, report=progress.report, jobs=jobs, save_model=save_model)
+            with placed_mistakes(loaded):
+                found = plan(loaded, report=progress.report, jobs=jobs, save_model=save_model)
             for line in found.summary:
                 session.note(line)
             plan_file = directory.path / PLAN_FILE
@@ -63,7 +82,9 @@ def plan_climb(
             write_climb(found, plan_file)
             start = time.perf_counter()
             verification = verify(plan_file)
-            session.note(verification_line(verification, time.perf_counter() - start))
+            session.note(_verify_line(verification, time.perf_counter() - start))
+            if verification.passed != found.verified:
+                write_climb(dataclasses.replace(found, verified=verification.passed), plan_file)
             progress.report("report", 0.0)
             write_report(plan_file, directory.path)
         directory.publish()
@@ -73,6 +94,20 @@ def plan_climb(
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
+
+
+def _verify_line(verification: Verification, seconds: float) -> str:
+    """The last line of the summary: how the verification went and where it is tightest."""
+    checks = verification.checks
+    worst = max(checks, key=lambda check: check.residual / check.limit if check.limit else 0.0)
+    word = "passed" if verification.passed else "FAILED"
+    failed = [check.name for check in checks if not check.passed]
+    detail = f"not met: {', '.join(failed)}" if failed else f"worst margin: {_place(worst)}"
+    return f"{'verify':<9} {word:<9} {seconds:.2f} s   {len(checks)} checks, {detail}"
+
+
+def _place(check: Check) -> str:
+    return f"{check.name} at {check.worst_at}" if check.worst_at else check.name
 
 
 def _check_model_path(path: Path | None) -> None:

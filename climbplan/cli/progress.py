@@ -69,7 +69,8 @@ class StageProgress:
             )
             # Without a fraction to show the bar pulses.
             total = 1.0 if self._fraction > 0 else None
-            task = bar.add_task(self._stage, total=total, completed=self._fraction)
+            task = bar.add_task(self._stage, total=total)
+            bar.update(task, completed=self._fraction)
             bar.start()
             self._bar = (bar, task)
 

@@ -11,7 +11,7 @@ from climbplan.cli.console import print_json
 
 def schema(
     kind: Annotated[
-        str | None, typer.Argument(metavar="[KIND]", help="Kind of spec [default: all kinds].")
+        str | None, typer.Argument(metavar="KIND", help="Kind of spec [default: all kinds].")
     ] = None,
 ) -> None:
     """Print the JSON Schema of a kind of spec, with the meaning and unit of each key."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from climbplan.cli.console import print_error, print_json, print_result
+from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Json, Quiet, Set, Verbose
 from climbplan.errors import ExitCode
 
@@ -25,19 +26,24 @@ def validate(
 
     Exit code 2 if there is one.
     """
+    from climbplan.climb.scene import build_scene
     from climbplan.errors import SpecError
-    from climbplan.spec.loading import check_spec
+    from climbplan.spec.loading import LoadedClimb, load_spec
 
     results: list[dict[str, Any]] = []
     for spec in specs:
         try:
-            kind = check_spec(spec, assignments or ())
+            loaded = load_spec(spec, assignments or ())
+            if isinstance(loaded, LoadedClimb):
+                with placed_mistakes(loaded):
+                    build_scene(loaded.spec, loaded.robot, loaded.source)
         except SpecError as error:
             mistakes = [dataclasses.asdict(mistake) for mistake in error.mistakes]
             results.append({"spec": spec, "valid": False, "mistakes": mistakes})
             if not as_json:
                 print_error(error)
         else:
+            kind = loaded.spec.kind if isinstance(loaded, LoadedClimb) else loaded.kind
             results.append({"spec": spec, "valid": True, "kind": kind, "mistakes": []})
             if not as_json:
                 print_result(f"{spec}: ok ({kind})")

@@ -116,7 +116,8 @@ def _with_start(start: Array, rest: Array) -> Array:
 
 def rotation_warnings(rounds: Rounds) -> tuple[str, ...]:
     """Rounds whose rotation leaves the range of the linearisation."""
-    largest = np.abs(rounds.rpy).max(axis=1)
+    level = np.array([0.0, 0.0, rounds.rpy[0, 2]])
+    largest = np.abs(rounds.rpy - level).max(axis=1)
     beyond = np.flatnonzero(largest > LINEAR_ROTATION_LIMIT)
     if len(beyond) == 0:
         return ()

@@ -1,8 +1,10 @@
 """The posture problem of chapter 5.1.3, stated once as a program.
 
 Decision variables for rounds j = 1..M: toes p_i[j], body origin p_COM[j] and rotation
-Theta[j] = (roll, pitch, yaw), linearised by eq. (5.5), R v = v + Theta x v. Round 0 is the given
-start. Constraint letters are those of the complete formulation (Fig. 5.1 of the chapter).
+Theta[j] = (roll, pitch, yaw). Round 0 is the given start. Rotations are linearised by eq. (5.5)
+about the level body at the start's yaw psi, so that a turned world gives the same plan:
+R v = Rz(psi) (v + Theta' x v) with Theta' = Theta - (0, 0, psi). Constraint letters are those of
+the complete formulation (Fig. 5.1 of the chapter).
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from climbplan.climb.scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.surfaces import Region
 
@@ -28,11 +31,30 @@ class PostureMargins:
     clearance: float = 0.0  # [m] beyond the spec's body clearance
 
 
-def rotated(rpy: Expression, vector: Array) -> Expression:
-    """R v to first order, eq. (5.5): v + Theta x v. rpy (..., 3) and vector (..., 3)."""
-    a, b, c = rpy[..., 0], rpy[..., 1], rpy[..., 2]
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    return np.stack([x + b * z - c * y, y + c * x - a * z, z + a * y - b * x], axis=-1)
+@dataclass(frozen=True)
+class LinearRotation:
+    """Rotations to first order, eq. (5.5), about the level body at a reference yaw."""
+
+    yaw: float  # [rad]
+
+    @property
+    def reference(self) -> Array:
+        """Rz(psi), (3, 3)."""
+        return rotation_world_body(np.array([0.0, 0.0, self.yaw]))
+
+    @property
+    def level(self) -> Array:
+        """(roll, pitch, yaw) at which the first order is exact."""
+        return np.array([0.0, 0.0, self.yaw])
+
+    def apply(self, rpy: Expression, vector: Array) -> Expression:
+        """R v for expressions rpy (..., 3) and body vectors (..., 3)."""
+        # Rz (v + Theta' x v) = u + (Rz Theta') x u with u = Rz v
+        u = vector @ self.reference.T
+        turn = (rpy - self.level) @ self.reference.T
+        a, b, c = turn[..., 0], turn[..., 1], turn[..., 2]
+        x, y, z = u[..., 0], u[..., 1], u[..., 2]
+        return np.stack([x + b * z - c * y, y + c * x - a * z, z + a * y - b * x], axis=-1)
 
 
 def region_polytope(region: Region) -> Polytope:
@@ -47,18 +69,21 @@ def region_polytope(region: Region) -> Polytope:
     )
 
 
-def body_polytope(free: FreeRegion, hull: Array, clearance: float) -> Polytope:
+def body_polytope(
+    free: FreeRegion, hull: Array, clearance: float, rotation: LinearRotation
+) -> Polytope:
     """Body poses (com, Theta) before and after a round for which the hull stays in a free region.
 
     A free region is convex and every hull corner moves on a straight line between the two
     linearised poses, so the corners of both poses are enough. Rows in R^12:
-    a (com + v + Theta x v) <= b becomes a com + (v x a) Theta <= b - a v.
+    a (com + Rz (v + Theta' x v)) <= b becomes a com + (v x a') Theta' <= b - a' v with a' = Rz' a.
     """
     rows, bounds = [], []
     for normal, offset in zip(free.A, free.b, strict=True):
-        arms = np.cross(hull, normal)
+        turned = rotation.reference.T @ normal
+        arms = np.cross(hull, turned)
         rows.append(np.hstack([np.broadcast_to(normal, arms.shape), arms]))
-        bounds.append(offset - clearance - hull @ normal)
+        bounds.append(offset - clearance - hull @ turned + arms @ rotation.level)
     A, b = np.vstack(rows), np.concatenate(bounds)
     zero = np.zeros_like(A)
     both = np.block([[A, zero], [zero, A]])
@@ -81,10 +106,12 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
     weights, steps = spec.weights, spec.steps
     limit = np.deg2rad(spec.rotation_limit_deg)
 
+    rotation = LinearRotation(float(scene.start.rpy[2]))
+
     p = Program("posture")
     toe = p.continuous("toe", (m, n, 3), unit="m")
     com = p.continuous("com", (m, 3), unit="m")
-    rpy = p.continuous("rpy", (m, 3), -limit, limit, unit="rad")
+    rpy = p.continuous("rpy", (m, 3), rotation.level - limit, rotation.level + limit, "rad")
     toes: Expression = np.concatenate([scene.start.toes[None].astype(object), toe])  # (M+1, N, 3)
     coms: Expression = np.concatenate([scene.start.com[None].astype(object), com])  # (M+1, 3)
     turns: Expression = np.concatenate([scene.start.rpy[None].astype(object), rpy])
@@ -96,14 +123,12 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
     p.between("posture.rotation_step", np.diff(turns, axis=0), -turn, turn, unit="rad")
 
     # C: toes in the limbs' workspace balls, about the shoulder and about the nominal stance
-    def arms(body: Expression, rotation: Expression, feet: Expression, origin: Array) -> Expression:
-        return feet - body[..., None, :] - rotated(rotation[..., None, :], origin)
-
     balls = [("reach", robot.shoulder_body, np.full(n, robot.reach))]
     if spec.stance_workspace:
         balls.append(("stance", robot.stance_body, stance_radius))
     for label, origin, radius in balls:
-        p.ball(f"posture.{label}", arms(com, rpy, toe, origin), np.tile(radius, (m, 1)), unit="m")
+        arm = toe - com[:, None] - rotation.apply(rpy[:, None], origin)
+        p.ball(f"posture.{label}", arm, np.tile(radius, (m, 1)), unit="m")
         if spec.intermediate_reach:
             # The k-th limb to move does so when the body has covered k / N of its way: it leaves
             # its old place and reaches its new one from there.
@@ -113,7 +138,7 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
                 x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)
             ]
             for when, feet in (("lift", toes[:-1]), ("place", toes[1:])):
-                arm = feet - at[0] - rotated(at[1], origin)
+                arm = feet - at[0] - rotation.apply(at[1], origin)
                 p.ball(f"posture.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
@@ -125,7 +150,7 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
     keep = spec.body_clearance + margins.clearance
     poses = np.concatenate([coms[:-1], turns[:-1], coms[1:], turns[1:]], axis=-1)  # (M, 12)
     for index, choice in enumerate(terrain.free_choices):
-        free = [body_polytope(region, robot.body_hull, keep) for region in choice]
+        free = [body_polytope(r, robot.body_hull, keep, rotation) for r in choice]
         p.one_of(f"posture.body_free_{index}", poses, [free] * m, unit="m")
 
     # Goal: within tolerance, and as close as the weights say

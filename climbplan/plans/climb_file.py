@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -84,12 +84,12 @@ def read_climb(path: Path) -> ClimbPlan:
     return reading.plan
 
 
+@dataclass(frozen=True)
 class Reading:
     """A plan whose shapes and types are right, and where its numbers are not finite."""
 
-    def __init__(self, plan: ClimbPlan, not_finite: tuple[str, ...]) -> None:
-        self.plan = plan
-        self.not_finite = not_finite
+    plan: ClimbPlan
+    not_finite: tuple[str, ...]  # datasets and attributes
 
 
 def read_as_found(path: Path) -> Reading:

@@ -82,7 +82,7 @@ def write_text(holder: h5py.HLObject, name: str, text: str) -> None:
 
 def write_json(holder: h5py.HLObject, name: str, value: Any) -> None:
     """An attribute that holds JSON text."""
-    write_text(holder, name, json.dumps(value, ensure_ascii=False))
+    write_text(holder, name, json.dumps(value, ensure_ascii=False, allow_nan=False))
 
 
 # Reading

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch as Swatch
+from matplotlib.patheffects import withStroke
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports import palette
@@ -17,17 +20,18 @@ from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_titl
 from climbplan.reports.view import View
 from climbplan.robots.rotations import Array
 
-_CAMERA = Camera(-72.0, 22.0)
-_LONGEST = 0.30  # [m] length of the largest force
+_CAMERA = Camera(-64.0, 27.0)
+_LONGEST = 0.26  # [m] length of the largest force
 _TOP = 10.0  # drawing order of forces, over the robot
+_HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
-def chosen_instants(plan: ClimbPlan, wanted: int = 3) -> list[int]:
+def chosen_instants(plan: ClimbPlan, wanted: int = 4) -> list[int]:
     """The instants nearest to overload, to slipping, and the last; filled up evenly."""
     last = plan.instants.count - 1
-    picked = [int(np.argmin(plan.forces.safety_torque)), int(np.argmin(plan.forces.safety_friction))]
-    evenly = np.linspace(last, 0, 4 * wanted).round().astype(int)
-    for k in (last, *evenly):
+    torque, friction = plan.forces.safety_torque, plan.forces.safety_friction
+    picked = [int(np.argmin(torque)), int(np.argmin(friction)), last]
+    for k in np.linspace(last / 2, 0, 4 * wanted).round().astype(int):
         if len(set(picked)) >= wanted:
             break
         picked.append(int(k))
@@ -71,12 +75,13 @@ def _contact(view: View, plan: ClimbPlan, force: ContactForce) -> None:
     view.ax.annotate(
         f"{plain(plan.robot.limb_names[force.limb])} {force.magnitude:.0f} N",
         start,
-        (6 if right else -6, -9),
+        (6 if right else -6, -8),
         textcoords="offset points",
         ha="left" if right else "right",
         va="center",
         fontsize=8.5,
         color=palette.INK,
+        path_effects=_HALO,
         zorder=_TOP + 2,
     )
 
@@ -95,49 +100,60 @@ def _scale_arrow(view: View, scale: float, low: Array) -> None:
     view.ax.text(tip[0] + 0.02, tip[1], f"{newtons:g} N", **style_text)
 
 
+def _picture(view: View, plan: ClimbPlan, k: int, acting: tuple[ContactForce, ...]) -> None:
+    """The robot and its forces at instant k."""
+    instants = plan.instants
+    pose = instants.com[k], instants.rpy[k]
+    view.terrain(plan)
+    view.body(plan, *pose, color="#B8C4D0", alpha=0.95)
+    view.legs(plan, *pose, instants.joint_angles[k], alpha=0.9, width=2.6)
+    for force in acting:
+        _contact(view, plan, force)
+
+
+def _flat(box: Box) -> Array:
+    """The picture (8, 2) of a box's corners."""
+    return _CAMERA.project(np.array(list(product(*zip(box.lower, box.upper, strict=True)))))
+
+
 def forces(plan: ClimbPlan) -> Figure:
-    """The robot with its contact forces at the most critical instants and at the end."""
+    """The robot with its contact forces at the most critical instants, on the way, and at the end."""
     picked = chosen_instants(plan)
     scale = force_scale(plan, _LONGEST)
     labels = instant_labels(plan)
-    figure = new_figure(4.9, foot=0.36)
-    axes = figure.subplots(1, len(picked), squeeze=False)[0]
-    for ax, k in zip(axes, picked, strict=True):
-        acting = contact_forces(plan, k, scale)
-        view = View(ax, _CAMERA, _box(plan, k, acting))
-        pose = plan.instants.com[k], plan.instants.rpy[k]
-        view.terrain(plan)
-        view.body(plan, *pose, color="#B8C4D0", alpha=0.95)
-        view.legs(plan, *pose, plan.instants.joint_angles[k], alpha=0.9, width=2.4)
-        for force in acting:
-            _contact(view, plan, force)
-        low, high = _limits(view)
-        _scale_arrow(view, scale, low)
-        ax.set_xlim(low[0], high[0])
-        ax.set_ylim(low[1], high[1])
+    acting = [contact_forces(plan, k, scale) for k in picked]
+    boxes = [_box(plan, k, f) for k, f in zip(picked, acting, strict=True)]
+    # All pictures at the same scale.
+    sizes = [np.ptp(_flat(box), axis=0) for box in boxes]
+    span = np.max(sizes, axis=0) + np.array([0.36, 0.10])
+    rows = -(-len(picked) // 2)
+    figure = new_figure(0.85 + rows * (0.45 + 5.3 * span[1] / span[0]), foot=0.36)
+    axes = figure.subplots(rows, 2, squeeze=False).ravel()
+    for ax, k, box, found in zip(axes, picked, boxes, acting, strict=False):
+        view = View(ax, _CAMERA, box)
+        _picture(view, plan, k, found)
+        flat = _flat(box)
+        start = (flat.min(axis=0) + flat.max(axis=0) - span) / 2
+        ax.set_xlim(start[0], start[0] + span[0])
+        ax.set_ylim(start[1], start[1] + span[1])
         ax.set_aspect("equal")
         ax.set_axis_off()
-        panel_title(ax, plain(labels[k]))
+        _scale_arrow(view, scale, start)
         s_tau, s_mu = plan.forces.safety_torque[k], plan.forces.safety_friction[k]
-        ax.text(
-            0.0, 1.0, rf"$S_\tau$ {s_tau:.2f}   $S_\mu$ {s_mu:.2f}", transform=ax.transAxes,
-            va="top", fontsize=9, color=palette.MUTED,
-        )  # fmt: skip
+        note = rf"$S_\tau$ {s_tau:.2f}   $S_\mu$ {s_mu:.2f}"
+        panel_title(ax, plain(labels[k]), note)
+    for ax in axes[len(picked) :]:
+        ax.set_visible(False)
     handles = [
         Line2D([], [], color=palette.FORCE, lw=1.8, marker=">", ms=5),
         Line2D([], [], color=palette.CONE, lw=1.0),
         Swatch(facecolor=palette.CONE_SHRUNK, edgecolor=palette.CONE, ls=(0, (3, 2)), alpha=0.7),
     ]
-    names = ["force on the robot", r"cone of $\mu$ at the force's height", r"cone of $\mu / S_\mu$"]
+    names = [
+        "force on the robot",
+        r"cone of $\mu$, cut at the height of the normal force",
+        r"cone of $\mu / S_\mu$",
+    ]
     foot_legend(figure, handles, names)
     heading(figure, "Contact forces and friction cones", plain(f"{plan.name}, {plan.robot.name}"))
     return figure
-
-
-def _limits(view: View) -> tuple[Array, Array]:
-    """Lower and upper corner of the picture round the box, with room for labels."""
-    lower, upper = view.box.lower, view.box.upper
-    grid = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
-    flat = view.camera.project(grid)
-    room = np.array([0.14, 0.04])
-    return flat.min(axis=0) - room, flat.max(axis=0) + room

@@ -46,6 +46,7 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
         named += [(("task", "start", "toes", name), name) for name in parts.task.start.toes]
         named += [(("task", "goal", "toes", name), name) for name in parts.task.goal.toes]
         named += [(("task", "stance", name), name) for name in parts.task.stance]
+        named += [(("task", "stance", name), name) for name in parts.task.stance]
         gait = parts.task.gait or ()
         named += [(("task", "gait", i), name) for i, name in enumerate(gait)]
         known = [name for name in gait if name in limbs]

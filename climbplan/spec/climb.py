@@ -112,7 +112,11 @@ class PosturePlannerSpec(SpecModel):
     steps: PostureSteps = PostureSteps()
     """Step bounds."""
     rotation_limit_deg: Number = quantity(
-        "deg", "largest roll, pitch or yaw of the body from level", default=20.0, gt=0, le=180
+        "deg",
+        "largest roll and pitch of the body, and yaw away from the start's",
+        default=20.0,
+        gt=0,
+        le=180,
     )
     intermediate_reach: bool = Field(
         default=True,

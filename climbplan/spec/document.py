@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from climbplan.errors import SpecMistake
@@ -50,6 +50,17 @@ class Document:
                 break
         source = option or self.source
         return SpecMistake(dotted(finding.path), finding.message, line, finding.suggestion, source)
+
+    def placed(self, mistake: SpecMistake) -> SpecMistake:
+        """A mistake found later, by its dotted key alone, with its line or option."""
+        if mistake.line or mistake.source or not mistake.key:
+            return mistake
+        known = {dotted(path): path for path in (*self.lines, *self.options)}
+        key = mistake.key
+        while key and key not in known:
+            key = key.rpartition(".")[0]
+        found = self.mistake(Finding(known.get(key, ()), mistake.message, mistake.suggestion))
+        return replace(found, key=mistake.key)
 
     def mistakes(self, findings: Iterable[Finding]) -> list[SpecMistake]:
         """All findings with their places, in the order of the file."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -37,6 +37,11 @@ class LoadedClimb:
     name: str  # file stem, "stdin" for standard input
     source: str  # as in messages
     directory: Path  # that a robot's path starts from
+    document: Document = field(repr=False, compare=False)  # where each value was written
+
+    def placed(self, error: SpecError) -> SpecError:
+        """An error that planning raised, with the lines of the keys it names."""
+        return SpecError(error.source, [self.document.placed(m) for m in error.mistakes])
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
         """The same climb with other values, as the points of a study are.
@@ -66,8 +71,10 @@ def load_climb(
     return _load(text, overrides)
 
 
-def check_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> str:
-    """Check a spec of any kind and return its kind.
+def load_spec(
+    source: str | Path, overrides: Sequence[str | Override] = ()
+) -> LoadedClimb | RobotSpec:
+    """Read, override and check a spec of any kind.
 
     Raises:
         SpecError: with every mistake in it.
@@ -77,15 +84,14 @@ def check_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> 
     kind = find_kind(document)
     if isinstance(kind, Finding):
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
-    if kind == "robot":
-        robot_of(document)
-    else:
-        _climb_of(document, text)
-    return kind
+    return robot_of(document) if kind == "robot" else _loaded(document, text)
 
 
 def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
-    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
+    return _loaded(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def _loaded(document: Document, text: SourceText) -> LoadedClimb:
     spec, robot = _climb_of(document, text)
     return LoadedClimb(
         spec=spec,
@@ -95,6 +101,7 @@ def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
         name=text.name,
         source=text.shown,
         directory=text.directory,
+        document=document,
     )
 
 

@@ -148,7 +148,7 @@ class TerrainSpec(SpecModel):
             )
         if not flat and self.tube is None:
             faults.append(Fault("", "nothing to stand on: expected `regions`, `walls` or `tube`"))
-        seen: dict[str, str] = {}
+        seen = {"left": "a wall", "right": "a wall"} if self.walls is not None else {}
         names = [
             *((r.name, f"regions.{i}") for i, r in enumerate(self.regions)),
             *((s.name, f"obstacles.{i}") for i, s in enumerate(self.obstacles)),

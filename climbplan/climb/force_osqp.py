@@ -1,0 +1,67 @@
+"""Force problems on inscribed pyramids by OSQP, an operator-splitting method with polishing."""
+
+from __future__ import annotations
+
+import numpy as np
+import osqp
+from scipy import sparse
+
+from climbplan.climb.force_pyramids import Optima
+from climbplan.climb.force_reduction import Halfspaces, ReducedForces
+from climbplan.plans.climb_plan import Mask
+
+_TOLERANCE = 1e-6  # before polishing
+_ITERATIONS = 10_000
+# A first-order method crawls along the faces of a linear program: without curvature most instants
+# are not solved in 20000 iterations. So the last pass is a proximal one: curvature about the answer
+# before, which vanishes as answers settle.
+_CURVATURE = 1e-2
+_PROXIMAL_STEPS = 6
+_SETTLED = 1e-5  # change of x between proximal steps
+
+
+def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = None) -> Optima:
+    """Minimise gradient . x over the rows by proximal steps, several calls an instant.
+
+    `active` rows are of no use to a first-order method; given, they say that this is the last pass.
+    Answers that could not be polished may miss limits by more than the check allows.
+    """
+    b, m, size = rows.A.shape
+    P = sparse.diags(np.full(size, _CURVATURE), format="csc")
+    length = np.linalg.norm(rows.A, axis=-1)
+    length[length == 0] = 1.0
+    # All entries are stored, zeros as well: one sparsity pattern for the whole batch.
+    indptr, indices = np.arange(size + 1) * (m + 1), np.tile(np.arange(m + 1), size)
+    A = np.zeros((b, size, m + 1))
+    A[:, 0, 0] = 1.0  # the bound on s
+    A[:, :, 1:] = np.swapaxes(rows.A / length[..., None], 1, 2)
+    upper = np.concatenate([np.full((b, 1), group.largest_s), rows.upper / length], axis=1)
+    lower = np.full(m + 1, -np.inf)
+    lower[0] = 0.0
+    x, multipliers, solved = np.zeros((b, size)), np.zeros((b, m + 1)), np.zeros(b, bool)
+    for k in range(b):
+        solver = osqp.OSQP()
+        solver.setup(
+            P,
+            group.gradient[k],
+            sparse.csc_matrix((A[k].ravel(), indices, indptr), shape=(m + 1, size)),
+            lower,
+            upper[k],
+            verbose=False,
+            eps_abs=_TOLERANCE,
+            eps_rel=_TOLERANCE,
+            max_iter=_ITERATIONS,
+            polishing=True,
+            adaptive_rho_interval=50,  # by iterations, not by time: the same answer every run
+        )
+        steps = 1 if active is None else _PROXIMAL_STEPS
+        for _ in range(steps):
+            answer = solver.solve(raise_error=False)
+            if answer.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
+                break
+            change = float(np.abs(answer.x - x[k]).max())
+            solved[k], x[k], multipliers[k] = True, answer.x, answer.y
+            if change < _SETTLED:
+                break
+            solver.update(q=group.gradient[k] - _CURVATURE * x[k])
+    return Optima(x, multipliers[:, 1:] > 0, solved)

@@ -1,0 +1,136 @@
+"""What a check is, and the limit of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest residual a check lets pass."""
+
+    value: float
+    unit: str
+    meaning: str
+
+
+# Residuals of equations are absolute values; those of bounds are signed, below zero inside.
+LIMITS = {
+    "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
+    "file.finite": Limit(0, "", "entries that are NaN or infinite"),
+    "file.spec_values": Limit(1e-9, "", "bounds, loads and terrain are those of the spec"),
+    "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
+    "robot.data": Limit(0, "", "robot values out of their range"),
+    "terrain.data": Limit(0, "", "terrain values out of range or at odds with the corners"),
+    "gait.sequence": Limit(1e-6, "m", "instants follow from the rounds and the gait"),
+    "steps.com": Limit(1e-6, "m", "body steps within their bounds"),
+    "steps.toe": Limit(1e-6, "m", "toe steps within their bounds"),
+    "steps.rotation": Limit(1e-6, "rad", "turns within their bound"),
+    "goal.reached": Limit(1e-6, "m", "the last posture is within tolerance of the goal"),
+    "contact.region": Limit(1e-6, "m", "toes lie on their surfaces"),
+    "contact.allowed": Limit(0, "", "toes on surfaces their limb may not use"),
+    "contact.normal": Limit(1e-6, "", "normals are those of the surfaces"),
+    "contact.friction": Limit(1e-9, "", "friction coefficients are those of the surfaces"),
+    "kinematics.toes": Limit(1e-6, "m", "forward kinematics of the joint angles give the toes"),
+    "kinematics.joint_bounds": Limit(1e-6, "rad", "joint angles within their bounds"),
+    "force.equilibrium": Limit(1e-6, "of weight", "forces and moments balance (moments at 1 m)"),
+    "force.unilateral": Limit(1e-6, "of weight", "no limb pulls"),
+    "force.friction": Limit(1e-6, "of weight", "tangential force within mu f_n / S_mu"),
+    "force.lifted_unloaded": Limit(1e-9, "of weight", "no force on lifted limbs"),
+    "torque.from_angles": Limit(1e-6, "N m", "joint torques are J^T f"),
+    "torque.limit": Limit(1e-6, "of limit", "torques within the limit over S_tau"),
+    "stiffness.relation": Limit(1e-6, "m", "J k^-1 J^T f / (1 - share) = d_wall - [I P^T] d_com"),
+    "stiffness.command": Limit(1e-9, "m", "toe command = toe - wall deflection"),
+    "safety.stored": Limit(1e-6, "", "stored safety factors are those of the stored forces"),
+    "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
+    "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
+    "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
+    "trajectory.rate": Limit(1e-9, "s", "samples at a fixed rate"),
+    "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),
+    "trajectory.sequence": Limit(0, "", "limbs lift one at a time in the order of the instants"),
+    "trajectory.body": Limit(1e-6, "m", "the body keeps to its path and to the gait"),
+    "trajectory.command": Limit(1e-6, "m", "commanded toes lie between planned toe commands"),
+    "trajectory.instants": Limit(1e-3, "m", "body and toe commands pass every instant"),
+    "trajectory.joint_bounds": Limit(1e-6, "rad", "commanded and standing angles within bounds"),
+    "trajectory.joint_speed": Limit(1e-6, "rad/s", "joint speeds within their limits"),
+    "trajectory.reach": Limit(1e-6, "m", "standing toes stay within reach of the moving body"),
+    "trajectory.clearance": Limit(1e-3, "m", "depth of link axes inside solids on the way"),
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One verified statement: its worst residual, and where in the climb it is."""
+
+    name: str
+    residual: float
+    limit: float
+    unit: str
+    passed: bool
+    margin: str  # what is left in the robot's terms ("S_mu 1.80"), empty for equations
+    worst_at: str  # "round 3, LM lifted, RF"
+
+    @property
+    def severity(self) -> float:
+        """Residual in units of the limit; infinite for NaN and for any excess over a zero limit."""
+        if math.isnan(self.residual):
+            return math.inf
+        if self.limit == 0:
+            return math.inf if self.residual > 0 else 0.0
+        return self.residual / self.limit
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; a residual that is not finite becomes None."""
+        return {
+            "name": self.name,
+            "residual": self.residual if math.isfinite(self.residual) else None,
+            "limit": self.limit,
+            "unit": self.unit,
+            "passed": self.passed,
+            "margin": self.margin,
+            "worst_at": self.worst_at,
+        }
+
+
+def judge(name: str, residual: float, worst_at: str = "", margin: str = "") -> Check:
+    """A check by its name in `LIMITS`; NaN never passes."""
+    limit = LIMITS[name]
+    residual = float(residual)
+    passed = bool(residual <= limit.value)  # False for NaN
+    return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at)
+
+
+def judge_worst(
+    name: str,
+    residuals: Array,
+    where: Callable[..., str],
+    margin: str = "",
+    rank: Array | None = None,
+) -> Check:
+    """A check over many places; NaN anywhere counts as the worst.
+
+    residuals: any shape; `where` is called with the indices of the worst entry, which is the
+    largest residual or, while the check passes, the largest entry of `rank` (same shape).
+    """
+    worst = np.unravel_index(int(np.argmax(residuals)), residuals.shape)
+    residual = float(residuals[worst])
+    check = judge(name, residual, margin=margin)
+    if check.passed and rank is not None:
+        worst = np.unravel_index(int(np.argmax(rank)), rank.shape)
+    place = where(*(int(i) for i in worst))
+    return Check(
+        check.name, residual, check.limit, check.unit, check.passed, margin, place
+    )
+
+
+def faults_check(name: str, faults: Sequence[str]) -> Check:
+    """A check that counts faults and names the first."""
+    return judge(name, float(len(faults)), faults[0] if faults else "")

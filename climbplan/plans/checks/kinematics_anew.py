@@ -1,0 +1,140 @@
+"""Limb geometry from the definitions of the file format, by rotations about joint axes.
+
+A limb: the coxa turns about the body's z at the shoulder, femur and tibia about the horizontal
+axis through the limb's plane; at zero angles coxa and femur point outward, the tibia down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.plans.checks.check import Array
+from climbplan.robots.model import Robot
+
+
+def turned(vector: Array, axis: Array, angle: Array) -> Array:
+    """Vectors (..., 3) turned about unit axes (..., 3) by angles (...) [rad] (Rodrigues)."""
+    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    along = (vector * axis).sum(axis=-1, keepdims=True)
+    return vector * cos + np.cross(axis, vector) * sin + axis * along * (1 - cos)
+
+
+def body_axes(rpy: Array) -> Array:
+    """The body's x, y, z axes as rows (..., 3, 3), world: Rz(yaw) Ry(pitch) Rx(roll) applied."""
+    axes = np.broadcast_to(np.eye(3), (*rpy.shape[:-1], 3, 3))
+    for world_axis, angle in enumerate(np.moveaxis(rpy, -1, 0)):  # about x, then y, then z
+        axes = turned(axes, np.eye(3)[world_axis], angle[..., None])
+    return axes
+
+
+def placed(com: Array, axes: Array, points: Array) -> Array:
+    """World positions (..., P, 3) of body points (P, 3) for bodies at com (..., 3)."""
+    return com[..., None, :] + points @ axes
+
+
+@dataclass(frozen=True)
+class Limbs:
+    """Joint positions and axes of all limbs in the world."""
+
+    joints: Array  # (..., N, 3, 3) coxa, femur and tibia joint [m]
+    axes: Array  # (..., N, 3, 3) their unit axes
+    toe: Array  # (..., N, 3) [m]
+
+    @property
+    def points(self) -> Array:
+        """Shoulder, femur joint, knee, toe (..., N, 4, 3)."""
+        return np.concatenate([self.joints, self.toe[..., None, :]], axis=-2)
+
+    def jacobian(self) -> Array:
+        """Toe velocity by joint speed, (..., N, 3, 3): column j is axis_j x (toe - joint_j)."""
+        columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
+        return np.swapaxes(columns, -1, -2)
+
+
+def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
+    """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, 3) [rad]."""
+    shoulder = placed(com, axes, robot.shoulder_body)
+    up = np.broadcast_to(axes[..., 2:3, :], shoulder.shape)
+    forward = np.broadcast_to(axes[..., 0:1, :], shoulder.shape)
+    out = turned(forward, up, robot.mount_yaw + angles[..., 0])
+    hinge = np.cross(out, up)
+    femur = turned(out, hinge, angles[..., 1])
+    tibia = turned(-up, hinge, angles[..., 1] + angles[..., 2])
+    coxa_length, femur_length, tibia_length = (robot.link_lengths[:, j, None] for j in range(3))
+    hip = shoulder + coxa_length * out
+    knee = hip + femur_length * femur
+    return Limbs(
+        joints=np.stack([shoulder, hip, knee], axis=-2),
+        axes=np.stack([up, hinge, hinge], axis=-2),
+        toe=knee + tibia_length * tibia,
+    )
+
+
+@dataclass(frozen=True)
+class StandingLimbs:
+    """Limbs whose toes are held by the terrain while the body moves."""
+
+    points: Array  # (..., N, 4, 3) shoulder, femur joint, knee, toe [m]
+    angles: Array  # (..., N, 3) [rad]
+    missing: Array  # (..., N) distance by which the links do not reach the toe [m]
+
+
+def standing_limbs(
+    robot: Robot, com: Array, axes: Array, toes: Array, commanded: Limbs
+) -> StandingLimbs:
+    """Limbs that reach for toes (..., N, 3), bent to the same side as the commanded ones.
+
+    The knee is where the circles of femur and tibia meet in the limb's plane.
+    """
+    shoulder = placed(com, axes, robot.shoulder_body)
+    up = axes[..., 2:3, :]
+    reach = toes - shoulder
+    level = reach - _dot(reach, up) * up
+    out = level / np.maximum(_length(level), 1e-12)
+    commanded_out = commanded.joints[..., 1, :] - commanded.joints[..., 0, :]
+    out = out * np.where(_dot(out, commanded_out) < 0, -1.0, 1.0)
+    hinge = np.cross(out, np.broadcast_to(up, out.shape))
+
+    coxa, femur, tibia = (robot.link_lengths[:, j, None] for j in range(3))
+    hip = shoulder + coxa * out
+    span = toes - hip
+    distance = np.maximum(_length(span), 1e-12)
+    missing = np.maximum(distance - femur - tibia, np.abs(femur - tibia) - distance)
+    toward = span / distance
+    along = (femur**2 - tibia**2 + distance**2) / (2 * distance)
+    off = np.sqrt(np.maximum(femur**2 - along**2, 0.0))
+    side = np.cross(hinge, toward)
+    bent = np.cross(
+        commanded.toe - commanded.joints[..., 1, :],
+        commanded.joints[..., 2, :] - commanded.joints[..., 1, :],
+    )
+    sign = np.where(_dot(bent, commanded.axes[..., 1, :]) < 0, -1.0, 1.0)
+    knee = hip + along * toward + sign * off * side
+
+    thigh, shin = knee - hip, toes - knee
+    forward = np.broadcast_to(axes[..., 0:1, :], out.shape)
+    sideward = np.broadcast_to(axes[..., 1:2, :], out.shape)
+    heading = np.arctan2(_dot(out, sideward), _dot(out, forward))[..., 0]
+    femur_angle = np.arctan2(_dot(thigh, up), _dot(thigh, out))[..., 0]
+    shin_angle = np.arctan2(_dot(shin, out), -_dot(shin, up))[..., 0]
+    angles = np.stack(
+        [heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1
+    )
+    # Angles are given up to full turns: the one nearest the middle of the joint's range.
+    middle = (robot.joint_lower + robot.joint_upper) / 2
+    angles = angles - 2 * np.pi * np.round((angles - middle) / (2 * np.pi))
+    return StandingLimbs(
+        points=np.stack([shoulder, hip, knee, toes], axis=-2),
+        angles=angles,
+        missing=np.maximum(missing[..., 0], 0.0),
+    )
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return (a * b).sum(axis=-1, keepdims=True)
+
+
+def _length(a: Array) -> Array:
+    return np.sqrt(_dot(a, a))

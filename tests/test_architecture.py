@@ -1,0 +1,30 @@
+"""The tree keeps its shape: imports point down, nothing loads code from data."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted((ROOT / "climbplan").rglob("*.py"))
+
+
+def test_imports_point_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    cli = pytest.importorskip("importlinter.cli")
+    monkeypatch.chdir(ROOT)
+    assert cli.lint_imports(no_cache=True) == 0
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_code_from_data_and_no_huge_files(path: Path) -> None:
+    text = path.read_text()
+    for forbidden in (r"\bpickle\b", r"yaml\.load\(", r"(?<![\w.])eval\(", r"(?<![\w.])exec\("):
+        assert not re.search(forbidden, text), f"{path}: {forbidden}"
+    assert len(text.splitlines()) <= 500
+
+
+def test_no_catch_all_rooms() -> None:
+    names = {p.stem for p in SOURCES} | {p.parent.name for p in SOURCES}
+    assert not names & {"utils", "common", "helpers", "misc", "util"}

@@ -16,7 +16,14 @@ from typer.core import TyperGroup
 
 from climbplan import __version__
 from climbplan.cli.bench import bench
-from climbplan.cli.console import Session, plain_warnings, print_error, silence_standard_output
+from climbplan.cli.console import (
+    Session,
+    open_missing_streams,
+    plain_messages,
+    print_error,
+    silence_standard_output,
+    standard_output,
+)
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
 from climbplan.cli.new import new
@@ -25,7 +32,7 @@ from climbplan.cli.report import report
 from climbplan.cli.schema import schema
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
-from climbplan.errors import ClimbplanError, ExitCode, UsageError
+from climbplan.errors import ClimbplanError, ExitCode
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
@@ -37,7 +44,6 @@ class _Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         try:
             result = super().invoke(ctx)
-            _flush_result()
         except ClimbplanError as error:
             print_error(error)
             raise typer.Exit(error.exit_code) from None
@@ -48,16 +54,6 @@ class _Commands(TyperGroup):
             silence_standard_output()
             raise typer.Exit(PIPE_CLOSED) from None
         return result
-
-
-def _flush_result() -> None:
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        silence_standard_output()
-        raise UsageError(f"standard output cannot be written: {error.strerror}") from error
 
 
 app = typer.Typer(
@@ -93,10 +89,23 @@ def _global_options(
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (by default the process's own) and return its exit code."""
-    session = Session()
+    open_missing_streams()
+    code = _invoke(arguments, Session())
+    try:
+        with standard_output():  # help and version may still be in the buffer
+            return code
+    except BrokenPipeError:
+        silence_standard_output()
+        return PIPE_CLOSED
+    except ClimbplanError as error:
+        print_error(error)
+        return error.exit_code
+
+
+def _invoke(arguments: Sequence[str] | None, session: Session) -> int:
     command = typer.main.get_command(app)
     try:
-        with plain_warnings():
+        with plain_messages(session):
             command.main(args=arguments, prog_name="climbplan", obj=session)
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(bool(end.code))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_result
+from climbplan.cli.console import Session, print_result, standard_output
 from climbplan.cli.options import Quiet, Verbose
 from climbplan.errors import UsageError
 
@@ -42,5 +41,5 @@ def bench(
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
-        run(chosen, seed, quick, sys.stdout)
-        sys.stdout.flush()
+        with standard_output() as stream:
+            run(chosen, seed, quick, stream)

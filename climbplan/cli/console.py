@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import sys
 import warnings
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from climbplan.errors import ClimbplanError, SpecError
+from climbplan.errors import ClimbplanError, SpecError, UsageError
 
 
 @dataclass
@@ -34,12 +35,30 @@ class Session:
 
 def print_result(text: str) -> None:
     """The result of a command, on standard output."""
-    print(text)
+    with standard_output() as stream:
+        print(text, file=stream)
 
 
 def print_json(value: Any) -> None:
     """The result of a command as one JSON object; NaN and infinity are errors."""
-    print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+    print_result(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+@contextmanager
+def standard_output() -> Iterator[TextIO]:
+    """Standard output, flushed at the end.
+
+    Raises:
+        UsageError: it cannot be written (a full disk). A reader that left is a BrokenPipeError.
+    """
+    try:
+        yield sys.stdout
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        silence_standard_output()
+        raise UsageError(f"standard output cannot be written: {error.strerror}") from error
 
 
 def print_error(error: ClimbplanError) -> None:
@@ -48,9 +67,28 @@ def print_error(error: ClimbplanError) -> None:
     print(text, file=sys.stderr)
 
 
+def warn(message: str) -> None:
+    """Something that a person should know although the run goes on; quiet does not hide it."""
+    print(f"warning: {message}", file=sys.stderr)
+
+
+class _LogLines(logging.Handler):
+    """The package's log as plain lines: warnings always, the rest for `--verbose`."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__()
+        self._session = session
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.WARNING:
+            warn(record.getMessage())
+        elif self._session.verbose:
+            print(record.getMessage(), file=sys.stderr)
+
+
 @contextmanager
-def plain_warnings() -> Iterator[None]:
-    """Python warnings as one line on standard error, without source code."""
+def plain_messages(session: Session) -> Iterator[None]:
+    """Warnings and log messages as single lines on standard error, without source code."""
 
     def show(
         message: Warning | str,
@@ -60,11 +98,27 @@ def plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        print(f"warning: {message}", file=sys.stderr)
+        warn(str(message))
 
-    with warnings.catch_warnings():
-        warnings.showwarning = show
-        yield
+    logger, lines = logging.getLogger("climbplan"), _LogLines(session)
+    level = logger.level
+    logger.addHandler(lines)
+    logger.setLevel(logging.INFO)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = show
+            yield
+    finally:
+        logger.removeHandler(lines)
+        logger.setLevel(level)
+
+
+def open_missing_streams() -> None:
+    """Python has no stream at all where the shell closed one (`>&-`)."""
+    if sys.stdout is None:
+        silence_standard_output()
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - lives as long as the process
 
 
 def silence_standard_output() -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import print_result
+from climbplan.cli.console import print_result, standard_output
 from climbplan.cli.options import Force, Plan, Quiet, Verbose
 from climbplan.cli.plan_path import find_plan
 from climbplan.errors import UsageError
@@ -33,17 +32,16 @@ def export(
 ) -> None:
     """Write the trajectory of a plan as CSV and print the file's path."""
     path = find_plan(plan)
-    from climbplan.plans.atomic_file import written_aside
     from climbplan.plans.trajectory_csv import export_csv
 
     if out == "-":
-        export_csv(path, sys.stdout)
+        with standard_output() as stream:
+            export_csv(path, stream)
         return
     target = Path(out) if out is not None else path.parent / CSV_FILE
     if target.exists() and not force:
         raise UsageError(f"{target}: already exists; --force replaces it")
     if not target.absolute().parent.is_dir():
         raise UsageError(f"{target}: no such directory {str(target.parent)!r}")
-    with written_aside(target) as aside:
-        export_csv(path, aside)
+    export_csv(path, target)
     print_result(str(target))

@@ -60,6 +60,9 @@ Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", callback=_quiet, help="No progress and no summary.")
 ]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", callback=_verbose, help="Tracebacks of internal errors.")
+    bool,
+    typer.Option(
+        "--verbose", "-v", callback=_verbose, help="Show the log, and tracebacks of bugs."
+    ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is already there.")]

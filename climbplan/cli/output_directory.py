@@ -98,6 +98,8 @@ class OutputDirectory:
         final = self._final
         if final == Path.cwd() or final in Path.cwd().parents:
             raise UsageError(f"{self.target}: is the current directory or above it, name another")
+        if final.is_symlink():  # resolved as far as it goes, and still a link
+            raise UsageError(f"{self.target}: cannot be written: a link that leads to itself")
         if not final.exists():
             return
         if not final.is_dir():
@@ -148,7 +150,7 @@ class OutputDirectory:
                 return  # in use by now, and so are those above it
 
     def _sibling(self, ending: str) -> Path:
-        return self._final.with_name(f".{self._final.name}.{os.getpid()}.{ending}")
+        return self._final.parent / f".{self._final.name}.{os.getpid()}.{ending}"
 
     def _cannot_write(self, error: OSError) -> UsageError:
         if error.errno in (errno.EEXIST, errno.ENOTEMPTY):

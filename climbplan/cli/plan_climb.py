@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import (
     Force,
@@ -30,7 +29,7 @@ from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from climbplan.plans.verification import Check, Verification
+    from climbplan.plans.verification import Verification
 
 
 def plan_climb(
@@ -69,24 +68,24 @@ def plan_climb(
         # The planner and its solvers take a second to import: not before all paths are good.
         from climbplan.climb.planner import plan_climb as plan
         from climbplan.plans.climb_file import write_climb
-        from climbplan.plans.verification import verify
+        from climbplan.plans.verification import verify_and_mark
         from climbplan.reports.climb_report import report_dict, write_report
 
         with StageProgress(session) as progress:
             with placed_mistakes(loaded):
                 found = plan(loaded, report=progress.report, jobs=jobs, save_model=save_model)
+            plan_file = directory.path / PLAN_FILE
+            progress.report("verify", 0.0)  # ends the planner's bar before lines are printed
             for line in found.summary:
                 session.note(line)
-            plan_file = directory.path / PLAN_FILE
-            progress.report("verify", 0.0)
+            for warning in found.warnings:
+                warn(warning)
             write_climb(found, plan_file)
             start = time.perf_counter()
-            verification = verify(plan_file)
+            verification = verify_and_mark(plan_file)
             session.note(_verify_line(verification, time.perf_counter() - start))
-            if verification.passed != found.verified:
-                write_climb(dataclasses.replace(found, verified=verification.passed), plan_file)
             progress.report("report", 0.0)
-            write_report(plan_file, directory.path)
+            write_report(plan_file, directory.path, verification)
         directory.publish()
     if as_json:
         print_json(report_dict(target / PLAN_FILE))
@@ -97,17 +96,9 @@ def plan_climb(
 
 
 def _verify_line(verification: Verification, seconds: float) -> str:
-    """The last line of the summary: how the verification went and where it is tightest."""
-    checks = verification.checks
-    worst = max(checks, key=lambda check: check.residual / check.limit if check.limit else 0.0)
+    """The last line of the summary, in the columns of those before it."""
     word = "passed" if verification.passed else "FAILED"
-    failed = [check.name for check in checks if not check.passed]
-    detail = f"not met: {', '.join(failed)}" if failed else f"worst margin: {_place(worst)}"
-    return f"{'verify':<9} {word:<9} {seconds:.2f} s   {len(checks)} checks, {detail}"
-
-
-def _place(check: Check) -> str:
-    return f"{check.name} at {check.worst_at}" if check.worst_at else check.name
+    return f"{'verify':<9} {word:<9} {seconds:.2f} s   {verification.headline()}"
 
 
 def _check_model_path(path: Path | None) -> None:

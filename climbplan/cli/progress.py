@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -21,6 +22,7 @@ class StageProgress:
         self._enabled = session.shows_progress
         self._lock = threading.RLock()
         self._stage = ""
+        self._started = 0.0  # [s] monotonic
         self._fraction = 0.0
         self._timer: threading.Timer | None = None
         self._bar: tuple[Progress, TaskID] | None = None
@@ -45,6 +47,7 @@ class StageProgress:
             if stage != self._stage:
                 self._clear()
                 self._stage = stage
+                self._started = time.monotonic()
                 self._timer = threading.Timer(DELAY, self._show)
                 self._timer.daemon = True
                 self._timer.start()
@@ -66,11 +69,13 @@ class StageProgress:
                 TimeElapsedColumn(),
                 console=Console(stderr=True),
                 transient=True,
+                get_time=time.monotonic,
             )
             # Without a fraction to show the bar pulses.
             total = 1.0 if self._fraction > 0 else None
             task = bar.add_task(self._stage, total=total)
             bar.update(task, completed=self._fraction)
+            bar.tasks[0].start_time = self._started
             bar.start()
             self._bar = (bar, task)
 

@@ -1,4 +1,4 @@
-"""Report files put into a directory that exists, each whole."""
+"""Report files put into a new directory, or into one that exists: each whole."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from climbplan.cli.output_directory import OutputDirectory
 from climbplan.errors import UsageError
 
 REPORT_FILES = ("report.json", "report.html", "figures")
@@ -22,8 +23,12 @@ def place_report(target: Path, write: Callable[[Path], None], replace: bool) -> 
     present = [name for name in REPORT_FILES if (target / name).exists()]
     if present and not replace:
         raise UsageError(f"{target}: already holds {present[0]}; --force replaces it")
+    if not target.exists():
+        with OutputDirectory(target) as directory:
+            write(directory.path)
+            directory.publish()
+        return
     try:
-        target.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=".report.", dir=target))
     except OSError as error:
         raise UsageError(f"{target}: cannot be written: {error.strerror}") from error

@@ -8,7 +8,7 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from climbplan.climb.force_reduction import PREFERENCE, ReducedForces, halfspaces
+from climbplan.climb.force_reduction import ReducedForces, halfspaces
 from climbplan.plans.climb_plan import Array, Mask
 
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load
@@ -20,8 +20,6 @@ class ConeOptima:
 
     x: Array  # (B, q + 1) s and y
     solved: Mask  # (B,)
-    infeasible: Mask  # (B,) with a certificate
-    status: tuple[str, ...]  # (B,) Clarabel's own words
 
 
 def clarabel_settings() -> clarabel.DefaultSettings:
@@ -34,7 +32,7 @@ def clarabel_settings() -> clarabel.DefaultSettings:
 
 
 def solve_clarabel(group: ReducedForces) -> ConeOptima:
-    """Minimise gradient . x + PREFERENCE |y|^2 / 2 over the exact cones, one call an instant."""
+    """Minimise a group's objective and preference over the exact cones, one call an instant."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
     linear = halfspaces(group)
     # s >= 0 and s <= largest_s, then torque and contact, then (mu n . f, t . f, b . f) in a cone
@@ -43,35 +41,25 @@ def solve_clarabel(group: ReducedForces) -> ConeOptima:
     A[:, 0, 0], A[:, 1, 0] = -1.0, 1.0
     upper[:, 1] = group.largest_s
     A[:, 2:m], upper[:, 2:m] = linear.A, linear.upper
-    axes = np.stack(
-        [
-            group.usable_mu[..., None] * group.frame.normal,
-            group.frame.tangent,
-            group.frame.bitangent,
-        ],
-        axis=-2,
-    )  # (B, n, 3, 3)
-    A[:, m:, 1:] = -(axes @ group.null_space).reshape(b, 3 * n, q)
-    upper[:, m:] = np.einsum("bnij,bnj->bni", axes, group.particular).reshape(b, 3 * n)
+    steep = np.ones((b, n, 3))
+    steep[..., 0] = group.usable_mu
+    A[:, m:, 1:] = -(steep[..., None] * group.frame_null_space).reshape(b, 3 * n, q)
+    upper[:, m:] = (steep * group.frame_particular).reshape(b, 3 * n)
 
     cones = [clarabel.NonnegativeConeT(m), *[clarabel.SecondOrderConeT(3)] * n]
-    weight = np.full(q + 1, PREFERENCE)
-    weight[0] = 0.0
-    P = sparse.diags(weight, format="csc")
+    gradient = group.gradient + group.preference_gradient
     settings = clarabel_settings()
     # All entries are stored, zeros as well: one sparsity pattern for the whole batch.
     indptr = np.arange(q + 2) * (m + 3 * n)
     indices = np.tile(np.arange(m + 3 * n), q + 1)
     values = np.ascontiguousarray(np.swapaxes(A, 1, 2)).reshape(b, -1)
-    x, solved, infeasible = np.zeros((b, q + 1)), np.zeros(b, bool), np.zeros(b, bool)
-    status = []
+    x, solved = np.zeros((b, q + 1)), np.zeros(b, bool)
     for k in range(b):
         matrix = sparse.csc_matrix((values[k], indices, indptr), shape=(m + 3 * n, q + 1))
-        solver = clarabel.DefaultSolver(P, group.gradient[k], matrix, upper[k], cones, settings)
+        P = sparse.csc_matrix(np.triu(group.preference[k]))
+        solver = clarabel.DefaultSolver(P, gradient[k], matrix, upper[k], cones, settings)
         solution = solver.solve()
         x[k] = solution.x
-        status.append(str(solution.status))
         # "Almost" only missed the tight tolerance; the check of the forces decides.
-        solved[k] = status[-1] in ("Solved", "AlmostSolved", "InsufficientProgress")
-        infeasible[k] = status[-1] in ("PrimalInfeasible", "AlmostPrimalInfeasible")
-    return ConeOptima(x, solved, infeasible, tuple(status))
+        solved[k] = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
+    return ConeOptima(x, solved)

@@ -6,7 +6,7 @@ import daqp
 import numpy as np
 
 from climbplan.climb.force_pyramids import Optima
-from climbplan.climb.force_reduction import PREFERENCE, Halfspaces, ReducedForces
+from climbplan.climb.force_reduction import Halfspaces, ReducedForces
 from climbplan.plans.climb_plan import Mask
 
 _UNBOUNDED = -1e30  # no lower bound, in DAQP's terms
@@ -15,13 +15,13 @@ _SOLVED = 1
 
 
 def solve_daqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = None) -> Optima:
-    """Minimise gradient . x + PREFERENCE |y|^2 / 2 over the rows, one call an instant.
+    """Minimise a group's objective and preference over the rows, one call an instant.
 
-    The term on s only keeps the Hessian definite. active: (B, m) rows to start from; without it
-    each instant starts from the rows that were active in the one before.
+    active: (B, m) rows to start from; without it each instant starts from the rows that were active
+    in the one before.
     """
     b, m, size = rows.A.shape
-    hessian = PREFERENCE * np.eye(size)
+    gradient = group.gradient + group.preference_gradient
     upper = np.empty((b, m + 1))  # the bound on s comes first
     upper[:, 0], upper[:, 1:] = group.largest_s, rows.upper
     lower = np.full(m + 1, _UNBOUNDED)
@@ -36,8 +36,8 @@ def solve_daqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = Non
         if active is not None:
             sense = start[k]
         answer, _, flag, info = daqp.solve(
-            hessian,
-            group.gradient[k],
+            group.preference[k],
+            gradient[k],
             rows.A[k],
             upper[k],
             lower,

@@ -13,9 +13,9 @@ from climbplan.plans.climb_plan import Mask
 _TOLERANCE = 1e-6  # before polishing
 _ITERATIONS = 10_000
 # A first-order method crawls along the faces of a linear program: without curvature most instants
-# are not solved in 20000 iterations. So the last pass is a proximal one: curvature about the answer
-# before, which vanishes as answers settle.
-_CURVATURE = 1e-2
+# are not solved in 20000 iterations. So these are proximal steps: the curvature is about the answer
+# before, and vanishes as answers settle.
+_CURVATURE = 3e-2
 _PROXIMAL_STEPS = 6
 _SETTLED = 1e-5  # change of x between proximal steps
 
@@ -23,8 +23,8 @@ _SETTLED = 1e-5  # change of x between proximal steps
 def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = None) -> Optima:
     """Minimise gradient . x over the rows by proximal steps, several calls an instant.
 
-    `active` rows are of no use to a first-order method; given, they say that this is the last pass.
-    Answers that could not be polished may miss limits by more than the check allows.
+    `active` rows are of no use to a first-order method. Answers that could not be polished may miss
+    limits by more than the check allows.
     """
     b, m, size = rows.A.shape
     P = sparse.diags(np.full(size, _CURVATURE), format="csc")
@@ -54,8 +54,7 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = Non
             polishing=True,
             adaptive_rho_interval=50,  # by iterations, not by time: the same answer every run
         )
-        steps = 1 if active is None else _PROXIMAL_STEPS
-        for _ in range(steps):
+        for _ in range(_PROXIMAL_STEPS):
             answer = solver.solve(raise_error=False)
             if answer.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
                 break

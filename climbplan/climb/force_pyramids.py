@@ -39,24 +39,20 @@ class RowSolver(Protocol):
 
 
 def solve_pyramids(group: ReducedForces, facets: int, solver: RowSolver) -> Optima:
-    """Optima over inscribed pyramids of `facets` sides; unsolved where the first pass has none."""
+    """Optima over inscribed pyramids of `facets` sides; solved where both passes are."""
     b, n = group.limb.shape
     corners = np.broadcast_to(regular_corners(facets), (b, n, facets))
     rows = halfspaces(group, corners)
     first = solver(group, rows)
     set_friction(group, rows, _refined(_shear_direction(group, first.x[:, 1:]), facets))
     second = solver(group, rows, _carried_over(first.active, n, facets))
-    # The second pyramid does not contain the first: where it fails, the first answer stands.
-    x = np.where(second.solved[:, None], second.x, first.x)
-    return Optima(x, second.active, first.solved | second.solved)
+    return Optima(second.x, second.active, first.solved & second.solved)
 
 
 def _shear_direction(group: ReducedForces, y: Array) -> Array:
     """(B, n) angle of each tangential force from the tangent [rad]."""
-    force = group.particular + np.einsum("bniq,bq->bni", group.null_space, y)
-    along = np.einsum("bni,bni->bn", force, group.frame.tangent)
-    across = np.einsum("bni,bni->bn", force, group.frame.bitangent)
-    return np.arctan2(across, along)
+    force = group.frame_particular + np.einsum("bniq,bq->bni", group.frame_null_space, y)
+    return np.arctan2(force[..., 2], force[..., 1])
 
 
 def _refined(direction: Array, facets: int) -> Array:

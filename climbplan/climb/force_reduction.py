@@ -12,15 +12,16 @@ import numpy as np
 
 from climbplan.climb.force_statement import ForceStatement
 from climbplan.mechanics.equilibrium import balance_load
-from climbplan.mechanics.friction import ContactFrame, contact_frame, project_to_cone, pyramid_rows
-from climbplan.plans.climb_plan import Array, Index, Mask
+from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid_rows
+from climbplan.plans.climb_plan import Array, Index
 
-# Weight of |f|^2 / 2 (in units of the load) beside the objective. A linear objective leaves forces
-# open wherever they do not matter to the worst joint; this picks the smallest of the optimal ones,
-# which makes the answer unique. Below a threshold such a term leaves the optimum of a linear
-# program where it is: its measured effect on the objective is below 1e-9, and never above
-# PREFERENCE |f|^2 / 2.
-PREFERENCE = 1e-4
+# A linear objective leaves forces open wherever they do not matter to the worst joint. Among
+# equally good ones this weight, on half the sum of squared limb deflections |C f|^2 over BEND^2,
+# picks those for which the limbs bend least, which makes the answer unique. Below a threshold such
+# a term leaves the optimum of a linear program where it is; measured, it costs 1e-9 of the optimum.
+PREFERENCE = 1e-6
+BEND = 0.1  # [m]
+_DEFINITE = 1e-2  # part of PREFERENCE on y itself, for limbs that are stiff in some direction
 BALANCE_TOLERANCE = 1e-9  # load that contacts in a line may leave unbalanced, relative
 
 
@@ -37,9 +38,13 @@ class ReducedForces:
     null_space: Array  # (B, n, 3, q) Z
     torque_particular: Array  # (B, n, 3) torque / limit of f0
     torque_null_space: Array  # (B, n, 3, q) torque / limit of Z
-    frame: ContactFrame  # (B, n, ...)
+    normal: Array  # (B, n, 3)
+    frame_particular: Array  # (B, n, 3) f0 along normal, tangent, bitangent
+    frame_null_space: Array  # (B, n, 3, q) Z likewise
     usable_mu: Array  # (B, n) mu / S_mu
     gradient: Array  # (B, q + 1) of s - w sum n . f
+    preference: Array  # (B, q + 1, q + 1) Hessian of the preference for small deflections
+    preference_gradient: Array  # (B, q + 1) its gradient at x = 0
     largest_s: float
     unit: float  # [N]
 
@@ -55,9 +60,6 @@ class ReducedForces:
 
     def take(self, rows: Index) -> ReducedForces:
         """The same problem for some of the instants."""
-        frame = ContactFrame(
-            self.frame.normal[rows], self.frame.tangent[rows], self.frame.bitangent[rows]
-        )
         return ReducedForces(
             self.instant[rows],
             self.limb[rows],
@@ -65,9 +67,13 @@ class ReducedForces:
             self.null_space[rows],
             self.torque_particular[rows],
             self.torque_null_space[rows],
-            frame,
+            self.normal[rows],
+            self.frame_particular[rows],
+            self.frame_null_space[rows],
             self.usable_mu[rows],
             self.gradient[rows],
+            self.preference[rows],
+            self.preference_gradient[rows],
             self.largest_s,
             self.unit,
         )
@@ -80,7 +86,7 @@ class ReducedForces:
         """
         force = self.particular + np.einsum("bniq,bq->bni", self.null_space, y)
         safe = self.usable_mu * (1 - 1e-12)
-        return self.unit * project_to_cone(force, self.frame.normal, safe)
+        return self.unit * project_to_cone(force, self.normal, safe)
 
 
 @dataclass(frozen=True)
@@ -123,11 +129,22 @@ def _reduced(
     statement: ForceStatement, rows: Index, limbs: Index, particular: Array, null_space: Array
 ) -> ReducedForces:
     at = (rows[:, None], limbs)
-    normal = statement.normal[at]
+    axes = contact_frame(statement.normal[at]).axes
+    frame_null_space = axes @ null_space
     torque = statement.torque_per_force[at] * statement.unit
-    gradient = np.ones((len(rows), null_space.shape[-1] + 1))
-    gradient[:, 1:] = np.einsum("bni,bniq->bq", normal, null_space)
+    b, n, q = len(rows), limbs.shape[1], null_space.shape[-1]
+    gradient = np.ones((b, q + 1))
+    gradient[:, 1:] = frame_null_space[:, :, 0].sum(axis=1)
     gradient[:, 1:] *= -statement.normal_force_weight * statement.unit
+    bent = statement.compliance[at] * (statement.unit / BEND)
+    bent_particular = (bent @ particular[..., None]).reshape(b, 3 * n, 1)
+    bent_null_space = (bent @ null_space).reshape(b, 3 * n, q)
+    transposed = PREFERENCE * np.swapaxes(bent_null_space, 1, 2)
+    preference = np.zeros((b, q + 1, q + 1))
+    preference[:, 1:, 1:] = transposed @ bent_null_space
+    preference += PREFERENCE * _DEFINITE * np.eye(q + 1)
+    preference_gradient = np.zeros((b, q + 1))
+    preference_gradient[:, 1:] = (transposed @ bent_particular)[..., 0]
     return ReducedForces(
         instant=rows,
         limb=limbs,
@@ -135,9 +152,13 @@ def _reduced(
         null_space=null_space,
         torque_particular=np.einsum("bnij,bnj->bni", torque, particular),
         torque_null_space=torque @ null_space,
-        frame=contact_frame(normal),
+        normal=axes[:, :, 0],
+        frame_particular=(axes @ particular[..., None])[..., 0],
+        frame_null_space=frame_null_space,
         usable_mu=statement.usable_mu[at],
         gradient=gradient,
+        preference=preference,
+        preference_gradient=preference_gradient,
         largest_s=statement.largest_s,
         unit=statement.unit,
     )
@@ -171,9 +192,8 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     upper[:, 3 * n : 6 * n] = group.torque_particular.reshape(b, 3 * n)
     np.negative(upper[:, 3 * n : 6 * n], out=upper[:, : 3 * n])
     # Contact: -n . (f0 + Z y) <= 0
-    normal = group.frame.normal[:, :, None]
-    A[:, 6 * n : 7 * n, 1:] = -(normal @ group.null_space)[:, :, 0]
-    upper[:, 6 * n : 7 * n] = (group.frame.normal * group.particular).sum(axis=-1)
+    np.negative(group.frame_null_space[:, :, 0], out=A[:, 6 * n : 7 * n, 1:])
+    upper[:, 6 * n : 7 * n] = group.frame_particular[:, :, 0]
     rows = Halfspaces(A, upper, facets)
     if corners is not None:
         set_friction(group, rows, corners)
@@ -183,11 +203,6 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
 def set_friction(group: ReducedForces, rows: Halfspaces, corners: Array) -> None:
     """Write the friction rows of polygons with `corners` (B, n, F) into `rows`."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
-    facet = pyramid_rows(group.frame, group.usable_mu, corners)  # (B, n, F, 3)
-    rows.A[:, 7 * n :, 1:] = (facet @ group.null_space).reshape(b, n * rows.facets, q)
-    rows.upper[:, 7 * n :] = -np.einsum("bnfi,bni->bnf", facet, group.particular).reshape(b, -1)
-
-
-def active_rows(rows: Halfspaces, multipliers: Array) -> Mask:
-    """(B, m) rows with a multiplier."""
-    return np.asarray(np.abs(multipliers) > 0)
+    facet = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)
+    rows.A[:, 7 * n :, 1:] = (facet @ group.frame_null_space).reshape(b, n * rows.facets, q)
+    rows.upper[:, 7 * n :] = -(facet @ group.frame_particular[..., None]).reshape(b, -1)

@@ -20,9 +20,11 @@ import numpy as np
 from climbplan.climb.scene import ClimbScene
 from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
+from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.plans.climb_plan import Array, Instants, Mask
 from climbplan.robots.kinematics import jacobian_world
 
+RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
 TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met as asked
 
 
@@ -35,6 +37,7 @@ class ForceStatement:
     normal: Array  # (K, N, 3) unit, into free space
     mu: Array  # (K, N)
     jacobian: Array  # (K, N, 3, 3) world frame [m/rad]
+    compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
     max_torque: Array  # (N, 3) [N m]
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
@@ -71,12 +74,14 @@ def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
     heaviest = float(size.max(initial=0.0))
     # Without any load the torque limits set the scale.
     unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
+    jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
     return ForceStatement(
         contact=instants.contact,
         arms=arms,
         normal=instants.normal,
         mu=instants.mu,
-        jacobian=jacobian_world(robot, instants.rpy, instants.joint_angles),
+        jacobian=jacobian,
+        compliance=limb_compliance(robot, jacobian),
         max_torque=robot.max_torque,
         load=load,
         safety_friction=force.safety_friction,
@@ -93,7 +98,7 @@ def torques_of(statement: ForceStatement, force: Array) -> Array:
 
 
 def objective_of(statement: ForceStatement, force: Array) -> Array:
-    """Objective s - w sum n . f (K,) of forces (K, N, 3), with s as small as their torques allow."""
+    """s - w sum n . f (K,) of forces (K, N, 3), with s as small as their torques allow."""
     s = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
     pressure = split_force(force, statement.normal).normal.sum(axis=1)
     return np.asarray(s - statement.normal_force_weight * pressure)

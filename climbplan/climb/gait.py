@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.climb.scene import ClimbScene, load_wrench
-from climbplan.plans.climb_plan import Instants, Rounds
+from climbplan.plans.climb_plan import Array, Instants, Rounds
 from climbplan.robots.kinematics import inverse, require_reachable, to_body
 
 
@@ -68,8 +68,28 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
         joint_angles=np.full((*shape, 3), np.nan),
         external_wrench=load_wrench(scene.spec, robot, rpy),
     )
-    toes_body = to_body(com, rpy, toes)
-    solution = inverse(robot, toes_body)
+    angles = _joint_angles(scene, instants, toes, "")
+    _check_placing(scene, instants)
+    return replace(instants, joint_angles=angles)
+
+
+def _joint_angles(scene: ClimbScene, instants: Instants, toes: Array, doing: str) -> Array:
+    """Joint angles (K, N, 3) for toes (K, N, 3) at the instants' poses; raises ReachFailure."""
+    toes_body = to_body(instants.com, instants.rpy, toes)
+    solution = inverse(scene.robot, toes_body)
+    names = scene.robot.limb_names
     for k in np.flatnonzero(~solution.valid.all(axis=1)):
-        require_reachable(robot, toes_body[k], instants.label(int(k), robot.limb_names))
-    return replace(instants, joint_angles=solution.best())
+        require_reachable(scene.robot, toes_body[k], instants.label(int(k), names) + doing)
+    return solution.best()
+
+
+def _check_placing(scene: ClimbScene, instants: Instants) -> None:
+    """A lifted limb reaches its new place, and the point above it, before the body moves on."""
+    lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
+    limb = np.argmax(instants.lifted[lift], axis=1)
+    place = instants.toes[push, limb]
+    above = place + scene.spec.trajectory.lift * instants.normal[push, limb]
+    for point, doing in ((place, " and placed"), (above, ", above its new place")):
+        toes = instants.toes.copy()
+        toes[lift, limb] = point
+        _joint_angles(scene, instants, toes, doing)

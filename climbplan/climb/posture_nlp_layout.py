@@ -33,6 +33,8 @@ MOMENTS = (
     Moment("place", at_end=False, new_place=True, clear=False),
 )
 
+LINKS = 3  # coxa, femur, tibia
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -44,6 +46,7 @@ class Shape:
     edges: int  # most edges of a contact region
     free_rows: int  # most rows of the free regions of a round
     hull: int  # corners of the body
+    obstacles: int  # solids that limbs keep clear of
     stance: bool  # second workspace ball
     intermediate: bool  # workspace balls also while the body moves within a round
     com_min: bool  # lower bounds on steps
@@ -98,7 +101,12 @@ def posture_layout(n: int) -> Layout:
 
 
 def pin_layout(shape: Shape) -> Layout:
-    """What is pinned per round: region of each toe (before and after), the body's free region."""
+    """What is pinned per round.
+
+    The region of each toe before and after, the body's free region, and at every moment the plane
+    that parts each link of each limb from each obstacle (columns: obstacle by obstacle, limb by
+    limb, link by link).
+    """
     n, k, f = shape.limbs, shape.edges, shape.free_rows
     flat = (
         ("old_normal", (3, n)),
@@ -108,7 +116,10 @@ def pin_layout(shape: Shape) -> Layout:
         ("edge_bounds", (k, n)),
     )
     free = (("free_rows", (3, f)), ("free_bounds", (1, f)))
-    return Layout((*(() if shape.curved else flat), *free))
+    planes = tuple(
+        (f"planes_{moment.name}", (4, LINKS * n * shape.obstacles)) for moment in MOMENTS
+    )
+    return Layout((*(() if shape.curved else flat), *free, *planes))
 
 
 def number_layout(shape: Shape) -> Layout:
@@ -116,7 +127,7 @@ def number_layout(shape: Shape) -> Layout:
     n = shape.limbs
     per_limb = ("shoulder", "stance", "links")
     scalars = (
-        *("reach", "stance_radius", "lift", "clearance", "hull_radius"),
+        *("reach", "stance_radius", "lift", "clearance", "hull_radius", "limb_radius"),
         *("com_max", "com_min", "toe_max", "toe_min", "rotation_max", "tolerance"),
         "rotation_tolerance",
         *("w_goal", "w_goal_com", "w_goal_rotation", "w_com", "w_toe", "w_rotation"),

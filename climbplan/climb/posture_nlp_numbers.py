@@ -7,17 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.posture_nlp_layout import (
+    LINKS,
     MOMENTS,
+    Moment,
     Shape,
     number_layout,
     pin_layout,
     posture_layout,
     variable_layout,
 )
+from climbplan.climb.posture_nlp_links import kept_distances, parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.plans.climb_plan import Index, Rounds
-from climbplan.robots.kinematics import inverse, to_body
-from climbplan.robots.rotations import Array
+from climbplan.robots.kinematics import inverse, joint_points_body
+from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.surfaces import Region, Tube
 
 _UPRIGHT_PITCH = np.deg2rad(80.0)  # beyond it roll and yaw are no longer told apart
@@ -50,6 +53,7 @@ def shape_of(scene: ClimbScene) -> Shape:
         edges=max((len(region.b) for region in terrain.regions), default=0),
         free_rows=sum(max(len(free.b) for free in choice) for choice in terrain.free_choices),
         hull=len(scene.robot.body_hull),
+        obstacles=len(terrain.obstacles),
         stance=spec.stance_workspace,
         intermediate=spec.intermediate_reach,
         com_min=spec.steps.com_min > 0,
@@ -61,7 +65,8 @@ def parameters(scene: ClimbScene, guess: Guess) -> Array:
     """Start posture, pinned choices of every round, and all other numbers of the scene."""
     shape, start = shape_of(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
-    pins = [_pins(scene, shape, guess, j) for j in range(shape.rounds)]
+    planes = _planes(scene, guess)
+    pins = [_pins(scene, shape, guess, planes, j) for j in range(shape.rounds)]
     numbers = number_layout(shape).pack(_numbers(scene))
     return np.concatenate([posture_layout(shape.limbs).pack(posture), *pins, numbers])
 
@@ -88,6 +93,7 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
         "stance_radius": robot.stance_radius,
         "lift": scene.spec.trajectory.lift,
         "clearance": spec.body_clearance,
+        "limb_radius": robot.limb_radius,
         "hull_radius": np.linalg.norm(robot.body_hull, axis=1).max(),
         "com_max": steps.com_max,
         "com_min": steps.com_min,
@@ -106,7 +112,25 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
     return arrays | {name: np.array([[value]]) for name, value in scalars.items()}
 
 
-def _pins(scene: ClimbScene, shape: Shape, guess: Guess, j: int) -> Array:
+def _planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
+    """Parting planes of links and obstacles at the moments of every round, (M, 4, columns)."""
+    robot, found = scene.robot, {}
+    keep = np.array(kept_distances(robot.limb_radius, LINKS))
+    for moment in MOMENTS:
+        limbs = _limbs_at(scene, guess, moment)
+        rotation = rotation_world_body(limbs.rpy)  # (M, N, 3, 3)
+        points = joint_points_body(robot, limbs.angles)  # (M, N, 4, 3)
+        points = limbs.com[..., None, :] + np.einsum("mnab,mnkb->mnka", rotation, points)
+        planes = [
+            parting_planes(solid, points[:, :, :-1], points[:, :, 1:], keep)
+            for solid in scene.terrain.obstacles
+        ]
+        columns = np.stack(planes, axis=1) if planes else np.zeros((len(points), 0, 4))
+        found[f"planes_{moment.name}"] = np.swapaxes(columns.reshape(len(points), -1, 4), 1, 2)
+    return found
+
+
+def _pins(scene: ClimbScene, shape: Shape, guess: Guess, planes: dict[str, Array], j: int) -> Array:
     """The pinned choices of the round from posture j to posture j + 1."""
     terrain = scene.terrain
     values: dict[str, Array] = {
@@ -114,6 +138,7 @@ def _pins(scene: ClimbScene, shape: Shape, guess: Guess, j: int) -> Array:
         "free_rows": np.zeros((3, shape.free_rows)),
         "free_bounds": np.ones((1, shape.free_rows)),
     }
+    values |= {name: by_round[j] for name, by_round in planes.items()}
     at = 0
     for choice, chosen in zip(terrain.free_choices, guess.free[j], strict=True):
         free = choice[chosen]
@@ -165,45 +190,52 @@ def variable_bounds(scene: ClimbScene, joint_margin: float) -> Box:
     return Box(*(np.tile(layout.pack(side), shape.rounds) for side in (low, high)))
 
 
-def first_iterate(scene: ClimbScene, guess: Guess, box: Box) -> Array:
-    """All variables at a guess; joint angles by inverse kinematics, at their bounds if it fails."""
-    robot, rounds = scene.robot, guess.rounds
-    n, m = robot.limb_count, rounds.count
-    share = np.empty(n)
-    share[list(scene.gait)] = np.arange(n) / n
+@dataclass(frozen=True)
+class _LimbsAt:
+    """All limbs at one moment of every round, each with the body where it then is."""
+
+    com: Array  # (M, N, 3)
+    rpy: Array  # (M, N, 3)
+    angles: Array  # (M, N, 3)
+
+
+def _limbs_at(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbsAt:
+    """Poses and joint angles of a guess, knee up where inverse kinematics fails."""
+    rounds, n = guess.rounds, scene.robot.limb_count
+    share = np.ones(n)
+    if not moment.at_end:
+        share[list(scene.gait)] = np.arange(n) / n
     com, rpy = (
-        x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None] for x in (rounds.com, rounds.rpy)
-    )  # (M, N, 3) pose while each limb moves
-    limb = np.arange(n)
+        x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None]
+        for x in (rounds.com, rounds.rpy)
+    )
+    rows = slice(1, None) if moment.new_place else slice(None, -1)
+    toes, region = rounds.toes[rows].copy(), rounds.region[rows]
+    if moment.clear:
+        for j, i in np.ndindex(*region.shape):
+            normal = scene.terrain.surfaces[region[j, i]].normal_at(toes[j, i])
+            toes[j, i] += scene.spec.trajectory.lift * normal
+    inside = np.einsum("mnba,mnb->mna", rotation_world_body(rpy), toes - com)
+    solution = inverse(scene.robot, inside)
+    angles = np.where(solution.valid[..., None], solution.best(), solution.angles[..., 0, :, :])
+    return _LimbsAt(com, rpy, angles)
+
+
+def first_iterate(scene: ClimbScene, guess: Guess, box: Box) -> Array:
+    """All variables at a guess; joint angles by inverse kinematics, within the bounds."""
+    rounds = guess.rounds
     values = {
         "com": rounds.com[1:, :, None],
         "rpy": rounds.rpy[1:, :, None],
         "toes": np.swapaxes(rounds.toes[1:], 1, 2),
     }
-    normals = np.stack(
-        [
-            [scene.terrain.surfaces[r].normal_at(toe) for r, toe in zip(*posture, strict=True)]
-            for posture in zip(rounds.region, rounds.toes, strict=True)
-        ]
-    )
-    lift = scene.spec.trajectory.lift
     for moment in MOMENTS:
-        toes = rounds.toes + (lift * normals if moment.clear else 0.0)
-        toes = toes[1:] if moment.new_place else toes[:-1]  # (M, N, 3)
-        if moment.at_end:
-            inside = to_body(rounds.com[1:], rounds.rpy[1:], toes)
-        else:
-            all_poses = to_body(com, rpy, np.repeat(toes[:, None], n, axis=1))  # (M, N, N, 3)
-            inside = all_poses[:, limb, limb]
-        solution = inverse(robot, inside)
-        # Knee up where no branch is within bounds
-        angles = np.where(
-            solution.valid[..., None], solution.best(), solution.angles[..., 0, :, :]
-        )
+        angles = _limbs_at(scene, guess, moment).angles
         values[f"angles_{moment.name}"] = np.swapaxes(angles, 1, 2)
-    layout = variable_layout(n)
-    x = np.concatenate([layout.pack({k: v[j] for k, v in values.items()}) for j in range(m)])
-    return np.clip(x, box.lower, box.upper)
+    layout = variable_layout(scene.robot.limb_count)
+    by_round = [{k: v[j] for k, v in values.items()} for j in range(rounds.count)]
+    x: Array = np.concatenate([layout.pack(v) for v in by_round])
+    return x.clip(box.lower, box.upper)
 
 
 def to_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:

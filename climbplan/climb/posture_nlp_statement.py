@@ -12,6 +12,7 @@ number as a parameter, so all starts of a scene, and all scenes of a study, shar
 
 from __future__ import annotations
 
+import itertools
 import time
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from climbplan.climb.posture_nlp_layout import (
+    LINKS,
     MOMENTS,
     Shape,
     number_layout,
@@ -28,6 +30,7 @@ from climbplan.climb.posture_nlp_layout import (
     posture_layout,
     variable_layout,
 )
+from climbplan.climb.posture_nlp_links import kept_distances, link_points
 from climbplan.robots.rotations import Array
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
@@ -112,23 +115,27 @@ def _round_function(shape: Shape) -> _RoundFunction:
             return ca.vertcat((c["axis"] - toes[:2, i]) / c["radius"], 0)
         return pins[pinned][:, i]
 
-    # Exact forward kinematics at every moment
+    # Exact forward kinematics at every moment, and each link beyond its planes
+    keeps = kept_distances(c["limb_radius"], LINKS)
     for moment in MOMENTS:
-        ties = []
+        ties, parted = [], []
+        planes = pins[f"planes_{moment.name}"]
         for i in limbs:
             origin, turned = end if moment.at_end else moving[i]
-            angle = new[f"angles_{moment.name}"][:, i]
-            links, psi = c["links"][:, i], c["mount_yaw"][i] + angle[0]
-            tilt = angle[1] + angle[2]
-            radius = links[0] + links[1] * ca.cos(angle[1]) + links[2] * ca.sin(tilt)
-            height = links[1] * ca.sin(angle[1]) - links[2] * ca.cos(tilt)
-            foot = ca.vertcat(radius * ca.cos(psi), radius * ca.sin(psi), height)
+            angles = new[f"angles_{moment.name}"][:, i]
+            chain = link_points(c["shoulder"][:, i], c["links"][:, i], c["mount_yaw"][i], angles)
+            points = [origin + turned @ point for point in chain]
             toes, pinned = (new, "normal") if moment.new_place else (old, "old_normal")
             target = toes["toes"][:, i]
             if moment.clear:
                 target = target + c["lift"] * normal(toes["toes"], pinned, i)
-            ties.append(origin + turned @ (c["shoulder"][:, i] + foot) - target)
+            ties.append(points[-1] - target)
+            for obstacle, link in itertools.product(range(shape.obstacles), range(LINKS)):
+                plane = planes[:, (obstacle * n + i) * LINKS + link]
+                for keep, point in zip(keeps[link], points[link : link + 2], strict=True):
+                    parted.append(plane[3] + keep - ca.dot(plane[:3], point))
         rows.add(f"posture.kinematics_{moment.name}", ties, equality=True)
+        rows.add(f"posture.links_{moment.name}", parted)
 
     # C: workspace balls about shoulder and nominal stance
     balls = [("reach", "shoulder", "reach")]
@@ -203,14 +210,14 @@ def _goal_function(shape: Shape) -> Any:
     return ca.Function("goal", arguments, [cost, rows])
 
 
-class Deadline(ca.Callback):  # type: ignore[misc]
+class Deadline(ca.Callback):
     """Stops IPOPT between two iterations once the clock passes `at`."""
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
         ca.Callback.__init__(self)
         self.at = float("inf")  # [s], time.monotonic
-        self._sizes = dict(x=variables, f=1, g=rows, lam_x=variables, lam_g=rows)
-        self._sizes["lam_p"] = parameters
+        sizes = {"x": variables, "f": 1, "g": rows, "p": parameters}
+        self._sizes = sizes | {f"lam_{name}": size for name, size in sizes.items()}
         self.construct("deadline", {})
 
     def get_n_in(self) -> int:
@@ -261,21 +268,33 @@ def posture_nlp(shape: Shape, iterations: int) -> PostureNlp:
     g = ca.vertcat(ca.vec(rows), goal_rows)
 
     equality = np.concatenate([np.full(count, eq) for _, count, eq in each.blocks])
-    lower = np.where(np.append(np.tile(equality, m), np.zeros(goal_rows.numel(), bool)), 0.0, -np.inf)
-    blocks = {name: count * m for name, count, _ in each.blocks} | {"posture.goal": goal_rows.numel()}
+    lower = np.where(
+        np.append(np.tile(equality, m), np.zeros(goal_rows.numel(), bool)), 0.0, -np.inf
+    )
+    blocks = {name: count * m for name, count, _ in each.blocks} | {
+        "posture.goal": goal_rows.numel()
+    }
     deadline = Deadline(size * m, g.numel(), p.numel())
     ipopt = {
         "print_level": 0,
         "sb": "yes",
         "linear_solver": "mumps",
         "max_iter": iterations,
+        # Lower step bounds need 5 times fewer iterations with these two, the rest a few less.
+        "mu_strategy": "adaptive",
+        "obj_scaling_factor": 100.0,  # costs are a few 1e-3 m^2
         "tol": 1e-8,
         "constr_viol_tol": 1e-9,
         "acceptable_tol": 1e-6,
         "acceptable_constr_viol_tol": 1e-8,
         "bound_relax_factor": 0.0,
     }
-    options = {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
+    options: dict[str, Any] = {
+        "print_time": False,
+        "error_on_fail": False,
+        "iteration_callback": deadline,
+        "ipopt": ipopt,
+    }
     problem = {"x": x, "p": p, "f": ca.sum2(cost) + goal_cost, "g": g}
-    solver = ca.nlpsol("posture", "ipopt", problem, {**options, "iteration_callback": deadline})
+    solver = ca.nlpsol("posture", "ipopt", problem, options)
     return PostureNlp(shape, solver, lower, np.zeros(len(lower)), blocks, deadline)

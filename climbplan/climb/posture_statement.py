@@ -20,6 +20,7 @@ from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion
+from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
 
@@ -90,6 +91,53 @@ def body_polytope(
     return Polytope.halfspaces(free.name, both, np.concatenate([b, b]))
 
 
+def limb_polytopes(
+    solid: Solid, shoulder: Array, femur: float, keep: float, rotation: LinearRotation
+) -> list[Polytope]:
+    """Toes and body poses before and after a round for which a limb stays beyond one face.
+
+    Points are (toe, com, Theta) of both postures, in R^18. A limb lies in the upright plane of
+    shoulder and toe, so a level face has both ends beyond it or, from below, needs room for the
+    knee, which stands at most a femur above the shoulder.
+    """
+    faces = []
+    for k, (normal, offset) in enumerate(zip(solid.A, solid.b, strict=True)):
+        # Beyond the face: normal . p >= offset + keep for toe and shoulder
+        turned = rotation.reference.T @ normal
+        arm = np.cross(shoulder, turned)
+        knee = femur * max(0.0, -float(normal[2]))
+        zero = np.zeros(3)
+        rows = np.array([[*-normal, *zero, *zero], [*zero, *-normal, *-arm]])
+        bound = shoulder @ turned - arm @ rotation.level - offset - keep - knee
+        bounds = np.array([-offset - keep, bound])
+        both = np.kron(np.eye(2), rows)
+        name = f"{solid.name} face {k}"
+        faces.append(Polytope.halfspaces(name, both, np.concatenate([bounds, bounds])))
+    return faces
+
+
+def _limb_free(p: Program, scene: ClimbScene, postures: Expression) -> None:
+    """Standing limbs stay beyond one face of every obstacle during a round.
+
+    postures: (M, N, 18) toe, com and Theta before and after each round.
+    """
+    robot, terrain = scene.robot, scene.terrain
+    keep = scene.spec.posture.limb_clearance
+    rotation = LinearRotation(float(scene.start.rpy[2]))
+    for index, solid in enumerate(terrain.obstacles):
+        per_limb = []
+        for i in range(robot.limb_count):
+            corners = np.concatenate(
+                [terrain.regions[r].vertices for r in np.flatnonzero(terrain.allowed[i])]
+            )
+            beyond = (corners @ solid.A.T - solid.b).max(axis=0) >= keep  # a toe may stand there
+            faces = limb_polytopes(
+                solid, robot.shoulder_body[i], float(robot.link_lengths[i, 1]), keep, rotation
+            )
+            per_limb.append([f for f, usable in zip(faces, beyond, strict=True) if usable])
+        p.one_of(f"posture.limb_free_{index}", postures, per_limb * len(postures), unit="m")
+
+
 def sum_of_squares(expression: Expression) -> Any:
     """Sum of the squares of all entries."""
     return np.sum(expression**2)
@@ -152,6 +200,21 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
     for index, choice in enumerate(terrain.free_choices):
         free = [body_polytope(r, robot.body_hull, keep, rotation) for r in choice]
         p.one_of(f"posture.body_free_{index}", poses, [free] * m, unit="m")
+
+    # Standing limbs pass every obstacle on one side in each round
+    repeat = (m, n, 3)
+    postures = np.concatenate(
+        [
+            toes[:-1],
+            np.broadcast_to(coms[:-1, None], repeat),
+            np.broadcast_to(turns[:-1, None], repeat),
+            toes[1:],
+            np.broadcast_to(coms[1:, None], repeat),
+            np.broadcast_to(turns[1:, None], repeat),
+        ],
+        axis=-1,
+    )
+    _limb_free(p, scene, postures)
 
     # Goal: within tolerance, and as close as the weights say
     goal = scene.goal

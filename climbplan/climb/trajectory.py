@@ -15,9 +15,9 @@ import numpy as np
 from climbplan.climb.forces import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
-from climbplan.climb.swing import swing_path
+from climbplan.climb.swing import Swing, swing_path
 from climbplan.errors import Infeasible, ReachFailure
-from climbplan.plans.climb_plan import Forces, Instants, Mask, Rounds, Trajectory
+from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
 from climbplan.robots.kinematics import inverse, require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
@@ -109,7 +109,8 @@ def _keyframes(scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Fo
         old = rounds.toes[instants.round[k] - 1, limb]
         new = instants.toes[k + 1, limb]
         normals = instants.normal[[k, k + 1], limb]
-        path = swing_path(scene, old, new, normals, where)
+        swing = Swing(limb, instants.com[k], instants.rpy[k], old, new, normals, where)
+        path = swing_path(scene, swing)
 
         def moved(point: Array, base: Array, limb: int = limb) -> Array:
             out = base.copy()
@@ -140,7 +141,7 @@ def _ease(share: Array) -> Array:
     return share**2 * (3.0 - 2.0 * share)
 
 
-def _between(frames: _Keyframes, segment: Array, share: Array) -> tuple[Array, Array, Array]:
+def _between(frames: _Keyframes, segment: Index, share: Array) -> tuple[Array, Array, Array]:
     """Body poses and commands at shares (S,) of segments (S,)."""
     s = share[:, None]
     com = (1 - s) * frames.com[segment] + s * frames.com[segment + 1]

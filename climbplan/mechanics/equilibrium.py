@@ -50,7 +50,9 @@ class Balance:
     residual: Array  # (B,) part of the load that no contact forces balance [N], 0 at full rank
 
 
-def balance_load(arms: Array, load: Array, length: float) -> list[tuple[NDArray[np.int64], Balance]]:
+def balance_load(
+    arms: Array, load: Array, length: float
+) -> list[tuple[NDArray[np.int64], Balance]]:
     """Contact forces that balance loads, batched over instants with equally many contacts.
 
     arms: (B, n, 3) [m]; load: (B, 6) [N, N m] on the body; length [m] makes moments comparable

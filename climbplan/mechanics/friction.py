@@ -17,6 +17,11 @@ class ContactFrame:
     tangent: Array  # (..., 3) unit
     bitangent: Array  # (..., 3) unit, normal x tangent
 
+    @property
+    def axes(self) -> Array:
+        """(..., 3, 3) rows normal, tangent, bitangent."""
+        return np.stack([self.normal, self.tangent, self.bitangent], axis=-2)
+
 
 def contact_frame(normal: Array) -> ContactFrame:
     """Frames for unit normals (..., 3): the bitangent as upright as the surface allows.
@@ -73,12 +78,12 @@ def project_to_cone(force: Array, normal: Array, mu: Array) -> Array:
 
 
 def regular_corners(count: int) -> Array:
-    """Angles (count,) of a regular polygon's corners in the contact frame, from the tangent [rad]."""
+    """Angles (count,) of a regular polygon's corners, from the tangent [rad]."""
     return 2 * np.pi * np.arange(count) / count
 
 
-def pyramid_rows(frame: ContactFrame, mu: Array, corners: Array) -> Array:
-    """Rows a with a . f <= 0 for the pyramid inscribed in |f_t| <= mu n . f.
+def pyramid_rows(mu: Array, corners: Array) -> Array:
+    """Rows a with a . (n . f, t . f, b . f) <= 0 for the pyramid inscribed in |f_t| <= mu n . f.
 
     mu: (...); corners: (..., F) increasing angles of the polygon's corners within one turn, from
     the tangent [rad]. Returns (..., F, 3). Every corner lies on the cone, so a force inside the
@@ -86,9 +91,8 @@ def pyramid_rows(frame: ContactFrame, mu: Array, corners: Array) -> Array:
     """
     following = np.concatenate([corners[..., 1:], corners[..., :1] + 2 * np.pi], axis=-1)
     middle, half = (corners + following) / 2, (following - corners) / 2
-    across = (
-        np.cos(middle)[..., None] * frame.tangent[..., None, :]
-        + np.sin(middle)[..., None] * frame.bitangent[..., None, :]
-    )
-    along = (mu[..., None] * np.cos(half))[..., None] * frame.normal[..., None, :]
-    return np.asarray(across - along)
+    rows = np.empty((*corners.shape, 3))
+    rows[..., 0] = -mu[..., None] * np.cos(half)
+    rows[..., 1] = np.cos(middle)
+    rows[..., 2] = np.sin(middle)
+    return rows

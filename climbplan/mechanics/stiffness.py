@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.errors import ClimbplanError
 from climbplan.robots.model import Robot
@@ -99,7 +100,7 @@ class Deflections:
 
 
 def deflections_for_forces(
-    compliance: Array, arms: Array, force: Array, contact: Array, compensated: bool
+    compliance: Array, arms: Array, force: Array, contact: NDArray[np.bool_], compensated: bool
 ) -> Deflections:
     """Deflections with delta_wall_i = C_i f_i + B_i delta_com, the inverse of eq. (4.14).
 

@@ -23,15 +23,9 @@ from climbplan.plans.climb_plan import (
     Study,
     Trajectory,
 )
-from climbplan.plans.hdf5_store import (
-    Layout,
-    Reader,
-    new_store,
-    opened_store,
-    write_dataset,
-    write_json,
-    write_text,
-)
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
 from climbplan.plans.terrain_store import read_terrain, write_terrain
 from climbplan.robots.model import Robot
 
@@ -167,10 +161,9 @@ def _read(reader: Reader) -> ClimbPlan:
     instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
     forces = Forces(**_arrays(reader, "instants", layout.FORCES))
     trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
-    limits = StepLimits(
-        **_arrays(reader, "limits", layout.LIMITS),
-        **{name: reader.number("limits", name) for name in layout.LIMITS_NUMBERS},
-    )
+    bounds = _arrays(reader, "limits", layout.LIMITS)
+    bounds |= {name: reader.number("limits", name) for name in layout.LIMITS_NUMBERS}
+    limits = StepLimits(**bounds)
     _require_counts(reader)
     terrain = read_terrain(reader, "terrain")
     for name, region in (("rounds/region", rounds.region), ("instants/region", instants.region)):
@@ -233,15 +226,12 @@ def _arrays(reader: Reader, group: str, layouts: Mapping[str, Layout]) -> dict[s
 
 def _read_robot(reader: Reader) -> Robot:
     reader.group("robot")
-    texts = {
+    fields: dict[str, Any] = {
         name: reader.texts(f"robot/{name}", shape) for name, shape in layout.ROBOT_TEXTS.items()
     }
-    return Robot(
-        name=reader.text("robot", "name"),
-        **texts,
-        **{name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS},
-        **_arrays(reader, "robot", layout.ROBOT),
-    )
+    fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
+    fields |= _arrays(reader, "robot", layout.ROBOT)
+    return Robot(name=reader.text("robot", "name"), **fields)
 
 
 def _read_study(reader: Reader) -> Study:
@@ -256,7 +246,7 @@ def _read_study(reader: Reader) -> Study:
     detail = reader.texts("study/detail", layout.TEXTS)
     if label.shape != shape or len(detail) != label.size:
         raise reader.refuse("study/label and study/detail do not fit study/values")
-    if label.size and not (0 <= label.min() and label.max() < len(Study.LABELS)):
+    if label.size and not (label.min() >= 0 and label.max() < len(Study.LABELS)):
         raise reader.refuse(f"study/label leaves the range 0 to {len(Study.LABELS) - 1}")
     return Study(keys=keys, values=values, label=label, detail=detail)
 

@@ -6,7 +6,7 @@ Each table's keys are the fields of the dataclass of the same name in `climb_pla
 
 from __future__ import annotations
 
-from climbplan.plans.hdf5_store import Layout
+from climbplan.plans.hdf5_layout import Layout
 
 FORMAT = "climbplan/climb"
 FORMAT_VERSION = 1
@@ -78,6 +78,7 @@ TRAJECTORY = {
 LIMITS = {
     "goal_com": Layout((3,), "m", "world"),
     "goal_toes": Layout(("N", 3), "m", "world"),
+    "goal_rpy": Layout((3,), "rad", "world"),
 }
 LIMITS_NUMBERS = {
     "com_max": "m",
@@ -86,12 +87,13 @@ LIMITS_NUMBERS = {
     "com_min": "m",
     "toe_min": "m",
     "goal_tolerance": "m",
+    "goal_rotation_tolerance": "rad",
     "body_clearance": "m",
     "safety_friction": "",
     "safety_torque": "",
 }
 
-# terrain/surfaces/<index>, attribute `kind` "flat" or "tube"; a dataset of edge half-spaces for flat
+# terrain/surfaces/<index>, attribute `kind` "flat" (with the half-spaces of its edges) or "tube"
 FLAT = {
     "vertices": Layout(("*", 3), "m", "world"),
     "normal": Layout((3,), "", "world"),

@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 
 from climbplan.plans import climb_layout as layout
-from climbplan.plans.hdf5_store import Reader, write_dataset, write_text
+from climbplan.plans.hdf5_reading import Reader
+from climbplan.plans.hdf5_writing import write_dataset, write_text
 from climbplan.terrain.model import FreeRegion, Terrain
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
@@ -106,9 +107,7 @@ def _read_surface(reader: Reader, where: str) -> Surface:
         corners = len(arrays["vertices"])
         if corners < 3 or len(arrays["A"]) != corners or len(arrays["b"]) != corners:
             raise reader.refuse(f"{where} has {corners} corners, {len(arrays['b'])} edges")
-        return Region(
-            name=name, offset=reader.number(where, "offset"), friction=friction, **arrays
-        )
+        return Region(name=name, offset=reader.number(where, "offset"), friction=friction, **arrays)
     if kind == "tube":
         center = reader.array(f"{where}/center", layout.TUBE["center"])
         numbers = {field: reader.number(where, field) for field in layout.TUBE_NUMBERS}

@@ -31,13 +31,24 @@ class Camera:
 
     def depth(self, points: Array) -> Array:
         """Distance towards the viewer (...) of world points (..., 3) [m]."""
-        return np.asarray(points) @ self.axes[2]
+        depth: Array = np.asarray(points) @ self.axes[2]
+        return depth
 
     def faces_viewer(self, normal: Array) -> bool:
         """Whether a face with this outward normal is seen from its outside."""
         return float(self.axes[2] @ normal) > 1e-9
 
 
+def clear_view(azimuth_deg: float, elevation_deg: float, path: Array, blocks: Array) -> Camera:
+    """The camera at plus or minus an azimuth, on the side where blocks stand less in the way.
+
+    path: (P, 3) what is to be seen; blocks: (B, 3) corners of what may hide it [m].
+    """
+    camera = Camera(azimuth_deg, elevation_deg)
+    if len(blocks) == 0 or camera.depth(blocks).mean() <= camera.depth(path).mean():
+        return camera
+    return Camera(-azimuth_deg, elevation_deg)
+
+
 FRONT = Camera(-90.0, 0.0)  # x to the right, z up
 SIDE = Camera(0.0, 0.0)  # y to the right, z up
-OBLIQUE = Camera(-63.0, 18.0)

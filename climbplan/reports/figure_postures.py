@@ -9,9 +9,17 @@ from matplotlib.lines import Line2D
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.camera import FRONT, OBLIQUE, SIDE, Camera
-from climbplan.reports.patches import climb_box
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+from climbplan.reports.camera import FRONT, SIDE
+from climbplan.reports.patches import climb_box, oblique_camera
+from climbplan.reports.sheet import (
+    foot_legend,
+    heading,
+    limb_name,
+    new_figure,
+    panel_title,
+    plain,
+    style_axes,
+)
 from climbplan.reports.view import View
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array
@@ -32,11 +40,16 @@ def round_angles(plan: ClimbPlan) -> Array:
     return inverse(plan.robot, to_body(rounds.com, rounds.rpy, rounds.toes)).best()
 
 
-def _climb(view: View, plan: ClimbPlan, angles: Array, numbers: bool) -> None:
+def _drawn(count: int) -> tuple[list[int], list[int]]:
+    """Which of the rounds 0..count are drawn at all, and which of those with legs."""
+    drawn = _picked(count, _OUTLINES)
+    return drawn, [drawn[i] for i in _picked(len(drawn) - 1, _DETAILED)]
+
+
+def _climb(view: View, plan: ClimbPlan, angles: Array) -> None:
     """Terrain, bodies, legs, footholds and path of a climb."""
     rounds = plan.rounds
-    drawn = _picked(rounds.count, _OUTLINES)
-    detailed = [drawn[i] for i in _picked(len(drawn) - 1, _DETAILED)]
+    drawn, detailed = _drawn(rounds.count)
     view.terrain(plan)
     for j in drawn:
         pose = rounds.com[j], rounds.rpy[j]
@@ -48,15 +61,13 @@ def _climb(view: View, plan: ClimbPlan, angles: Array, numbers: bool) -> None:
     view.footholds(rounds.toes, size=14)
     style = {"color": palette.INK, "linewidth": 1.2, "marker": "o", "markersize": 2.5}
     view.line(rounds.com, 20, **style)
-    if numbers:
-        _number(view, rounds.com, detailed)
 
 
-def _number(view: View, com: Array, detailed: list[int]) -> None:
+def _number(view: View, com: Array) -> None:
     """Round numbers beside the path, left out where they would collide."""
     low, high = view.ax.get_ylim()
     last = -np.inf
-    for j in detailed:
+    for j in _drawn(len(com) - 1)[1]:
         x, z = view.camera.project(com[j])
         if z - last < 0.035 * (high - low):
             continue
@@ -72,43 +83,41 @@ def postures(plan: ClimbPlan) -> Figure:
     box = climb_box(plan)
     angles = round_angles(plan)
     wide = box.size[2] > 1.7 * max(box.size[:2])
-    figure = new_figure(_height(box.size, wide), foot=0.32)
+    figure = new_figure(_height(box.size, wide), entries=plan.robot.limb_count + 1)
     if wide:
         grid = figure.add_gridspec(1, 3, width_ratios=[1.75, 1.0, box.size[1] / box.size[0]])
         cells = [grid[0, 0], grid[0, 1], grid[0, 2]]
     else:
         grid = figure.add_gridspec(2, 2, width_ratios=[1.5, 1.0])
         cells = [grid[:, 0], grid[0, 1], grid[1, 1]]
-    names = ["", "front", "side, from the right"]
-    for cell, camera, name in zip(cells, (OBLIQUE, FRONT, SIDE), names, strict=True):
-        view = View(figure.add_subplot(cell), camera, box)
-        _frame(view, camera, name)
-        _climb(view, plan, angles, numbers=bool(name))
+    oblique = View(figure.add_subplot(cells[0]), oblique_camera(plan, -63.0, 18.0), box)
+    oblique.oblique_axes()
+    _climb(oblique, plan, angles)
+    for cell, camera, name in (
+        (cells[1], FRONT, "front"),
+        (cells[2], SIDE, "side, from the right"),
+    ):
+        view = View(figure.add_subplot(cell), camera, box, obstacle_alpha=0.4, cut_walls=True)
+        style_axes(view.ax)
+        view.plain_axes("x" if camera is FRONT else "y")
+        panel_title(view.ax, name)
+        _climb(view, plan, angles)
+        _number(view, plan.rounds.com)
     names_by_limb = plan.robot.limb_names
     handles = [
         Line2D([], [], color=palette.limb_color(i), marker="o", markersize=5, linewidth=2)
         for i in range(len(names_by_limb))
     ]
     path = Line2D([], [], color=palette.INK, marker="o", markersize=2.5, linewidth=1.2)
-    foot_legend(figure, [*handles, path], [*map(plain, names_by_limb), "body path by round"])
+    foot_legend(figure, [*handles, path], [*map(limb_name, names_by_limb), "body path by round"])
     count = plan.rounds.count
     heading(
         figure,
-        f"Postures: {plain(plan.name)}",
-        f"{plain(plan.robot.name)}, {count} round{'s' if count > 1 else ''}, "
+        f"Postures: {plain(plan.name, 36)}",
+        f"{plain(plan.robot.name, 24)}, {count} round{'s' if count > 1 else ''}, "
         f"{float(plan.rounds.com[-1, 2] - plan.rounds.com[0, 2]):.2f} m up; dots are footholds",
     )
     return figure
-
-
-def _frame(view: View, camera: Camera, name: str) -> None:
-    """Axes of one view."""
-    if camera is OBLIQUE:
-        view.oblique_axes()
-        return
-    style_axes(view.ax)
-    view.plain_axes("x" if camera is FRONT else "y")
-    panel_title(view.ax, name)
 
 
 def _height(size: Array, wide: bool) -> float:

@@ -24,7 +24,7 @@ def region(plan: ClimbPlan) -> Figure:
         raise ValueError("the plan has no study")
     study, axes = plan.study, study_axes(plan, plan.study)
     flat = len(axes) == 1
-    figure = new_figure(2.6 if flat else 6.4, foot=0.36)
+    figure = new_figure(2.6 if flat else 6.4, entries=4)
     ax = figure.subplots()
     style_axes(ax)
     _cells(ax, study, axes)

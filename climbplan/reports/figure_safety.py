@@ -10,10 +10,12 @@ from matplotlib.lines import Line2D
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.figure_series import mark_rounds, rounds_label
-from climbplan.reports.series import instant_labels
+from climbplan.reports.series import least_at
 from climbplan.reports.sheet import (
+    drawn_labels,
     foot_legend,
     heading,
+    limb_name,
     new_figure,
     panel_title,
     plain,
@@ -45,17 +47,17 @@ def _panel(ax: Axes, plan: ClimbPlan, factor: Array, asked: float, name: str) ->
         panel_title(ax, what, f"no load at any instant; asked for {asked:g}")
         ax.set_ylim(0, 1.25 * asked)
         return
-    worst = int(np.nanargmin(finite))
+    worst = least_at(factor)
     ax.scatter(worst, finite[worst], s=90, facecolor="none", edgecolor=palette.FAILURE, zorder=4)
     top = 1.15 * float(np.nanpercentile(finite, 99))  # a lone unloaded instant may run off the top
     ax.set_ylim(0, max(top, 1.25 * asked))
-    note = f"least {finite[worst]:.2f}: {instant_labels(plan)[worst]}; asked for {asked:g}"
-    panel_title(ax, what, plain(note))
+    note = f"least {finite[worst]:.2f}: {drawn_labels(plan)[worst]}; asked for {asked:g}"
+    panel_title(ax, what, note)
 
 
 def safety(plan: ClimbPlan) -> Figure:
     """S_tau and S_mu by instant; dots in the colour of the lifted limb."""
-    figure = new_figure(5.6, foot=0.36)
+    figure = new_figure(5.6, entries=plan.robot.limb_count + 3)
     upper, lower = figure.subplots(2, 1, sharex=True)
     _panel(upper, plan, plan.forces.safety_torque, plan.limits.safety_torque, r"$S_\tau$")
     _panel(lower, plan, plan.forces.safety_friction, plan.limits.safety_friction, r"$S_\mu$")
@@ -70,7 +72,7 @@ def safety(plan: ClimbPlan) -> Figure:
         Line2D([], [], color=palette.REQUIRED, lw=1.4),
         Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))),
     ]
-    labels = [*(plain(f"{name} lifted") for name in names), "pushed", "asked for", "failure"]
+    labels = [*(f"{limb_name(name)} lifted" for name in names), "pushed", "asked for", "failure"]
     foot_legend(figure, handles, labels)
     heading(figure, "Safety factors", plain(f"{plan.name}, {plan.robot.name}"))
     return figure

@@ -14,10 +14,12 @@ from matplotlib.patches import Patch
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.series import LimbSeries, instant_labels, limb_series, round_spans
+from climbplan.reports.series import LimbSeries, limb_series, round_spans
 from climbplan.reports.sheet import (
+    drawn_labels,
     foot_legend,
     heading,
+    limb_name,
     new_figure,
     panel_title,
     plain,
@@ -92,14 +94,14 @@ def _panel(ax: Axes, plan: ClimbPlan, series: LimbSeries, limb: int, what: _Quan
     for span in series.lifted:
         ax.axvspan(span.first - 0.5, span.last + 0.5, color=palette.MUTED, alpha=0.22, lw=0)
     ax.step(k, what.failure(series), where="mid", color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
-    ax.step(k, what.planned(series), where="mid", color=palette.REQUIRED, lw=1.0)
+    ax.step(k, what.planned(series), where="mid", color=palette.REQUIRED, lw=0.8)
     marker = "o" if len(k) <= 120 else None
     ax.plot(k, value, color=palette.limb_color(limb), lw=1.3, marker=marker, ms=2.2)
     style_axes(ax)
     mark_rounds(ax, plan)
     worst = int(np.argmax(value))
-    where = instant_labels(plan)[worst]
-    panel_title(ax, plain(series.name), plain(f"{what.worst(series, worst)}: {where}"))
+    where = drawn_labels(plan)[worst]
+    panel_title(ax, limb_name(series.name), f"{what.worst(series, worst)}: {where}")
 
 
 def _by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
@@ -107,7 +109,7 @@ def _by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
     series = limb_series(plan)
     columns = 2
     rows = -(-len(series) // columns)
-    figure = new_figure(1.25 + _PANEL_HEIGHT * rows, foot=0.36)
+    figure = new_figure(1.25 + _PANEL_HEIGHT * rows, entries=4)
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     ceiling = max(float(np.max(what.failure(s))) for s in series)
     highest = max(float(np.max(what.value(s))) for s in series)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.reports.camera import Camera, clear_view
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
@@ -24,9 +26,9 @@ class Box:
     lower: Array  # (3,) [m]
     upper: Array  # (3,) [m]
 
-    def halfspaces(self) -> tuple[Array, Array]:
-        """Rows A (6, 3) and b (6,) of {x : A x <= b}."""
-        return np.vstack([np.eye(3), -np.eye(3)]), np.concatenate([self.upper, -self.lower])
+    def solid(self) -> Solid:
+        """The box as a solid."""
+        return Solid.from_box("box", self.lower, self.upper)
 
     @property
     def size(self) -> Array:
@@ -42,6 +44,13 @@ class Patch:
     normal: Array  # (3,) unit, away from the material
 
 
+def oblique_camera(plan: ClimbPlan, azimuth_deg: float, elevation_deg: float) -> Camera:
+    """A view of the climb from the side where its obstacles hide less of it."""
+    corners = [solid.vertices for solid in plan.terrain.obstacles]
+    blocks = np.concatenate(corners) if corners else np.empty((0, 3))
+    return clear_view(azimuth_deg, elevation_deg, plan.rounds.com, blocks)
+
+
 def limb_points(plan: ClimbPlan, com: Array, rpy: Array, angles: Array) -> Array:
     """Shoulder, femur joint, knee and toe in the world, (..., N, 4, 3) [m].
 
@@ -49,13 +58,21 @@ def limb_points(plan: ClimbPlan, com: Array, rpy: Array, angles: Array) -> Array
     """
     body = joint_points_body(plan.robot, angles)
     rotation = rotation_world_body(rpy)
-    return com[..., None, None, :] + np.einsum("...ij,...nkj->...nki", rotation, body)
+    points: Array = com[..., None, None, :] + np.einsum("...ij,...nkj->...nki", rotation, body)
+    return points
 
 
 def hull_points(plan: ClimbPlan, com: Array, rpy: Array) -> Array:
-    """Corners (..., 8, 3) of the body's box in the world [m] for poses (..., 3)."""
+    """Corners (..., H, 3) of the body's hull in the world [m] for poses (..., 3)."""
     rotation = rotation_world_body(rpy)
-    return com[..., None, :] + np.einsum("...ij,kj->...ki", rotation, plan.robot.body_hull)
+    corners = np.einsum("...ij,kj->...ki", rotation, plan.robot.body_hull)
+    placed: Array = com[..., None, :] + corners
+    return placed
+
+
+def hull_faces(plan: ClimbPlan) -> list[Patch]:
+    """The faces of the body's hull, body frame."""
+    return _whole_faces(Solid.from_points("body", plan.robot.body_hull))
 
 
 def shoulder_ring(plan: ClimbPlan) -> Array:
@@ -75,10 +92,10 @@ def climb_box(plan: ClimbPlan) -> Box:
     return Box(points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN)
 
 
-def clip(vertices: Array, box: Box) -> Array:
-    """The part of a convex polygon (V, 3) inside a box: (V', 3), empty if there is none."""
+def clip(vertices: Array, solid: Solid) -> Array:
+    """The part of a convex polygon (V, 3) inside a solid: (V', 3), empty if there is none."""
     polygon = np.asarray(vertices, float)
-    for row, bound in zip(*box.halfspaces(), strict=True):
+    for row, bound in zip(solid.A, solid.b, strict=True):
         if len(polygon) == 0:
             break
         over = polygon @ row - bound
@@ -102,7 +119,7 @@ def _tube_panels(tube: Tube, box: Box) -> list[Patch]:
     angle = np.linspace(0, 2 * np.pi, TUBE_SIDES + 1)
     ring = tube.center + tube.radius * np.column_stack([np.cos(angle), np.sin(angle)])
     panels = []
-    for a, b in zip(ring[:-1], ring[1:], strict=True):
+    for a, b in pairwise(ring):
         corners = np.array([[*a, lower], [*b, lower], [*b, upper], [*a, upper]])
         inward = np.append(tube.center - (a + b) / 2, 0.0)
         panels.append(Patch(corners, inward / np.linalg.norm(inward)))
@@ -114,13 +131,23 @@ def surface_patches(surface: Surface, box: Box) -> list[Patch]:
     if isinstance(surface, Tube):
         return _tube_panels(surface, box)
     if isinstance(surface, Region):
-        vertices = clip(surface.vertices, box)
+        vertices = clip(surface.vertices, box.solid())
         return [Patch(vertices, surface.normal)] if len(vertices) else []
     raise TypeError(f"cannot draw a surface of type {type(surface).__name__}")
 
 
 def solid_faces(solid: Solid, box: Box) -> list[Patch]:
-    """The faces of a convex solid within a box, corners in order."""
+    """The faces of the part of a convex solid within a box, corners in order."""
+    cut = box.solid()
+    if (solid.face_distance(cut.vertices) <= 0).all():
+        return []  # the box lies inside: nothing of the solid's surface is seen
+    whole = [Patch(clip(f.vertices, cut), f.normal) for f in _whole_faces(solid)]
+    # Where the box cuts the solid, its own faces close the gap.
+    caps = [Patch(clip(f.vertices, solid), f.normal) for f in _whole_faces(cut)]
+    return [face for face in (*whole, *caps) if len(face.vertices)]
+
+
+def _whole_faces(solid: Solid) -> list[Patch]:
     faces = []
     for normal, offset in zip(solid.A, solid.b, strict=True):
         corners = solid.vertices[np.abs(solid.vertices @ normal - offset) < _ON_FACE]
@@ -130,7 +157,5 @@ def solid_faces(solid: Solid, box: Box) -> list[Patch]:
         first = around[0] / np.linalg.norm(around[0])
         second = np.cross(normal, first)
         order = np.argsort(np.arctan2(around @ second, around @ first))
-        vertices = clip(corners[order], box)
-        if len(vertices):
-            faces.append(Patch(vertices, normal))
+        faces.append(Patch(corners[order], normal))
     return faces

@@ -42,6 +42,11 @@ def spans(mask: NDArray[np.bool_]) -> tuple[Span, ...]:
     )
 
 
+def least_at(values: Array) -> int:
+    """The first instant at which a value is least, to a millionth: a bound holds in many."""
+    return int(np.argmax(values <= values.min() + 1e-6 * abs(values.min())))
+
+
 def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
     """The series of every limb of a plan."""
     instants, forces = plan.instants, plan.forces

@@ -11,21 +11,27 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports import palette
 
 WIDTH = 11.0  # [in]
 DPI = 150
+_LEGEND_COLUMNS = 9
 _HEAD = 0.46  # [in] kept free above the panels for heading and note
 
 
-def new_figure(height: float, *, foot: float = 0.0) -> Figure:
-    """An empty white figure of the common width; `height` and `foot` (kept free below) in inches."""
-    figure = Figure(figsize=(WIDTH, height), facecolor="white", layout="constrained")
+def new_figure(height: float, *, entries: int) -> Figure:
+    """An empty white figure of the common width, with room for a legend of so many entries.
+
+    height: [in].
+    """
+    foot = 0.12 + 0.24 * -(-entries // _LEGEND_COLUMNS)
+    rect = (0.005, foot / height, 0.99, 1 - (foot + _HEAD) / height)
+    layout = ConstrainedLayoutEngine(rect=rect)
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
-    figure.get_layout_engine().set(  # type: ignore[union-attr]
-        rect=(0.005, foot / height, 0.99, 1 - (foot + _HEAD) / height)
-    )
     return figure
 
 
@@ -35,11 +41,24 @@ def _glyphs() -> frozenset[int]:
     return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())
 
 
-def plain(text: str) -> str:
-    """Text from a spec, safe to draw: no formulas, and a box for what the font lacks."""
+def plain(text: str, most: int = 64) -> str:
+    """Text from a spec, safe to draw: no formulas, a box for what the font lacks, not too long."""
     known = _glyphs()
     shown = "".join(c if ord(c) in known else "\u25a1" for c in " ".join(text.split()))
+    if len(shown) > most:
+        shown = f"{shown[: most - 1]}…"
     return shown.replace("$", r"\$")
+
+
+def limb_name(name: str) -> str:
+    """A limb's name, short enough for a label."""
+    return plain(name, 10)
+
+
+def drawn_labels(plan: ClimbPlan) -> tuple[str, ...]:
+    """Where every instant stands in the gait, as it may be drawn."""
+    names = tuple(limb_name(name) for name in plan.robot.limb_names)
+    return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))
 
 
 def heading(figure: Figure, text: str, note: str) -> None:
@@ -69,12 +88,11 @@ def panel_title(ax: Axes, text: str, note: str = "") -> None:
 def foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
     """One legend along the foot of a figure."""
     # A leading blank keeps matplotlib from hiding names that begin with an underscore.
-    columns = min(len(handles), 9)
     figure.legend(
         list(handles),
         [f" {label}" for label in labels],
         loc="lower center",
-        ncols=columns,
+        ncols=min(len(handles), _LEGEND_COLUMNS),
         frameon=False,
         fontsize=9,
         handletextpad=0.3,
@@ -86,5 +104,5 @@ def foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]
 def png(figure: Figure) -> bytes:
     """The figure as a PNG file."""
     with io.BytesIO() as stream:
-        figure.savefig(stream, format="png", dpi=DPI)
+        figure.savefig(stream, format="png")
         return stream.getvalue()

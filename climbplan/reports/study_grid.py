@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.reports.plan_spec import plan_spec
 from climbplan.robots.rotations import Array
 from climbplan.spec.base import SpecModel
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.fields import Slot
-from climbplan.spec.kinds import validate
-from climbplan.spec.yaml_source import parse_yaml
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def _own_value(spec: SpecModel | None, key: str) -> float | None:
 
 def study_axes(plan: ClimbPlan, study: Study) -> tuple[StudyAxis, ...]:
     """The one or two axes of a plan's study."""
-    spec, _ = validate(parse_yaml(plan.spec_text, "spec"), ClimbSpec)
+    spec = plan_spec(plan)
     return tuple(
         StudyAxis(key, _unit(key), np.asarray(values), _own_value(spec, key))
         for key, values in zip(study.keys, study.values, strict=True)

@@ -31,7 +31,6 @@ from climbplan.terrain.surfaces import Region
 
 _EDGE_ON = 0.25  # |cosine| below which a wall is drawn with its thickness
 _BEHIND, _MIDDLE = 1.0, 3.0  # drawing order: walls, then things by depth
-_CENTERED: dict[str, Any] = {"ha": "center", "va": "center"}
 
 
 def silhouette(points: Array) -> Array:
@@ -51,6 +50,8 @@ class View:
     ax: Axes
     camera: Camera
     box: Box
+    obstacle_alpha: float = 0.85
+    cut_walls: bool = False  # walls seen from their edge show their thickness
 
     def _order(self, points: Array) -> float:
         """Drawing order of something at these points, nearer later."""
@@ -86,13 +87,11 @@ class View:
             patches = surface_patches(surface, self.box)
             for patch in patches:
                 if self.camera.faces_viewer(patch.normal):
-                    style = {"facecolor": palette.SURFACE, "alpha": 0.28, "linewidth": 0.0}
-                    self.polygon(patch.vertices, _BEHIND, **style)
+                    self.polygon(patch.vertices, _BEHIND, fc=palette.SURFACE, alpha=0.28, lw=0)
             if patches:
-                edge = {"fill": False, "edgecolor": palette.SURFACE, "linewidth": 1.0}
                 corners = np.concatenate([patch.vertices for patch in patches])
-                self.outline(corners, _BEHIND + 0.1, **edge)
-            if isinstance(surface, Region) and abs(self.camera.axes[2] @ surface.normal) < _EDGE_ON:
+                self.outline(corners, _BEHIND + 0.1, fill=False, ec=palette.SURFACE, lw=1.0)
+            if self.cut_walls and isinstance(surface, Region):
                 self._thickness(surface)
         for solid in plan.terrain.obstacles:
             for face in solid_faces(solid, self.box):
@@ -100,28 +99,27 @@ class View:
                     self._obstacle_face(face)
 
     def _thickness(self, region: Region) -> None:
-        """The material behind a wall seen from its edge."""
+        """The material behind a wall, if it is seen from its edge."""
+        if abs(float(self.camera.axes[2] @ region.normal)) > _EDGE_ON:
+            return
         faces = solid_faces(region.slab(), self.box)
         if faces:
             points = np.concatenate([face.vertices for face in faces])
-            style = {"facecolor": palette.SURFACE, "alpha": 0.55, "linewidth": 0.0}
-            self.outline(points, _BEHIND, **style)
+            self.outline(points, _BEHIND, fc=palette.SURFACE, alpha=0.55, lw=0)
 
     def _obstacle_face(self, face: Patch) -> None:
         """One face of an obstacle, lit from above."""
         light = 0.62 + 0.38 * abs(float(face.normal @ np.array([0.30, -0.40, 0.87])))
         color = tuple(light * channel for channel in to_rgb(palette.OBSTACLE))
-        style = {"facecolor": color, "edgecolor": palette.INK, "linewidth": 0.6, "alpha": 0.85}
-        self.polygon(face.vertices, **style)
+        self.polygon(face.vertices, fc=color, ec=palette.INK, lw=0.6, alpha=self.obstacle_alpha)
 
     def body(self, plan: ClimbPlan, com: Array, rpy: Array, *, color: str, alpha: float) -> None:
         """The body's box and the frame through its shoulders at a pose (3,), (3,)."""
         box = hull_points(plan, com, rpy)
         ring = com + shoulder_ring(plan) @ rotation_world_body(rpy).T
         order = self._order(com[None])
-        edge = {"edgecolor": palette.INK, "linewidth": 0.6, "alpha": alpha}
-        self.outline(box, order, facecolor=color, **edge)
-        self.outline(ring, order + 1e-3, facecolor=(*to_rgb(color), 0.35), **edge)
+        self.outline(box, order, fc=color, ec=palette.INK, lw=0.6, alpha=alpha)
+        self.outline(ring, order + 1e-3, fc=color, ec=palette.INK, lw=0.8, alpha=0.6 * alpha)
 
     def legs(
         self, plan: ClimbPlan, com: Array, rpy: Array, angles: Array, *, alpha: float, width: float
@@ -129,10 +127,9 @@ class View:
         """Links and toes of all limbs, angles (N, 3) [rad], in the limbs' colours."""
         for limb, chain in enumerate(limb_points(plan, com, rpy, angles)):
             color = palette.limb_color(limb)
-            for start, end in pairwise(chain):
-                link = np.array([start, end])
-                style = {"color": color, "alpha": alpha, "linewidth": width}
-                self.line(link, solid_capstyle="round", **style)
+            for link in pairwise(chain):
+                ends = np.array(link)
+                self.line(ends, color=color, alpha=alpha, lw=width, solid_capstyle="round")
             self.dots(chain[3:], s=7 * width, color=color, alpha=alpha, linewidths=0)
 
     def footholds(self, toes: Array, *, size: float) -> None:
@@ -179,7 +176,7 @@ class View:
         stop = start.copy()
         stop[axis] = end
         middle = (self.box.lower + self.box.upper) / 2
-        style = {"color": palette.MUTED, "linewidth": 0.8}
+        style: dict[str, Any] = {"color": palette.MUTED, "linewidth": 0.8}
         self.line(np.array([start, stop]), _BEHIND - 0.2, **style)
         # Ticks point away from the picture's middle, at right angles to the edge.
         along = self.camera.project(stop) - self.camera.project(start)
@@ -187,13 +184,15 @@ class View:
         center = self.camera.project((start + stop) / 2)
         if out @ (center - self.camera.project(middle)) < 0:
             out = -out
-        ticks = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(start[axis], end)
+        ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(start[axis], end))
         for value in ticks[(ticks > start[axis] - 1e-9) & (ticks < end + 1e-9)]:
             point = start.copy()
             point[axis] = value
             base = self.camera.project(point)
-            tip, text = base + 0.02 * out, base + 0.075 * out
-            self.ax.plot(*np.array([base, tip]).T, zorder=_BEHIND - 0.2, **style)
-            self.ax.text(*text, f"{value:g}".replace("-", "−"), fontsize=8, color=palette.MUTED, **_CENTERED)
-        name = center + 0.20 * out
-        self.ax.text(*name, label, fontsize=9, color=palette.INK, **_CENTERED)
+            self.ax.plot(*np.array([base, base + 0.02 * out]).T, zorder=_BEHIND - 0.2, **style)
+            text = f"{value:g}".replace("-", "\N{MINUS SIGN}")
+            self._text(base + 0.075 * out, text, fontsize=8, color=palette.MUTED)
+        self._text(center + 0.20 * out, label, fontsize=9, color=palette.INK)
+
+    def _text(self, at: Array, text: str, **style: Any) -> None:
+        self.ax.text(float(at[0]), float(at[1]), text, ha="center", va="center", **style)

@@ -125,6 +125,9 @@ class PosturePlannerSpec(SpecModel):
     stance_workspace: bool = Field(
         default=True, description="also keep every toe near its nominal stance (second ball)"
     )
+    limb_clearance: Number = quantity(
+        "m", "distance the limbs' axes keep from obstacles while they stand", default=0.03, ge=0
+    )
     body_clearance: Number = quantity(
         "m", "distance the body hull keeps from obstacles and walls", default=0.02, ge=0
     )
@@ -173,7 +176,13 @@ class SolverSpec(SpecModel):
     )
     gap: Number = quantity("", "relative optimality gap to prove", default=1e-4, gt=0, lt=1)
     time_limit: Number = quantity("s", "time limit of the posture planner", default=120.0, gt=0)
-    starts: Count = quantity("", "random starts of `nlp`", default=4, ge=1, le=1000)
+    starts: Count = quantity(
+        "",
+        "starts of `nlp`: the convex plan if there is one, the straight way, then random ways",
+        default=4,
+        ge=1,
+        le=1000,
+    )
 
 
 class StudySpec(SpecModel):

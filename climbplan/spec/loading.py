@@ -87,6 +87,15 @@ def load_spec(
     return robot_of(document) if kind == "robot" else _loaded(document, text)
 
 
+def load_text(text: str, name: str, overrides: Sequence[str | Override] = ()) -> LoadedClimb:
+    """Check a climb spec given as text; a robot's path starts from the current directory.
+
+    Raises:
+        SpecError: with every mistake in spec, overrides and robot file.
+    """
+    return _load(SourceText(name, name, Path.cwd(), text), overrides)
+
+
 def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
     return _loaded(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 

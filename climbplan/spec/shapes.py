@@ -11,7 +11,7 @@ from itertools import pairwise
 
 Point = Sequence[float]
 
-FLATNESS = 1e-3  # [m] corners typed with three decimals are off their plane by about this
+FLATNESS = 1e-6  # [m] largest distance of a corner from the plane of all
 SMALLEST_AREA = 1e-8  # [m^2]
 SMALLEST_VOLUME = 1e-12  # [m^3]
 
@@ -43,10 +43,11 @@ def polygon_fault(corners: Sequence[Point]) -> str | None:
     if area < SMALLEST_AREA:
         return "the corners lie on one line: the region is empty"
     normal = tuple(v / (2 * area) for v in doubled)
-    for i, corner in enumerate(corners):
-        off = abs(_dot(_minus(corner, corners[0]), normal))
-        if off > FLATNESS:
-            return f"corner {i} is {1e3 * off:.1f} mm off the plane of the others"
+    offsets = [_dot(corner, normal) for corner in corners]
+    mean = sum(offsets) / len(offsets)
+    off = max(abs(offset - mean) for offset in offsets)
+    if off > FLATNESS:
+        return f"expected a flat polygon, but its corners are {1e3 * off:.3g} mm off their plane"
     turned = 0.0
     for i, corner in enumerate(corners):
         before = _minus(corner, corners[i - 1])

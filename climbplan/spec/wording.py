@@ -82,7 +82,7 @@ def shown(value: Any) -> str:
     if isinstance(value, dict):
         return f"a mapping with the keys {', '.join(value)}"[:80] if value else "an empty mapping"
     if isinstance(value, list):
-        text = json.dumps(value[:40], ensure_ascii=True)
+        text = f"[{', '.join(shown(item) for item in value[:40])}]"
         return text if len(text) <= 80 else f"{text[:60]}... ({len(value)} entries)"
     if isinstance(value, float) and not math.isfinite(value):
         return f"{'-' if value < 0 else ''}.{'nan' if math.isnan(value) else 'inf'}"

@@ -240,11 +240,11 @@ _HINTS = (
     ("mapping values are not allowed", "a ':' where none can stand; check the indentation"),
     ("could not find expected ':'", "a line without ':'; check the indentation"),
     ("expected <block end>", "the indentation does not match the lines above"),
-    ("expected a single document", "a second document starts; a spec is one document"),
+    ("but found another document", "a second document starts; a spec is one document"),
     ("found undefined alias", "an alias without its anchor"),
     ("expected ',' or ']'", "a list is not closed by ']'"),
     ("expected ',' or '}'", "a mapping is not closed by '}'"),
-    ("unexpected end of stream", "a quote is not closed"),
+    ("found unexpected end of stream", "a quote is not closed"),
 )
 
 

@@ -68,9 +68,7 @@ def _forces(robot: Robot, instants: Instants, asked: float) -> Forces:
     normal = np.einsum("kni,kni->kn", force, instants.normal)
     tangent = np.linalg.norm(force - normal[..., None] * instants.normal, axis=-1)
     critical = np.divide(tangent, normal, out=np.zeros_like(normal), where=normal > 0)
-    slack = np.where(
-        instants.contact, instants.mu / np.maximum(critical, 1e-9), np.inf
-    )
+    slack = np.where(instants.contact, instants.mu / np.maximum(critical, 1e-9), np.inf)
     with np.errstate(divide="ignore"):
         load = (robot.max_torque / np.abs(torques)).min(axis=(1, 2))
     sag = np.zeros((instants.count, 6))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,15 +26,17 @@ class Limit:
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
     "file.finite": Limit(0, "", "entries that are NaN or infinite"),
-    "file.spec_values": Limit(1e-9, "", "bounds, loads and terrain are those of the spec"),
-    "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
     "robot.data": Limit(0, "", "robot values out of their range"),
     "terrain.data": Limit(0, "", "terrain values out of range or at odds with the corners"),
+    "limits.data": Limit(0, "", "bounds and safety factors out of their range"),
+    "file.spec_values": Limit(1e-6, "", "bounds, loads and terrain are those of the spec"),
+    "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
     "gait.sequence": Limit(1e-6, "m", "instants follow from the rounds and the gait"),
     "steps.com": Limit(1e-6, "m", "body steps within their bounds"),
     "steps.toe": Limit(1e-6, "m", "toe steps within their bounds"),
     "steps.rotation": Limit(1e-6, "rad", "turns within their bound"),
     "goal.reached": Limit(1e-6, "m", "the last posture is within tolerance of the goal"),
+    "goal.rotation": Limit(1e-6, "rad", "and so is its rotation about each axis"),
     "contact.region": Limit(1e-6, "m", "toes lie on their surfaces"),
     "contact.allowed": Limit(0, "", "toes on surfaces their limb may not use"),
     "contact.normal": Limit(1e-6, "", "normals are those of the surfaces"),
@@ -77,6 +79,7 @@ class Check:
     passed: bool
     margin: str  # what is left in the robot's terms ("S_mu 1.80"), empty for equations
     worst_at: str  # "round 3, LM lifted, RF"
+    used: float = 0.0  # part of a bound that is used up, 1 at the bound; 0 for equations
 
     @property
     def severity(self) -> float:
@@ -97,15 +100,18 @@ class Check:
             "passed": self.passed,
             "margin": self.margin,
             "worst_at": self.worst_at,
+            "used": self.used if math.isfinite(self.used) else None,
         }
 
 
-def judge(name: str, residual: float, worst_at: str = "", margin: str = "") -> Check:
+def judge(
+    name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
+) -> Check:
     """A check by its name in `LIMITS`; NaN never passes."""
     limit = LIMITS[name]
-    residual = float(residual)
+    residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
-    return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at)
+    return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))
 
 
 def judge_worst(
@@ -113,22 +119,22 @@ def judge_worst(
     residuals: Array,
     where: Callable[..., str],
     margin: str = "",
-    rank: Array | None = None,
+    used: Array | None = None,
 ) -> Check:
     """A check over many places; NaN anywhere counts as the worst.
 
-    residuals: any shape; `where` is called with the indices of the worst entry, which is the
-    largest residual or, while the check passes, the largest entry of `rank` (same shape).
+    residuals: any shape; used: what part of a bound each place uses up, of the same shape.
+    `where` is called with the indices of the worst place: of the largest residual or, while the
+    check passes, of the largest part used.
     """
     worst = np.unravel_index(int(np.argmax(residuals)), residuals.shape)
-    residual = float(residuals[worst])
-    check = judge(name, residual, margin=margin)
-    if check.passed and rank is not None:
-        worst = np.unravel_index(int(np.argmax(rank)), rank.shape)
-    place = where(*(int(i) for i in worst))
-    return Check(
-        check.name, residual, check.limit, check.unit, check.passed, margin, place
-    )
+    check = judge(name, residuals[worst], margin=margin)
+    if check.passed and used is not None:
+        worst = np.unravel_index(int(np.argmax(used)), used.shape)
+        check = replace(check, used=float(used[worst]))
+    if check.residual == 0 and used is None:
+        return check  # nothing is worse than anything else
+    return replace(check, worst_at=where(*(int(i) for i in worst)))
 
 
 def faults_check(name: str, faults: Sequence[str]) -> Check:

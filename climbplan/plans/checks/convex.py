@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from climbplan.plans.checks.check import Array
+from climbplan.plans.checks.kinematics_anew import placed
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region
 
@@ -49,10 +49,28 @@ def solids_of(terrain: Terrain) -> tuple[ConvexBody, ...]:
     solids = [hull_of(solid.name, solid.vertices) for solid in terrain.obstacles]
     for surface in terrain.surfaces:
         if isinstance(surface, Region):
-            corners = surface.vertices
-            behind = corners - SLAB_THICKNESS * polygon_normal(corners)
-            solids.append(hull_of(surface.name, np.vstack([corners, behind])))
+            solids.append(_slab(surface.name, surface.vertices))
     return tuple(solids)
+
+
+def polygon_edges(corners: Array, normal: Array) -> tuple[Array, Array]:
+    """Unit normals (V, 3) of a polygon's edges, outward in its plane, and their offsets (V,)."""
+    outward = np.cross(np.roll(corners, -1, axis=0) - corners, normal)
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return outward, (outward * corners).sum(axis=1)
+
+
+def _slab(name: str, corners: Array) -> ConvexBody:
+    """The material behind a polygon."""
+    normal = polygon_normal(corners)
+    sides, offsets = polygon_edges(corners, normal)
+    front = float(corners[0] @ normal)
+    return ConvexBody(
+        name,
+        np.vstack([corners, corners - SLAB_THICKNESS * normal]),
+        np.vstack([normal, -normal, sides]),
+        np.concatenate([[front, SLAB_THICKNESS - front], offsets]),
+    )
 
 
 def hull_distance(first: Array, second: Array) -> float:
@@ -64,7 +82,12 @@ def hull_distance(first: Array, second: Array) -> float:
     """
     differences = (first[:, None, :] - second[None, :, :]).reshape(-1, 3)
     system = np.vstack([differences.T, np.ones(len(differences))])
-    weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))
+    if not np.isfinite(system).all():
+        return 0.0
+    try:
+        weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))
+    except RuntimeError:  # its iteration limit: no better bound is known
+        return 0.0
     nearest = weights @ differences
     norm = float(np.linalg.norm(nearest))
     if norm < 1e-12:
@@ -72,55 +95,43 @@ def hull_distance(first: Array, second: Array) -> float:
     return max(float((differences @ (nearest / norm)).min()), 0.0)
 
 
-def clearance_of_hulls(hulls: Array, body: ConvexBody, solid: ConvexBody, enough: float) -> Array:
-    """Distances (P,) of moved hulls (P, V, 3) of `body` from a solid, or lower bounds on them.
+def body_clearance(
+    com: Array, axes: Array, body: ConvexBody, solid: ConvexBody, enough: float
+) -> Array:
+    """Distances (P,) of a moving body from a solid, or lower bounds that are at least `enough`.
 
-    A face of either that separates them by `enough` settles it. What is left is measured
-    exactly, and hulls that moved less since the last measured one than it has room are not
-    measured again. Negative where they overlap: the depth along the least deep face.
+    com: (P, 3) origins, axes: (P, 3, 3) body axes as rows. A face of either that separates them
+    by `enough` settles a pose. What is left is measured exactly, unless the body has moved less
+    since the last measured pose than it had room there. Negative where they overlap: the depth
+    along the least deep face.
     """
-    clear = solid.face_distances(hulls).min(axis=1).max(axis=-1)
-    open_ = np.flatnonzero(~(clear >= enough))
-    if len(open_) == 0:
-        return clear
-    # The moved hull's own faces, from where its corners went.
-    origin, frames = _frames(body.corners, hulls[open_])
-    seen = np.einsum("pij,pvj->pvi", frames, solid.corners - origin[:, None, :])
-    clear[open_] = np.maximum(clear[open_], body.face_distances(seen).min(axis=1).max(axis=-1))
-    last, room = None, 0.0
-    for p in open_:
-        if clear[p] >= enough or np.isnan(clear[p]):
+    hulls = placed(com, axes, body.corners)  # (P, V, 3)
+    clear: Array = solid.face_distances(hulls).min(axis=1).max(axis=-1)
+    left = np.flatnonzero(~(clear >= enough))
+    seen = np.einsum("pij,pvj->pvi", axes[left], solid.corners - com[left, None, :])
+    clear[left] = np.maximum(clear[left], body.face_distances(seen).min(axis=1).max(axis=-1))
+    measured, room = hulls[:1], -np.inf
+    for p in left[clear[left] < enough]:  # NaN stays
+        moved = np.sqrt(((hulls[p] - measured) ** 2).sum(axis=-1)).max()
+        if room - moved >= enough:
+            clear[p] = room - moved
             continue
-        if last is not None:
-            moved = np.sqrt(((hulls[p] - last) ** 2).sum(axis=-1).max())
-            if room - moved >= enough:
-                clear[p] = room - moved
-                continue
         distance = hull_distance(hulls[p], solid.corners)
         if distance > 0:
             clear[p] = max(clear[p], distance)
-        last, room = hulls[p], clear[p]
+        measured, room = hulls[p], clear[p]
     return clear
 
 
-def _frames(corners: Array, moved: Array) -> tuple[Array, Array]:
-    """World origin (P, 3) and world-to-body rotation (P, 3, 3) that took corners to `moved`."""
-    centre = corners.mean(axis=0)
-    spread = corners - centre
-    middle = moved.mean(axis=1)
-    # Rigid motion: least squares has no residual, so the linear map is the rotation itself.
-    to_world = np.einsum("iv,pvj->pij", np.linalg.pinv(spread), moved - middle[:, None, :])
-    return middle - np.einsum("i,pij->pj", centre, to_world), to_world
+def chain_separation(points: Array, solid: ConvexBody, enough: float) -> Array:
+    """Least distances (..., P-1) of the pieces of polylines from a solid along its faces.
 
-
-def segment_separation(starts: Array, ends: Array, solid: ConvexBody, enough: float) -> Array:
-    """Least distance (...) of segments from a solid along its faces, negative inside.
-
-    starts, ends: (..., 3). The value is min over the segment of the largest face distance, or a
-    lower bound on it that is at least `enough`. A segment meets the solid where it is below zero,
+    points: (..., P, 3). The value is min over a piece of the largest face distance, or a lower
+    bound on it that is at least `enough`. A piece meets the solid where the value is below zero,
     and is then as deep.
     """
-    first, last = solid.face_distances(starts), solid.face_distances(ends)
+    distances = solid.face_distances(points)  # (..., P, F)
+    first, last = distances[..., :-1, :], distances[..., 1:, :]
     separation: Array = np.minimum(first, last).max(axis=-1)
     open_ = ~(separation >= enough)
     if open_.any():
@@ -143,8 +154,3 @@ def _least_of_largest(first: Array, last: Array) -> Array:
     values = first[:, None, :] + at[..., None] * slope[:, None, :]
     least: Array = values.max(axis=-1).min(axis=-1)
     return least
-
-
-def worst_index(values: Sequence[float]) -> int:
-    """Index of the smallest value, the first NaN if there is one."""
-    return int(np.argmin(np.asarray(values)))

@@ -119,9 +119,7 @@ def standing_limbs(
     heading = np.arctan2(_dot(out, sideward), _dot(out, forward))[..., 0]
     femur_angle = np.arctan2(_dot(thigh, up), _dot(thigh, out))[..., 0]
     shin_angle = np.arctan2(_dot(shin, out), -_dot(shin, up))[..., 0]
-    angles = np.stack(
-        [heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1
-    )
+    angles = np.stack([heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1)
     # Angles are given up to full turns: the one nearest the middle of the joint's range.
     middle = (robot.joint_lower + robot.joint_upper) / 2
     angles = angles - 2 * np.pi * np.round((angles - middle) / (2 * np.pi))

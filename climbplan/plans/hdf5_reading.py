@@ -1,9 +1,8 @@
-"""HDF5 with every doubt turned into a clear message.
+"""Reading HDF5 with every doubt turned into a clear message.
 
-Writing: plain numbers, booleans and UTF-8 text only, each dataset with its `units` and, where it
-applies, its `frame`. Reading: a file from elsewhere is not trusted. Nothing is allocated before
-type, shape and stored size were looked at, links out of the file are refused, and whatever the
-HDF5 library says about damage becomes a PlanFileError.
+A file from elsewhere is not trusted. Nothing is allocated before type, shape and stored size were
+looked at, links out of the file are refused, and whatever the HDF5 library says about damage
+becomes a PlanFileError.
 """
 
 from __future__ import annotations
@@ -14,78 +13,25 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import PlanFileError
-from climbplan.plans.atomic_file import written_aside
-
-Kind = Literal["float", "int", "bool", "text"]
-Dimensions = dict[str, int]
+from climbplan.plans.hdf5_heap import text_heaps_are_whole
+from climbplan.plans.hdf5_layout import Layout
 
 LARGEST_DATASET = 2**30  # [bytes]
 _LARGEST_RATIO = 1100  # deflate cannot shrink further than this
 _LARGEST_TEXT = 2**26  # [bytes]
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 _DTYPE_KINDS = {"float": "f", "int": "iu", "bool": "b"}
-_TEXT = h5py.string_dtype("utf-8")
+_TYPES: dict[str, type[Any]] = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 
 # What h5py raises when bytes are not what they claim to be; it has no exception of its own.
 _DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError)
-
-
-@dataclass(frozen=True)
-class Layout:
-    """One dataset: its shape in symbols ("K", "N") and numbers, its units and its frame."""
-
-    shape: tuple[str | int, ...]
-    units: str = ""
-    frame: str = ""
-    kind: Kind = "float"
-    may_be_infinite: bool = False
-
-
-# Writing
-
-
-@contextmanager
-def new_store(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file that takes the place of `path` once it is complete.
-
-    Raises UsageError if it cannot be written.
-    """
-    with written_aside(path) as aside, h5py.File(aside, "w") as file:
-        yield file
-
-
-def write_dataset(group: h5py.Group, name: str, value: Any, layout: Layout) -> None:
-    """One array or a sequence of texts."""
-    if layout.kind == "text":
-        dataset = group.create_dataset(name, (len(value),), dtype=_TEXT)
-        if len(value):
-            dataset[:] = list(value)
-    else:
-        types = {"float": np.float64, "int": np.int64, "bool": np.bool_}
-        dataset = group.create_dataset(name, data=np.asarray(value, types[layout.kind]))
-    write_text(dataset, "units", layout.units)
-    if layout.frame:
-        write_text(dataset, "frame", layout.frame)
-
-
-def write_text(holder: h5py.HLObject, name: str, text: str) -> None:
-    """A UTF-8 attribute of any length."""
-    holder.attrs.create(name, text, dtype=_TEXT)
-
-
-def write_json(holder: h5py.HLObject, name: str, value: Any) -> None:
-    """An attribute that holds JSON text."""
-    write_text(holder, name, json.dumps(value, ensure_ascii=False, allow_nan=False))
-
-
-# Reading
 
 
 @contextmanager
@@ -107,6 +53,8 @@ def opened_store(path: Path) -> Iterator[h5py.File]:
     if not is_hdf5:
         what = "empty" if empty else "not an HDF5 file"
         raise PlanFileError(f"{path}: {what}, expected a plan file")
+    if not text_heaps_are_whole(path):
+        raise PlanFileError(f"{path}: damaged: its texts are not whole")
     try:
         file = h5py.File(path, "r")
     except _DAMAGE as error:
@@ -121,7 +69,7 @@ class Reader:
 
     path: Path
     root: h5py.Group
-    dimensions: Dimensions = field(default_factory=dict)
+    dimensions: dict[str, int] = field(default_factory=dict)
     not_finite: list[str] = field(default_factory=list)  # datasets and attributes seen so far
 
     def refuse(self, what: str) -> PlanFileError:
@@ -155,9 +103,8 @@ class Reader:
         Raises PlanFileError if it is missing or of another type or shape.
         """
         dataset = self._dataset(name, layout)
-        types: dict[str, type[Any]] = {"float": np.float64, "int": np.int64, "bool": np.bool_}
         try:
-            value = np.asarray(dataset[()]).astype(types[layout.kind])
+            value = np.asarray(dataset[()]).astype(_TYPES[layout.kind])
         except (*_DAMAGE, MemoryError) as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
         if layout.kind == "float":
@@ -294,9 +241,7 @@ class Reader:
         fits = len(shape) == len(expected)
         if fits:
             for size, symbol in zip(shape, expected, strict=True):
-                want = (
-                    self.dimensions.get(symbol, size) if isinstance(symbol, str) else int(symbol)
-                )
+                want = self.dimensions.get(symbol, size) if isinstance(symbol, str) else int(symbol)
                 fits = fits and size == want
         if not fits:
             known = [

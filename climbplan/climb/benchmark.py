@@ -1,0 +1,67 @@
+"""Benchmarks of the climb planner: every figure beside a named alternative of the same run."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import TextIO
+
+from climbplan.climb.benchmark_force import bench_force
+from climbplan.climb.benchmark_posture import bench_growth, bench_posture
+from climbplan.climb.forces import plan_forces
+from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.scene import build_scene
+from climbplan.climb.trajectory import plan_trajectory
+from climbplan.errors import UsageError
+from climbplan.spec.examples import example_text
+from climbplan.spec.loading import load_text
+
+_PUBLISHED_TOTAL = 1.380  # [s] Gurobi, i7-8750H, posture and force stages (Table 5.1)
+
+
+def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
+    """The whole decoupled plan of climb_obstacle: postures, kinematics, forces, trajectory."""
+    loaded = load_text(example_text("climb_obstacle"), "climb_obstacle", [f"seed={seed}"])
+    repeats = 3 if quick else 9
+    stages: dict[str, list[float]] = {}
+    for _ in range(repeats):
+        clock = StageClock(lambda stage, fraction: None)
+        begin = time.perf_counter()
+        with clock.stage("scene"):
+            scene = build_scene(loaded.spec, loaded.robot, loaded.source)
+        motion = plan_motion(scene, clock)
+        with clock.stage("force"):
+            forces = plan_forces(scene, motion.instants)
+        planned = time.perf_counter() - begin
+        with clock.stage("trajectory"):
+            plan_trajectory(scene, motion.posture.rounds, motion.instants, forces)
+        for stage, seconds in {**clock.seconds, "plan": planned}.items():
+            stages.setdefault(stage, []).append(seconds)
+    rounds = loaded.spec.task.rounds
+    print(f"climb_obstacle: {rounds} rounds, {motion.instants.count} force problems", file=out)
+    print(f"{'stage':<28}{'median s':>10}{'of plan':>10}", file=out)
+    whole = statistics.median(stages["plan"])
+    for stage, seconds in stages.items():
+        median = statistics.median(seconds)
+        print(f"{stage:<28}{median:>10.4f}{median / whole:>9.0%}", file=out)
+    print(
+        f"plan = scene + posture + kinematics + force, checks included; published with Gurobi on "
+        f"another machine: {_PUBLISHED_TOTAL:.2f} s for posture + force",
+        file=out,
+    )
+
+
+BENCHMARKS: dict[str, Callable[[int, bool, TextIO], None]] = {
+    "posture": bench_posture,
+    "force": bench_force,
+    "plan": bench_plan,
+    "growth": bench_growth,
+}
+
+
+def run(name: str, seed: int, quick: bool, out: TextIO) -> None:
+    """Run one benchmark by name and print its table; raises UsageError for an unknown name."""
+    if name not in BENCHMARKS:
+        raise UsageError(f"unknown benchmark {name!r}: expected one of {', '.join(BENCHMARKS)}")
+    BENCHMARKS[name](seed, quick, out)

@@ -1,0 +1,96 @@
+"""Commanded toe positions that the limbs can reach.
+
+A toe is commanded beyond its surface by as much as the limb gives way (`wall_deflection`), and a
+soft limb may be asked further than it reaches. Where that happens, forces and sag are planned
+again for that instant together (`force_reach`).
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from climbplan.climb.force_reach import BodyPose, Pressing, replan_within_reach
+from climbplan.climb.force_statement import RESIDUAL_LIMIT, ForceStatement, check_forces
+from climbplan.climb.scene import ClimbScene
+from climbplan.mechanics.stiffness import Deflections, deflections_for_forces
+from climbplan.plans.climb_plan import Array, Index, Instants, Mask
+from climbplan.robots.kinematics import inverse, to_body
+
+# [m] kept from full stretch and [rad] kept from coxa bounds: a trajectory between instants needs
+# some room, and gets it where there is any
+_MARGINS = (2e-3, 1e-5)
+
+_log = logging.getLogger(__name__)
+
+
+def press(
+    scene: ClimbScene, instants: Instants, statement: ForceStatement, force: Array
+) -> Pressing:
+    """Deflections for planned forces (K, N, 3), with forces replanned where limbs cannot follow.
+
+    Where no admissible forces have commands within reach, the planned forces stand and a warning
+    names the instants; a trajectory through them does not exist.
+    """
+    compensated = scene.spec.force.sag == "compensated"
+    planned = deflections_for_forces(
+        statement.compliance, statement.arms, force, instants.contact, compensated
+    )
+    beyond = np.flatnonzero(out_of_reach(scene, instants, planned.wall).any(axis=1))
+    if not len(beyond):
+        return Pressing(force, planned)
+    new_force, wall, com = force.copy(), planned.wall.copy(), planned.com.copy()
+    for k in beyond:
+        poses = [BodyPose(instants.com[j], instants.rpy[j]) for j in (k, _before(instants)[k])]
+        for margin in _MARGINS:
+            answer = replan_within_reach(
+                scene.robot, statement, int(k), instants.toes[k], poses, compensated, margin
+            )
+            if answer is not None:
+                limb = np.flatnonzero(instants.contact[k])
+                new_force[k, limb] = answer.force
+                wall[k, limb], com[k] = answer.deflections.wall, answer.deflections.com
+                break
+    too_far = out_of_reach(scene, instants, wall)
+    failed = too_far.any(axis=1) | (check_forces(statement, new_force).worst > RESIDUAL_LIMIT)
+    if failed.any():
+        new_force[failed], wall[failed], com[failed] = (
+            force[failed],
+            planned.wall[failed],
+            planned.com[failed],
+        )
+        _log.warning("%s", _beyond_reach(scene, instants, failed, too_far))
+    return Pressing(new_force, Deflections(wall, com))
+
+
+def _beyond_reach(scene: ClimbScene, instants: Instants, failed: Mask, too_far: Mask) -> str:
+    names = scene.robot.limb_names
+    described = []
+    for k in np.flatnonzero(failed)[:3]:
+        limbs = ", ".join(names[i] for i in np.flatnonzero(too_far[k]))
+        described.append(f"{instants.label(int(k), names)} ({limbs})")
+    more = " ..." if failed.sum() > 3 else ""
+    return (
+        "no admissible forces keep the toe commands within the limbs' reach at "
+        f"{failed.sum()} instants: {'; '.join(described)}{more}"
+    )
+
+
+def out_of_reach(scene: ClimbScene, instants: Instants, wall_deflection: Array) -> Mask:
+    """(K, N) limbs in contact whose command no joint angles within bounds reach.
+
+    A command is tried from the body pose of its instant and from the pose before it, since limbs
+    press before the body moves.
+    """
+    pose = np.concatenate([np.arange(instants.count), _before(instants)])
+    command = np.tile(instants.toes - wall_deflection, (2, 1, 1))
+    toes = to_body(instants.com[pose], instants.rpy[pose], command)
+    valid = inverse(scene.robot, toes).valid
+    both = valid[: instants.count] & valid[instants.count :]
+    return np.asarray(instants.contact & ~both)
+
+
+def _before(instants: Instants) -> Index:
+    """(K,) index of the instant before each; the first is its own."""
+    return np.maximum(np.arange(instants.count) - 1, 0)

@@ -1,0 +1,140 @@
+"""One instant's exact constraints on the forces themselves, for questions about feasibility.
+
+The plan itself is made on the reduced form; here forces stay variables, so that a load, a friction
+coefficient or a torque limit can be a variable as well. Forces are in units of the load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from climbplan.climb.force_clarabel import clarabel_settings
+from climbplan.climb.force_statement import ForceStatement
+from climbplan.mechanics.equilibrium import grasp_matrix
+from climbplan.mechanics.friction import contact_frame
+from climbplan.plans.climb_plan import Array, Index
+
+FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, that counts as none
+
+
+@dataclass(frozen=True)
+class InstantCones:
+    """Constraints of one instant with n limbs in contact."""
+
+    limb: Index  # (n,)
+    grasp: Array  # (6, 3 n) moments divided by the lever arm scale
+    load: Array  # (6,) likewise
+    axes: Array  # (n, 3, 3) rows normal, tangent, bitangent
+    mu: Array  # (n,)
+    safety_friction: float
+    torque: Array  # (n, 3, 3) torque / limit from force
+    largest_s: float
+
+    @property
+    def contacts(self) -> int:
+        """n."""
+        return len(self.limb)
+
+    def with_friction(self, factor: float) -> InstantCones:
+        """The same instant with all friction coefficients scaled."""
+        return replace(self, mu=self.mu * factor)
+
+
+def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
+    """The constraints of instant k."""
+    limb = np.flatnonzero(statement.contact[k])
+    scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
+    return InstantCones(
+        limb=limb,
+        grasp=grasp_matrix(statement.arms[k, limb]) * scale[:, None],
+        load=statement.load[k] * scale / statement.unit,
+        axes=contact_frame(statement.normal[k, limb]).axes,
+        mu=statement.mu[k, limb],
+        safety_friction=statement.safety_friction,
+        torque=statement.torque_per_force[k, limb] * statement.unit,
+        largest_s=statement.largest_s,
+    )
+
+
+@dataclass(frozen=True)
+class ConicAnswer:
+    """Optimum of a conic program."""
+
+    x: Array
+    value: float
+    multipliers: dict[str, Array]  # by block
+
+
+@dataclass
+class ConicProgram:
+    """Minimise cost . x over named blocks b - A x in a cone, built block by block."""
+
+    size: int
+    blocks: list[tuple[str, Any, Array, Array]] = field(default_factory=list)
+
+    def zero(self, name: str, A: Array, b: Array) -> None:
+        """A x = b."""
+        self.blocks.append((name, clarabel.ZeroConeT(len(b)), A, b))
+
+    def below(self, name: str, A: Array, b: Array) -> None:
+        """A x <= b."""
+        self.blocks.append((name, clarabel.NonnegativeConeT(len(b)), A, b))
+
+    def cone(self, name: str, A: Array, b: Array) -> None:
+        """|(b - A x)[1:]| <= (b - A x)[0]."""
+        self.blocks.append((name, clarabel.SecondOrderConeT(len(b)), A, b))
+
+    def forces(
+        self, cones: InstantCones, s_column: int | None = None, friction: bool = True
+    ) -> None:
+        """Equilibrium, torque, contact and friction on the first 3 n variables.
+
+        Torque against s in a column of its own, or against the instant's largest s.
+        """
+        grasp = np.zeros((6, self.size))
+        grasp[:, : 3 * cones.contacts] = cones.grasp
+        self.zero("equilibrium", grasp, -cones.load)
+        for i in range(cones.contacts):
+            rows = selector(np.concatenate([cones.torque[i], -cones.torque[i]]), i, self.size)
+            if s_column is not None:
+                rows[:, s_column] = -1.0
+            self.below(f"torque.{i}", rows, np.full(6, 0.0 if s_column else cones.largest_s))
+            self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), np.zeros(1))
+            if friction:
+                self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
+
+    def minimise(self, cost: Array) -> ConicAnswer | None:
+        """The optimum, or None if Clarabel finds none (infeasible or unbounded)."""
+        A = sparse.csc_matrix(np.vstack([block[2] for block in self.blocks]))
+        b = np.concatenate([block[3] for block in self.blocks])
+        cones = [block[1] for block in self.blocks]
+        P = sparse.csc_matrix((self.size, self.size))
+        solver = clarabel.DefaultSolver(P, cost, A, b, cones, clarabel_settings())
+        solution = solver.solve()
+        # The other "almost" states are as good as none: an amount must hold to three digits.
+        if str(solution.status) not in ("Solved", "AlmostSolved"):
+            return None
+        x, z = np.array(solution.x), np.array(solution.z)
+        ends = np.cumsum([len(block[3]) for block in self.blocks])
+        parts = np.split(z, ends[:-1])
+        names = [block[0] for block in self.blocks]
+        return ConicAnswer(x, float(cost @ x), dict(zip(names, parts, strict=True)))
+
+
+def selector(rows: Array, limb: int, size: int) -> Array:
+    """Rows (m, 3) on the force of the limb-th contact, as rows (m, size) on all variables."""
+    out = np.zeros((len(rows), size))
+    out[:, 3 * limb : 3 * limb + 3] = rows
+    return out
+
+
+def friction_rows(cones: InstantCones, i: int, size: int) -> Array:
+    """Rows A with -A x = (mu n . f / S_mu, t . f, b . f) of the i-th contact."""
+    axes = cones.axes[i].copy()
+    axes[0] *= cones.mu[i] / cones.safety_friction
+    return -selector(axes, i, size)

@@ -1,0 +1,207 @@
+"""Why instants have no admissible forces, and what would help, in the robot's terms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.force_amounts import (
+    Interval,
+    LoadDirection,
+    feasible_masses,
+    least_friction_factor,
+    least_torque_factor,
+)
+from climbplan.climb.force_cones import InstantCones, instant_cones
+from climbplan.climb.force_conflict import Member, conflicting_members
+from climbplan.climb.force_statement import ForceStatement
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import Conflict, Infeasible, LimitReached
+from climbplan.plans.climb_plan import Index, Instants
+from climbplan.robots.kinematics import JOINTS
+from climbplan.robots.rotations import rotation_world_body
+
+LISTED = 5  # instants described one by one
+_NAMED = 3  # constraints of one kind named before "and 2 more"
+_SAFE = 1e-4  # relative distance from the exact amount before it is rounded
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """What would make instants feasible, each on its own; None where it would not."""
+
+    friction_factor: float | None
+    torque_factor: float | None
+    load_name: str
+    masses: Interval | None
+
+
+def explain(
+    scene: ClimbScene,
+    instants: Instants,
+    statement: ForceStatement,
+    infeasible: Index,
+    unbalanced: Index,
+) -> Infeasible:
+    """The error that says which constraints of which instants conflict and what would help.
+
+    infeasible: instants without admissible forces; unbalanced: instants whose contacts cannot
+    resist the load at all. Raises LimitReached if an instant turns out feasible after all, which
+    means that no solver could be trusted with it.
+    """
+    names = scene.robot.limb_names
+    conflicts: list[Conflict] = []
+    worst: Amounts | None = None
+    for k in np.sort(np.concatenate([infeasible, unbalanced])):
+        where = instants.label(int(k), names)
+        if k in unbalanced:
+            limbs = [names[i] for i in np.flatnonzero(statement.contact[k])]
+            alone = f"balance on {_listed(limbs, len(limbs))} alone" if limbs else "balance"
+            conflicts.append(Conflict(where, (alone,)))
+            worst = Amounts(None, None, "mass", None)
+            continue
+        cones = instant_cones(statement, int(k))
+        load = _load(scene, instants, statement, int(k), cones)
+        if len(conflicts) < LISTED:
+            members = conflicting_members(cones)
+            if members is None:
+                raise LimitReached(
+                    f"{where}: contact forces are feasible only just; no solver found them"
+                )
+            amounts = _amounts(cones, load, None)
+            remedies = _remedies(scene, statement, amounts)
+            conflicts.append(Conflict(where, _constraints(members, cones, names), remedies))
+            worst = _worse(worst, amounts)
+        else:
+            worst = _worse(worst, _amounts(cones, load, worst))
+    count = len(infeasible) + len(unbalanced)
+    message = f"{count} of {instants.count} instants have no admissible contact forces"
+    if count > 1 and worst is not None and (cures := _remedies(scene, statement, worst)):
+        message += f"; all have with {' or '.join(cures)}"
+    if count > len(conflicts[:LISTED]):
+        message += f"; the first {LISTED}:"
+    return Infeasible(message, conflicts[:LISTED])
+
+
+def _load(
+    scene: ClimbScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
+) -> LoadDirection:
+    """The payload if there is one and less of it would help, else the robot's own mass."""
+    gravity, payload = scene.robot.gravity, scene.spec.task.payload
+    weight = np.array([0.0, 0.0, -gravity])
+    arm = rotation_world_body(instants.rpy[k]) @ np.array(payload.offset, float)
+    scale = np.array([1.0] * 3 + [1 / statement.length] * 3) / statement.unit
+    carried = LoadDirection(
+        "payload", payload.mass, np.concatenate([weight, np.cross(arm, weight)]) * scale
+    )
+    if feasible_masses(cones, carried) is not None:
+        return carried
+    return LoadDirection("mass", scene.robot.mass, np.concatenate([weight, np.zeros(3)]) * scale)
+
+
+def _amounts(cones: InstantCones, load: LoadDirection, worst: Amounts | None) -> Amounts:
+    """Exact amounts for one instant; of friction only what exceeds the worst so far."""
+    if worst is None:
+        friction = least_friction_factor(cones)
+    elif worst.friction_factor is None:
+        friction = None
+    else:
+        friction = least_friction_factor(cones, worst.friction_factor)
+    return Amounts(friction, least_torque_factor(cones), load.name, feasible_masses(cones, load))
+
+
+def _worse(a: Amounts | None, b: Amounts) -> Amounts:
+    """What makes both instants feasible."""
+    if a is None:
+        return b
+
+    def larger(x: float | None, y: float | None) -> float | None:
+        return None if x is None or y is None else max(x, y)
+
+    masses = None
+    if a.masses and b.masses and a.load_name == b.load_name:
+        masses = Interval(max(a.masses.low, b.masses.low), min(a.masses.high, b.masses.high))
+        masses = masses if masses.low < masses.high else None
+    return Amounts(
+        larger(a.friction_factor, b.friction_factor),
+        larger(a.torque_factor, b.torque_factor),
+        b.load_name,
+        masses,
+    )
+
+
+def _up(value: float) -> float:
+    """Slightly more than `value`, in three digits."""
+    step = 10.0 ** (np.floor(np.log10(value)) - 2)
+    return float(np.ceil(value * (1 + _SAFE) / step) * step)
+
+
+def _down(value: float) -> float:
+    """Slightly less than `value`, in three digits."""
+    step = 10.0 ** (np.floor(np.log10(value)) - 2)
+    return float(np.floor(value * (1 - _SAFE) / step) * step)
+
+
+def _remedies(scene: ClimbScene, statement: ForceStatement, amounts: Amounts) -> tuple[str, ...]:
+    """Remedies in words, each sufficient on its own."""
+    out: list[str] = []
+    mu = statement.mu[statement.contact]
+    factor = amounts.friction_factor
+    if factor is not None:
+        same = np.ptp(mu) <= 1e-12 * mu.max()
+        out.append(
+            f"mu >= {_up(factor * float(mu[0])):.4g}"
+            if same
+            else f"friction coefficients {_up(factor):.4g} times as high"
+        )
+    if amounts.masses is not None:
+        low, high = amounts.masses.low, amounts.masses.high
+        if low <= 1e-6 * high:
+            out.append(f"{amounts.load_name} <= {_down(high):.4g} kg")
+        elif _up(low) < _down(high):
+            out.append(f"{amounts.load_name} from {_up(low):.4g} to {_down(high):.4g} kg")
+    if amounts.torque_factor is not None:
+        limit = scene.robot.max_torque
+        factor_up = amounts.torque_factor
+        out.append(
+            f"torque limit >= {_up(factor_up * float(limit[0, 0])):.4g} N m"
+            if np.ptp(limit) <= 1e-12 * limit.max()
+            else f"torque limits {_up(factor_up):.4g} times as high"
+        )
+        if (safety := statement.least_safety_torque / factor_up) * (1 - _SAFE) >= 1:
+            out.append(f"S_tau <= {_down(safety):.4g}")
+    if factor is not None and (safety := statement.safety_friction / factor) * (1 - _SAFE) >= 1:
+        out.append(f"S_mu <= {_down(safety):.4g}")
+    return tuple(out)
+
+
+def _constraints(
+    members: list[Member], cones: InstantCones, names: Sequence[str]
+) -> tuple[str, ...]:
+    """Members in words, one phrase a kind."""
+    limb = [names[i] for i in cones.limb]
+    phrases = []
+    for kind, words in (
+        ("friction", "friction at"),
+        ("torque", "torque of"),
+        ("contact", "push-only contact at"),
+    ):
+        chosen = [m for m in members if m.kind == kind]
+        if not chosen:
+            continue
+        if kind == "torque":
+            listed = _listed([f"{limb[m.contact]} {JOINTS[m.joint]}" for m in chosen], _NAMED)
+        elif len(chosen) == len(limb) > _NAMED:
+            listed = f"all {len(limb)} limbs"
+        else:
+            listed = _listed([limb[m.contact] for m in chosen], _NAMED)
+        phrases.append(f"{words} {listed}")
+    return tuple(phrases)
+
+
+def _listed(names: list[str], most: int) -> str:
+    if len(names) > most + 1:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return ", ".join(names)

@@ -1,0 +1,230 @@
+"""Postures by nonlinear programming (method `nlp`): exact rotations, curved terrain.
+
+IPOPT from several starts, each with its own contact regions and way round the obstacles; the best
+plan that passes the exact check is kept. Where the convex method holds rotations to about 15
+degrees and terrain to flat regions, this one takes any yaw, round tubes, and lower bounds on
+steps, and keeps the links off obstacles at every lift and placing. It proves neither optimality
+nor that no plan exists.
+
+Body roll, pitch and, on flat terrain, yaw stay within `rotation_limit_deg`. In a tube, which looks
+the same from all sides, yaw is free and may go all the way round.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.posture import PostureResult, Progress
+from climbplan.climb.posture_nlp_check import Violation, check_postures, posture_cost
+from climbplan.climb.posture_nlp_numbers import (
+    Guess,
+    first_iterate,
+    parameters,
+    shape_of,
+    to_rounds,
+    variable_bounds,
+)
+from climbplan.climb.posture_nlp_starts import convex_guess, repinned, straight_guess
+from climbplan.climb.posture_nlp_statement import PostureNlp, posture_nlp
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import Infeasible, LimitReached, ReachFailure
+from climbplan.plans.climb_plan import Rounds
+from climbplan.robots.kinematics import require_reachable, to_body
+
+ITERATIONS = 150  # per start; those that converge need 5 to 60
+# [rad] off every joint bound at the moments that are constrained. The second holds the joints at
+# the instants between them where the first did not.
+JOINT_MARGINS = (1e-3, np.deg2rad(2.0))
+# Blocks that the program holds at some instants only
+BETWEEN = ("posture.kinematics", "posture.limb_clearance")
+REFINEMENTS = 4  # of the best plan
+WORTHWHILE = 0.999  # factor on the cost that a refinement has to reach
+SOLVER = "ipopt (mumps)"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What became of one start."""
+
+    guess: Guess
+    rounds: Rounds
+    objective: float  # posture cost [m^2]
+    violations: tuple[Violation, ...]  # blocks that do not hold
+    iterations: int
+    seconds: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every constraint holds by the exact check, whatever IPOPT said."""
+        return not self.violations
+
+    @property
+    def worst(self) -> Violation:
+        """The block that fails by most."""
+        return max(self.violations, key=lambda violation: violation.amount)
+
+
+def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> PostureResult:
+    """The best of several locally optimal posture sequences (method `nlp`).
+
+    Starts depend on the spec's seed and their own number only. Status is "feasible": a local
+    method gives no bound. Raises ReachFailure for a start posture out of reach, Infeasible where
+    the steps allowed cannot cover the way to the goal, LimitReached where no start converged.
+    """
+    options = scene.spec.solver
+    deadline = time.monotonic() + options.time_limit
+    refuse_hopeless(scene)
+    attempts: list[Attempt] = []
+    for number, guess in enumerate(_guesses(scene, options.starts, deadline)):
+        if report is not None:
+            report("posture", number / options.starts)
+        attempts.append(solve_from(scene, guess, deadline))
+        if time.monotonic() > deadline:
+            break
+    accepted = [attempt for attempt in attempts if attempt.accepted]
+    if not accepted:
+        raise LimitReached(_failure(scene, attempts))
+    # Rounded, so that of equally good ones the first is kept whatever the last digits say
+    best = min(accepted, key=lambda attempt: round(attempt.objective, 9))
+    best = refined(scene, best, deadline)
+    program = posture_nlp(shape_of(scene), ITERATIONS)
+    return PostureResult(
+        rounds=best.rounds,
+        status="feasible",
+        objective=best.objective,
+        bound=None,
+        gap=None,
+        nodes=len(attempts),
+        solver=SOLVER,
+        sizes=_sizes(program, attempts, best),
+        warnings=_warnings(scene, attempts),
+    )
+
+
+def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
+    """IPOPT from one start, and the exact check of what it returns."""
+    begin = time.monotonic()
+    program = posture_nlp(shape_of(scene), ITERATIONS)
+    program.deadline.at = deadline
+    iterations = 0
+    for margin in JOINT_MARGINS:
+        box = variable_bounds(scene, margin)
+        answer = program.solver(
+            x0=first_iterate(scene, guess, box),
+            p=parameters(scene, guess),
+            lbx=box.lower,
+            ubx=box.upper,
+            lbg=program.lower,
+            ubg=program.upper,
+        )
+        iterations += int(program.solver.stats()["iter_count"])
+        rounds = to_rounds(scene, guess, np.asarray(answer["x"]).ravel())
+        violations = tuple(v for v in check_postures(scene, rounds) if not v.holds)
+        if not violations or any(v.name not in BETWEEN for v in violations):
+            break
+        guess = repinned(scene, guess, rounds)
+    return Attempt(
+        guess=guess,
+        rounds=rounds,
+        objective=posture_cost(scene, rounds),
+        violations=violations,
+        iterations=iterations,
+        seconds=time.monotonic() - begin,
+    )
+
+
+def refined(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt:
+    """The plan solved again with what is pinned chosen anew where it now is, while that helps."""
+    if not scene.terrain.obstacles and not scene.terrain.free_choices:
+        return best  # nothing but contact regions is pinned
+    for _ in range(REFINEMENTS):
+        if time.monotonic() > deadline:
+            break
+        again = solve_from(scene, repinned(scene, best.guess, best.rounds), deadline)
+        if not again.accepted or again.objective > WORTHWHILE * best.objective:
+            break
+        best = again
+    return best
+
+
+def refuse_hopeless(scene: ClimbScene) -> None:
+    """What needs no solver to be seen.
+
+    Raises ReachFailure for a start posture beyond a limb's reach, and Infeasible where the sum of
+    the largest steps is shorter than the way to the goal.
+    """
+    start, goal, spec = scene.start, scene.goal, scene.spec
+    toes, first = start.toes.copy(), scene.gait[0]
+    require_reachable(scene.robot, to_body(start.com, start.rpy, toes), "start posture")
+    normal = scene.terrain.surfaces[start.region[first]].normal_at(toes[first])
+    toes[first] += spec.trajectory.lift * normal  # before the body has moved
+    where = f"round 1, {scene.robot.limb_names[first]} lifted"
+    require_reachable(scene.robot, to_body(start.com, start.rpy, toes), where)
+    m, steps, tolerance = spec.task.rounds, spec.posture.steps, spec.task.goal.tolerance
+    names = ["the body", *(f"toe {name}" for name in scene.robot.limb_names)]
+    ways = np.linalg.norm(np.vstack([goal.com - start.com, goal.toes - start.toes]), axis=1)
+    ranges = m * np.array([steps.com_max] + [steps.toe_max] * scene.robot.limb_count)
+    for name, way, most in zip(names, ways, ranges, strict=True):
+        if way > most + tolerance:
+            raise Infeasible(
+                f"{name} has {way:.3f} m to go, {m} rounds allow {most:.3f} m: "
+                "more rounds or larger steps are needed"
+            )
+    turn = np.rad2deg(np.abs(goal.rpy - start.rpy).max())
+    most = m * steps.rotation_max_deg
+    if turn > most + spec.task.goal.rotation_tolerance_deg:
+        raise Infeasible(
+            f"the body has {turn:.1f} deg to turn, {m} rounds allow {most:.1f} deg: "
+            "more rounds or larger turns are needed"
+        )
+
+
+def _guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
+    """`count` starts: the convex plan if there is one, the straight way, then random ones."""
+    convex = convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
+    if convex is not None:
+        yield convex
+    for index in range(count - (convex is not None)):
+        yield straight_guess(scene, index, spread=0.0 if index == 0 else 1.0)
+
+
+def _failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
+    asked, tried = scene.spec.solver.starts, len(attempts)
+    closest = min(attempts, key=lambda attempt: attempt.worst.amount)
+    count = f"{asked}" if tried == asked else f"{tried} (of {asked} asked for)"
+    return (
+        f"no start of {count} converged: the closest violates {closest.worst}; "
+        f"{_goal_trouble(scene)}more starts, rounds or time may help (method nlp proves nothing)"
+    )
+
+
+def _goal_trouble(scene: ClimbScene) -> str:
+    """What is wrong with the stated goal posture itself, a likely cause within its tolerance."""
+    goal = scene.goal
+    try:
+        require_reachable(scene.robot, to_body(goal.com, goal.rpy, goal.toes), "goal posture")
+    except ReachFailure as failure:
+        return f"{failure}; "
+    return ""
+
+
+def _sizes(program: PostureNlp, attempts: list[Attempt], best: Attempt) -> dict[str, object]:
+    return {
+        "variables": int(program.solver.size1_in("x0")),
+        "constraints": len(program.lower),
+        "starts": len(attempts),
+        "accepted": sum(attempt.accepted for attempt in attempts),
+        "iterations": sum(attempt.iterations for attempt in attempts),
+        "best_start": best.guess.label,
+    }
+
+
+def _warnings(scene: ClimbScene, attempts: list[Attempt]) -> tuple[str, ...]:
+    left = scene.spec.solver.starts - len(attempts)
+    if left == 0:
+        return ()
+    return (f"the time limit left {left} of {scene.spec.solver.starts} starts untried",)

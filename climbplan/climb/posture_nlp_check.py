@@ -1,0 +1,184 @@
+"""The exact check of a posture sequence: every constraint again, from the postures alone.
+
+It shares no expression with the NLP: rotations, kinematics and surfaces are those of the robot
+and the terrain, evaluated in NumPy, and the body is followed along its whole way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.clearance import body_shortfall, hull_world
+from climbplan.climb.gait import plan_instants
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import ReachFailure
+from climbplan.plans.climb_plan import Instants, Rounds
+from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.terrain.surfaces import Tube
+
+TOLERANCE = 1e-6  # [m] or [rad]
+_POSES = 13  # poses along a round at which the body must be inside a tube
+_LINK_SHARES = np.linspace(0.0, 1.0, 41)  # points along each link, at most 10 mm apart
+
+
+@dataclass(frozen=True)
+class Violation:
+    """The worst point of one block of constraints."""
+
+    name: str
+    amount: float  # [m] or [rad], <= 0 if the block holds
+    unit: str  # "m" or "rad"
+    where: str  # "round 3, limb LM"
+
+    @property
+    def holds(self) -> bool:
+        """Within the tolerance."""
+        return self.amount <= TOLERANCE
+
+    def __str__(self) -> str:
+        size = f"{1e3 * self.amount:.3g} mm"
+        if self.unit == "rad":
+            size = f"{np.rad2deg(self.amount):.3g} deg"
+        return f"{self.name} at {self.where} by {size}"
+
+
+@dataclass(frozen=True)
+class _Findings:
+    """Collects the worst point of every block."""
+
+    limb_names: tuple[str, ...]
+    found: list[Violation]
+
+    def add(self, name: str, amounts: Array, unit: str = "m", first_round: int = 1) -> None:
+        """amounts: by round (M,), or by round and limb (M, N)."""
+        amounts = np.nan_to_num(amounts, nan=np.inf)  # a diverged answer holds nothing
+        worst = np.unravel_index(int(np.argmax(amounts)), amounts.shape)
+        where = f"round {worst[0] + first_round}"
+        if len(worst) > 1:
+            where += f", limb {self.limb_names[worst[1]]}"
+        self.found.append(Violation(name, float(amounts[worst]), unit, where))
+
+
+def posture_cost(scene: ClimbScene, rounds: Rounds) -> float:
+    """Cost of chapter 5.1.3 [m^2]: the goal missed and the steps taken."""
+    weights, goal = scene.spec.posture.weights, scene.goal
+    return float(
+        weights.goal * ((rounds.toes[-1] - goal.toes) ** 2).sum()
+        + weights.goal_com * ((rounds.com[-1] - goal.com) ** 2).sum()
+        + weights.goal_rotation * ((rounds.rpy[-1] - goal.rpy) ** 2).sum()
+        + weights.com * (np.diff(rounds.com, axis=0) ** 2).sum()
+        + weights.toe * (np.diff(rounds.toes, axis=0) ** 2).sum()
+        + weights.rotation * (np.diff(rounds.rpy, axis=0) ** 2).sum()
+    )
+
+
+def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
+    """Worst violation of every block of constraints, joint bounds at all instants included."""
+    findings = _Findings(scene.robot.limb_names, [])
+    _add_steps(scene, rounds, findings)
+    _add_workspaces(scene, rounds, findings)
+
+    # Toes on surfaces that their limbs may use
+    surfaces, allowed = scene.terrain.surfaces, scene.terrain.allowed
+    off = np.empty(rounds.region.shape)
+    for j, i in np.ndindex(*off.shape):
+        surface = rounds.region[j, i]
+        distance = surfaces[surface].distance(rounds.toes[j, i])
+        off[j, i] = distance if allowed[i, surface] else np.inf
+    findings.add("posture.contact", off[1:])
+
+    # Body clear of the terrain along its way
+    findings.add("posture.body_free", body_shortfall(scene, rounds))
+    wall = surfaces[0]
+    if isinstance(wall, Tube):
+        share = np.linspace(0.0, 1.0, _POSES)[:, None]
+        com, rpy = (
+            x[:-1, None] + share * np.diff(x, axis=0)[:, None] for x in (rounds.com, rounds.rpy)
+        )
+        corners = hull_world(scene, com, rpy)[..., :2]  # (M, S, V, 2)
+        far = np.linalg.norm(corners - wall.center, axis=-1).max(axis=(1, 2))
+        findings.add("posture.body_tube", far + scene.spec.posture.body_clearance - wall.radius)
+
+    # Goal
+    goal, task = scene.goal, scene.spec.task
+    last = rounds.count
+    com_miss = np.linalg.norm(rounds.com[-1:] - goal.com, axis=1) - task.goal.tolerance
+    toe_miss = np.linalg.norm(rounds.toes[-1:] - goal.toes, axis=2) - task.goal.tolerance
+    turned = np.abs(rounds.rpy[-1:] - goal.rpy).max(axis=1)
+    findings.add("posture.goal_com", com_miss, first_round=last)
+    findings.add("posture.goal_toes", toe_miss, first_round=last)
+    turned -= np.deg2rad(task.goal.rotation_tolerance_deg)
+    findings.add("posture.goal_rotation", turned, "rad", first_round=last)
+
+    # Joint bounds and links at all instants
+    try:
+        instants = plan_instants(scene, rounds)
+    except ReachFailure as error:
+        amount = max(error.missing, 10 * TOLERANCE)
+        where = f"{error.where}, limb {error.limb} ({error.reason})"
+        findings.found.append(Violation("posture.kinematics", amount, "m", where))
+    else:
+        depth = _link_depths(scene, instants)  # (K, N)
+        k, limb = np.unravel_index(int(np.argmax(depth)), depth.shape)
+        where = f"{instants.label(int(k), scene.robot.limb_names)}, limb "
+        where += scene.robot.limb_names[limb]
+        findings.found.append(Violation("posture.limb_clearance", depth.max(), "m", where))
+    return tuple(findings.found)
+
+
+def _link_depths(scene: ClimbScene, instants: Instants) -> Array:
+    """How deep link axes are in the obstacles at the instants (K, N) [m], negative outside."""
+    points = joint_points_body(scene.robot, instants.joint_angles)  # (K, N, 4, 3)
+    rotation = rotation_world_body(instants.rpy)
+    points = instants.com[:, None, None] + np.einsum("kab,knjb->knja", rotation, points)
+    share = _LINK_SHARES[:, None, None]
+    axes = (1 - share) * points[..., None, :-1, :] + share * points[..., None, 1:, :]
+    depth = np.full(points.shape[:2], -np.inf)
+    for solid in scene.terrain.obstacles:
+        depth = np.maximum(depth, -solid.face_distance(axes).min(axis=(-2, -1)))
+    return depth
+
+
+def _add_steps(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:
+    steps = scene.spec.posture.steps
+    com = np.linalg.norm(np.diff(rounds.com, axis=0), axis=-1)
+    toes = np.linalg.norm(np.diff(rounds.toes, axis=0), axis=-1)
+    turn = np.abs(np.diff(rounds.rpy, axis=0)).max(axis=-1)
+    findings.add("posture.com_step", com - steps.com_max)
+    findings.add("posture.toe_step", toes - steps.toe_max)
+    findings.add("posture.rotation_step", turn - np.deg2rad(steps.rotation_max_deg), "rad")
+    if steps.com_min > 0:
+        findings.add("posture.com_step_min", steps.com_min - com)
+    if steps.toe_min > 0:
+        findings.add("posture.toe_step_min", steps.toe_min - toes)
+    free_axes = slice(0, 2) if scene.terrain.curved else slice(0, 3)
+    limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
+    findings.add(
+        "posture.rotation_limit", np.abs(rounds.rpy[1:, free_axes]).max(axis=1) - limit, "rad"
+    )
+
+
+def _add_workspaces(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:
+    spec, robot = scene.spec.posture, scene.robot
+    share = np.empty(robot.limb_count)
+    share[list(scene.gait)] = np.arange(robot.limb_count) / robot.limb_count
+    moving = [
+        x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None]
+        for x in (rounds.com, rounds.rpy)
+    ]
+    at_end = [rounds.com[1:, None], rounds.rpy[1:, None]]
+    old, new = rounds.toes[:-1], rounds.toes[1:]
+    balls = [("reach", robot.shoulder_body, robot.reach)]
+    if spec.stance_workspace:
+        balls.append(("stance", robot.stance_body, robot.stance_radius))
+    for label, centre, radius in balls:
+        events = [("", new, at_end)]
+        if spec.intermediate_reach:
+            events += [("_lift", old, moving), ("_place", new, moving)]
+        for suffix, toes, (com, rpy) in events:
+            turned = np.einsum("...nab,nb->...na", rotation_world_body(rpy), centre)
+            distance = np.linalg.norm(toes - com - turned, axis=-1)
+            findings.add(f"posture.{label}{suffix}", distance - radius)

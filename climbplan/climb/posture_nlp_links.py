@@ -1,0 +1,62 @@
+"""Links against obstacles in the posture NLP: one parting plane for each pair.
+
+A link and a convex obstacle are apart if a plane parts them. The plane's direction is pinned for
+a run of IPOPT, chosen where the links are in its start, and touches the obstacle, so that the
+rows left for the NLP are linear in the link's ends.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.terrain.solids import Solid
+
+_TOUCHING = 1e-6  # [m] a corner this close to a face belongs to it
+
+
+def link_points(shoulder: Any, links: Any, mount_yaw: Any, angles: Any) -> list[Any]:
+    """Shoulder, femur joint, knee and toe (3,) of a limb as expressions, body frame [m]."""
+    psi, tilt = mount_yaw + angles[0], angles[1] + angles[2]
+    knee = links[0] + links[1] * ca.cos(angles[1]), links[1] * ca.sin(angles[1])
+    toe = knee[0] + links[2] * ca.sin(tilt), knee[1] - links[2] * ca.cos(tilt)
+
+    def point(radius: Any, height: Any) -> Any:
+        return shoulder + ca.vertcat(radius * ca.cos(psi), radius * ca.sin(psi), height)
+
+    return [shoulder, point(links[0], 0), point(*knee), point(*toe)]
+
+
+def kept_distances(limb_radius: Any, links: int) -> list[tuple[Any, Any]]:
+    """Distance from obstacles that both ends of each link keep.
+
+    The toe may touch: regions and swing paths keep it where it has to be.
+    """
+    return [(limb_radius, 0.0 if link == links - 1 else limb_radius) for link in range(links)]
+
+
+def parting_planes(solid: Solid, starts: Array, ends: Array, keep: Array) -> Array:
+    """The plane (..., 4) of each link that leaves most room to a solid, or overlaps least.
+
+    starts, ends: (..., L, 3) ends of the links [m]; keep: (L, 2) distance that each end has to
+    keep. A plane is a unit normal away from the solid and its offset,
+    touching the solid. Directions are those of its faces, and between faces for edges and corners.
+    """
+    directions = _directions(solid)
+    offsets = (solid.vertices @ directions.T).max(axis=0)
+    before, after = starts @ directions.T - keep[:, :1], ends @ directions.T - keep[:, 1:]
+    room = np.minimum(before, after) - offsets
+    best = room.argmax(axis=-1)
+    return np.concatenate([directions[best], offsets[best][..., None]], axis=-1)
+
+
+def _directions(solid: Solid) -> Array:
+    """Unit normals of faces, and means of those that meet at an edge or a corner, (D, 3)."""
+    touching = np.abs(solid.A @ solid.vertices.T - solid.b[:, None]) < _TOUCHING  # (F, V)
+    first, second = np.nonzero(np.triu(touching.astype(int) @ touching.T >= 2, k=1))
+    sums = np.vstack([solid.A, solid.A[first] + solid.A[second], touching.T @ solid.A])
+    unit: Array = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return unit

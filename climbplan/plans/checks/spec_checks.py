@@ -1,0 +1,243 @@
+"""The plan answers the spec it carries: bounds, loads, terrain and objective are the spec's.
+
+The robot is not among them: a spec names it, and its data are in the file.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import SpecError
+from climbplan.plans.checks.check import Array, Check, judge
+from climbplan.plans.checks.gait_anew import gait_of
+from climbplan.plans.checks.kinematics_anew import body_axes
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.kinds import validate
+from climbplan.spec.terrain import RegionSpec, SolidSpec, WallsSpec
+from climbplan.spec.yaml_source import parse_yaml
+from climbplan.terrain.model import Terrain
+from climbplan.terrain.surfaces import Region, Surface, Tube
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """How far a stored value is from the spec's."""
+
+    key: str
+    size: float
+
+
+def spec_checks(plan: ClimbPlan) -> Iterator[Check]:
+    """The spec in the file against the numbers in the file."""
+    spec = _spec_of(plan)
+    if isinstance(spec, str):
+        yield judge("file.spec_values", math.inf, spec)
+        return
+    differences = [*_task(plan, spec), *_limits(plan, spec), *_terrain(plan, spec)]
+    worst = max(differences, key=lambda d: math.inf if math.isnan(d.size) else d.size)
+    yield judge("file.spec_values", worst.size, worst.key if worst.size > 0 else "")
+    yield _objective(plan, spec)
+
+
+def _spec_of(plan: ClimbPlan) -> ClimbSpec | str:
+    """The validated spec, or what is wrong with it."""
+    try:
+        spec, findings = validate(parse_yaml(plan.spec_text, "spec"), ClimbSpec)
+    except SpecError as error:
+        return str(error).splitlines()[0]
+    if spec is None:
+        return findings[0].message
+    return spec
+
+
+def _apart(key: str, stored: Any, asked: Any) -> _Difference:
+    """Largest absolute difference; infinite if the shapes differ."""
+    a, b = np.asarray(stored, float), np.asarray(asked, float)
+    if a.shape != b.shape:
+        return _Difference(key, math.inf)
+    return _Difference(key, float(np.abs(a - b).max(initial=0.0)))
+
+
+def _same(key: str, equal: bool) -> _Difference:
+    return _Difference(key, 0.0 if equal else math.inf)
+
+
+def _task(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
+    task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
+    yield _same("seed", plan.seed == spec.seed)
+    yield _same("task.rounds", rounds.count == task.rounds)
+    yield _apart("task.start.com", rounds.com[0], task.start.com)
+    yield _apart("task.start.rpy_deg", rounds.rpy[0], np.deg2rad(task.start.rpy_deg))
+    yield _apart("task.goal.com", plan.limits.goal_com, task.goal.com)
+    yield _apart("task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(task.goal.rpy_deg))
+    for key, posture, toes in (
+        ("task.start.toes", task.start, rounds.toes[0]),
+        ("task.goal.toes", task.goal, plan.limits.goal_toes),
+    ):
+        for name, toe in posture.toes.items():
+            yield _apart(f"{key}.{name}", toes[names.index(name)] if name in names else [], toe)
+
+    order = [names[i] for i in gait_of(plan.instants, rounds).order[: len(names)]]
+    yield _same("task.gait", order == list(task.gait or names))
+    lifts = plan.instants.toes[::2] - plan.rounds.toes[:-1].repeat(len(names), axis=0)
+    height = np.linalg.norm(lifts[plan.instants.lifted[::2]], axis=-1)
+    yield _apart("trajectory.lift", height, np.full_like(height, spec.trajectory.lift))
+    span = plan.trajectory.time[-1] - plan.trajectory.time[0]
+    rate = (len(plan.trajectory.time) - 1) / span if span > 0 else math.nan
+    yield _Difference("trajectory.rate", abs(rate / spec.trajectory.rate - 1))
+
+    # Payload weight at its place on the turned body, and the constant load.
+    load = np.tile(
+        task.external_wrench.force + task.external_wrench.moment, (len(plan.instants.rpy), 1)
+    )
+    weight = np.array([0.0, 0.0, -task.payload.mass * plan.robot.gravity])
+    arms = np.array(task.payload.offset) @ body_axes(plan.instants.rpy)
+    load[:, :3] += weight
+    load[:, 3:] += np.cross(arms, weight)
+    yield _apart("task.payload, task.external_wrench", plan.instants.external_wrench, load)
+
+
+def _limits(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
+    limits, steps = plan.limits, spec.posture.steps
+    pairs = {
+        "posture.steps.com_max": (limits.com_max, steps.com_max),
+        "posture.steps.com_min": (limits.com_min, steps.com_min),
+        "posture.steps.toe_max": (limits.toe_max, steps.toe_max),
+        "posture.steps.toe_min": (limits.toe_min, steps.toe_min),
+        "posture.steps.rotation_max_deg": (
+            limits.rotation_max,
+            math.radians(steps.rotation_max_deg),
+        ),
+        "posture.body_clearance": (limits.body_clearance, spec.posture.body_clearance),
+        "task.goal.tolerance": (limits.goal_tolerance, spec.task.goal.tolerance),
+        "task.goal.rotation_tolerance_deg": (
+            limits.goal_rotation_tolerance,
+            math.radians(spec.task.goal.rotation_tolerance_deg),
+        ),
+        "force.safety_friction": (limits.safety_friction, spec.force.safety_friction),
+        "force.safety_torque": (limits.safety_torque, spec.force.safety_torque),
+    }
+    for key, (stored, asked) in pairs.items():
+        yield _apart(key, stored, asked)
+
+
+def _terrain(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
+    terrain, asked = plan.terrain, spec.terrain
+    walls = ("left", "right") if asked.walls is not None else ()
+    names = [*(["tube"] if asked.tube else []), *walls, *(r.name for r in asked.regions)]
+    stored = [surface.name for surface in terrain.surfaces]
+    yield _same("terrain: surfaces", stored == names)
+    yield _same(
+        "terrain.obstacles: names",
+        [s.name for s in terrain.obstacles] == [s.name for s in asked.obstacles],
+    )
+    if stored != names:
+        return
+    by_name = dict(zip(names, range(len(names)), strict=True))
+    limbs = plan.robot.limb_names
+
+    if asked.tube is not None:
+        tube = terrain.surfaces[by_name["tube"]]
+        yield _same("terrain.tube", isinstance(tube, Tube))
+        if isinstance(tube, Tube):
+            held = (*tube.center, tube.radius, tube.lower, tube.upper, tube.friction)
+            want = (*asked.tube.center, asked.tube.radius, *asked.tube.up, asked.friction)
+            yield _apart("terrain.tube", held, want)
+    if asked.walls is not None:
+        for side, name in ((-1, "left"), (1, "right")):
+            surface = terrain.surfaces[by_name[name]]
+            yield _corners_apart(f"terrain.walls: {name}", surface, _wall(asked.walls, side))
+            yield _apart("terrain.friction", surface.friction, asked.friction)
+            may = [where in (name, "any") for where in plan.robot.sides]
+            yield _apart(f"terrain.walls: {name}, limbs", terrain.allowed[:, by_name[name]], may)
+    for number, region in enumerate(asked.regions):
+        key = f"terrain.regions.{number}"
+        surface = terrain.surfaces[by_name[region.name]]
+        yield _corners_apart(key, surface, _region(region))
+        friction = asked.friction if region.friction is None else region.friction
+        yield _apart(f"{key}.friction", surface.friction, friction)
+        may = [region.limbs is None or name in region.limbs for name in limbs]
+        yield _apart(f"{key}.limbs", terrain.allowed[:, by_name[region.name]], may)
+    yield from _solids(terrain, asked.obstacles, asked.free_regions)
+
+
+def _solids(
+    terrain: Terrain, obstacles: Sequence[SolidSpec], free: Sequence[SolidSpec]
+) -> Iterator[_Difference]:
+    for number, (solid, spec) in enumerate(zip(terrain.obstacles, obstacles, strict=False)):
+        yield _support_apart(f"terrain.obstacles.{number}", solid.A, solid.b, _points(spec))
+    if free:
+        key = "terrain.free_regions"
+        choices = terrain.free_choices
+        yield _same(key, len(choices) == 1 and len(choices[0]) == len(free))
+        for number, (space, spec) in enumerate(
+            zip(itertools.chain(*choices[:1]), free, strict=False)
+        ):
+            yield _support_apart(f"{key}.{number}", space.A, space.b, _points(spec))
+
+
+def _support_apart(key: str, A: Array, b: Array, points: Array) -> _Difference:
+    """How far half-spaces are from touching the hull of points."""
+    return _apart(key, (points @ A.T).max(axis=0), b)
+
+
+def _corners_apart(key: str, surface: Surface, corners: Array) -> _Difference:
+    """Largest distance between corners that belong together, in whatever order."""
+    if not isinstance(surface, Region) or len(surface.vertices) != len(corners):
+        return _Difference(key, math.inf)
+    apart = np.linalg.norm(surface.vertices[:, None] - corners[None, :], axis=-1)
+    return _Difference(key, float(max(apart.min(axis=0).max(), apart.min(axis=1).max())))
+
+
+def _wall(walls: WallsSpec, side: int) -> Array:
+    """Corners of a wall: half the gap from the middle at y = 0, opening by half the angle."""
+    slope = math.tan(math.radians(walls.angle_deg) / 2)
+    corners = itertools.product(walls.along, walls.up)
+    return np.array([(side * (walls.gap / 2 + y * slope), y, z) for y, z in corners])
+
+
+def _region(region: RegionSpec) -> Array:
+    """Corners of a region as its spec states them."""
+    if region.rectangle is None:
+        return np.array(region.vertices, float)
+    flat = region.rectangle
+    x, y, z = np.array(flat.normal) / np.linalg.norm(flat.normal)
+    level = math.hypot(x, y)
+    across = np.array([-y, x, 0.0]) / level if level > 1e-9 else np.array([1.0, 0.0, 0.0])
+    up = np.cross((x, y, z), across)
+    ends = itertools.product((-0.5, 0.5), repeat=2)
+    return np.array([flat.center + s * flat.width * across + t * flat.height * up for s, t in ends])
+
+
+def _points(solid: SolidSpec) -> Array:
+    if solid.lower is not None and solid.upper is not None:
+        return np.array(list(itertools.product(*zip(solid.lower, solid.upper, strict=True))))
+    return np.array(solid.vertices, float)
+
+
+def _objective(plan: ClimbPlan, spec: ClimbSpec) -> Check:
+    """The posture cost of chapter 5.1.3 at the stored postures; no bound above it."""
+    weights, rounds, limits = spec.posture.weights, plan.rounds, plan.limits
+    turn = rounds.rpy[-1] - limits.goal_rpy
+    cost = (
+        weights.goal * np.sum((rounds.toes[-1] - limits.goal_toes) ** 2)
+        + weights.goal_com * np.sum((rounds.com[-1] - limits.goal_com) ** 2)
+        + weights.goal_rotation * np.sum(turn**2)
+        + weights.com * np.sum(np.diff(rounds.com, axis=0) ** 2)
+        + weights.toe * np.sum(np.diff(rounds.toes, axis=0) ** 2)
+        + weights.rotation * np.sum(np.diff(rounds.rpy, axis=0) ** 2)
+    )
+    scale = max(abs(cost), 1e-6)
+    residual = abs(plan.objective - cost) / scale
+    place = f"stored {plan.objective:.6g}, postures cost {cost:.6g}"
+    if plan.bound is not None and (plan.bound - cost) / scale > residual:
+        residual = (plan.bound - cost) / scale
+        place = f"bound {plan.bound:.6g} above the cost {cost:.6g}"
+    return judge("file.objective", residual, place)

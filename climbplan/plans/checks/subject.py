@@ -1,0 +1,77 @@
+"""What all checks look at: a plan's arrays with its limbs and solids built anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.plans.checks.check import Array
+from climbplan.plans.checks.convex import ConvexBody, hull_of, solids_of
+from climbplan.plans.checks.kinematics_anew import Limbs, body_axes, limbs_at
+from climbplan.plans.climb_plan import ClimbPlan
+
+JOINT_NAMES = ("coxa", "femur", "tibia")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One plan under verification. K instants, N limbs."""
+
+    plan: ClimbPlan
+    weight: float  # that residuals are relative to [N]
+    body: ConvexBody  # in the body frame
+    solids: tuple[ConvexBody, ...]
+    axes: Array  # (K, 3, 3) body axes as rows, world
+    limbs: Limbs  # at the instants
+
+    def at(self, k: int, *parts: int) -> str:
+        """Instant k, limb and joint in the robot's terms: "round 3, LM lifted, RF femur"."""
+        text = self.plan.instants.label(k, self.plan.robot.limb_names)
+        if parts:
+            text += f", {self.limb(*parts)}"
+        return text
+
+    def limb(self, limb: int, *joint: int) -> str:
+        """Limb and joint: "RF femur"."""
+        return " ".join([self.plan.robot.limb_names[limb], *(JOINT_NAMES[j] for j in joint)])
+
+    def at_time(self, sample: int) -> str:
+        """A sample of the trajectory: "t = 12.30 s"."""
+        return f"t = {self.plan.trajectory.time[sample]:.2f} s"
+
+    def posture(self, j: int) -> str:
+        """Posture j: "start" or "end of round 3"."""
+        return f"end of round {j}" if j else "start"
+
+    @property
+    def contact_force(self) -> Array:
+        """(K, N) force along the surface normal [N]."""
+        return np.einsum("kni,kni->kn", self.plan.forces.force, self.plan.instants.normal)
+
+    @property
+    def tangential_force(self) -> Array:
+        """(K, N) force along the surface [N]."""
+        normal = self.contact_force[..., None] * self.plan.instants.normal
+        length: Array = np.linalg.norm(self.plan.forces.force - normal, axis=-1)
+        return length
+
+    @property
+    def torques(self) -> Array:
+        """(K, N, 3) joint torques J^T f from joint angles and forces [N m]."""
+        return np.einsum("knij,kni->knj", self.limbs.jacobian(), self.plan.forces.force)
+
+
+def subject_of(plan: ClimbPlan) -> Subject:
+    """A plan whose numbers are finite and whose robot and terrain are sound."""
+    robot, instants = plan.robot, plan.instants
+    axes = body_axes(instants.rpy)
+    weight = robot.mass * robot.gravity
+    return Subject(
+        plan=plan,
+        weight=weight if weight > 0 else 1.0,
+        body=hull_of("body", robot.body_hull),
+        solids=solids_of(plan.terrain),
+        axes=axes,
+        limbs=limbs_at(robot, instants.com, axes, instants.joint_angles),
+    )

@@ -1,0 +1,256 @@
+"""The playable motion against the instants it has to pass.
+
+Contact flags tell how many steps are behind a sample, and with that where every standing toe is
+and between which instants body and commands have to be. A toe that stands is held by the terrain,
+not by its command: its limb is built anew from the place it stands on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.plans.checks.check import Array, Check, judge, judge_worst
+from climbplan.plans.checks.clearance_checks import judge_link_depths, link_depths
+from climbplan.plans.checks.gait_anew import Gait, body_stations, gait_of
+from climbplan.plans.checks.kinematics_anew import (
+    Limbs,
+    StandingLimbs,
+    body_axes,
+    limbs_at,
+    standing_limbs,
+)
+from climbplan.plans.checks.subject import Subject
+from climbplan.plans.climb_plan import Index, Mask
+
+_STRIDE = 5e-3  # [m] a swinging toe is looked at this often
+_MOST_PIECES = 16
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What the samples are between. T samples, N limbs, K instants."""
+
+    subject: Subject
+    gait: Gait
+    lifted: Mask  # (T, N)
+    done: Index  # (T,) steps completed
+    placements: Index  # (T, N) how often each limb was placed
+    ground: Array  # (T, N, 3) where each limb stands, or stood
+    commanded: Limbs  # as the joint commands would have them in free space
+    standing: StandingLimbs  # reaching for `ground`
+
+    def at(self, sample: int, *parts: int) -> str:
+        """Sample, step of the gait, limb and joint in the robot's terms."""
+        in_the_air = bool(self.lifted[sample].any())
+        k = 2 * int(self.done[sample]) - (0 if in_the_air else 1)
+        k = min(max(k, 0), self.subject.plan.instants.count - 1)
+        label = self.subject.at(k, *parts)
+        return f"{self.subject.at_time(sample)}, {label}"
+
+
+def trajectory_checks(subject: Subject) -> Iterator[Check]:
+    """Rate, gait, body path, commands, joint bounds and speeds, clearance."""
+    yield _rate(subject)
+    yield _ends(subject)
+    motion = _motion_of(subject)
+    yield _sequence(motion)
+    yield _body(motion)
+    yield _commands(motion)
+    yield _instants(motion)
+    yield from _joints(motion)
+    yield _clearance(motion)
+
+
+def _rate(subject: Subject) -> Check:
+    time = subject.plan.trajectory.time
+    step = np.diff(time)
+    uneven = np.abs(step - (time[-1] - time[0]) / (len(time) - 1))
+    uneven = np.where(step > 0, uneven, np.inf)
+    return judge_worst("trajectory.rate", uneven, lambda s: subject.at_time(s))
+
+
+def _ends(subject: Subject) -> Check:
+    rounds, trajectory = subject.plan.rounds, subject.plan.trajectory
+    off = np.vstack(
+        [
+            trajectory.com[[0, -1]] - rounds.com[[0, -1]],
+            trajectory.rpy[[0, -1]] - rounds.rpy[[0, -1]],
+        ]
+    )
+    names = ("start, position", "end, position", "start, rotation", "end, rotation")
+    return judge_worst("trajectory.ends", np.abs(off).max(axis=1), lambda row: names[row])
+
+
+def _motion_of(subject: Subject) -> _Motion:
+    plan = subject.plan
+    trajectory, rounds, robot = plan.trajectory, plan.rounds, plan.robot
+    lifted = ~trajectory.contact
+    before = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
+    counted = (before & ~lifted).cumsum(axis=0)
+    placements = np.minimum(counted, rounds.count)
+    ground = rounds.toes[placements, np.arange(robot.limb_count)]
+    axes = body_axes(trajectory.rpy)
+    commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
+    return _Motion(
+        subject=subject,
+        gait=gait_of(plan.instants, rounds),
+        lifted=lifted,
+        done=np.minimum(counted.sum(axis=1), plan.instants.count // 2),
+        placements=placements,
+        ground=ground,
+        commanded=commanded,
+        standing=standing_limbs(robot, trajectory.com, axes, ground, commanded),
+    )
+
+
+def _sequence(motion: _Motion) -> Check:
+    """At most one limb is lifted at a time, the limbs take turns as in the instants."""
+    lifted = motion.lifted
+    starts = np.argwhere(lifted & ~np.vstack([np.zeros_like(lifted[:1]), lifted[:-1]]))
+    order = motion.gait.order
+    crowded = np.flatnonzero(lifted.sum(axis=1) > 1)
+    if len(crowded):
+        sample = int(crowded[0])
+        place = f"{motion.at(sample)}: {lifted[sample].sum()} limbs lifted at once"
+        return judge("trajectory.sequence", float(len(crowded)), place)
+    if lifted[-1].any():
+        return judge("trajectory.sequence", 1.0, "the motion ends with a limb lifted")
+    count = min(len(starts), len(order))
+    out_of_turn = np.flatnonzero(starts[:count, 1] != order[:count])
+    if len(out_of_turn):
+        sample, limb = (int(i) for i in starts[out_of_turn[0]])
+        name = motion.subject.limb(limb)
+        place = f"{motion.subject.at_time(sample)}: {name} lifts out of turn"
+        return judge("trajectory.sequence", float(len(out_of_turn)), place)
+    missing = abs(len(starts) - len(order))
+    return judge(
+        "trajectory.sequence",
+        float(missing),
+        f"{len(starts)} steps, expected {len(order)}" if missing else "",
+    )
+
+
+def _body(motion: _Motion) -> Check:
+    """The body waits while a limb is in the air and then moves straight on by 1/N of the round."""
+    plan = motion.subject.plan
+    com, rpy = body_stations(plan.rounds, plan.robot.limb_count)
+    stations = np.hstack([com, rpy])
+    waits = motion.lifted.any(axis=1) | (motion.done == 0)
+    end = stations[motion.done]
+    start = np.where(waits[:, None], end, stations[np.maximum(motion.done - 1, 0)])
+    pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
+    off = _off_segment(pose, start, end)  # one radian counts as one metre
+    return judge_worst("trajectory.body", off, motion.at)
+
+
+def _commands(motion: _Motion) -> Check:
+    """Commands of standing limbs lie on straight lines between those of neighbouring instants.
+
+    A limb presses from its place on the surface and returns to it before it lifts. What the
+    motion starts with is its own first command.
+    """
+    plan = motion.subject.plan
+    instants = plan.instants
+    window = 2 * motion.done[:, None] + np.array([-2, -1, 0, 1])  # (T, 4) instants around
+    inside = (window >= 0) & (window < instants.count)
+    k = np.clip(window, 0, instants.count - 1)
+    stands = instants.contact[k] & (motion.gait.placements[k] == motion.placements[:, None, :])
+    stands &= inside[..., None]
+    stops = np.where(
+        stands[..., None], plan.forces.toe_command[k], motion.ground[:, None]
+    )  # (T, 4, N, 3)
+    first = np.broadcast_to(motion.commanded.toe[0], stops.shape)
+    stops = np.where((window < 0)[..., None, None], first, stops)
+    toe = motion.commanded.toe
+    pieces = [_off_segment(toe, stops[:, w], stops[:, w + 1]) for w in range(3)]
+    off = np.where(motion.lifted, 0.0, np.min(pieces, axis=0))
+    return judge_worst("trajectory.command", off, motion.at)
+
+
+def _instants(motion: _Motion) -> Check:
+    """Some sample comes close to each instant in body pose and commands of loaded limbs."""
+    plan = motion.subject.plan
+    instants, trajectory = plan.instants, plan.trajectory
+    k = 2 * motion.done - np.where(motion.lifted.any(axis=1), 0, 1)
+    off = np.full(instants.count, np.inf)
+    samples = np.flatnonzero((k >= 0) & (k < instants.count))
+    k = k[samples]
+    command = motion.commanded.toe[samples] - plan.forces.toe_command[k]
+    miss = np.where(instants.contact[k], np.linalg.norm(command, axis=-1), 0.0).max(axis=1)
+    body = np.linalg.norm(trajectory.com[samples] - instants.com[k], axis=-1)
+    turn = np.abs(trajectory.rpy[samples] - instants.rpy[k]).max(axis=-1)
+    np.minimum.at(off, k, np.maximum(np.maximum(miss, body), turn))
+    return judge_worst("trajectory.instants", off, motion.subject.at)
+
+
+def _joints(motion: _Motion) -> Iterator[Check]:
+    """Bounds of commanded and standing joint angles, speeds, and reach of standing limbs."""
+    plan = motion.subject.plan
+    robot, command = plan.robot, plan.trajectory.joint_command
+    stands = np.where(motion.lifted[..., None], command, motion.standing.angles)
+    over = np.full(command.shape, -np.inf)
+    for angles in (command, stands):
+        over = np.maximum(over, np.maximum(robot.joint_lower - angles, angles - robot.joint_upper))
+    margin = f"{np.rad2deg(-over.max()):.1f} deg"
+    span = (robot.joint_upper - robot.joint_lower) / 2
+    yield judge_worst("trajectory.joint_bounds", over, motion.at, margin, used=1 + over / span)
+
+    step = np.diff(plan.trajectory.time)[:, None, None]
+    speed = np.abs(np.diff(command, axis=0)) / step
+    used = speed / robot.max_joint_speed
+    margin = f"{100 * used.max():.0f} % of the limit"
+    excess = speed - robot.max_joint_speed
+    yield judge_worst("trajectory.joint_speed", excess, motion.at, margin, used)
+    missing = np.where(motion.lifted, 0.0, motion.standing.missing)
+    yield judge_worst("trajectory.reach", missing, motion.at)
+
+
+def _clearance(motion: _Motion) -> Check:
+    """Links of standing and of swinging limbs keep out of solids, between samples too."""
+    points = np.where(
+        motion.lifted[..., None, None], motion.commanded.points, motion.standing.points
+    )
+    steps = [points]
+    # A toe that swings far between two samples: joints turn evenly from one to the other.
+    swinging = (motion.lifted[1:] & motion.lifted[:-1]).any(axis=1)
+    strides = np.linalg.norm(np.diff(motion.commanded.toe, axis=0), axis=-1).max(axis=1)
+    coarse = np.flatnonzero(swinging & (strides > _STRIDE))
+    pieces = int(min(np.ceil(strides[coarse].max(initial=0.0) / _STRIDE), _MOST_PIECES))
+    for piece in range(1, pieces):
+        steps.append(_swinging_between(motion, points, coarse, piece / pieces))
+    rows = np.concatenate([np.arange(len(points)), *[coarse] * (len(steps) - 1)])
+    depth = link_depths(motion.subject, np.concatenate(steps), 0.0)
+    worst = float(depth.max())
+    margin = f"{1e3 * worst:.1f} mm deep" if worst > 1e-6 else "no link inside a solid"
+
+    def moment(row: int) -> str:
+        return motion.at(int(rows[row]))
+
+    return judge_link_depths("trajectory.clearance", motion.subject, depth, moment, margin)
+
+
+def _swinging_between(motion: _Motion, points: Array, samples: Index, share: float) -> Array:
+    """Limbs (S, N, 4, 3) a share of the way to the next sample; standing ones stay as they are."""
+    trajectory = motion.subject.plan.trajectory
+
+    def between(values: Array) -> Array:
+        return (1 - share) * values[samples] + share * values[samples + 1]
+
+    axes = body_axes(between(trajectory.rpy))
+    angles = between(trajectory.joint_command)
+    limbs = limbs_at(motion.subject.plan.robot, between(trajectory.com), axes, angles)
+    swings = motion.lifted[samples] & motion.lifted[samples + 1]
+    return np.where(swings[..., None, None], limbs.points, points[samples])
+
+
+def _off_segment(points: Array, starts: Array, ends: Array) -> Array:
+    """Distances (...) of points (..., D) from segments."""
+    along = ends - starts
+    square = (along**2).sum(axis=-1)
+    share = ((points - starts) * along).sum(axis=-1)
+    share = np.clip(np.divide(share, square, out=np.zeros_like(share), where=square > 0), 0, 1)
+    off: Array = np.linalg.norm(points - starts - share[..., None] * along, axis=-1)
+    return off

@@ -1,0 +1,52 @@
+"""Writing HDF5: plain numbers, booleans and UTF-8 text, each dataset with `units` and `frame`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.hdf5_layout import Layout
+
+_TEXT = h5py.string_dtype("utf-8")
+_TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
+
+
+@contextmanager
+def new_store(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file that takes the place of `path` once it is complete.
+
+    Raises UsageError if it cannot be written.
+    """
+    # From version 1.10 on HDF5 keeps checksums of its own metadata: damage is noticed.
+    with written_aside(path) as aside, h5py.File(aside, "w", libver=("v110", "v110")) as file:
+        yield file
+
+
+def write_dataset(group: h5py.Group, name: str, value: Any, layout: Layout) -> None:
+    """One array or a sequence of texts."""
+    if layout.kind == "text":
+        dataset = group.create_dataset(name, (len(value),), dtype=_TEXT)
+        if len(value):
+            dataset[:] = list(value)
+    else:
+        dataset = group.create_dataset(name, data=np.asarray(value, _TYPES[layout.kind]))
+    write_text(dataset, "units", layout.units)
+    if layout.frame:
+        write_text(dataset, "frame", layout.frame)
+
+
+def write_text(holder: h5py.HLObject, name: str, text: str) -> None:
+    """A UTF-8 attribute of any length."""
+    holder.attrs.create(name, text, dtype=_TEXT)
+
+
+def write_json(holder: h5py.HLObject, name: str, value: Any) -> None:
+    """An attribute that holds JSON text."""
+    write_text(holder, name, json.dumps(value, ensure_ascii=False, allow_nan=False))

@@ -1,0 +1,121 @@
+"""The report of a climb plan: report.json, figures, and the HTML page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from climbplan.errors import UsageError
+from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.climb_file import read_climb
+from climbplan.plans.climb_layout import FORMAT, FORMAT_VERSION
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.plans.verification import Verification, verify
+from climbplan.reports.climb_figures import UNITS, key_figures
+from climbplan.reports.figure_forces import forces
+from climbplan.reports.figure_postures import postures
+from climbplan.reports.figure_region import region
+from climbplan.reports.figure_safety import safety
+from climbplan.reports.figure_series import friction, torque
+from climbplan.reports.page import build_page
+from climbplan.reports.plan_spec import plan_spec
+from climbplan.reports.sheet import png
+
+FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
+    "postures": postures,
+    "torque": torque,
+    "friction": friction,
+    "safety": safety,
+    "forces": forces,
+}
+
+
+def report_dict(plan_path: Path) -> dict[str, object]:
+    """The report of a plan file as JSON-ready values.
+
+    The root attributes of the file, the verification made anew, timings, sizes and the key figures
+    of a climb; SI units, listed under "units". Raises PlanFileError for a damaged file.
+    """
+    return _report(read_climb(plan_path), verify(plan_path))
+
+
+def write_report(
+    plan_path: Path, directory: Path, verification: Verification | None = None
+) -> None:
+    """Write report.json, report.html and figures/*.png of a plan file into a directory.
+
+    verification: of this very file if it was made already. Each file is written aside and renamed.
+    Raises PlanFileError for a damaged plan and UsageError where the directory cannot be written
+    to.
+    """
+    plan = read_climb(plan_path)
+    report = _report(plan, verification or verify(plan_path))
+    images = {name: png(draw(plan)) for name, draw in figure_functions(plan).items()}
+    page = build_page(plan, report, {"Postures": images["postures"]})
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    try:
+        (directory / "figures").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(f"{directory}: cannot be written: {reason}") from error
+    for name, image in images.items():
+        _write(directory / "figures" / f"{name}.png", image)
+    _write(directory / "report.json", f"{text}\n".encode())
+    _write(directory / "report.html", page.encode())
+
+
+def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
+    """The figures of a plan by file name; the feasible region only with a study."""
+    return {**FIGURES, **({"region": region} if plan.study is not None else {})}
+
+
+def _write(path: Path, content: bytes) -> None:
+    with written_aside(path) as aside:
+        aside.write_bytes(content)
+
+
+def _finite(value: Any) -> Any:
+    """The same without NaN and infinities, which JSON cannot hold."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
+    spec = plan_spec(plan)
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": spec.title if spec is not None else "",
+        "robot": {
+            "name": plan.robot.name,
+            "mass": plan.robot.mass,
+            "limbs": list(plan.robot.limb_names),
+        },
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "seed": plan.seed,
+        "status": plan.status,
+        "verified": verification.passed,
+        "objective": plan.objective,
+        "bound": plan.bound,
+        "gap": plan.gap,
+        "timings": _finite(plan.timings),
+        "solvers": _finite(plan.solvers),
+        "sizes": _finite(plan.sizes),
+        "verification": [check.as_dict() for check in verification.checks],
+        "warnings": list(plan.warnings),
+        **key_figures(plan),
+        "figures": [f"figures/{name}.png" for name in figure_functions(plan)],
+        "units": UNITS,
+    }

@@ -1,0 +1,82 @@
+"""Gurobi, if it is installed and licensed."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import gurobipy as gp
+import numpy as np
+from gurobipy import GRB
+
+from climbplan.errors import MissingSolver
+from climbplan.program.instance import Balls, Instance
+from climbplan.solvers.mixed_integer_form import mixed_integer_form
+from climbplan.solvers.result import Answer, SolverResult, judged
+
+NAME = "gurobi"
+TOLERANCE = 1e-6
+_INFEASIBLE = (GRB.INFEASIBLE,)
+
+
+def solve_gurobi(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = TOLERANCE,
+) -> SolverResult:
+    """Solve an instance with Gurobi on one thread; parameters as for the other solvers.
+
+    Raises MissingSolver if there is no licence, UsageError if the choices are not bounded.
+    """
+    begin = time.perf_counter()
+    form = mixed_integer_form(instance)
+    try:
+        environment = gp.Env(params={"OutputFlag": 0})
+    except gp.GurobiError as error:
+        raise MissingSolver(f"gurobi is installed but cannot be used: {error}") from error
+    with environment, gp.Model(instance.name, env=environment) as model:
+        model.Params.Threads = 1
+        model.Params.MIPGap = gap
+        model.Params.FeasibilityTol = 1e-8
+        if np.isfinite(time_limit):
+            model.Params.TimeLimit = time_limit
+        x = model.addMVar(instance.size, lb=form.box.lower, ub=form.box.upper, name="x")
+        model.setMObjective(0.5 * instance.P, instance.q, instance.constant, sense=GRB.MINIMIZE)
+        for bound, sense in ((instance.row_lower, ">"), (instance.row_upper, "<")):
+            held = np.flatnonzero(np.isfinite(bound))
+            if len(held):
+                model.addMConstr(instance.A[held], x, sense, bound[held])
+        for balls in instance.balls:
+            _add_balls(model, x, balls)
+        binaries = [model.addMVar(len(c.alternatives), vtype=GRB.BINARY) for c in instance.choices]
+        for group in binaries:
+            model.addConstr(group.sum() == 1)
+        for entry in form.choice_rows:
+            b = binaries[entry.choice]
+            if entry.lower is not None:
+                model.addConstr(entry.row @ x >= entry.lower[None] @ b)
+            if entry.upper is not None:
+                model.addConstr(entry.row @ x <= entry.upper[None] @ b)
+        model.optimize()
+        answer = Answer(
+            x=np.array(x.X) if model.SolCount else None,
+            bound=float(model.ObjBound) if model.IsMIP else -np.inf,
+            infeasible=model.Status in _INFEASIBLE,
+            nodes=int(model.NodeCount),
+            time=time.perf_counter() - begin,
+            solver=NAME,
+            log=(f"Gurobi {'.'.join(map(str, gp.gurobi.version()))}: status {model.Status}",),
+        )
+    return judged(instance, answer, gap, tolerance)
+
+
+def _add_balls(model: Any, x: Any, balls: Balls) -> None:
+    """|| F_k x + f_k || <= radius_k with explicit differences."""
+    K, d = balls.f.shape
+    if K == 0:
+        return
+    y = model.addMVar((K, d), lb=-GRB.INFINITY)
+    model.addConstr(balls.F @ x + balls.f.ravel() == y.reshape(K * d))
+    for k, radius in enumerate(balls.radius):
+        model.addConstr(y[k] @ y[k] <= float(radius) ** 2)

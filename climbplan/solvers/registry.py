@@ -1,0 +1,116 @@
+"""Which solvers of instances there are, which of them are installed, and calling them by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from typing import Protocol
+
+import numpy as np
+
+from climbplan.errors import MissingSolver, UsageError
+from climbplan.program.instance import Instance
+from climbplan.solvers.result import SolverResult
+
+
+class Solve(Protocol):
+    """The function of one backend."""
+
+    def __call__(
+        self, instance: Instance, gap: float = ..., time_limit: float = ...
+    ) -> SolverResult:
+        """Solve an instance to a relative gap within a time limit [s]."""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """One solver, described without importing it."""
+
+    name: str
+    module: str  # that has to be importable
+    distribution: str  # as `pip install` knows it
+    install: str
+    unbounded_choices: bool  # alternatives without vertices, variables without bounds
+    proves_infeasibility: bool
+    load: Callable[[], Solve]
+
+    @property
+    def available(self) -> bool:
+        """Whether it is installed; nothing is imported and no licence is taken."""
+        return find_spec(self.module) is not None
+
+    @property
+    def version(self) -> str | None:
+        """Installed version, None if it is not installed."""
+        try:
+            return version(self.distribution)
+        except PackageNotFoundError:
+            return None
+
+
+def _branch_and_bound() -> Solve:
+    from climbplan.solvers.branch_and_bound import solve_branch_and_bound
+
+    return solve_branch_and_bound
+
+
+def _scip() -> Solve:
+    from climbplan.solvers.scip import solve_scip
+
+    return solve_scip
+
+
+def _gurobi() -> Solve:
+    from climbplan.solvers.gurobi import solve_gurobi
+
+    return solve_gurobi
+
+
+BACKENDS = {
+    backend.name: backend
+    for backend in (
+        Backend(
+            "branch-and-bound", "daqp", "daqp", "pip install daqp", True, True, _branch_and_bound
+        ),
+        Backend("scip", "pyscipopt", "PySCIPOpt", "pip install PySCIPOpt", False, True, _scip),
+        Backend(
+            "gurobi",
+            "gurobipy",
+            "gurobipy",
+            "pip install 'climbplan[gurobi]'",
+            False,
+            True,
+            _gurobi,
+        ),
+    )
+}
+
+
+def available() -> tuple[str, ...]:
+    """Names of the installed solvers."""
+    return tuple(name for name, backend in BACKENDS.items() if backend.available)
+
+
+def require(solver: str) -> Backend:
+    """The backend of a name; raises UsageError for an unknown and MissingSolver for an absent."""
+    backend = BACKENDS.get(solver)
+    if backend is None:
+        raise UsageError(f"unknown solver {solver!r}: expected one of {', '.join(BACKENDS)}")
+    if not backend.available:
+        raise MissingSolver(
+            f"solver {solver!r} is not installed ({backend.install}); "
+            f"available: {', '.join(available())}"
+        )
+    return backend
+
+
+def solve(
+    instance: Instance, solver: str, gap: float = 1e-4, time_limit: float = np.inf
+) -> SolverResult:
+    """Solve an instance by the solver of a name.
+
+    gap: relative gap to prove. time_limit: [s]. Raises UsageError, MissingSolver.
+    """
+    return require(solver).load()(instance, gap=gap, time_limit=time_limit)

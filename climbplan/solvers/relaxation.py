@@ -1,0 +1,188 @@
+"""Node relaxations: a QP over rows, with balls as tangent half-spaces, re-solved by DAQP.
+
+min 1/2 |z|^2 over the rows of the pool, the choice rows with the node's own bounds. Only rows near
+the last solution are passed; what they leave violated is added until nothing is. Every bound is a
+value of the dual function, computed here from the multipliers, so it holds however well DAQP did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from climbplan.program.polytope import Array
+from climbplan.solvers.choice_table import UNBOUNDED
+from climbplan.solvers.components import SAME
+from climbplan.solvers.normal_form import NormalForm
+from climbplan.solvers.result import Indices
+from climbplan.solvers.row_pool import RowPool
+
+_TOLERANCE = 1e-9  # largest violation of a row in its own unit
+_SPARE = 40  # rows near the last solution that are passed beside the active ones
+_OPTIMAL = (1, 2, 4)  # DAQP's flags for a solution
+_NONE = -1  # DAQP's flag for infeasible
+_AT_UPPER, _AT_LOWER, _SOFT = 1, 3, 8  # DAQP's senses
+_SOFTNESS = (1e-6, 1e-9)  # tried in turn to prove infeasibility
+_CERTAIN = 1e3  # a dual value this far above the cost proves infeasibility
+
+
+@dataclass(frozen=True)
+class Point:
+    """A relaxation's solution, and where the next one starts."""
+
+    z: Array  # (k,)
+    bound: float  # value of the dual function
+    active: Indices  # (a,) rows with a multiplier
+    multiplier: Array  # (a,) positive at the upper bound
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A relaxation that needs no further search: infeasible, or its bound reaches the cutoff."""
+
+    bound: float  # infinite if infeasible
+    certified: bool  # whether the multipliers prove it
+
+
+@dataclass(frozen=True)
+class CutRound:
+    """Tangents added at a point."""
+
+    count: int
+    excess: float  # largest violation of a ball [m]
+
+
+class Relaxation:
+    """Solves the relaxations of one search."""
+
+    def __init__(self, form: NormalForm) -> None:
+        self.form = form
+        self.pool = RowPool(form)
+        self.solves = 0
+        self._identity = np.eye(form.size)
+        self._zero = np.zeros(form.size)
+        self._model = daqp.Model()
+        self._model.settings = {"primal_tol": _TOLERANCE, "eq_reduction": -1}
+
+    def start(self) -> Point:
+        """The minimum without any row."""
+        none = np.zeros(0, np.int64)
+        return Point(np.zeros(self.form.size), self.form.cost.constant, none, np.zeros(0))
+
+    def bounds(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Bounds of all rows of the pool with a node's bounds of the choice rows."""
+        low, high = self.pool.lower.copy(), self.pool.upper.copy()
+        low[self.form.choice_rows], high[self.form.choice_rows] = lower, upper
+        return low, high
+
+    def solve(
+        self, lower: Array, upper: Array, start: Point, cutoff: float = np.inf
+    ) -> Point | Closed | None:
+        """The optimum under bounds of all rows, from a nearby solution.
+
+        cutoff: what an infeasible relaxation's certificate has to reach. None if DAQP fails twice;
+        the parent's bound is then all that is known.
+        """
+        pool, M = self.pool, self.pool.M
+        if (lower > upper + SAME).any():
+            return Closed(np.inf, True)
+        sense = np.zeros(pool.count, np.int32)
+        sense[start.active] = np.where(start.multiplier > 0, _AT_UPPER, _AT_LOWER)
+        rows = self._near(lower, upper, start)
+        cold = False
+        while True:
+            low, high = lower[rows], upper[rows]
+            if self._setup(M[rows], low, high, sense[rows]) < 0:
+                return None
+            z, _, flag, info = self._model.solve()
+            self.solves += 1
+            if flag not in _OPTIMAL:
+                if not cold:
+                    cold, sense = True, np.zeros_like(sense)
+                    continue
+                return self._infeasible(rows, lower, upper, cutoff) if flag == _NONE else None
+            multiplier = info["lam"]
+            value = M @ z
+            violation = np.maximum(value - upper, lower - value)
+            violation[rows] = 0.0
+            new = np.flatnonzero(violation > _TOLERANCE)
+            if not len(new):
+                break
+            sense[:] = 0
+            sense[rows] = np.where(
+                multiplier > 0, _AT_UPPER, np.where(multiplier < 0, _AT_LOWER, 0)
+            )
+            rows = np.union1d(rows, new)
+        held = np.flatnonzero(multiplier)
+        active, multiplier = rows[held], multiplier[held]
+        bound = self.dual_value(active, multiplier, lower, upper)
+        return Point(z, bound, active, multiplier)
+
+    def _near(self, lower: Array, upper: Array, start: Point) -> Indices:
+        """The active rows of a point, those it violates, and some it nearly does."""
+        pool = self.pool
+        value = pool.M @ start.z
+        slack = np.minimum(upper - value, value - lower) * pool.scale
+        slack[start.active] = -np.inf
+        slack[pool.scale == 0] = np.inf
+        wanted = max(len(start.active) + _SPARE, int((slack < 0).sum()) + _SPARE // 2)
+        if wanted >= len(slack):
+            return np.arange(len(slack))
+        return np.sort(np.argpartition(slack, wanted)[:wanted])
+
+    def dual_value(self, active: Indices, multiplier: Array, lower: Array, upper: Array) -> float:
+        """-1/2 |M'l|^2 - l'b + constant: a lower bound for any multipliers of the right sign."""
+        at = np.where(multiplier > 0, upper[active], lower[active])
+        pull = multiplier @ self.pool.M[active]
+        return float(-0.5 * pull @ pull - multiplier @ at) + self.form.cost.constant
+
+    def cut_balls(self, z: Array, tolerance: float) -> CutRound:
+        """Add the tangent half-space at z of every ball violated by more than the tolerance."""
+        balls = self.form.balls
+        vector = balls.vectors(z)
+        length = np.sqrt(np.einsum("kd,kd->k", vector, vector))
+        excess = length - balls.radii(z)
+        here = np.flatnonzero(excess > tolerance)
+        if len(here):
+            # With u = v / |v|: u'(F z + f) <= |F z + f| <= radius + relief z everywhere.
+            unit = vector[here] / np.maximum(length[here], 1e-300)[:, None]
+            rows = np.einsum("kd,kdn->kn", unit, balls.F.reshape(*balls.f.shape, -1)[here])
+            if balls.relief is not None:
+                rows = rows - balls.relief[here]
+            upper = balls.radius[here] - np.einsum("kd,kd->k", unit, balls.f[here])
+            self.pool.append(rows, np.full(len(here), -UNBOUNDED), upper, balls.part[here])
+        return CutRound(len(here), float(excess.max(initial=0.0)))
+
+    def _setup(self, M: Array, lower: Array, upper: Array, sense: Array) -> int:
+        flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, sense)
+        if flag < 0:  # dependent rows among those marked active
+            none = np.zeros(len(sense), np.int32)
+            flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, none)
+        return int(flag)
+
+    def _infeasible(self, rows: Indices, lower: Array, upper: Array, cutoff: float) -> Closed:
+        """A certificate for rows that DAQP calls infeasible.
+
+        With every row soft the problem has multipliers; along their ray the dual function reaches
+        (l'b)^2 / (2 |M'l|^2), which grows without limit as the rows get harder.
+        """
+        constant, best = self.form.cost.constant, -np.inf
+        for softness in _SOFTNESS:
+            self._model.settings = {"rho_soft": softness}
+            sense = np.full(len(rows), _SOFT, np.int32)
+            if self._setup(self.pool.M[rows], lower[rows], upper[rows], sense) < 0:
+                continue
+            _, _, flag, info = self._model.solve()
+            if flag not in _OPTIMAL:
+                continue
+            held = np.flatnonzero(info["lam"])
+            active, ray = rows[held], info["lam"][held]
+            drop = float(ray @ np.where(ray > 0, upper[active], lower[active]))
+            pull = ray @ self.pool.M[active]
+            if drop < 0:
+                best = max(best, 0.5 * drop**2 / max(float(pull @ pull), 1e-300) + constant)
+            if best >= _CERTAIN * (1.0 + abs(constant)):
+                return Closed(np.inf, True)
+        return Closed(best, True) if best >= cutoff else Closed(np.inf, False)

@@ -1,0 +1,70 @@
+"""SCIP as an independent solver of instances."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+
+from climbplan.program.instance import Instance
+from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.scip_model import scip_model
+
+NAME = "scip"
+STATUS = {  # SCIP's word -> whether it claims infeasibility
+    "optimal": False,
+    "gaplimit": False,
+    "timelimit": False,
+    "userinterrupt": False,
+    "nodelimit": False,
+    "memlimit": False,
+    "infeasible": True,
+    "inforunbd": False,
+    "unbounded": False,
+}
+TOLERANCE = 1e-6  # SCIP works to 1e-7 relative to each row
+_GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
+
+
+def solve_scip(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = TOLERANCE,
+) -> SolverResult:
+    """Solve an instance with SCIP on one thread.
+
+    gap: relative gap at which SCIP stops. time_limit: [s] of solving. tolerance: largest violation
+    accepted when SCIP's point is checked. Raises UsageError if the choices are not bounded.
+    """
+    begin = time.perf_counter()
+    built = scip_model(instance)
+    model = built.model
+    model.setParam("parallel/maxnthreads", 1)
+    model.setParam("limits/gap", gap)
+    model.setParam("numerics/feastol", 1e-7)
+    guard: threading.Timer | None = None
+    if np.isfinite(time_limit):
+        model.setParam("limits/time", float(time_limit))
+        guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
+        guard.start()
+    model.optimizeNogil()
+    if guard is not None:
+        guard.cancel()
+    status = model.getStatus()
+    x = None
+    if model.getNSols() > 0:
+        best = model.getBestSol()
+        x = np.array([model.getSolVal(best, v) for v in built.x])
+    bound = float(model.getDualbound())
+    answer = Answer(
+        x=x,
+        bound=bound if abs(bound) < model.infinity() else -np.inf,
+        infeasible=STATUS.get(status, False) and x is None,
+        nodes=int(model.getNTotalNodes()),
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=(f"SCIP {model.version()}: {status}",),
+    )
+    return judged(instance, answer, gap, tolerance)

@@ -1,0 +1,355 @@
+"""The tree of `branch_and_bound`: nodes, their order, and what is done at each."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.solvers.block_minima import BlockMinimum, blocks
+from climbplan.solvers.branching import best_split, single_gains, violations
+from climbplan.solvers.dual_gains import RowRates, row_rates
+from climbplan.solvers.normal_form import Flags, NormalForm
+from climbplan.solvers.relaxation import Closed, Point, Relaxation
+from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, relative_gap
+
+_ROOT_ROUNDS, _NODE_ROUNDS, _LAST_ROUNDS = 30, 4, 100  # of ball cuts
+_ROOT_EXCESS, _NODE_EXCESS = 1e-6, 1e-5  # balls are cut when violated by more [m]
+_SMALL_PROGRESS = 1e-5  # relative rise of the bound below which a node's cut rounds stop
+_GAP_SHARE = 0.999  # of the gap is used, the rest is left to rounding
+_BLOCK_NODES_ROOT, _BLOCK_NODES = 2000, 200
+_BLOCK_SLACK = 0.1  # share of the gap that all parts together may leave unproved
+
+
+@dataclass(frozen=True)
+class Node:
+    """A set of allowed alternatives for every choice, and what its parent knew."""
+
+    bound: float
+    allowed: Flags  # (C, R)
+    lower: Array  # bounds of all choice rows
+    upper: Array
+    start: Point
+    minima: tuple[BlockMinimum | None, ...]
+
+
+@dataclass(frozen=True)
+class Incumbent:
+    """The best feasible point."""
+
+    x: Array
+    assignment: Indices
+    objective: float
+
+
+class TreeSearch:
+    """One run of branch and bound."""
+
+    def __init__(
+        self, instance: Instance, form: NormalForm, gap: float, deadline: float, tolerance: float
+    ) -> None:
+        self.instance, self.form, self.gap = instance, form, gap
+        self.deadline, self.tolerance = deadline, tolerance
+        self.relaxation = Relaxation(form)
+        self.blocks = blocks(form, self.relaxation.pool)
+        self.incumbent: Incumbent | None = None
+        self.nodes = 0
+        self.block_nodes = 0
+        self.uncertified = self.certified = 0
+        self.log: list[str] = []
+        self.closed = np.inf  # least bound of nodes that were left without being infeasible
+        self._open: list[tuple[float, int, Node]] = []
+        self._dive: list[Node] = []
+        self._made = 0
+        self._tried: set[bytes] = set()
+        self._begin = time.perf_counter()
+
+    # ---- the loop
+
+    def run(self) -> None:
+        """Search until the gap is proved, nothing is left, or the deadline."""
+        form = self.form
+        lower, upper = form.choice_bounds(form.allowed)
+        root = Node(-np.inf, form.allowed, lower, upper, self.relaxation.start(), ())
+        self._open.append((root.bound, 0, root))
+        while (self._open or self._dive) and time.perf_counter() < self.deadline:
+            node = self._dive.pop() if self._dive else heapq.heappop(self._open)[2]
+            if node.bound >= self.cutoff:
+                self.closed = min(self.closed, node.bound)
+                continue
+            self.nodes += 1
+            self._process(node)
+            if self.nodes & (self.nodes - 1) == 0:
+                self._note("")
+        self._note("done")
+
+    @property
+    def cutoff(self) -> float:
+        """Nodes with this bound cannot improve the incumbent by more than the gap."""
+        if self.incumbent is None:
+            return np.inf
+        objective = self.incumbent.objective
+        margin = _GAP_SHARE * self.gap * max(abs(objective), LEAST_OBJECTIVE)
+        return objective - margin + self.form.cost.loss
+
+    @property
+    def bound(self) -> float:
+        """A lower bound on the optimum."""
+        best = min([self.closed, *(b for b, _, _ in self._open), *(n.bound for n in self._dive)])
+        if self.incumbent is not None:
+            best = min(best, self.incumbent.objective + self.form.cost.loss)
+        return float(best - self.form.cost.loss)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether every part of the tree was shown to hold no feasible point."""
+        return not self._open and not self._dive and np.isinf(self.closed)
+
+    # ---- one node
+
+    def _process(self, node: Node) -> None:
+        """Relax, bound, try for an incumbent, exclude alternatives, branch."""
+        is_root = self.nodes == 1
+        while True:
+            point = self._relaxed(node, is_root)
+            if point is None:
+                return
+            node = replace(node, bound=max(node.bound, point.bound), start=point)
+            value = self._choice_values(point)
+            off = violations(self.form, value, node.allowed)
+            nearest = off.argmin(axis=1)
+            distance = off[np.arange(len(off)), nearest]
+            if not (distance > 0.5 * self.tolerance).any():
+                self._leaf(node, nearest)
+                return
+            bounds = self.relaxation.bounds(node.lower, node.upper)
+            minima, gains = self._block_gains(node, point, *bounds, is_root)
+            node = replace(
+                node, bound=max(node.bound, point.bound + gains.sum()), minima=tuple(minima)
+            )
+            self._try(self._guess(nearest, minima, node.allowed), point)
+            if node.bound >= self.cutoff:
+                self.closed = min(self.closed, node.bound)
+                return
+            rates = self._rates(point, *bounds)
+            allowed = self._excluded(node, point, value, rates, gains)
+            if not allowed.any(axis=1).all():
+                self.closed = min(self.closed, max(node.bound, self.cutoff))
+                return
+            node = self._narrowed(node, allowed)
+            off = np.where(node.allowed, off, np.inf)
+            narrow = node.allowed.sum(axis=1) == 1
+            if (off.min(axis=1)[narrow] > 0.5 * self.tolerance).any():
+                continue  # an exclusion decided a choice: relax again before branching
+            break
+        self._branch(node, point, value, rates, off, gains)
+
+    def _relaxed(self, node: Node, is_root: bool) -> Point | None:
+        """The node's relaxation with cut rounds; None if the node is closed by it."""
+        rounds = _ROOT_ROUNDS if is_root else _NODE_ROUNDS
+        excess = _ROOT_EXCESS if is_root else _NODE_EXCESS
+        return self._cut_rounds(node, rounds, excess, stop_early=True)
+
+    def _cut_rounds(
+        self, node: Node, rounds: int, tolerated: float, stop_early: bool
+    ) -> Point | None:
+        point, last = node.start, -np.inf
+        for k in range(rounds):
+            lower, upper = self.relaxation.bounds(node.lower, node.upper)
+            solved = self.relaxation.solve(lower, upper, point, self.cutoff)
+            if isinstance(solved, Closed):
+                self.uncertified += not solved.certified
+                self.certified += solved.certified
+                if np.isfinite(solved.bound):
+                    self.closed = min(self.closed, solved.bound)
+                return None
+            if solved is None:  # DAQP failed: what is known stays valid
+                return point if k else self._given_up(node)
+            point = solved
+            if point.bound >= self.cutoff:
+                self.closed = min(self.closed, point.bound)
+                return None
+            made = self.relaxation.cut_balls(point.z, tolerated)
+            if made.count == 0:
+                break
+            small = point.bound - last < _SMALL_PROGRESS * abs(point.bound)
+            if stop_early and k and small and made.excess < 1e-3:
+                break
+            last = point.bound
+        return point
+
+    def _given_up(self, node: Node) -> None:
+        self.closed = min(self.closed, node.bound)
+        self._note("a relaxation could not be solved")
+
+    def _choice_values(self, point: Point) -> Array:
+        return np.asarray(self.form.rows[self.form.choice_rows] @ point.z)
+
+    def _leaf(self, node: Node, nearest: Indices) -> None:
+        """No choice is violated: converge the balls, then the point is feasible."""
+        point = self._cut_rounds(node, _LAST_ROUNDS, 0.4 * self.tolerance, stop_early=False)
+        if point is None:
+            return
+        node = replace(node, bound=max(node.bound, point.bound), start=point)
+        off = violations(self.form, self._choice_values(point), node.allowed)
+        nearest = off.argmin(axis=1)
+        if (off.min(axis=1) > 0.5 * self.tolerance).any():
+            self._push([node])
+            return
+        self._accept(point.z, nearest)
+        self.closed = min(self.closed, node.bound)
+
+    # ---- incumbents
+
+    def _guess(
+        self, nearest: Indices, minima: list[BlockMinimum | None], allowed: Flags
+    ) -> Indices:
+        """The parts' minimisers, and the nearest alternatives where there are none."""
+        guess = nearest.copy()
+        for block, minimum in zip(self.blocks, minima, strict=True):
+            if minimum is not None and minimum.assignment is not None:
+                guess[block.choices] = minimum.assignment
+        return guess
+
+    def _try(self, assignment: Indices, start: Point) -> None:
+        """Solve the convex problem of one assignment, unless that was done before."""
+        key = assignment.tobytes()
+        if key in self._tried:
+            return
+        self._tried.add(key)
+        allowed = np.zeros_like(self.form.allowed)
+        allowed[np.arange(len(assignment)), assignment] = True
+        lower, upper = self.form.choice_bounds(allowed)
+        point = start
+        for _ in range(_LAST_ROUNDS):
+            solved = self.relaxation.solve(
+                *self.relaxation.bounds(lower, upper), point, self._objective() + self.form.cost.loss
+            )
+            if not isinstance(solved, Point):
+                return
+            point = solved
+            if self.relaxation.cut_balls(point.z, 0.4 * self.tolerance).count == 0:
+                self._accept(point.z, assignment)
+                return
+
+    def _objective(self) -> float:
+        return np.inf if self.incumbent is None else self.incumbent.objective
+
+    def _accept(self, z: Array, assignment: Indices) -> None:
+        """Keep a point if the instance itself says that it is feasible and better."""
+        x = self.form.x(z)
+        objective = self.instance.objective(x)
+        if objective < self._objective():
+            violation = self.instance.violation(x, assignment)
+            if violation <= self.tolerance:
+                self.incumbent = Incumbent(x, assignment.astype(np.int64), objective)
+                self._note("incumbent")
+
+    # ---- bounds beyond the relaxation
+
+    def _block_gains(
+        self, node: Node, point: Point, lower: Array, upper: Array, is_root: bool
+    ) -> tuple[list[BlockMinimum | None], Array]:
+        """Minima of all parts and what each adds to the relaxation's bound."""
+        known = node.minima or (None,) * len(self.blocks)
+        minima: list[BlockMinimum | None] = []
+        gains = np.zeros(len(self.blocks))
+        if len(self.blocks) < 2:
+            return [None] * len(self.blocks), gains
+        slack = _BLOCK_SLACK * self.gap * abs(self._scale(point)) / len(self.blocks)
+        limit = _BLOCK_NODES_ROOT if is_root else _BLOCK_NODES
+        for i, (block, before) in enumerate(zip(self.blocks, known, strict=True)):
+            price = block.price(point)
+            if before is None or not block.still_holds(before, price, node.allowed):
+                hint = None if before is None else before.assignment
+                before = block.minimum(
+                    price, node.lower, node.upper, node.allowed, slack, limit, hint
+                )
+                self.block_nodes += before.nodes
+            minima.append(before)
+            gains[i] = max(0.0, before.bound - block.relaxed(point, lower, upper))
+        return minima, gains
+
+    def _scale(self, point: Point) -> float:
+        return max(abs(point.bound), LEAST_OBJECTIVE)
+
+    def _rates(self, point: Point, lower: Array, upper: Array) -> RowRates:
+        active = point.active
+        return row_rates(
+            self.form.rows[self.form.choice_rows],
+            self.relaxation.pool.M[active],
+            point.multiplier,
+            upper[active] - lower[active] <= 0.0,
+        )
+
+    def _excluded(
+        self, node: Node, point: Point, value: Array, rates: RowRates, gains: Array
+    ) -> Flags:
+        """Allowed alternatives without those whose sure gain reaches the cutoff."""
+        if np.isinf(self.cutoff):
+            return node.allowed
+        open_choices = node.allowed.sum(axis=1) > 1
+        sure = single_gains(self.form, value, rates, open_choices)
+        others = np.full(len(sure), gains.sum())
+        for block, gain in zip(self.blocks, gains, strict=True):
+            others[block.choices] -= gain
+        return node.allowed & (point.bound + others[:, None] + sure < self.cutoff)
+
+    # ---- branching
+
+    def _narrowed(self, node: Node, allowed: Flags) -> Node:
+        changed = np.flatnonzero((allowed != node.allowed).any(axis=1))
+        if not len(changed):
+            return node
+        lower, upper = node.lower.copy(), node.upper.copy()
+        base = self.form.choice_rows.start
+        for c in changed:
+            here = slice(self.form.start[c] - base, self.form.start[c + 1] - base)
+            lower[here], upper[here] = self.form.hull(c, self.form.tables[c].mask(allowed[c]))
+        return replace(node, allowed=allowed, lower=lower, upper=upper)
+
+    def _branch(
+        self, node: Node, point: Point, value: Array, rates: RowRates, off: Array, gains: Array
+    ) -> None:
+        violated = np.flatnonzero(off.min(axis=1) > 0.5 * self.tolerance)
+        split = best_split(self.form, value, rates, node.allowed, violated)
+        others = gains.sum() - sum(
+            gain for block, gain in zip(self.blocks, gains, strict=True)
+            if split.choice in block.choices
+        )
+        children = []
+        for mask, gain in zip(split.children, split.gains, strict=True):
+            bound = max(node.bound, point.bound + others + float(gain))
+            if bound >= self.cutoff:
+                self.closed = min(self.closed, bound)
+                continue
+            allowed = node.allowed.copy()
+            allowed[split.choice] = [bool(mask >> r & 1) for r in range(allowed.shape[1])]
+            children.append(self._narrowed(replace(node, bound=bound), allowed))
+        self._push(children)
+
+    def _push(self, children: list[Node]) -> None:
+        """Dive into the best child while there is no incumbent; best bound first otherwise."""
+        children.sort(key=lambda child: child.bound)
+        if self.incumbent is None and children:
+            self._dive.append(children.pop(0))
+        elif self._dive:
+            children += self._dive
+            self._dive = []
+        for child in children:
+            self._made += 1
+            heapq.heappush(self._open, (child.bound, self._made, child))
+
+    def _note(self, event: str) -> None:
+        objective = self._objective()
+        bound = self.bound
+        gap = relative_gap(objective, bound) if np.isfinite(objective) else np.inf
+        self.log.append(
+            f"{time.perf_counter() - self._begin:8.2f} s  {self.nodes:6d} nodes "
+            f"{len(self._open) + len(self._dive):6d} open  objective {objective:.8g}  "
+            f"bound {bound:.8g}  gap {100 * gap:.3g} %  {event}".rstrip()
+        )

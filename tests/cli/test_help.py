@@ -1,0 +1,86 @@
+"""Help answers at once: it imports nothing heavy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from command_line import RunCommand
+
+from climbplan import __version__
+
+LIGHT = {"climbplan", "typer"}
+HEAVY = {
+    "numpy", "scipy", "pydantic", "yaml", "h5py", "rich", "matplotlib", "plotly", "casadi", "daqp",
+    "clarabel", "osqp", "highspy", "pyscipopt", "cvxpy", "gurobipy", "knitro", "joblib", "asyncio",
+}  # fmt: skip
+
+PROBE = """
+import sys
+sys.argv = ["climbplan", *sys.argv[1:]]
+from climbplan.cli.app import run
+run()
+print("MODULES", *sorted({name.partition(".")[0] for name in sys.modules}), file=sys.stderr)
+"""
+
+
+def imported_by_typer() -> set[str]:
+    """What typer itself imports (older versions: rich)."""
+    code = "import sys, typer; print(*{name.partition('.')[0] for name in sys.modules})"
+    probe = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(probe.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], [], ["plan-climb", "--help"], ["bench", "--list"]]
+)
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    probe = subprocess.run(
+        [sys.executable, "-c", PROBE, *arguments], capture_output=True, text=True, check=True
+    )
+    modules = set(probe.stderr.split("MODULES")[1].split())
+    assert modules >= LIGHT
+    allowed = imported_by_typer()
+    if arguments and arguments[0] in ("plan-climb", "bench"):
+        allowed |= {"pydantic"}  # newer versions of typer read a command's arguments with it
+    assert modules & HEAVY <= allowed
+
+
+def test_every_command_has_help(run_command: RunCommand) -> None:
+    listing = run_command("--help")
+    assert listing.code == 0
+    assert listing.err == ""
+    for name in (
+        "plan-climb", "verify", "report", "export", "validate", "schema", "new", "doctor", "bench"
+    ):  # fmt: skip
+        assert name in listing.out
+        shown = run_command(name, "-h")
+        assert shown.code == 0
+        assert f"Usage: climbplan {name}" in shown.out
+
+
+def test_version(run_command: RunCommand) -> None:
+    shown = run_command("--version")
+    assert (shown.code, shown.out) == (0, f"climbplan {__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragment"),
+    [
+        (["frob"], "No such command"),
+        (["plan-climb"], "Missing argument"),
+        (["plan-climb", "small.yaml", "--frob"], "No such option"),
+        (["plan-climb", "small.yaml", "--jobs", "0"], "--jobs"),
+        (["plan-climb", "small.yaml", "--seed", "x"], "--seed"),
+        (["validate"], "Missing argument"),
+        (["bench", "frob"], "no benchmark 'frob'"),
+        (["schema", "frob"], "no spec kind 'frob'"),
+        (["new", "frob"], "no spec kind 'frob'"),
+    ],
+)
+def test_bad_usage(run_command: RunCommand, arguments: list[str], fragment: str) -> None:
+    outcome = run_command(*arguments)
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert fragment in outcome.err

@@ -1,0 +1,268 @@
+"""validate, new, schema, doctor, bench --list, and the commands that read plans."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import types
+from importlib import metadata
+from pathlib import Path
+from typing import TextIO
+
+import pytest
+from command_line import RunCommand
+
+from climbplan.cli import dependencies
+from climbplan.errors import PlanFileError, UsageError
+
+
+def test_validate(run_command: RunCommand, workplace: Path) -> None:
+    assert run_command("new", "robot").out == "silvia.yaml\n"
+    good = run_command("validate", "small.yaml", "silvia.yaml")
+    assert (good.code, good.err) == (0, "")
+    assert good.out == "small.yaml: ok (climb)\nsilvia.yaml: ok (robot)\n"
+    mixed = run_command("validate", "small.yaml", "none.yaml", "-s", "task.rounds=3")
+    assert mixed.code == 2
+    assert mixed.out == "small.yaml: ok (climb)\n"
+    assert mixed.err.startswith("none.yaml: no such file")
+
+
+def test_validate_as_json(run_command: RunCommand) -> None:
+    outcome = run_command("validate", "small.yaml", "none.yaml", "--json")
+    assert outcome.code == 2
+    good, bad = json.loads(outcome.out)["specs"]
+    assert good == {"spec": "small.yaml", "valid": True, "kind": "climb", "mistakes": []}
+    assert bad["valid"] is False
+    assert "no such file" in bad["mistakes"][0]["message"]
+
+
+def test_validate_looks_at_toes_as_the_planner_does(run_command: RunCommand) -> None:
+    outcome = run_command("validate", "small.yaml", "-s", "task.goal.toes.RF=[0.6, 0.33, 0]")
+    assert outcome.code == 2
+    assert "--set task.goal.toes.RF=[0.6, 0.33, 0]: task.goal.toes.RF: expected a" in outcome.err
+    assert "15.00 mm off" in outcome.err
+
+
+def test_standard_input(
+    run_command: RunCommand, small_climb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(small_climb.encode())))
+    assert run_command("validate", "-").out == "-: ok (climb)\n"
+
+
+def test_new_writes_specs_that_hold(run_command: RunCommand, workplace: Path) -> None:
+    assert run_command("new", "climb").out == "climb_obstacle.yaml\n"
+    assert run_command("new", "robot", "a/b").out == "a/b/silvia.yaml\n"
+    assert run_command("validate", "climb_obstacle.yaml", "a/b/silvia.yaml").code == 0
+
+
+def test_new_keeps_what_is_there(run_command: RunCommand, workplace: Path) -> None:
+    (workplace / "silvia.yaml").write_text("mine")
+    refused = run_command("new", "robot")
+    assert refused.code == 2
+    assert "--force" in refused.err
+    assert (workplace / "silvia.yaml").read_text() == "mine"
+    assert run_command("new", "robot", "--force").code == 0
+    assert "kind: robot" in (workplace / "silvia.yaml").read_text()
+
+
+def test_new_refusals(run_command: RunCommand, workplace: Path) -> None:
+    for arguments, fragment in (
+        (["climb", "small.yaml"], "cannot be created"),
+        (["climb", "/proc/x"], "cannot be created"),
+        (["climb", "--example", "silvia"], "no example 'silvia' of kind 'climb'"),
+    ):
+        outcome = run_command("new", *arguments)
+        assert outcome.code == 2
+        assert fragment in outcome.err
+    assert [entry.name for entry in workplace.iterdir()] == ["small.yaml"]
+
+
+def test_other_examples(run_command: RunCommand, workplace: Path) -> None:
+    assert run_command("new", "climb", "--example", "climb_steps").out == "climb_steps.yaml\n"
+
+
+def test_schema(run_command: RunCommand) -> None:
+    assert json.loads(run_command("schema", "climb").out)["$id"] == "urn:climbplan:spec:climb"
+    assert json.loads(run_command("schema", "robot").out)["$id"] == "urn:climbplan:spec:robot"
+    assert set(json.loads(run_command("schema").out)["$defs"]) == {"climb", "robot"}
+
+
+def test_doctor_here(run_command: RunCommand) -> None:
+    outcome = run_command("doctor")
+    assert outcome.code == 0
+    assert "everything required is here" in outcome.out
+    report = json.loads(run_command("doctor", "--json").out)
+    assert report["ready"] is True
+    names = {part["name"] for part in report["parts"]}
+    assert names >= {"DAQP", "Clarabel", "OSQP", "HiGHS", "SCIP", "IPOPT", "Gurobi", "Knitro"}
+    for part in report["parts"]:
+        assert part["usable"] or not part["required"]
+        assert part["purpose"]
+
+
+def test_doctor_misses_what_is_gone(
+    run_command: RunCommand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = (
+        dependencies.Part("DAQP", "no-such-daqp", "no_such_daqp", "nodes"),
+        dependencies.Part("Gurobi", "no-such-gurobi", "no_such_gurobi", "nodes", required=False),
+        dependencies.Part("X", "", "no-such-program", "looks", required=False, install="apt"),
+        dependencies.Part("IPOPT", "", "numpy/no_such_plugin", "--method nlp"),
+    )
+    monkeypatch.setattr(dependencies, "PARTS", parts)
+    outcome = run_command("doctor")
+    assert outcome.code == 2
+    assert "DAQP: install with: pip install no-such-daqp" in outcome.out
+    assert "missing, optional" in outcome.out
+    assert "not ready" in outcome.out
+    assert json.loads(run_command("doctor", "--json").out)["ready"] is False
+    monkeypatch.setattr(dependencies, "PARTS", parts[1:3])
+    assert run_command("doctor").code == 0
+
+
+def test_doctor_knows_the_wrong_highs(
+    run_command: RunCommand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def version(package: str) -> str:
+        return "1.14.0" if package == "highspy" else metadata.version(package)
+
+    monkeypatch.setattr(dependencies, "version", version)
+    outcome = run_command("doctor")
+    assert outcome.code == 2
+    assert "HiGHS: its presolve gives wrong answers; pip install 'highspy!=1.14.0'" in outcome.out
+
+
+def test_doctor_covers_every_dependency() -> None:
+    covered = {part.package.lower() for part in dependencies.PARTS}
+    needed = {
+        line.split(";")[0].split(">")[0].split("!")[0].strip().lower()
+        for line in metadata.requires("climbplan") or []
+        if "extra ==" not in line
+    }
+    assert needed <= covered
+
+
+def test_bench_list(run_command: RunCommand) -> None:
+    listed = run_command("bench", "--list").out.splitlines()
+    assert [line.split()[0] for line in listed] == ["posture", "force", "plan", "growth"]
+
+
+@pytest.mark.parametrize("command", ["verify", "report", "export"])
+def test_files_that_are_no_plan(run_command: RunCommand, workplace: Path, command: str) -> None:
+    (workplace / "empty").mkdir()
+    for path, fragment in (
+        ("none.h5", "none.h5: no such file"),
+        ("empty", "a directory without plan.h5"),
+        ("small.yaml", "small.yaml"),
+    ):
+        outcome = run_command(command, path)
+        assert outcome.code == 2
+        assert outcome.out == ""
+        assert outcome.err.startswith("error: ")
+        assert fragment in outcome.err
+    assert sorted(entry.name for entry in workplace.iterdir()) == ["empty", "small.yaml"]
+
+
+class FakeVerification:
+    passed = False
+
+    def table(self) -> str:
+        return "friction  1e-3  FAILED"
+
+    def as_dict(self) -> dict[str, bool]:
+        return {"passed": self.passed}
+
+
+def fake_verify(path: Path) -> FakeVerification:
+    assert path.name == "plan.h5"
+    return FakeVerification()
+
+
+def fake_report(plan: Path, directory: Path) -> None:
+    if plan.read_text() == "broken":
+        raise PlanFileError(f"{plan}: broken")
+    (directory / "report.html").write_text("new page")
+    (directory / "figures").mkdir()
+    (directory / "figures" / "new.png").write_text("new")
+
+
+def fake_export(path: Path, out: Path | TextIO) -> None:
+    if isinstance(out, Path):
+        if out.is_dir():
+            raise UsageError(f"{out}: is a directory")
+        out.write_text("time,com_x\n")
+    else:
+        out.write("time,com_x\n")
+
+
+@pytest.fixture
+def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory that looks finished, and stand-ins for what reads it."""
+    for module, members in {
+        "climbplan.plans.verification": {"verify": fake_verify},
+        "climbplan.plans.trajectory_csv": {"export_csv": fake_export},
+        "climbplan.reports.climb_report": {
+            "write_report": fake_report,
+            "report_dict": lambda plan: {"plan": plan.name},
+        },
+    }.items():
+        stand_in = types.ModuleType(module)
+        stand_in.__dict__.update(members)
+        monkeypatch.setitem(sys.modules, module, stand_in)
+    directory = workplace / "outputs"
+    (directory / "figures").mkdir(parents=True)
+    (directory / "figures" / "old.png").write_text("old")
+    (directory / "plan.h5").write_text("plan")
+    (directory / "report.html").write_text("old page")
+    return directory
+
+
+def test_verify(run_command: RunCommand, plan_directory: Path) -> None:
+    for argument in ("outputs", "outputs/plan.h5"):
+        outcome = run_command("verify", argument)
+        assert (outcome.code, outcome.out) == (5, "friction  1e-3  FAILED\n")
+    assert json.loads(run_command("verify", "outputs", "--json").out) == {"passed": False}
+
+
+def test_report_replaces_its_own(run_command: RunCommand, plan_directory: Path) -> None:
+    outcome = run_command("report", "outputs")
+    assert (outcome.code, outcome.out) == (0, "outputs/report.html\n")
+    assert (plan_directory / "report.html").read_text() == "new page"
+    assert [path.name for path in (plan_directory / "figures").iterdir()] == ["new.png"]
+    names = sorted(path.name for path in plan_directory.iterdir())
+    assert names == ["figures", "plan.h5", "report.html"]
+
+
+def test_report_elsewhere(run_command: RunCommand, plan_directory: Path, workplace: Path) -> None:
+    assert run_command("report", "outputs", "-o", "web/page").code == 0
+    assert (workplace / "web/page/report.html").exists()
+    assert run_command("report", "outputs", "-o", "web/page").code == 2
+    assert run_command("report", "outputs", "-o", "web/page", "--force").code == 0
+    assert run_command("report", "outputs", "-o", "small.yaml").code == 2
+
+
+def test_report_that_fails_changes_nothing(run_command: RunCommand, plan_directory: Path) -> None:
+    (plan_directory / "plan.h5").write_text("broken")
+    assert run_command("report", "outputs").code == 2
+    assert (plan_directory / "report.html").read_text() == "old page"
+    assert (plan_directory / "figures" / "old.png").exists()
+    assert run_command("report", "outputs", "-o", "web").code == 2
+    assert not Path("web").exists()
+
+
+def test_report_as_json_writes_nothing(run_command: RunCommand, plan_directory: Path) -> None:
+    assert json.loads(run_command("report", "outputs", "--json").out) == {"plan": "plan.h5"}
+    assert (plan_directory / "report.html").read_text() == "old page"
+
+
+def test_export(run_command: RunCommand, plan_directory: Path, workplace: Path) -> None:
+    assert run_command("export", "outputs", "--out", "-").out == "time,com_x\n"
+    assert run_command("export", "outputs").out == "outputs/trajectory.csv\n"
+    assert (plan_directory / "trajectory.csv").read_text() == "time,com_x\n"
+    assert run_command("export", "outputs").code == 2
+    assert run_command("export", "outputs", "--force").code == 0
+    assert run_command("export", "outputs", "-o", "x.csv").out == "x.csv\n"
+    for target in ("no/x.csv", "outputs"):
+        assert run_command("export", "outputs", "-o", target, "--force").code == 2

@@ -1,0 +1,380 @@
+"""Postures by nonlinear programming: plans, starts, the exact check, and what fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+import yaml
+
+from climbplan.climb.clearance import body_shortfall, hull_world
+from climbplan.climb.gait import plan_instants
+from climbplan.climb.posture import plan_postures
+from climbplan.climb.posture_nlp import plan_postures_nlp, refined, solve_from
+from climbplan.climb.posture_nlp_check import check_postures, posture_cost
+from climbplan.climb.posture_nlp_layout import Layout, variable_layout
+from climbplan.climb.posture_nlp_links import link_points, parting_planes
+from climbplan.climb.posture_nlp_numbers import (
+    first_iterate,
+    parameters,
+    shape_of,
+    to_rounds,
+    variable_bounds,
+)
+from climbplan.climb.posture_nlp_starts import convex_guess, straight_guess
+from climbplan.climb.posture_nlp_statement import posture_nlp, turning_bulge
+from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.errors import Infeasible, LimitReached, ReachFailure
+from climbplan.plans.climb_plan import Rounds
+from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.spec.loading import load_climb
+from climbplan.spec.terrain import SolidSpec
+from climbplan.terrain.solids import Solid
+from climbplan.terrain.surfaces import Tube
+
+SPECS = Path(__file__).parents[2] / "specs"
+FOREVER = float("inf")
+
+
+def scene_of(base: dict[str, Any], *overrides: str, tmp_path: Path) -> ClimbScene:
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(base))
+    loaded = load_climb(path, overrides)
+    return build_scene(loaded.spec, loaded.robot)
+
+
+WALLS: dict[str, Any] = {
+    "kind": "climb",
+    "robot": "silvia",
+    "terrain": {
+        "friction": 1.0,
+        "walls": {"gap": 1.23, "along": [-0.8, 0.8], "up": [-1.0, 2.0]},
+    },
+    "task": {
+        "rounds": 4,
+        "start": {"com": [0.0, 0.0, 0.0]},
+        "goal": {"com": [0.0, 0.0, 0.4]},
+    },
+    "solver": {"method": "nlp", "starts": 2},
+}
+
+
+@pytest.fixture
+def walls(tmp_path: Path) -> ClimbScene:
+    return scene_of(WALLS, tmp_path=tmp_path)
+
+
+def shipped(name: str, *overrides: str) -> ClimbScene:
+    loaded = load_climb(SPECS / f"{name}.yaml", overrides)
+    return build_scene(loaded.spec, loaded.robot)
+
+
+def test_spiral_up_the_tube() -> None:
+    scene = shipped("climb_tube")
+    result = plan_postures_nlp(scene)
+    rounds = result.rounds
+
+    assert result.status == "feasible"
+    assert result.bound is None
+    assert result.gap is None
+    assert result.sizes["accepted"] == scene.spec.solver.starts
+    tube = scene.terrain.surfaces[0]
+    assert isinstance(tube, Tube)
+    np.testing.assert_allclose(
+        np.linalg.norm(rounds.toes[..., :2], axis=-1), tube.radius, atol=1e-9
+    )
+    # The turn is far beyond the limit that holds roll and pitch
+    limit = scene.spec.posture.rotation_limit_deg
+    assert np.rad2deg(rounds.rpy[-1, 2]) == pytest.approx(75.0, abs=0.5)
+    assert np.rad2deg(np.abs(rounds.rpy[:, :2])).max() < limit < 75.0
+    np.testing.assert_allclose(rounds.com[-1], scene.goal.com, atol=0.02)
+    assert np.isfinite(plan_instants(scene, rounds).joint_angles).all()
+    assert result.objective == pytest.approx(posture_cost(scene, rounds))
+
+
+def test_agrees_with_the_convex_optimum_where_both_apply(walls: ClimbScene) -> None:
+    convex, local = plan_postures(walls), plan_postures_nlp(walls)
+    assert local.objective == pytest.approx(convex.objective, rel=2e-4)
+    assert convex.bound is not None
+    assert local.objective >= convex.bound - 1e-9
+
+
+def test_convex_plan_is_the_first_start(walls: ClimbScene, tmp_path: Path) -> None:
+    guess = convex_guess(walls, time_limit=60.0)
+    assert guess is not None
+    assert solve_from(walls, guess, FOREVER).accepted
+    turned = scene_of(WALLS, "task.goal.rpy_deg=[0, 0, 18]", tmp_path=tmp_path)
+    assert convex_guess(turned, time_limit=60.0) is None
+    assert convex_guess(shipped("climb_tube"), time_limit=60.0) is None
+
+
+def test_lower_step_bounds_hold_and_cost(walls: ClimbScene, tmp_path: Path) -> None:
+    least = scene_of(
+        WALLS,
+        "posture.steps.com_min=0.11",
+        "posture.steps.toe_min=0.13",
+        tmp_path=tmp_path,
+    )
+    free, bound = plan_postures_nlp(walls), plan_postures_nlp(least)
+    com = np.linalg.norm(np.diff(bound.rounds.com, axis=0), axis=-1)
+    toes = np.linalg.norm(np.diff(bound.rounds.toes, axis=0), axis=-1)
+    assert com.min() >= 0.11 - 1e-6
+    assert toes.min() >= 0.13 - 1e-6
+    assert toes.min() < 0.131  # the bound is what holds the steps up
+    assert bound.objective > free.objective
+
+
+def test_way_round_the_obstacle() -> None:
+    scene = shipped("climb_obstacle", "solver.method=nlp")
+    share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)[:, None]
+    line = scene.start.com + share * (scene.goal.com - scene.start.com)
+    start = straight_guess(scene, 0, 0.0).rounds
+    assert body_shortfall(scene, replace(start, com=line)).max() > 0.1  # the beam is in the way
+    assert body_shortfall(scene, start).max() < 0.02  # already the start goes round it
+    attempts = [
+        solve_from(scene, straight_guess(scene, k, float(k > 0)), FOREVER) for k in range(2)
+    ]
+    assert all(attempt.accepted for attempt in attempts)
+    for attempt in attempts:
+        assert body_shortfall(scene, attempt.rounds).max() <= 1e-6
+        assert link_room(scene, attempt.rounds).min() >= -1e-6
+        assert (attempt.rounds.region[1:-1] != attempt.rounds.region[0]).any()
+    # Starts differ in what they pin, so they end in different plans
+    assert len({round(attempt.objective, 6) for attempt in attempts}) > 1
+
+    best = min(attempts, key=lambda attempt: attempt.objective)
+    again = refined(scene, best, FOREVER)
+    assert again.accepted
+    assert again.objective < 0.999 * best.objective  # pins chosen anew at the plan
+
+
+def link_room(scene: ClimbScene, rounds: Rounds) -> Array:
+    """Least room (K, N) between link axes and obstacles, followed closely along every link."""
+    instants = plan_instants(scene, rounds)
+    points = joint_points_body(scene.robot, instants.joint_angles)
+    turned = np.einsum("kab,knjb->knja", rotation_world_body(instants.rpy), points)
+    points = instants.com[:, None, None] + turned
+    share = np.linspace(0.0, 1.0, 401)[:, None, None]
+    axes = points[..., None, :-1, :] * (1 - share) + points[..., None, 1:, :] * share
+    room = [solid.face_distance(axes).min(axis=(-2, -1)) for solid in scene.terrain.obstacles]
+    least: Array = np.min(room, axis=0)
+    return least
+
+
+def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
+    scene = shipped("climb_tube")
+    free = solve_from(scene, straight_guess(scene, 0, 0.0), FOREVER)
+    # A bar beside the body, where two limbs stand in the plan without it
+    bar = SolidSpec(name="bar", lower=(-0.5, 0.3, 0.1), upper=(0.5, 0.34, 0.2))
+    terrain = scene.spec.terrain.model_copy(update={"obstacles": (bar,)})
+    solid = Solid.from_spec(bar)
+    blocked = replace(
+        scene,
+        spec=scene.spec.model_copy(update={"terrain": terrain}),
+        terrain=replace(scene.terrain, obstacles=(solid,)),
+    )
+    failing = [v for v in check_postures(blocked, free.rounds) if not v.holds]
+    assert [violation.name for violation in failing] == ["posture.limb_clearance"]
+    assert "RF" in str(failing[0]) or "LF" in str(failing[0])
+    assert failing[0].amount == pytest.approx(-link_room(blocked, free.rounds).min(), abs=2e-3)
+
+
+def test_parting_planes_touch_the_solid_and_part_what_is_apart() -> None:
+    box = Solid.from_box("box", np.array([-0.2, -0.1, 0.0]), np.array([0.2, 0.1, 0.3]))
+    rng = np.random.default_rng(0)
+    starts, ends = rng.uniform(-0.6, 0.6, (2, 500, 3))
+    planes = parting_planes(box, starts, ends, np.zeros((1, 2)))
+    normals, offsets = planes[:, :3], planes[:, 3]
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    np.testing.assert_allclose((normals @ box.vertices.T).max(axis=1), offsets)
+    ends_room = [np.einsum("ka,ka->k", normals, x) - offsets for x in (starts, ends)]
+    parted = np.minimum(*ends_room) > 0
+    share = np.linspace(0.0, 1.0, 201)[:, None, None]
+    inside = (box.face_distance(starts + share * (ends - starts)) < 0).any(axis=0)
+    assert not (parted & inside).any()
+    # Edges and corners part what no face does
+    by_face = np.minimum(*(x @ box.A.T - box.b for x in (starts, ends))).max(axis=1) > 0
+    assert (parted | ~by_face).all()
+    assert by_face.sum() < parted.sum() > 0.85 * (~inside).sum()
+
+
+def test_link_expressions_are_the_robots_kinematics(walls: ClimbScene) -> None:
+    robot = walls.robot
+    rng = np.random.default_rng(0)
+    angles = rng.uniform(robot.joint_lower, robot.joint_upper)
+    expected = joint_points_body(robot, angles)
+    for i in range(robot.limb_count):
+        chain = link_points(
+            robot.shoulder_body[i], robot.link_lengths[i], robot.mount_yaw[i], angles[i]
+        )
+        found = [np.asarray(ca.DM(point)).ravel() for point in chain]
+        np.testing.assert_allclose(found, expected[i], atol=1e-12)
+
+
+def test_same_seed_same_plan_whatever_ran_before(walls: ClimbScene, tmp_path: Path) -> None:
+    first = plan_postures_nlp(walls)
+    other = scene_of(WALLS, "task.goal.com=[0, 0.1, 0.3]", "seed=5", tmp_path=tmp_path)
+    plan_postures_nlp(other)  # shares the built program
+    assert shape_of(other) == shape_of(walls)
+    again = plan_postures_nlp(walls)
+    np.testing.assert_array_equal(first.rounds.com, again.rounds.com)
+    np.testing.assert_array_equal(first.rounds.toes, again.rounds.toes)
+    assert not np.array_equal(
+        straight_guess(walls, 1, 1.0).rounds.toes, straight_guess(walls, 2, 1.0).rounds.toes
+    )
+
+
+def test_a_start_does_not_depend_on_how_many_there_are(walls: ClimbScene) -> None:
+    alone = straight_guess(walls, 3, 1.0)
+    for k in range(3):
+        straight_guess(walls, k, 1.0)
+    np.testing.assert_array_equal(alone.rounds.toes, straight_guess(walls, 3, 1.0).rounds.toes)
+
+
+def test_yaw_is_bounded_on_flat_terrain_only(walls: ClimbScene) -> None:
+    for scene, expected in ((walls, np.deg2rad(20.0)), (shipped("climb_tube"), np.inf)):
+        box = variable_bounds(scene, 0.0)
+        layout = variable_layout(scene.robot.limb_count)
+        upper = layout.unpack(box.upper.reshape(-1, layout.size))["rpy"]
+        assert (upper[:, 2, 0] == expected).all()
+
+
+def test_statement_and_check_agree(walls: ClimbScene) -> None:
+    """Rows of the NLP and the exact check call the same postures good and bad."""
+    for scene in (walls, shipped("climb_tube"), shipped("climb_obstacle", "solver.method=nlp")):
+        program = posture_nlp(shape_of(scene), 150)
+        box = variable_bounds(scene, 0.0)
+        rows = program.solver.get_function("nlp_g")
+        guess = straight_guess(scene, 0, 0.0)
+        good = solve_from(scene, guess, FOREVER)
+        assert good.accepted
+        good_guess = replace(guess, rounds=good.rounds)
+        x = first_iterate(scene, good_guess, box)
+        numbers = parameters(scene, good_guess)
+        values = np.asarray(rows(x, numbers)).ravel()
+        over = np.maximum(values - program.upper, program.lower - values)
+        assert over.max() < 1e-6
+
+        # Any posture moved by a few centimetres breaks some row, and the check sees it too
+        rng = np.random.default_rng(1)
+        for _ in range(5):
+            moved = x + 0.0
+            layout = variable_layout(scene.robot.limb_count)
+            j = int(rng.integers(scene.spec.task.rounds))
+            moved[j * layout.size : j * layout.size + 3] += rng.normal(0.0, 0.3, 3)
+            values = np.asarray(rows(moved, numbers)).ravel()
+            assert np.maximum(values - program.upper, program.lower - values).max() > 1e-3
+            found = check_postures(scene, to_rounds(scene, good_guess, moved))
+            assert any(violation.amount > 1e-3 for violation in found)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("posture.com_step", lambda r: r.com.__setitem__((2, 2), r.com[2, 2] + 0.2)),
+        ("posture.rotation_step", lambda r: r.rpy.__setitem__((2, 0), 0.3)),
+        ("posture.rotation_limit", lambda r: r.rpy.__setitem__((slice(1, None), 1), 0.4)),
+        ("posture.toe_step", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.3)),
+        ("posture.stance", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.2)),
+        ("posture.reach", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.7)),
+        ("posture.contact", lambda r: r.toes.__setitem__((3, 1, 0), 0.61)),
+        ("posture.goal_com", lambda r: r.com.__setitem__((4, 2), 0.43)),
+        ("posture.goal_toes", lambda r: r.toes.__setitem__((4, 0, 2), r.toes[4, 0, 2] + 0.03)),
+        ("posture.goal_rotation", lambda r: r.rpy.__setitem__((4, 2), 0.1)),
+        ("posture.kinematics", lambda r: r.com.__setitem__((2, 0), 0.4)),
+    ],
+)
+def test_check_names_what_is_broken(walls: ClimbScene, name: str, change: Any) -> None:
+    rounds = solve_from(walls, straight_guess(walls, 0, 0.0), FOREVER).rounds
+    broken = replace(rounds, com=rounds.com.copy(), rpy=rounds.rpy.copy(), toes=rounds.toes.copy())
+    assert all(violation.holds for violation in check_postures(walls, broken))
+    change(broken)
+    failing = {v.name: v for v in check_postures(walls, broken) if not v.holds}
+    assert name in failing
+    assert "round" in str(failing[name])
+
+
+def test_check_refuses_a_diverged_answer(walls: ClimbScene) -> None:
+    rounds = straight_guess(walls, 0, 0.0).rounds
+    rounds.com[2] = np.nan
+    found = {v.name: v for v in check_postures(walls, rounds)}
+    assert found["posture.com_step"].amount == np.inf
+
+
+def test_bulge_covers_every_way_of_the_body() -> None:
+    turn = ca.SX.sym("turn", 3)
+    bulge = ca.Function("bulge", [turn], [turning_bulge(turn, 1.0)])
+    rng = np.random.default_rng(0)
+    share = np.linspace(0.0, 1.0, 101)
+    for _ in range(200):
+        start, step = rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.5, 0.5, 3)
+        corner = rng.normal(size=3)
+        corner /= np.linalg.norm(corner)
+        way = rotation_world_body(start + share[:, None] * step) @ corner
+        chord = way[0] + share[:, None] * (way[-1] - way[0])
+        assert np.linalg.norm(way - chord, axis=1).max() <= float(bulge(step)) + 1e-12
+
+
+def test_body_stays_inside_a_narrow_tube() -> None:
+    """Turned in a tube hardly wider than its body, the robot keeps the clearance all the way."""
+    scene = shipped("climb_tube", "posture.body_clearance=0.35")
+    rounds = solve_from(scene, straight_guess(scene, 1, 1.0), FOREVER).rounds
+    corners = hull_world(scene, rounds.com, rounds.rpy)
+    assert np.linalg.norm(corners[..., :2], axis=-1).max() <= 0.615 - 0.35 + 1e-6
+
+
+def test_layout_finds_what_it_packs() -> None:
+    layout = Layout((("a", (3, 2)), ("b", (1, 4)), ("c", (1, 1))))
+    rng = np.random.default_rng(0)
+    values = {name: rng.normal(size=shape) for name, shape in layout.shapes}
+    found = layout.unpack(np.stack([layout.pack(values), layout.pack(values)]))
+    for name, value in values.items():
+        np.testing.assert_array_equal(found[name][1], value)
+
+
+def test_a_way_that_steps_cannot_cover_is_proved_infeasible(tmp_path: Path) -> None:
+    far = scene_of(WALLS, "task.goal.com=[0, 0, 0.9]", tmp_path=tmp_path)
+    with pytest.raises(Infeasible, match=r"the body has 0\.900 m to go, 4 rounds allow 0\.600 m"):
+        plan_postures_nlp(far)
+    turn = shipped("climb_tube", "task.goal.rpy_deg=[0, 0, 150]")
+    with pytest.raises(Infeasible, match=r"150\.0 deg to turn, 10 rounds allow 100\.0 deg"):
+        plan_postures_nlp(turn)
+
+
+def test_start_out_of_reach_names_the_limb() -> None:
+    scene = shipped("climb_tube", "task.start.com=[0.25, 0, 0]")
+    with pytest.raises(ReachFailure, match="start posture: RF cannot reach its toe: femur"):
+        plan_postures_nlp(scene)
+
+
+def test_failure_names_the_constraint_and_proves_nothing() -> None:
+    scene = shipped(
+        "climb_tube",
+        "posture.body_clearance=0.37",
+        "solver.starts=2",
+        "task.rounds=2",
+        "task.goal={com: [0, 0, 0.1], rpy_deg: [0, 0, 10]}",
+    )
+    with pytest.raises(LimitReached) as failure:
+        plan_postures_nlp(scene)
+    assert "no start of 2 converged: the closest violates posture.body_tube at round" in str(
+        failure.value
+    )
+    assert " by " in str(failure.value)
+
+
+def test_time_limit_stops_starts(tmp_path: Path) -> None:
+    scene = shipped("climb_obstacle", "solver.method=nlp", "solver.time_limit=1e-6")
+    with pytest.raises(LimitReached, match=r"no start of 1 \(of 4 asked for\) converged"):
+        plan_postures_nlp(scene)
+
+
+def test_progress_is_reported(walls: ClimbScene) -> None:
+    seen: list[float] = []
+    plan_postures_nlp(walls, lambda stage, fraction: seen.append(fraction))
+    assert seen == [0.0, 0.5]

@@ -1,0 +1,111 @@
+"""Random instances for solver tests: points that step over convex polygons, and posture-like ones."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from climbplan.program import Instance, Polytope, Program
+from climbplan.program.polytope import Array
+
+
+def polygon(name: str, corners: Array, frame: Array, origin: Array) -> Polytope:
+    """A convex polygon in space from its corners (K, 2), anticlockwise, in a plane.
+
+    frame: (3, 3) with columns along, up, normal.
+    """
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    in_plane = frame[:, :2]
+    vertices = origin + corners @ in_plane.T
+    A = normals @ in_plane.T
+    return Polytope(
+        name,
+        A,
+        np.einsum("ij,ij->i", A, vertices),
+        frame[:, 2][None],
+        np.array([frame[:, 2] @ origin]),
+        vertices,
+    )
+
+
+def random_polygon(rng: np.random.Generator, center: Array, size: float) -> Array:
+    """Corners of a random convex polygon with three to six corners."""
+    angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 7)))
+    while np.diff([*angles, angles[0] + 2 * np.pi]).max() > 0.9 * np.pi:
+        angles = np.sort(rng.uniform(0, 2 * np.pi, len(angles)))
+    return center + size * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def frame_of(tilt: float, turn: float) -> Array:
+    """Columns along, up, normal of a wall turned about z and tilted back."""
+    across = np.array([np.cos(turn), np.sin(turn), 0.0])
+    up = np.array([-np.sin(tilt) * np.sin(turn), np.sin(tilt) * np.cos(turn), np.cos(tilt)])
+    return np.stack([across, up, np.cross(across, up)], axis=1)
+
+
+def stepping_scene(
+    seed: int,
+    rounds: int = 3,
+    limbs: int = 2,
+    patches: int = 3,
+    tilted: bool = True,
+    step: float = 0.55,
+    reach: float = 1.0,
+    blocked: bool = False,
+) -> Program:
+    """Limbs step over polygons on two walls, a body between them stays within reach of all.
+
+    blocked: a box in the middle that the body has to pass on one side (unbounded alternatives).
+    """
+    rng = np.random.default_rng(seed)
+    tilt = rng.uniform(-0.4, 0.4, 2) if tilted else np.zeros(2)
+    walls = []
+    for side, angle in zip((-1.0, 1.0), tilt, strict=True):
+        frame, origin = frame_of(angle, np.pi / 2), np.array([side * 0.6, 0.0, 0.0])
+        walls.append(
+            [
+                polygon(
+                    f"patch {k}",
+                    random_polygon(
+                        rng, np.array([rng.uniform(-0.2, 0.2), 0.45 * k]), rng.uniform(0.12, 0.25)
+                    ),
+                    frame,
+                    origin,
+                )
+                for k in range(patches)
+            ]
+        )
+    start = np.array([walls[i % 2][0].vertices.mean(axis=0) for i in range(limbs)])
+    goal = np.array([walls[i % 2][-1].vertices.mean(axis=0) for i in range(limbs)])
+    body0, body1 = start.mean(axis=0), goal.mean(axis=0)
+
+    p = Program("stepping")
+    toe = p.continuous("toe", (rounds, limbs, 3), -3.0, 3.0)
+    body = p.continuous("body", (rounds, 3), -3.0, 3.0)
+    toes = np.concatenate([start[None].astype(object), toe])
+    bodies = np.concatenate([body0[None].astype(object), body])
+    p.ball("toe_step", np.diff(toes, axis=0), step)
+    p.ball("body_step", np.diff(bodies, axis=0), step)
+    p.ball("reach", toe - body[:, None], reach)
+    p.between("level", np.diff(bodies[:, 2]), -0.4, 0.5)
+    p.one_of("patch", toe, [walls[i % 2] for i in range(limbs)] * rounds)
+    if blocked:
+        middle = 0.5 * (body0 + body1) + rng.uniform(-0.05, 0.05, 3)
+        half = np.array([0.4, 0.15, 0.12])
+        sides = [
+            Polytope.halfspaces(f"side {axis} {sign}", A := -sign * np.eye(3)[[axis]], A @ middle - half[axis])
+            for axis, sign in itertools.product(range(3), (-1.0, 1.0))
+        ]
+        p.one_of("body_free", body, [sides] * rounds)
+    p.minimise("goal", np.sum((toe[-1] - goal) ** 2) + np.sum((body[-1] - body1) ** 2))
+    p.minimise("toe_step", 0.05 * np.sum(np.diff(toes, axis=0) ** 2))
+    p.minimise("body_step", 0.02 * np.sum(np.diff(bodies, axis=0) ** 2))
+    return p
+
+
+def assignments(instance: Instance) -> list[tuple[int, ...]]:
+    """All combinations of alternatives."""
+    return list(itertools.product(*(range(len(c.alternatives)) for c in instance.choices)))

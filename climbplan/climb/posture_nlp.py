@@ -6,8 +6,8 @@ degrees and terrain to flat regions, this one takes any yaw, round tubes, and lo
 steps, and keeps the links off obstacles at every lift and placing. It proves neither optimality
 nor that no plan exists.
 
-Body roll, pitch and, on flat terrain, yaw stay within `rotation_limit_deg`. In a tube, which looks
-the same from all sides, yaw is free and may go all the way round.
+Roll, pitch and, on flat terrain, the yaw since the start stay within `rotation_limit_deg`. In a
+tube, which looks the same from all sides, yaw is free and may go all the way round.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ITERATIONS = 150  # per start; those that converge need 5 to 60
 # the instants between them where the first did not.
 JOINT_MARGINS = (1e-3, np.deg2rad(2.0))
 # Blocks that the program holds at some instants only
-BETWEEN = ("posture.kinematics", "posture.limb_clearance")
+BETWEEN = ("posture.kinematics", "posture.limb_free")
 REFINEMENTS = 4  # of the best plan
 WORTHWHILE = 0.999  # factor on the cost that a refinement has to reach
 SOLVER = "ipopt (mumps)"

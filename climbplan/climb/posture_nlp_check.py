@@ -125,7 +125,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         k, limb = np.unravel_index(int(np.argmax(depth)), depth.shape)
         where = f"{instants.label(int(k), scene.robot.limb_names)}, limb "
         where += scene.robot.limb_names[limb]
-        findings.found.append(Violation("posture.limb_clearance", depth.max(), "m", where))
+        findings.found.append(Violation("posture.limb_free", depth.max(), "m", where))
     return tuple(findings.found)
 
 
@@ -154,11 +154,11 @@ def _add_steps(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:
         findings.add("posture.com_step_min", steps.com_min - com)
     if steps.toe_min > 0:
         findings.add("posture.toe_step_min", steps.toe_min - toes)
-    free_axes = slice(0, 2) if scene.terrain.curved else slice(0, 3)
+    turned = np.abs(rounds.rpy[1:] - [0.0, 0.0, scene.start.rpy[2]])
+    if scene.terrain.curved:
+        turned = turned[:, :2]
     limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
-    findings.add(
-        "posture.rotation_limit", np.abs(rounds.rpy[1:, free_axes]).max(axis=1) - limit, "rad"
-    )
+    findings.add("posture.rotation_limit", turned.max(axis=1) - limit, "rad")
 
 
 def _add_workspaces(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:

@@ -30,25 +30,16 @@ def link_points(shoulder: Any, links: Any, mount_yaw: Any, angles: Any) -> list[
     return [shoulder, point(links[0], 0), point(*knee), point(*toe)]
 
 
-def kept_distances(limb_radius: Any, links: int) -> list[tuple[Any, Any]]:
-    """Distance from obstacles that both ends of each link keep.
-
-    The toe may touch: regions and swing paths keep it where it has to be.
-    """
-    return [(limb_radius, 0.0 if link == links - 1 else limb_radius) for link in range(links)]
-
-
-def parting_planes(solid: Solid, starts: Array, ends: Array, keep: Array) -> Array:
+def parting_planes(solid: Solid, starts: Array, ends: Array) -> Array:
     """The plane (..., 4) of each link that leaves most room to a solid, or overlaps least.
 
-    starts, ends: (..., L, 3) ends of the links [m]; keep: (L, 2) distance that each end has to
-    keep. A plane is a unit normal away from the solid and its offset,
-    touching the solid. Directions are those of its faces, and between faces for edges and corners.
+    starts, ends: (..., 3) ends of the links [m]. A plane is a unit normal away from the solid and
+    its offset, touching the solid. Directions are those of its faces, and between faces for edges
+    and corners.
     """
     directions = _directions(solid)
     offsets = (solid.vertices @ directions.T).max(axis=0)
-    before, after = starts @ directions.T - keep[:, :1], ends @ directions.T - keep[:, 1:]
-    room = np.minimum(before, after) - offsets
+    room = np.minimum(starts @ directions.T, ends @ directions.T) - offsets
     best = room.argmax(axis=-1)
     return np.concatenate([directions[best], offsets[best][..., None]], axis=-1)
 

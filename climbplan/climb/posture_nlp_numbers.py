@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.posture_nlp_layout import (
-    LINKS,
     MOMENTS,
     Moment,
     Shape,
@@ -16,7 +15,7 @@ from climbplan.climb.posture_nlp_layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.posture_nlp_links import kept_distances, parting_planes
+from climbplan.climb.posture_nlp_links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.plans.climb_plan import Index, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body
@@ -93,7 +92,7 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
         "stance_radius": robot.stance_radius,
         "lift": scene.spec.trajectory.lift,
         "clearance": spec.body_clearance,
-        "limb_radius": robot.limb_radius,
+        "limb_clearance": spec.limb_clearance,
         "hull_radius": np.linalg.norm(robot.body_hull, axis=1).max(),
         "com_max": steps.com_max,
         "com_min": steps.com_min,
@@ -115,14 +114,13 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
 def _planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     """Parting planes of links and obstacles at the moments of every round, (M, 4, columns)."""
     robot, found = scene.robot, {}
-    keep = np.array(kept_distances(robot.limb_radius, LINKS))
     for moment in MOMENTS:
         limbs = _limbs_at(scene, guess, moment)
         rotation = rotation_world_body(limbs.rpy)  # (M, N, 3, 3)
         points = joint_points_body(robot, limbs.angles)  # (M, N, 4, 3)
         points = limbs.com[..., None, :] + np.einsum("mnab,mnkb->mnka", rotation, points)
         planes = [
-            parting_planes(solid, points[:, :, :-1], points[:, :, 1:], keep)
+            parting_planes(solid, points[:, :, :-1], points[:, :, 1:])
             for solid in scene.terrain.obstacles
         ]
         columns = np.stack(planes, axis=1) if planes else np.zeros((len(points), 0, 4))
@@ -176,7 +174,8 @@ def variable_bounds(scene: ClimbScene, joint_margin: float) -> Box:
     if shape.curved:
         limit[2] = np.inf  # a tube looks the same from all sides
     toes = np.full(3, np.inf)
-    low, high = {"rpy": -limit[:, None]}, {"rpy": limit[:, None]}
+    level = np.array([0.0, 0.0, scene.start.rpy[2]])  # a world turned about z changes nothing
+    low, high = {"rpy": (level - limit)[:, None]}, {"rpy": (level + limit)[:, None]}
     low |= {"com": np.full((3, 1), -np.inf), "toes": -toes[:, None]}
     high |= {"com": np.full((3, 1), np.inf), "toes": toes[:, None]}
     wall = scene.terrain.surfaces[0]

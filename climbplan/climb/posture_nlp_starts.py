@@ -36,7 +36,8 @@ def convex_guess(scene: ClimbScene, time_limit: float) -> Guess | None:
     Its contact regions and its way round the obstacles are those of least cost, as long as
     rotations are small enough for the linearisation.
     """
-    turned = np.abs([scene.start.rpy, scene.goal.rpy]).max()
+    level = [0.0, 0.0, scene.start.rpy[2]]
+    turned = np.abs(np.array([scene.start.rpy, scene.goal.rpy]) - level).max()
     if scene.terrain.curved or turned > LINEAR_ROTATION_LIMIT:
         return None
     spec = scene.spec

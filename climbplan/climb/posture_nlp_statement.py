@@ -30,7 +30,7 @@ from climbplan.climb.posture_nlp_layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.posture_nlp_links import kept_distances, link_points
+from climbplan.climb.posture_nlp_links import link_points
 from climbplan.robots.rotations import Array
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
@@ -116,7 +116,6 @@ def _round_function(shape: Shape) -> _RoundFunction:
         return pins[pinned][:, i]
 
     # Exact forward kinematics at every moment, and each link beyond its planes
-    keeps = kept_distances(c["limb_radius"], LINKS)
     for moment in MOMENTS:
         ties, parted = [], []
         planes = pins[f"planes_{moment.name}"]
@@ -132,10 +131,10 @@ def _round_function(shape: Shape) -> _RoundFunction:
             ties.append(points[-1] - target)
             for obstacle, link in itertools.product(range(shape.obstacles), range(LINKS)):
                 plane = planes[:, (obstacle * n + i) * LINKS + link]
-                for keep, point in zip(keeps[link], points[link : link + 2], strict=True):
-                    parted.append(plane[3] + keep - ca.dot(plane[:3], point))
+                least = plane[3] + c["limb_clearance"]
+                parted += [least - ca.dot(plane[:3], at) for at in points[link : link + 2]]
         rows.add(f"posture.kinematics_{moment.name}", ties, equality=True)
-        rows.add(f"posture.links_{moment.name}", parted)
+        rows.add(f"posture.limb_free_{moment.name}", parted)
 
     # C: workspace balls about shoulder and nominal stance
     balls = [("reach", "shoulder", "reach")]

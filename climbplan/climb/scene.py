@@ -8,12 +8,15 @@ import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.plans.climb_plan import Index
+from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb import ClimbSpec, PostureSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.terrain.model import Terrain, build_terrain
+from climbplan.terrain.surfaces import Surface
 
+REACH_RESERVE = 0.03  # [m] kept from the robot's reach by toes that a spec leaves open
 ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
 
 
@@ -45,12 +48,15 @@ def _stance(
     """Stated toes, or the surface points nearest to the limbs' nominal stances."""
     com, rpy = np.array(posture.com, float), np.deg2rad(posture.rpy_deg)
     nominal = com + robot.stance_body @ rotation_world_body(rpy).T
+    shoulders = com + robot.shoulder_body @ rotation_world_body(rpy).T
     toes, region = np.empty_like(nominal), np.empty(robot.limb_count, np.int64)
     for limb, name in enumerate(robot.limb_names):
         point = np.array(posture.toes.get(name, nominal[limb]), float)
         region[limb] = terrain.nearest_surface(limb, point)
         surface = terrain.surfaces[region[limb]]
         toes[limb] = surface.project(point)
+        if name not in posture.toes:
+            toes[limb] = _within_reach(robot.reach, shoulders[limb], toes[limb], surface)
         distance = surface.distance(point)
         if name in posture.toes and distance > ON_SURFACE:
             mistakes.append(
@@ -61,6 +67,23 @@ def _stance(
                 )
             )
     return Stance(com, rpy, toes, region)
+
+
+def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -> Array:
+    """The toe, moved on its surface towards the shoulder until it is well within reach."""
+    reach -= REACH_RESERVE
+    if np.linalg.norm(toe - shoulder) <= reach:
+        return toe
+    nearest = surface.project(shoulder)
+    near, far = 1.0, 0.0  # shares of the way to the nearest point: in reach, out of reach
+    for _ in range(40):
+        share = (near + far) / 2
+        point = surface.project(toe + share * (nearest - toe))
+        if np.linalg.norm(point - shoulder) <= reach:
+            near = share
+        else:
+            far = share
+    return surface.project(toe + near * (nearest - toe))
 
 
 def _with_stance(robot: Robot, spec: ClimbSpec) -> Robot:
@@ -93,6 +116,12 @@ def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") ->
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
     start = _stance(spec.task.start, "task.start", robot, terrain, mistakes)
+    # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
+    stance = to_body(start.com, start.rpy, start.toes)
+    for name in spec.task.stance:
+        limb = robot.limb_names.index(name)
+        stance[limb] = robot.stance_body[limb]
+    robot = replace(robot, stance_body=stance)
     goal = _stance(spec.task.goal, "task.goal", robot, terrain, mistakes)
     if mistakes:
         raise SpecError(source, mistakes)

@@ -113,7 +113,7 @@ class PosturePlannerSpec(SpecModel):
     """Step bounds."""
     rotation_limit_deg: Number = quantity(
         "deg",
-        "largest roll and pitch of the body, and yaw away from the start's",
+        "largest roll and pitch of the body, and yaw away from the start's (free in a tube)",
         default=20.0,
         gt=0,
         le=180,

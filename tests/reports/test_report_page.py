@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -14,10 +15,14 @@ from headless_chromium import Browser, chromium_path
 
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.climb_plan import ClimbPlan, Study
-from climbplan.reports.climb_report import write_report
+from climbplan.reports.climb_report import report_dict
+from climbplan.reports.page import build_page
 
 MakePlan = Callable[..., ClimbPlan]
 ATTACK = "<script>window.broken=1</script><img src=x onerror=window.broken=1>\"'&$title"
+DOT = base64.b64decode(  # a PNG of one pixel
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+)
 
 
 class Page(HTMLParser):
@@ -74,8 +79,9 @@ def pages(make_plan: MakePlan, tmp_path_factory: pytest.TempPathFactory) -> dict
     for name, plan in plans.items():
         directory = tmp_path_factory.mktemp(name)
         write_climb(plan, directory / "plan.h5")
-        write_report(directory / "plan.h5", directory)
+        report = report_dict(directory / "plan.h5")
         found[name] = directory / "report.html"
+        found[name].write_text(build_page(plan, report, {"Postures": DOT}), encoding="utf-8")
     return found
 
 

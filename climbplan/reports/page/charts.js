@@ -26,7 +26,9 @@ function chartLayout(plan, colors, title, top) {
     margin: { l: 52, r: 8, t: 8, b: 38 },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: "system-ui, sans-serif", color: colors.ink },
-    showlegend: false, hovermode: "closest", dragmode: "zoom",
+    showlegend: false, hovermode: "closest",
+    // A finger on a chart scrolls the page.
+    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
     hoverlabel: { bgcolor: colors.raised, bordercolor: colors.line, font: { color: colors.ink } },
     xaxis: {
       ...axis, ...roundTicks(plan.rounds), showgrid: false, ticks: "",

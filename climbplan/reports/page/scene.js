@@ -294,7 +294,8 @@ class SceneView {
       this.context.fillStyle = this.colors.muted;
       this.context.fillRect(x - 4, y - 0.5, 4, 1);
       const text = (n * step).toFixed(1).replace("-", "−");
-      this.label(n === 0 ? "0.0 m" : text, Math.max(x - 7, 42), y, "right");
+      const inside = x < 42; // no room to the left
+      this.label(n === 0 ? "0.0 m" : text, inside ? x + 6 : x - 7, y, inside ? "left" : "right");
     }
   }
 

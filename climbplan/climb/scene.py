@@ -16,7 +16,7 @@ from climbplan.spec.robot import RobotSpec
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Surface
 
-REACH_RESERVE = 0.03  # [m] kept from the robot's reach by toes that a spec leaves open
+REACH_RESERVE = 0.05  # share of its reach that a limb keeps for toes that a spec leaves open
 ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
 
 
@@ -71,7 +71,7 @@ def _stance(
 
 def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -> Array:
     """The toe, moved on its surface towards the shoulder until it is well within reach."""
-    reach -= REACH_RESERVE
+    reach *= 1.0 - REACH_RESERVE
     if np.linalg.norm(toe - shoulder) <= reach:
         return toe
     nearest = surface.project(shoulder)

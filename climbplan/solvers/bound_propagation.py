@@ -97,4 +97,4 @@ def _rest(part: Array, row: Indices, m: int) -> Array:
     others = np.bincount(row, infinite, m)[row] - infinite
     sign = np.sign(np.bincount(row, np.where(infinite, np.sign(part), 0.0), m)[row])
     rest = total - np.where(infinite, 0.0, part)
-    return np.where(others > 0, sign * np.inf, rest)
+    return np.where(others > 0, np.where(sign < 0, -np.inf, np.inf), rest)

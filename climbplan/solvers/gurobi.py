@@ -11,11 +11,12 @@ from gurobipy import GRB
 
 from climbplan.errors import MissingSolver
 from climbplan.program.instance import Balls, Instance
+from climbplan.solvers.convex_completion import complete
 from climbplan.solvers.mixed_integer_form import mixed_integer_form
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, better, judged
 
 NAME = "gurobi"
-TOLERANCE = 1e-6
+TOLERANCE = 2e-6
 _INFEASIBLE = (GRB.INFEASIBLE,)
 
 
@@ -59,8 +60,12 @@ def solve_gurobi(
             if entry.upper is not None:
                 model.addConstr(entry.row @ x <= entry.upper[None] @ b)
         model.optimize()
+        found = np.array(x.X) if model.SolCount else None
+        if found is not None:
+            completed = complete(instance, instance.assignment(found))
+            found = better(instance, found, completed, FEASIBILITY)
         answer = Answer(
-            x=np.array(x.X) if model.SolCount else None,
+            x=found,
             bound=float(model.ObjBound) if model.IsMIP else -np.inf,
             infeasible=model.Status in _INFEASIBLE,
             nodes=int(model.NodeCount),

@@ -8,7 +8,8 @@ import time
 import numpy as np
 
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.convex_completion import complete
+from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, better, judged
 from climbplan.solvers.scip_model import scip_model
 
 NAME = "scip"
@@ -23,7 +24,7 @@ STATUS = {  # SCIP's word -> whether it claims infeasibility
     "inforunbd": False,
     "unbounded": False,
 }
-TOLERANCE = 1e-6  # SCIP works to 1e-7 relative to each row
+TOLERANCE = 2e-6  # SCIP works to 1e-6 in each row; asked for less, it stalls
 _GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
 
 
@@ -43,7 +44,6 @@ def solve_scip(
     model = built.model
     model.setParam("parallel/maxnthreads", 1)
     model.setParam("limits/gap", gap)
-    model.setParam("numerics/feastol", 1e-7)
     guard: threading.Timer | None = None
     if np.isfinite(time_limit):
         model.setParam("limits/time", float(time_limit))
@@ -56,7 +56,8 @@ def solve_scip(
     x = None
     if model.getNSols() > 0:
         best = model.getBestSol()
-        x = np.array([model.getSolVal(best, v) for v in built.x])
+        found = np.array([model.getSolVal(best, v) for v in built.x])
+        x = better(instance, found, complete(instance, instance.assignment(found)), FEASIBILITY)
     bound = float(model.getDualbound())
     answer = Answer(
         x=x,

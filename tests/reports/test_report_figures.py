@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import struct
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -31,8 +31,16 @@ CASES: dict[str, dict[str, object]] = {
 }
 
 
-def overlaps(figure: Figure) -> list[tuple[str, str]]:
-    """Pairs of drawn texts that cover each other."""
+@dataclass(frozen=True)
+class Rendered:
+    """A figure as written, and the pairs of its texts that cover each other."""
+
+    image: bytes
+    overlaps: list[tuple[str, str]]
+
+
+def render(figure: Figure) -> Rendered:
+    """Render a figure once and look at every text that was drawn."""
     drawn: dict[int, Text] = {}
     draw = Text.draw
 
@@ -43,7 +51,7 @@ def overlaps(figure: Figure) -> list[tuple[str, str]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Text, "draw", recorded)
-        figure.canvas.draw()
+        image = png(figure)
     boxes = [(text.get_text(), text.get_window_extent()) for text in drawn.values()]
     assert len(boxes) > 5
     pairs = []
@@ -52,7 +60,7 @@ def overlaps(figure: Figure) -> list[tuple[str, str]]:
         tall = min(a.y1, b.y1) - max(a.y0, b.y0)
         if wide > 1 and tall > 1:
             pairs.append((first, second))
-    return pairs
+    return Rendered(image, pairs)
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda name: name)
@@ -63,12 +71,13 @@ def plan(request: pytest.FixtureRequest, make_plan: MakePlan) -> ClimbPlan:
 @pytest.mark.parametrize("name", ["postures", "torque", "friction", "safety", "forces"])
 def test_figures_are_drawn_without_overlapping_text(plan: ClimbPlan, name: str) -> None:
     figure = figure_functions(plan)[name](plan)
-    image = png(figure)
+    rendered = render(figure)
+    image = rendered.image
     assert image.startswith(b"\x89PNG\r\n\x1a\n")
     width, height = struct.unpack(">II", image[16:24])
     assert width >= 1200
     assert 300 <= height <= 2400
-    assert overlaps(figure) == []
+    assert rendered.overlaps == []
 
 
 @pytest.mark.parametrize("name", ["torque", "friction"])
@@ -115,7 +124,7 @@ def region_study(two: bool) -> Study:
 def test_region_shows_labels_and_the_plan_itself(make_plan: MakePlan, two: bool) -> None:
     plan = make_plan(limbs=6, rounds=1, study=region_study(two))
     figure = figure_functions(plan)["region"](plan)
-    png(figure)
+    rendered = render(figure)
     ax = figure.axes[0]
     assert ax.get_xlabel() == ("terrain.walls.angle_deg [deg]" if two else "terrain.friction")
     star = ax.get_lines()[-1]
@@ -127,7 +136,7 @@ def test_region_shows_labels_and_the_plan_itself(make_plan: MakePlan, two: bool)
         *(f"{name} ({n})" for name, n in zip(Study.LABELS, counts, strict=True)),
         "this plan",
     ]
-    assert overlaps(figure) == []
+    assert rendered.overlaps == []
 
 
 def test_region_needs_a_study(make_plan: MakePlan) -> None:
@@ -185,7 +194,5 @@ def test_names_from_a_spec_are_drawn_as_they_are(make_plan: MakePlan) -> None:
     names = tuple(f"$_{i} " + 30 * "long" for i in range(3))
     plan = replace(plan, robot=replace(plan.robot, limb_names=names, name=90 * "$W"))
     for draw in figure_functions(plan).values():
-        figure = draw(plan)
-        png(figure)
-        assert overlaps(figure) == []
+        assert render(draw(plan)).overlaps == []
     assert plain("a $x$ 攀") == r"a \$x\$ □"

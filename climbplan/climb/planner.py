@@ -19,7 +19,7 @@ from climbplan.climb.posture_statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import ReachFailure
+from climbplan.errors import ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Instants, StepLimits
 from climbplan.spec.loading import LoadedClimb
 
@@ -64,6 +64,8 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
     check finds a joint bound or clearance missed, the limb's ball or the clearance is tightened
     and the postures are planned again. Raises ReachFailure or Infeasible if that does not help.
     """
+    if save_model is not None and scene.spec.solver.method == "nlp":
+        raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     notes: list[str] = []
     failure: ReachFailure | None = None

@@ -21,6 +21,12 @@ from climbplan.solvers.result import SolverResult
 
 LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by more than about 3 %
 
+# The bound is one of the statement: a method with exact rotations may find a lower cost.
+BOUND_SCOPE = (
+    "rotations linearised, workspaces as balls, body and standing limbs beyond one face of every "
+    "obstacle in each round"
+)
+
 Progress = Callable[[str, float], None]
 
 
@@ -71,7 +77,7 @@ def plan_postures(
         gap=result.gap,
         nodes=result.nodes,
         solver=result.solver,
-        sizes=program.counts(),
+        sizes={**program.counts(), "bound_holds_for": BOUND_SCOPE},
         warnings=rotation_warnings(rounds),
     )
 

@@ -7,7 +7,7 @@ value of the dual function, computed here from the multipliers, so it holds howe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import daqp
 import numpy as np
@@ -33,9 +33,10 @@ class Point:
     """A relaxation's solution, and where the next one starts."""
 
     z: Array  # (k,)
-    bound: float  # value of the dual function
+    bound: float  # value of the dual function, a lower bound in any case
     active: Indices  # (a,) rows with a multiplier
     multiplier: Array  # (a,) positive at the upper bound
+    solved: bool = True  # False if DAQP failed: some rows may be violated
 
 
 @dataclass(frozen=True)
@@ -79,46 +80,51 @@ class Relaxation:
 
     def solve(
         self, lower: Array, upper: Array, start: Point, cutoff: float = np.inf
-    ) -> Point | Closed | None:
+    ) -> Point | Closed:
         """The optimum under bounds of all rows, from a nearby solution.
 
-        cutoff: what an infeasible relaxation's certificate has to reach. None if DAQP fails twice;
-        the parent's bound is then all that is known.
+        cutoff: a bound that needs no further search.
         """
         pool, M = self.pool, self.pool.M
         if (lower > upper + SAME).any():
             return Closed(np.inf, True)
+        far = min(cutoff, _CERTAIN * (1.0 + abs(self.form.cost.constant)))
+        point = replace(
+            start,
+            bound=self.dual_value(start.active, start.multiplier, lower, upper),
+            solved=False,
+        )
         sense = np.zeros(pool.count, np.int32)
         sense[start.active] = np.where(start.multiplier > 0, _AT_UPPER, _AT_LOWER)
         rows = self._near(lower, upper, start)
         cold = False
         while True:
             low, high = lower[rows], upper[rows]
-            if self._setup(M[rows], low, high, sense[rows]) < 0:
-                return None
-            z, _, flag, info = self._model.solve()
-            self.solves += 1
+            z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows])
             if flag not in _OPTIMAL:
-                if not cold:
-                    cold, sense = True, np.zeros_like(sense)
-                    continue
-                return self._infeasible(rows, lower, upper, cutoff) if flag == _NONE else None
-            multiplier = info["lam"]
+                if flag == _NONE:
+                    closed = self._infeasible(rows, lower, upper, cutoff)
+                    if closed.certified or cold:
+                        return closed
+                if cold:
+                    return point
+                cold, sense = True, np.zeros_like(sense)
+                continue
+            held = np.flatnonzero(multiplier)
+            active = rows[held]
+            bound = self.dual_value(active, multiplier[held], lower, upper)
+            point = Point(z, bound, active, multiplier[held], solved=False)
+            if bound >= far:  # of some rows only, so it holds for all
+                return Closed(bound if bound >= cutoff else np.inf, True)
             value = M @ z
             violation = np.maximum(value - upper, lower - value)
             violation[rows] = 0.0
             new = np.flatnonzero(violation > _TOLERANCE)
             if not len(new):
-                break
+                return replace(point, solved=True)
             sense[:] = 0
-            sense[rows] = np.where(
-                multiplier > 0, _AT_UPPER, np.where(multiplier < 0, _AT_LOWER, 0)
-            )
+            sense[active] = np.where(point.multiplier > 0, _AT_UPPER, _AT_LOWER)
             rows = np.union1d(rows, new)
-        held = np.flatnonzero(multiplier)
-        active, multiplier = rows[held], multiplier[held]
-        bound = self.dual_value(active, multiplier, lower, upper)
-        return Point(z, bound, active, multiplier)
 
     def _near(self, lower: Array, upper: Array, start: Point) -> Indices:
         """The active rows of a point, those it violates, and some it nearly does."""
@@ -155,12 +161,19 @@ class Relaxation:
             self.pool.append(rows, np.full(len(here), -UNBOUNDED), upper, balls.part[here])
         return CutRound(len(here), float(excess.max(initial=0.0)))
 
-    def _setup(self, M: Array, lower: Array, upper: Array, sense: Array) -> int:
+    def _optimum(
+        self, M: Array, lower: Array, upper: Array, sense: Array
+    ) -> tuple[Array, int, Array]:
+        """DAQP's solution, flag and multipliers."""
         flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, sense)
         if flag < 0:  # dependent rows among those marked active
-            none = np.zeros(len(sense), np.int32)
-            flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, none)
-        return int(flag)
+            sense = sense & ~_AT_LOWER
+            flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, sense)
+        if flag < 0:
+            return self._zero, int(flag), np.zeros(len(M))
+        z, _, flag, info = self._model.solve()
+        self.solves += 1
+        return z, int(flag), info["lam"]
 
     def _infeasible(self, rows: Indices, lower: Array, upper: Array, cutoff: float) -> Closed:
         """A certificate for rows that DAQP calls infeasible.
@@ -172,13 +185,12 @@ class Relaxation:
         for softness in _SOFTNESS:
             self._model.settings = {"rho_soft": softness}
             sense = np.full(len(rows), _SOFT, np.int32)
-            if self._setup(self.pool.M[rows], lower[rows], upper[rows], sense) < 0:
-                continue
-            _, _, flag, info = self._model.solve()
+            M, low, high = self.pool.M[rows], lower[rows], upper[rows]
+            _, flag, multiplier = self._optimum(M, low, high, sense)
             if flag not in _OPTIMAL:
                 continue
-            held = np.flatnonzero(info["lam"])
-            active, ray = rows[held], info["lam"][held]
+            held = np.flatnonzero(multiplier)
+            active, ray = rows[held], multiplier[held]
             drop = float(ray @ np.where(ray > 0, upper[active], lower[active]))
             pull = ray @ self.pool.M[active]
             if drop < 0:

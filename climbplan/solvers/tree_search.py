@@ -167,12 +167,13 @@ class TreeSearch:
                 if np.isfinite(solved.bound):
                     self.closed = min(self.closed, solved.bound)
                 return None
-            if solved is None:  # DAQP failed: what is known stays valid
-                return point if k else self._given_up(node)
             point = solved
             if point.bound >= self.cutoff:
                 self.closed = min(self.closed, point.bound)
                 return None
+            if not point.solved:
+                self._note("DAQP failed; the bound is that of some rows")
+                break
             made = self.relaxation.cut_balls(point.z, tolerated)
             if made.count == 0:
                 break
@@ -181,10 +182,6 @@ class TreeSearch:
                 break
             last = point.bound
         return point
-
-    def _given_up(self, node: Node) -> None:
-        self.closed = min(self.closed, node.bound)
-        self._note("a relaxation could not be solved")
 
     def _choice_values(self, point: Point) -> Array:
         return np.asarray(self.form.rows[self.form.choice_rows] @ point.z)
@@ -197,7 +194,7 @@ class TreeSearch:
         node = replace(node, bound=max(node.bound, point.bound), start=point)
         off = violations(self.form, self._choice_values(point), node.allowed)
         nearest = off.argmin(axis=1)
-        if (off.min(axis=1) > 0.5 * self.tolerance).any():
+        if point.solved and (off.min(axis=1) > 0.5 * self.tolerance).any():
             self._push([node])
             return
         self._accept(point.z, nearest)

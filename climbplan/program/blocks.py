@@ -11,7 +11,7 @@ from climbplan.program.polytope import Array, Polytope
 
 @dataclass(frozen=True)
 class Variable:
-    """A block of continuous variables."""
+    """A block of continuous variables, or of binaries."""
 
     name: str
     shape: tuple[int, ...]
@@ -19,11 +19,26 @@ class Variable:
     lower: Array
     upper: Array
     unit: str
+    integer: bool = False
 
     @property
     def stop(self) -> int:
         """One past the last index in x."""
         return self.start + math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class ImplicationBlock:
+    """binary == value implies lower <= expression <= upper."""
+
+    name: str
+    shape: tuple[int, ...]
+    expression: list[Any]
+    lower: Array
+    upper: Array
+    binary: list[Any]  # a stated binary for each entry
+    value: bool
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -58,3 +73,14 @@ class ChoiceBlock:
     dimension: int
     alternatives: tuple[tuple[Polytope, ...], ...]
     unit: str
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """All blocks of a program, in the order in which they were stated."""
+
+    variables: tuple[Variable, ...]
+    rows: tuple[RowBlock, ...]
+    balls: tuple[BallBlock, ...]
+    choices: tuple[ChoiceBlock, ...]
+    implications: tuple[ImplicationBlock, ...]

@@ -11,29 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.blocks import BallBlock, ChoiceBlock, RowBlock, Variable
-from climbplan.program.instance import Balls, Choice, Instance
+from climbplan.program.blocks import Blocks
+from climbplan.program.coefficients import (
+    Affine,
+    Bilinear,
+    affine_coefficients,
+    bilinear_coefficients,
+)
+from climbplan.program.instance import Balls, Choice, Implications, Instance, Products
 from climbplan.program.polytope import Array
-
-
-@dataclass(frozen=True)
-class Affine:
-    """Coefficients of stacked affine expressions as functions of theta."""
-
-    function: Any  # theta -> (nonzeros of the Jacobian, constants)
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    rows: int
-    columns: int
-
-    def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Matrix (rows, n) and constants (rows,)."""
-        values, constants = self.function(theta)
-        # CasADi stores columns; its transpose read as compressed rows is the matrix itself.
-        matrix = sparse.csr_matrix(
-            (np.array(values).ravel(), self.indices, self.indptr), shape=(self.rows, self.columns)
-        )
-        return matrix, np.array(constants).ravel()
 
 
 @dataclass(frozen=True)
@@ -41,27 +27,33 @@ class CompiledProgram:
     """All coefficients as functions of theta, with the blocks they belong to."""
 
     name: str
-    variables: Sequence[Variable]
-    row_blocks: Sequence[RowBlock]
-    ball_blocks: Sequence[BallBlock]
-    choice_blocks: Sequence[ChoiceBlock]
-    rows: Affine
+    blocks: Blocks
+    rows: Bilinear
+    implications: Bilinear
+    binaries: NDArray[np.int64]  # of the implications
     balls: tuple[Affine, ...]
     choices: tuple[Affine, ...]  # one a block; rows of all its points
+    products: dict[tuple[int, int], int]  # pair -> number of the product
     cost: Any  # theta -> (P nonzeros, q, constant)
     P_indptr: NDArray[np.int32]
     P_indices: NDArray[np.int32]
 
+    @property
+    def product_count(self) -> int:
+        """Different products of two variables in rows and implications."""
+        return len(self.products)
+
     def instance(self, theta: Array) -> Instance:
         """The numbers at theta."""
-        n = self.rows.columns
-        A, constants = self.rows.at(theta)
+        n = self.rows.affine.columns
+        blocks = self.blocks
+        A, constants = self.rows.affine.at(theta)
         balls = []
-        for ball, affine in zip(self.ball_blocks, self.balls, strict=True):
+        for ball, affine in zip(blocks.balls, self.balls, strict=True):
             F, f = affine.at(theta)
             balls.append(Balls(F, f.reshape(-1, ball.dimension), ball.radius))
         choices = []
-        for group, affine in zip(self.choice_blocks, self.choices, strict=True):
+        for group, affine in zip(blocks.choices, self.choices, strict=True):
             E, e = affine.at(theta)
             for k, alternatives in enumerate(group.alternatives):
                 here = slice(k * group.dimension, (k + 1) * group.dimension)
@@ -71,18 +63,37 @@ class CompiledProgram:
             (np.array(values).ravel(), self.P_indices, self.P_indptr), shape=(n, n)
         )
         P.sort_indices()
+        pairs = np.array(list(self.products), np.int64).reshape(-1, 2)
+        integer = [np.full(v.lower.size, v.integer) for v in blocks.variables]
         return Instance(
             name=self.name,
             P=P,
             q=np.array(q).ravel(),
             constant=float(constant),
-            lower=_stack([v.lower for v in self.variables]),
-            upper=_stack([v.upper for v in self.variables]),
+            lower=_stack([v.lower for v in blocks.variables]),
+            upper=_stack([v.upper for v in blocks.variables]),
             A=A,
-            row_lower=_stack([b.lower for b in self.row_blocks]) - constants,
-            row_upper=_stack([b.upper for b in self.row_blocks]) - constants,
+            row_lower=_stack([b.lower for b in blocks.rows]) - constants,
+            row_upper=_stack([b.upper for b in blocks.rows]) - constants,
             balls=tuple(balls),
             choices=tuple(choices),
+            integer=np.concatenate([np.zeros(0, bool), *integer]),
+            products=Products(pairs[:, 0], pairs[:, 1]),
+            Q=self.rows.products_at(theta, self.products),
+            implications=self._implications(theta),
+        )
+
+    def _implications(self, theta: Array) -> Implications:
+        A, constants = self.implications.affine.at(theta)
+        blocks = self.blocks.implications
+        value = [np.full(len(b.expression), b.value) for b in blocks]
+        return Implications(
+            A=A,
+            Q=self.implications.products_at(theta, self.products),
+            lower=_stack([b.lower for b in blocks]) - constants,
+            upper=_stack([b.upper for b in blocks]) - constants,
+            binary=self.binaries,
+            value=np.concatenate([np.zeros(0, bool), *value]),
         )
 
 
@@ -91,35 +102,27 @@ def _stack(parts: Sequence[Array]) -> Array:
 
 
 def compile_program(
-    name: str,
-    variables: Sequence[Variable],
-    row_blocks: Sequence[RowBlock],
-    ball_blocks: Sequence[BallBlock],
-    choice_blocks: Sequence[ChoiceBlock],
-    cost: Any,
-    x_symbols: Any,
-    theta_symbols: Any,
+    name: str, blocks: Blocks, cost: Any, x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
 ) -> CompiledProgram:
-    """Extract coefficients; ValueError if a block is not affine or the cost not quadratic."""
+    """Extract coefficients.
+
+    Raises ValueError if rows or implications are more than bilinear, balls or choices not affine,
+    the cost not quadratic, or an implication does not hang on a single stated binary.
+    """
     x, theta = ca.vertcat(*x_symbols), ca.vertcat(*theta_symbols)
     zero = ca.DM.zeros(x.shape)
 
-    def affine(block: str, expression: Any) -> Affine:
-        stacked = ca.vertcat(*expression) if expression else ca.SX(0, 1)
-        transposed = ca.jacobian(stacked, x).T  # its columns are our rows
-        coefficients: Any = transposed.nonzeros()
-        values = ca.vertcat(*coefficients)
-        if ca.depends_on(values, x):
-            raise ValueError(f"{name}: {block} is not affine in the variables")
-        constants = ca.substitute(stacked, x, zero)
-        pattern = transposed.sparsity()
-        return Affine(
-            ca.Function("affine", [theta], [values, constants]),
-            np.array(pattern.colind(), np.int32),
-            np.array(pattern.row(), np.int32),
-            len(expression),
-            len(x_symbols),
-        )
+    def bilinear(label: str, expression: Sequence[Any]) -> Bilinear:
+        return bilinear_coefficients(f"{name}: {label}", expression, x_symbols, theta_symbols)
+
+    def affine(label: str, expression: Sequence[Any]) -> Affine:
+        return affine_coefficients(f"{name}: {label}", expression, x_symbols, theta_symbols)
+
+    rows = bilinear("a row block", [e for b in blocks.rows for e in b.expression])
+    implied = bilinear("an implication", [e for b in blocks.implications for e in b.expression])
+    products: dict[tuple[int, int], int] = {}
+    for pair in (*rows.product_pair, *implied.product_pair):
+        products.setdefault(pair, len(products))
 
     hessian, gradient = ca.hessian(cost, x)
     entries: Any = hessian.nonzeros()
@@ -128,15 +131,32 @@ def compile_program(
         raise ValueError(f"{name}: the cost is not quadratic in the variables")
     offsets = [ca.substitute(gradient, x, zero), ca.substitute(cost, x, zero)]
     return CompiledProgram(
-        name,
-        variables,
-        row_blocks,
-        ball_blocks,
-        choice_blocks,
-        rows=affine("a linear block", [e for block in row_blocks for e in block.expression]),
-        balls=tuple(affine(b.name, b.expression) for b in ball_blocks),
-        choices=tuple(affine(b.name, b.expression) for b in choice_blocks),
+        name=name,
+        blocks=blocks,
+        rows=rows,
+        implications=implied,
+        binaries=_binaries(name, blocks, x_symbols, theta_symbols),
+        balls=tuple(affine(b.name, b.expression) for b in blocks.balls),
+        choices=tuple(affine(b.name, b.expression) for b in blocks.choices),
+        products=products,
         cost=ca.Function("cost", [theta], [nonzeros, *offsets]),
         P_indptr=np.array(hessian.sparsity().colind(), np.int32),
         P_indices=np.array(hessian.sparsity().row(), np.int32),
     )
+
+
+def _binaries(
+    name: str, blocks: Blocks, x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
+) -> NDArray[np.int64]:
+    """Index of the binary that each implication row hangs on."""
+    stated = [e for b in blocks.implications for e in b.binary]
+    if not stated:
+        return np.zeros(0, np.int64)
+    matrix, _ = affine_coefficients(f"{name}: a condition", stated, x_symbols, theta_symbols).at(
+        np.zeros(len(theta_symbols))
+    )
+    integer = np.concatenate([np.full(v.lower.size, v.integer) for v in blocks.variables])
+    single = (np.diff(matrix.indptr) == 1).all() and (matrix.data == 1).all()
+    if not single or not integer[matrix.indices].all():
+        raise ValueError(f"{name}: an implication must hang on one stated binary")
+    return np.asarray(matrix.indices, np.int64)

@@ -10,6 +10,8 @@ from scipy import sparse
 
 from climbplan.program.polytope import Array, Polytope
 
+Index = NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class Balls:
@@ -53,8 +55,58 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Products:
+    """K bilinear terms w_k = x[first_k] x[second_k], squares among them."""
+
+    first: Index  # (K,) first <= second
+    second: Index  # (K,)
+
+    @property
+    def count(self) -> int:
+        """K."""
+        return len(self.first)
+
+    def values(self, x: Array) -> Array:
+        """w (K,) at x."""
+        return np.asarray(x[self.first] * x[self.second])
+
+
+@dataclass(frozen=True)
+class Implications:
+    """Rows that hold only where a binary has a value.
+
+    x[binary_i] = value_i implies lower_i <= A_i x + Q_i w <= upper_i.
+    """
+
+    A: sparse.csr_matrix  # (m, n)
+    Q: sparse.csr_matrix  # (m, K)
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    binary: Index  # (m,) index of the binary in x
+    value: NDArray[np.bool_]  # (m,)
+
+    @property
+    def count(self) -> int:
+        """m."""
+        return len(self.lower)
+
+    def active(self, x: Array) -> NDArray[np.bool_]:
+        """Which rows must hold at x, binaries rounded."""
+        return np.asarray((x[self.binary] > 0.5) == self.value)
+
+    def violations(self, x: Array, w: Array) -> Array:
+        """By how much each row fails, (m,), zero where it need not hold."""
+        row = self.A @ x + self.Q @ w
+        outside = np.maximum(np.maximum(self.lower - row, row - self.upper), 0.0)
+        return np.where(self.active(x), outside, 0.0)
+
+
+@dataclass(frozen=True)
 class Instance:
-    """minimise 1/2 x'Px + q'x + constant over bounds, rows, balls and choices."""
+    """minimise 1/2 x'Px + q'x + constant over bounds, rows, balls, choices and implications.
+
+    Rows and implications may hold products w of two variables; `integer` variables are binaries.
+    """
 
     name: str
     P: sparse.csc_matrix  # (n, n) symmetric positive semidefinite
@@ -62,11 +114,27 @@ class Instance:
     constant: float
     lower: Array  # (n,)
     upper: Array  # (n,)
-    A: sparse.csr_matrix  # (m, n) row_lower <= A x <= row_upper
+    A: sparse.csr_matrix  # (m, n) row_lower <= A x + Q w <= row_upper
     row_lower: Array  # (m,)
     row_upper: Array  # (m,)
     balls: tuple[Balls, ...]
     choices: tuple[Choice, ...]
+    integer: NDArray[np.bool_]  # (n,)
+    products: Products
+    Q: sparse.csr_matrix  # (m, K)
+    implications: Implications
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What a solver must be able to hold beside a convex quadratic program over rows."""
+        present = {
+            "balls": any(b.count for b in self.balls),
+            "choices": bool(self.choices),
+            "integers": bool(self.integer.any()),
+            "implications": bool(self.implications.count),
+            "products": bool(self.products.count),
+        }
+        return frozenset(name for name, there in present.items() if there)
 
     @property
     def size(self) -> int:
@@ -75,8 +143,8 @@ class Instance:
 
     @property
     def binary_count(self) -> int:
-        """One binary for each alternative of each choice."""
-        return sum(len(c.alternatives) for c in self.choices)
+        """Stated binaries and one for each alternative of each choice."""
+        return int(self.integer.sum()) + sum(len(c.alternatives) for c in self.choices)
 
     def objective(self, x: Array) -> float:
         """Exact objective at x."""
@@ -90,10 +158,13 @@ class Instance:
         """Largest violation of any constraint at x (0 if feasible)."""
         chosen = self.assignment(x) if assignment is None else assignment
         worst = [0.0, float((self.lower - x).max()), float((x - self.upper).max())]
+        w = self.products.values(x)
         if self.A.shape[0]:
-            row = self.A @ x
+            row = self.A @ x + self.Q @ w
             worst += [float((self.row_lower - row).max()), float((row - self.row_upper).max())]
         worst += [float(balls.excess(x).max()) for balls in self.balls if balls.count]
+        worst.append(float(np.abs(x - np.round(x))[self.integer].max(initial=0.0)))
+        worst.append(float(self.implications.violations(x, w).max(initial=0.0)))
         worst += [
             c.alternatives[k].violation(c.point(x))
             for c, k in zip(self.choices, chosen, strict=True)

@@ -16,7 +16,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from climbplan.program.blocks import BallBlock, ChoiceBlock, RowBlock, Variable
+from climbplan.program.blocks import (
+    BallBlock,
+    Blocks,
+    ChoiceBlock,
+    ImplicationBlock,
+    RowBlock,
+    Variable,
+)
 from climbplan.program.compilation import CompiledProgram, compile_program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array, Polytope
@@ -37,6 +44,7 @@ class Program:
     _rows: list[RowBlock] = field(default_factory=list, repr=False)
     _balls: list[BallBlock] = field(default_factory=list, repr=False)
     _choices: list[ChoiceBlock] = field(default_factory=list, repr=False)
+    _implications: list[ImplicationBlock] = field(default_factory=list, repr=False)
     _costs: dict[str, Any] = field(default_factory=dict, repr=False)
     _compiled: CompiledProgram | None = field(default=None, repr=False)
 
@@ -57,6 +65,13 @@ class Program:
         self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
         return self._symbols(name, shape, self._x)
 
+    def binary(self, name: str, shape: tuple[int, ...]) -> Expression:
+        """A block of variables that are 0 or 1, as an array of scalars."""
+        self._fresh(name, self.variables)
+        low, high = np.zeros(shape), np.ones(shape)
+        self.variables[name] = Variable(name, shape, len(self._x), low, high, "", integer=True)
+        return self._symbols(name, shape, self._x)
+
     def parameter(self, name: str, shape: tuple[int, ...]) -> Expression:
         """A block of parameters theta, as an array of scalars."""
         self._fresh(name, self.parameters)
@@ -68,7 +83,10 @@ class Program:
     def between(
         self, name: str, expression: Expression, lower: ArrayLike, upper: ArrayLike, unit: str = ""
     ) -> None:
-        """lower <= expression <= upper, elementwise; the bounds are numbers."""
+        """lower <= expression <= upper, elementwise; the bounds are numbers.
+
+        Expressions are affine in the variables or hold products of two of them.
+        """
         shape = np.shape(expression)
         low = np.broadcast_to(np.asarray(lower, float), shape).ravel()
         high = np.broadcast_to(np.asarray(upper, float), shape).ravel()
@@ -78,6 +96,40 @@ class Program:
     def equal(self, name: str, expression: Expression, unit: str = "") -> None:
         """expression == 0, elementwise."""
         self.between(name, expression, 0.0, 0.0, unit)
+
+    def exactly_one(self, name: str, binaries: Expression) -> None:
+        """One of the binaries along the last axis is 1."""
+        self.between(name, np.sum(binaries, axis=-1), 1.0, 1.0)
+
+    def when(
+        self,
+        name: str,
+        binary: Any,
+        expression: Expression,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        unit: str = "",
+        value: bool = True,
+    ) -> None:
+        """binary == value implies lower <= expression <= upper, elementwise.
+
+        binary: one stated binary, or one for each entry (broadcast against the expression).
+        """
+        entries = np.asarray(expression, dtype=object)
+        shape = entries.shape
+        condition = np.broadcast_to(np.asarray(binary, dtype=object), shape)
+        block = ImplicationBlock(
+            name,
+            shape,
+            list(entries.ravel()),
+            np.broadcast_to(np.asarray(lower, float), shape).ravel(),
+            np.broadcast_to(np.asarray(upper, float), shape).ravel(),
+            list(condition.ravel()),
+            value,
+            unit,
+        )
+        self._implications.append(block)
+        self._compiled = None
 
     def ball(self, name: str, vectors: Expression, radius: ArrayLike, unit: str = "") -> None:
         """|| vectors[k] ||_2 <= radius[k] along the last axis: a second-order cone each."""
@@ -119,18 +171,7 @@ class Program:
 
     def at(self, theta: Mapping[str, ArrayLike] | None = None) -> Instance:
         """The instance at parameter values; rebuilds nothing but numbers after the first call."""
-        if self._compiled is None:
-            self._compiled = compile_program(
-                self.name,
-                tuple(self.variables.values()),
-                tuple(self._rows),
-                tuple(self._balls),
-                tuple(self._choices),
-                sum(self._costs.values(), ca.SX(0)),
-                self._x,
-                self._theta,
-            )
-        return self._compiled.instance(self.theta(theta))
+        return self._compile().instance(self.theta(theta))
 
     def theta(self, values: Mapping[str, ArrayLike] | None = None) -> Array:
         """Parameter values as one vector; raises ValueError for missing, unknown or misshapen."""
@@ -164,13 +205,17 @@ class Program:
         binaries = {b.name: sum(map(len, b.alternatives)) for b in self._choices}
         rows = {b.name: len(b.expression) for b in self._rows}
         balls = {b.name: len(b.radius) for b in self._balls}
+        implied = {b.name: len(b.expression) for b in self._implications}
+        stated = sum(v.lower.size for v in self.variables.values() if v.integer)
         return {
-            "continuous": len(self._x),
-            "binary": sum(binaries.values()),
+            "continuous": len(self._x) - stated,
+            "binary": stated + sum(binaries.values()),
             "linear_rows": sum(rows.values()),
             "balls": sum(balls.values()),
             "choices": sum(len(b.alternatives) for b in self._choices),
-            "by_block": {**rows, **balls, **binaries},
+            "implications": sum(implied.values()),
+            "products": self._compile().product_count,
+            "by_block": {**rows, **balls, **implied, **binaries},
         }
 
     def check(
@@ -189,7 +234,11 @@ class Program:
         for v in self.variables.values():
             values = x[v.start : v.stop].reshape(v.shape)
             out.append(_worst(f"bounds.{v.name}", _outside(values, v.lower, v.upper), v.unit))
-        row = instance.A @ x
+            if v.integer:
+                fraction = np.abs(values - np.round(values))
+                out.append(_worst(f"integrality.{v.name}", fraction, v.unit))
+        w = instance.products.values(x)
+        row = instance.A @ x + instance.Q @ w
         start = 0
         for rows in self._rows:
             here = slice(start, start + len(rows.expression))
@@ -201,6 +250,12 @@ class Program:
         for block, balls in zip(self._balls, instance.balls, strict=True):
             excess = np.maximum(balls.excess(x), 0.0).reshape(block.shape)
             out.append(_worst(block.name, excess, block.unit))
+        failed = instance.implications.violations(x, w)
+        start = 0
+        for implied in self._implications:
+            here = slice(start, start + len(implied.expression))
+            start = here.stop
+            out.append(_worst(implied.name, failed[here].reshape(implied.shape), implied.unit))
         chosen = instance.assignment(x) if assignment is None else assignment
         start = 0
         for group in self._choices:
@@ -216,6 +271,19 @@ class Program:
         return CheckReport(tuple(out), instance.objective(x))
 
     # ---- internals
+
+    def _compile(self) -> CompiledProgram:
+        if self._compiled is None:
+            blocks = Blocks(
+                tuple(self.variables.values()),
+                tuple(self._rows),
+                tuple(self._balls),
+                tuple(self._choices),
+                tuple(self._implications),
+            )
+            cost = sum(self._costs.values(), ca.SX(0))
+            self._compiled = compile_program(self.name, blocks, cost, self._x, self._theta)
+        return self._compiled
 
     def _fresh(self, name: str, taken: Mapping[str, Any]) -> None:
         if name in taken:

@@ -87,9 +87,19 @@ def test_mistakes_in_statements_are_refused() -> None:
     x = p.continuous("x", (2,))
     with pytest.raises(ValueError, match="stated twice"):
         p.continuous("x", (2,))
-    p.between("product", np.array([x[0] * x[1]], dtype=object), 0, 1)
+    p.ball("product", np.array([x[0] * x[1], x[0]], dtype=object), 1.0)
     with pytest.raises(ValueError, match="not affine"):
         p.at()
+    triple = Program("triple")
+    t = triple.continuous("t", (3,))
+    triple.between("product", np.array([t[0] * t[1] * t[2]], dtype=object), 0, 1)
+    with pytest.raises(ValueError, match="not affine or bilinear"):
+        triple.at()
+    loose = Program("loose")
+    u = loose.continuous("u", (1,))
+    loose.when("if", u[0], u, upper=1.0)
+    with pytest.raises(ValueError, match="one stated binary"):
+        loose.at()
     q = Program("cubic")
     y = q.continuous("y", (1,))
     q.minimise("cube", y[0] ** 3)
@@ -99,3 +109,60 @@ def test_mistakes_in_statements_are_refused() -> None:
         small().at({"gaol": [0, 0]})
     with pytest.raises(ValueError, match="shape"):
         small().at({"goal": [0, 0, 0]})
+
+
+def bilinear() -> Program:
+    """x0 x1 + theta x1^2 = 1 with two states; a state says where x0 lies."""
+    p = Program("bilinear")
+    theta = p.parameter("theta", (1,))
+    x = p.continuous("x", (2,), -2.0, 2.0, unit="m")
+    state = p.binary("state", (2,))
+    p.exactly_one("one_state", state[None])
+    p.equal("area", np.array([x[0] * x[1] + theta[0] * x[1] ** 2 - 1 + 3 * x[0]], dtype=object))
+    p.when("left", state[0], x[:1], upper=-0.5, unit="m")
+    p.when("right", state[1], np.array([x[0] - x[0] * x[1]], dtype=object), lower=0.25, unit="m")
+    p.when("not_left", state[0], x[1:], lower=0.0, unit="m", value=False)
+    p.minimise("size", np.sum(x**2))
+    return p
+
+
+def test_products_are_found_and_shared() -> None:
+    p = bilinear()
+    counts = p.counts()
+    assert counts["products"] == 2  # x0 x1 in the row and in the implication, x1^2
+    assert counts["binary"] == 2
+    assert counts["continuous"] == 2
+    assert counts["implications"] == 3
+    instance = p.at({"theta": [0.5]})
+    assert instance.features == {"integers", "implications", "products"}
+    x = p.point({"x": [0.7, -1.2], "state": [0, 1]})
+    row = instance.A @ x + instance.Q @ instance.products.values(x)
+    assert row[0] == instance.row_lower[0] == 1.0  # the sum of the states
+    expected = 0.7 * -1.2 + 0.5 * 1.44 - 1 + 2.1
+    np.testing.assert_allclose(row[1] - instance.row_lower[1], expected)
+    other = p.at({"theta": [2.0]})
+    assert (other.A != instance.A).nnz == 0
+    assert (other.Q != instance.Q).nnz == 1
+
+
+def test_implications_hold_only_for_their_value() -> None:
+    p = bilinear()
+    theta = {"theta": [0.5]}
+
+    def residuals(x: list[float], state: list[float]) -> dict[str, float]:
+        report = p.check(p.point({"x": x, "state": state}), theta)
+        return {b.name: b.residual for b in report.blocks}
+
+    right = residuals([0.1, 0.5], [0, 1])
+    assert right["left"] == 0
+    assert right["right"] == pytest.approx(0.25 - (0.1 - 0.05))
+    assert right["not_left"] == 0
+    left = residuals([0.1, -0.5], [1, 0])
+    assert left["left"] == pytest.approx(0.6)
+    assert left["right"] == 0
+    assert left["not_left"] == 0
+    assert residuals([0.1, -0.5], [0, 1])["not_left"] == pytest.approx(0.5)
+    half = residuals([0.1, -0.5], [0.4, 0.6])
+    assert half["integrality.state"] == pytest.approx(0.4)
+    x = p.point({"x": [0.1, -0.5], "state": [0.4, 0.6]})
+    assert p.at(theta).violation(x) == pytest.approx(max(half.values()))

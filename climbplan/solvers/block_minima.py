@@ -18,7 +18,7 @@ import numpy as np
 from climbplan.program.polytope import Array
 from climbplan.solvers.branching import best_split, violations
 from climbplan.solvers.components import SAME
-from climbplan.solvers.dual_gains import plain_rates
+from climbplan.solvers.dual_gains import row_rates
 from climbplan.solvers.normal_form import Flags, NormalForm
 from climbplan.solvers.relaxation import Point
 from climbplan.solvers.result import Indices
@@ -58,7 +58,9 @@ class Block:
         self.size = len(columns)
         self.choices = np.flatnonzero(_parts_of_choices(form) == part)
         self._identity = np.eye(self.size)
-        self._rates = plain_rates(form.rows[form.choice_rows])
+        rows = form.rows[form.choice_rows]
+        none = np.zeros((0, form.size))
+        self._rates = row_rates(rows, none, none[:, 0], none[:, 0] > 0, np.zeros(form.size), form.cost)
 
     def price(self, point: Point) -> Array:
         """h_b of a relaxation's multipliers."""
@@ -179,5 +181,6 @@ def _parts_of_choices(form: NormalForm) -> Indices:
 
 
 def blocks(form: NormalForm, pool: RowPool) -> list[Block]:
-    """The parts with choices; none if all choices are in one part that nothing couples to."""
-    return [Block(form, pool, p) for p in np.unique(_parts_of_choices(form)) if p >= 0]
+    """The parts with choices, without those fixed by equations or with flat coordinates."""
+    with_choices = set(_parts_of_choices(form)) & set(form.cost.part)
+    return [Block(form, pool, int(p)) for p in sorted(with_choices - set(form.cost.part[form.cost.flat]))]

@@ -25,6 +25,18 @@ class Box:
     lower: Array  # (n,)
     upper: Array  # (n,)
 
+    @property
+    def half(self) -> Array:
+        """Half the width, infinite where the box is open (n,)."""
+        return 0.5 * (self.upper - self.lower)
+
+    @property
+    def middle(self) -> Array:
+        """The centre, 0 where the box is open (n,)."""
+        closed = np.isfinite(self.lower) & np.isfinite(self.upper)
+        low, high = np.where(closed, self.lower, 0.0), np.where(closed, self.upper, 0.0)
+        return 0.5 * (low + high)
+
     def interval(self, rows: sparse.csr_matrix, offset: Array) -> tuple[Array, Array]:
         """Range of rows x + offset over the box."""
         positive, negative = rows.maximum(0), rows.minimum(0)

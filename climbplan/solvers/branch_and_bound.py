@@ -14,6 +14,7 @@ import time
 import numpy as np
 
 from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
 from climbplan.solvers.normal_form import normal_form
 from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judged
 from climbplan.solvers.tree_search import TreeSearch
@@ -46,6 +47,8 @@ def solve_branch_and_bound(
             log=(f"infeasible: {form.contradiction}",),
         )
         return judged(instance, answer, gap, tolerance)
+    if form.size == 0:
+        return _only_point(instance, form.cost.center, gap, tolerance, begin)
     search = TreeSearch(instance, form, gap, begin + time_limit, tolerance)
     search.run()
     found = search.incumbent
@@ -58,5 +61,22 @@ def solve_branch_and_bound(
         time=time.perf_counter() - begin,
         solver=NAME,
         log=tuple(search.log),
+    )
+    return judged(instance, answer, gap, tolerance)
+
+
+def _only_point(
+    instance: Instance, x: Array, gap: float, tolerance: float, begin: float
+) -> SolverResult:
+    """The result if equations leave one point."""
+    feasible = instance.violation(x) <= tolerance
+    answer = Answer(
+        x=x if feasible else None,
+        bound=instance.objective(x) if feasible else np.inf,
+        infeasible=not feasible,
+        nodes=0,
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=("equations leave one point",),
     )
     return judged(instance, answer, gap, tolerance)

@@ -4,8 +4,9 @@ x = center + X z, part by part: the equations of a part are eliminated by an ort
 their null space, and with the Cholesky factor N'PN = L L' the cost becomes 1/2 |z|^2 + constant
 for z = L'w + L^-1 g.
 
-Directions without cost get a tiny curvature about the middle of the variables' box. It adds at most
-`loss` to the cost of a feasible point; the search subtracts that from every bound.
+Directions without curvature keep coordinates of their own, `flat`, in which the cost is slope z.
+They are scaled so that a proximal term 1/2 |z - c|^2 is small against the cost, and confined to
+|z| <= extent by the box around the feasible set, which makes the dual function finite.
 """
 
 from __future__ import annotations
@@ -23,63 +24,71 @@ from climbplan.solvers.components import Components, Equations
 from climbplan.solvers.result import FEASIBILITY, Indices
 
 _FLAT = 1e-9  # eigenvalues below this share of the largest count as zero
-_CURVATURE = 1e-6  # added to flat directions, relative to the largest curvature of the cost
+_PROXIMAL = 1e-4  # curvature of the proximal term, relative to the largest of the cost
 _RANK = 1e-9
 
 
 @dataclass(frozen=True)
 class ScaledCost:
-    """x = center + X z, cost 1/2 |z|^2 + constant."""
+    """x = center + X z, cost 1/2 |z_i|^2 + slope_j z_j + constant over curved i and flat j."""
 
     X: Array  # (n, k)
     center: Array  # (n,)
     constant: float
-    loss: float  # infinite if a direction without cost is not bounded
-    part: Indices  # (k,) part of each coordinate
+    part: Indices  # (k,) part of each coordinate, ascending
+    flat: Indices  # coordinates without curvature
+    slope: Array  # (k,) zero where the cost is curved
+    extent: Array  # (k,) |z| <= extent for flat coordinates, zero elsewhere
     consistent: bool  # whether the equations have a solution
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One part's share of the map."""
+    """One part's share."""
 
     X: Array
     center: Array
     constant: float
-    loss: float
+    slope: Array
+    extent: Array
 
 
 def scaled_cost(
     instance: Instance, parts: Components, equal: Equations, box: Callable[[], Box]
 ) -> ScaledCost:
     """Eliminate equations and scale the cost; `box` is asked only if the cost is flat somewhere."""
-    n = instance.size
     P, E = instance.P.toarray(), equal.E.toarray()
     top = float(np.abs(P).max(initial=0.0)) or 1.0
     equation_part = parts.of_rows(equal.E)
-    center, constant, loss = np.zeros(n), instance.constant, 0.0
-    columns: list[Array] = []
-    labels: list[int] = []
     order = np.argsort(parts.variable, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(parts.variable, minlength=parts.count))[:-1])
     # Equations without variables only have to be true.
-    empty = np.asarray(abs(equal.E).sum(axis=1)).ravel() == 0
-    consistent = not (np.abs(equal.e[empty]) > FEASIBILITY).any()
+    consistent = not (np.abs(equal.e[~E.any(axis=1)]) > FEASIBILITY).any()
+    built: list[_Part] = []
     for label, index in enumerate(members):
-        here = np.flatnonzero((equation_part == label) & ~empty)
+        here = np.flatnonzero(equation_part == label)
         start, basis = _null_space(E[np.ix_(here, index)], equal.e[here])
         if start is None:
-            return ScaledCost(np.zeros((n, 0)), center, constant, 0.0, np.zeros(0, int), False)
-        part = _scaled(P[np.ix_(index, index)], instance.q[index], start, basis, index, top, box)
+            consistent, start = False, np.zeros(len(index))
+        built.append(
+            _scaled(P[np.ix_(index, index)], instance.q[index], start, basis, index, top, box)
+        )
+    sizes = [part.X.shape[1] for part in built]
+    X, center = np.zeros((instance.size, sum(sizes))), np.zeros(instance.size)
+    for index, part, end in zip(members, built, np.cumsum(sizes), strict=True):
+        X[index, end - part.X.shape[1] : end] = part.X
         center[index] = part.center
-        constant += part.constant
-        loss += part.loss
-        block = np.zeros((n, part.X.shape[1]))
-        block[index] = part.X
-        columns.append(block)
-        labels += [label] * part.X.shape[1]
-    X = np.hstack(columns) if columns else np.zeros((n, 0))
-    return ScaledCost(X, center, constant, loss, np.array(labels, np.int64), consistent)
+    extent = np.concatenate([np.zeros(0), *(part.extent for part in built)])
+    return ScaledCost(
+        X=X,
+        center=center,
+        constant=instance.constant + sum(part.constant for part in built),
+        part=np.repeat(np.arange(len(built)), sizes),
+        flat=np.flatnonzero(extent),
+        slope=np.concatenate([np.zeros(0), *(part.slope for part in built)]),
+        extent=extent,
+        consistent=consistent,
+    )
 
 
 def _null_space(E: Array, e: Array) -> tuple[Array | None, Array]:
@@ -108,27 +117,32 @@ def _scaled(
     """x = start + basis w of one part in scaled coordinates."""
     H, g = basis.T @ P @ basis, basis.T @ (P @ start + q)
     constant = float(0.5 * start @ P @ start + q @ start)
-    loss = 0.0
-    eigenvalues, vectors = np.linalg.eigh(H)
-    flat = vectors[:, eigenvalues <= _FLAT * top]  # (k, f)
-    if flat.size:
-        limits = box()
-        with np.errstate(invalid="ignore"):
-            middle = 0.5 * (limits.lower + limits.upper)[index]
-            half = 0.5 * (limits.upper - limits.lower)[index]
-        middle = np.where(np.isfinite(half), middle, 0.0)
-        half = np.where(np.isfinite(half), half, np.inf)
-        along = flat.T @ basis.T  # (f, variables)
-        with np.errstate(invalid="ignore"):
-            reach = np.nan_to_num(np.abs(along) * half, nan=0.0, posinf=np.inf).sum(axis=1)
-        slope = np.abs(flat.T @ g)
-        curvature = _CURVATURE * np.maximum(top, slope / np.maximum(reach, 1e-6))
-        shift = along @ (middle - start)
-        H = H + (flat * curvature) @ flat.T
-        g = g - flat @ (curvature * shift)
-        constant += float(0.5 * curvature @ shift**2)
-        loss = float(0.5 * curvature @ reach**2)
-    L = np.linalg.cholesky(H)
-    shift = la.solve_triangular(L, g, lower=True)
-    X = la.solve_triangular(L, basis.T, lower=True).T
-    return _Part(X, start - X @ shift, constant - float(0.5 * shift @ shift), loss)
+    curvature, vectors = np.linalg.eigh(H)
+    curved = curvature > _FLAT * top
+    if curved.all():
+        L = np.linalg.cholesky(H)
+        shift = la.solve_triangular(L, g, lower=True)
+        X = la.solve_triangular(L, basis.T, lower=True).T
+        none = np.zeros(len(H))
+        return _Part(X, start - X @ shift, constant - float(0.5 * shift @ shift), none, none)
+
+    steep = vectors[:, curved] / np.sqrt(curvature[curved])  # (k, curved)
+    shift = steep.T @ g
+    flat = vectors[:, ~curved]
+    along = flat.T @ basis.T  # (flat, variables)
+    limits = box()
+    middle, half = limits.middle[index], limits.half[index]
+    with np.errstate(invalid="ignore"):
+        reach = np.nan_to_num(np.abs(along) * half, nan=0.0, posinf=np.inf).sum(axis=1)
+    # Flat coordinates start from the middle of the box.
+    origin = along @ (middle - start)
+    slope = flat.T @ g
+    unit = 1.0 / np.sqrt(_PROXIMAL * np.maximum(top, np.abs(slope) / np.maximum(reach, 1e-6)))
+    X = basis @ np.hstack([steep, flat * unit])
+    return _Part(
+        X,
+        start - basis @ (steep @ shift) + basis @ (flat @ origin),
+        constant - float(0.5 * shift @ shift) + float(slope @ origin),
+        np.concatenate([np.zeros(len(shift)), slope * unit]),
+        np.concatenate([np.zeros(len(shift)), np.maximum(reach / unit, 1e-12)]),
+    )

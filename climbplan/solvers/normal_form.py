@@ -52,7 +52,7 @@ class ChoiceGroup:
 
 @dataclass(frozen=True)
 class NormalForm:
-    """minimise 1/2 |z|^2 + constant over rows, balls and choices in z."""
+    """minimise the scaled cost over rows, balls and choices in z."""
 
     cost: ScaledCost
     rows: Array  # (m, k) bounds and rows of the instance, then the directions of the choices
@@ -77,10 +77,6 @@ class NormalForm:
     def x(self, z: Array) -> Array:
         """The instance's variables at z."""
         return np.asarray(self.cost.center + self.cost.X @ z)
-
-    def value(self, z: Array) -> float:
-        """Cost at z, added curvature included."""
-        return float(0.5 * z @ z) + self.cost.constant
 
     def choice_bounds(self, allowed: Flags) -> tuple[Array, Array]:
         """Bounds of all choice rows for sets of allowed alternatives (C, R)."""
@@ -231,7 +227,7 @@ def _balls(
 ) -> BallForm:
     """All balls in z, those of lower dimension padded with zero rows."""
     k = cost.X.shape[1]
-    d = max((b.f.shape[1] for b in instance.balls), default=0)
+    d = max((b.f.shape[1] for b in instance.balls), default=1)
     F, f, part = [np.zeros((0, d, k))], [np.zeros((0, d))], [np.zeros(0, np.int64)]
     for balls in instance.balls:
         own = balls.f.shape[1]
@@ -248,7 +244,8 @@ def _balls(
             high = np.where(touched, first, -2).max(axis=1)
             part.append(np.where((low == high), low, -1))
     radius = np.concatenate([np.zeros(0), *(b.radius for b in instance.balls)])
-    rows, offsets = np.concatenate(F).reshape(-1, k), np.concatenate(f)
+    offsets = np.concatenate(f)
+    rows = np.concatenate(F).reshape(offsets.size, k)
     if relief is None:
         return BallForm(rows, offsets, radius, None, np.concatenate(part))
     return BallForm(

@@ -1,8 +1,9 @@
 """Node relaxations: a QP over rows, with balls as tangent half-spaces, re-solved by DAQP.
 
 min 1/2 |z|^2 over the rows of the pool, the choice rows with the node's own bounds. Only rows near
-the last solution are passed; what they leave violated is added until nothing is. Every bound is a
-value of the dual function, computed here from the multipliers, so it holds however well DAQP did.
+the last solution are passed; what they leave violated is added until nothing is. In coordinates
+without curvature a proximal term is moved along until it has no effect. Every bound is a value of
+the dual function, computed here from the multipliers, so it holds however well DAQP did.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ _OPTIMAL = (1, 2, 4)  # DAQP's flags for a solution
 _NONE = -1  # DAQP's flag for infeasible
 _AT_UPPER, _AT_LOWER, _SOFT = 1, 3, 8  # DAQP's senses
 _SOFTNESS = (1e-6, 1e-9)  # tried in turn to prove infeasibility
+_SETTLED, _MOVES = 1e-9, 20  # of the proximal term
 _CERTAIN = 1e3  # a dual value this far above the cost proves infeasibility
 
 
@@ -63,7 +65,7 @@ class Relaxation:
         self.pool = RowPool(form)
         self.solves = 0
         self._identity = np.eye(form.size)
-        self._zero = np.zeros(form.size)
+        self._no_point = np.zeros(form.size)
         self._model = daqp.Model()
         self._model.settings = {"primal_tol": _TOLERANCE, "eq_reduction": -1}
 
@@ -97,10 +99,13 @@ class Relaxation:
         sense = np.zeros(pool.count, np.int32)
         sense[start.active] = np.where(start.multiplier > 0, _AT_UPPER, _AT_LOWER)
         rows = self._near(lower, upper, start)
+        flat, moves = self.form.cost.flat, 0
+        linear = self.form.cost.slope.copy()
+        linear[flat] -= start.z[flat]
         cold = False
         while True:
             low, high = lower[rows], upper[rows]
-            z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows])
+            z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows], linear)
             if flag not in _OPTIMAL:
                 if flag == _NONE:
                     closed = self._infeasible(rows, lower, upper, cutoff)
@@ -120,8 +125,12 @@ class Relaxation:
             violation = np.maximum(value - upper, lower - value)
             violation[rows] = 0.0
             new = np.flatnonzero(violation > _TOLERANCE)
-            if not len(new):
+            moved = z[flat] + linear[flat] - self.form.cost.slope[flat]
+            settled = np.abs(moved).max(initial=0.0) <= _SETTLED or moves == _MOVES
+            if not len(new) and settled:
                 return replace(point, solved=True)
+            linear[flat] -= moved
+            moves += not len(new)
             sense[:] = 0
             sense[active] = np.where(point.multiplier > 0, _AT_UPPER, _AT_LOWER)
             rows = np.union1d(rows, new)
@@ -139,10 +148,19 @@ class Relaxation:
         return np.sort(np.argpartition(slack, wanted)[:wanted])
 
     def dual_value(self, active: Indices, multiplier: Array, lower: Array, upper: Array) -> float:
-        """-1/2 |M'l|^2 - l'b + constant: a lower bound for any multipliers of the right sign."""
+        """-1/2 |M'l|^2 - l'b + constant: a lower bound for any multipliers of the right sign.
+
+        In flat coordinates the Lagrangian is linear and takes its least value at their extent.
+        """
+        cost = self.form.cost
         at = np.where(multiplier > 0, upper[active], lower[active])
-        pull = multiplier @ self.pool.M[active]
-        return float(-0.5 * pull @ pull - multiplier @ at) + self.form.cost.constant
+        pull = multiplier @ self.pool.M[active] + cost.slope
+        drop = 0.0
+        if len(cost.flat):
+            tilt = np.abs(pull[cost.flat])
+            drop = float(cost.extent[cost.flat][tilt > 0] @ tilt[tilt > 0])
+            pull[cost.flat] = 0.0
+        return float(-0.5 * pull @ pull - multiplier @ at) + cost.constant - drop
 
     def cut_balls(self, z: Array, tolerance: float) -> CutRound:
         """Add the tangent half-space at z of every ball violated by more than the tolerance."""
@@ -162,15 +180,15 @@ class Relaxation:
         return CutRound(len(here), float(excess.max(initial=0.0)))
 
     def _optimum(
-        self, M: Array, lower: Array, upper: Array, sense: Array
+        self, M: Array, lower: Array, upper: Array, sense: Array, linear: Array
     ) -> tuple[Array, int, Array]:
-        """DAQP's solution, flag and multipliers."""
-        flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, sense)
+        """DAQP's solution of min 1/2 |z|^2 + linear z, flag and multipliers."""
+        flag, _ = self._model.setup(self._identity, linear, M, upper, lower, sense)
         if flag < 0:  # dependent rows among those marked active
             sense = sense & ~_AT_LOWER
-            flag, _ = self._model.setup(self._identity, self._zero, M, upper, lower, sense)
+            flag, _ = self._model.setup(self._identity, linear, M, upper, lower, sense)
         if flag < 0:
-            return self._zero, int(flag), np.zeros(len(M))
+            return self._no_point, int(flag), np.zeros(len(M))
         z, _, flag, info = self._model.solve()
         self.solves += 1
         return z, int(flag), info["lam"]
@@ -179,22 +197,28 @@ class Relaxation:
         """A certificate for rows that DAQP calls infeasible.
 
         With every row soft the problem has multipliers; along their ray the dual function reaches
-        (l'b)^2 / (2 |M'l|^2), which grows without limit as the rows get harder.
+        (l'b + drop)^2 / (2 |M'l|^2), which grows without limit as the rows get harder; the drop is
+        that of flat coordinates, which have no curvature to pay for it.
         """
-        constant, best = self.form.cost.constant, -np.inf
+        cost, flat, best = self.form.cost, self.form.cost.flat, -np.inf
+        sloped = flat[cost.slope[flat] != 0]
+        least = cost.constant - float(cost.extent[sloped] @ np.abs(cost.slope[sloped]))
         for softness in _SOFTNESS:
             self._model.settings = {"rho_soft": softness}
             sense = np.full(len(rows), _SOFT, np.int32)
             M, low, high = self.pool.M[rows], lower[rows], upper[rows]
-            _, flag, multiplier = self._optimum(M, low, high, sense)
+            _, flag, multiplier = self._optimum(M, low, high, sense, self._no_point)
             if flag not in _OPTIMAL:
                 continue
             held = np.flatnonzero(multiplier)
             active, ray = rows[held], multiplier[held]
-            drop = float(ray @ np.where(ray > 0, upper[active], lower[active]))
             pull = ray @ self.pool.M[active]
-            if drop < 0:
-                best = max(best, 0.5 * drop**2 / max(float(pull @ pull), 1e-300) + constant)
-            if best >= _CERTAIN * (1.0 + abs(constant)):
+            tilt = np.abs(pull[flat])
+            rise = -float(ray @ np.where(ray > 0, upper[active], lower[active]))
+            rise -= float(cost.extent[flat][tilt > 0] @ tilt[tilt > 0])
+            pull[flat] = 0.0
+            if rise > 0:
+                best = max(best, 0.5 * rise**2 / max(float(pull @ pull), 1e-300) + least)
+            if best >= _CERTAIN * (1.0 + abs(cost.constant)):
                 return Closed(np.inf, True)
         return Closed(best, True) if best >= cutoff else Closed(np.inf, False)

@@ -16,6 +16,7 @@ Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
 FEASIBILITY = 1e-7  # largest violation of an incumbent, in the unit of the rows
 LEAST_OBJECTIVE = 1e-9  # gaps are relative to the objective, but not to less than this
+ROUNDING = 1e-11  # differences between objective and bound that mean nothing
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ class Answer:
 
 
 def relative_gap(objective: float, bound: float) -> float:
-    """(objective - bound) / max(|objective|, LEAST_OBJECTIVE), not below 0."""
-    return max(0.0, objective - bound) / max(abs(objective), LEAST_OBJECTIVE)
+    """(objective - bound) / max(|objective|, LEAST_OBJECTIVE), 0 if they differ by rounding."""
+    return max(0.0, objective - bound - ROUNDING) / max(abs(objective), LEAST_OBJECTIVE)
 
 
 def better(instance: Instance, found: Array, completed: Array | None, tolerance: float) -> Array:

@@ -15,7 +15,7 @@ from climbplan.solvers.branching import best_split, single_gains, violations
 from climbplan.solvers.dual_gains import RowRates, row_rates
 from climbplan.solvers.normal_form import Flags, NormalForm
 from climbplan.solvers.relaxation import Closed, Point, Relaxation
-from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, relative_gap
+from climbplan.solvers.result import LEAST_OBJECTIVE, ROUNDING, Indices, relative_gap
 
 _ROOT_ROUNDS, _NODE_ROUNDS, _LAST_ROUNDS = 30, 4, 100  # of ball cuts
 _ROOT_EXCESS, _NODE_EXCESS = 1e-6, 1e-5  # balls are cut when violated by more [m]
@@ -94,15 +94,15 @@ class TreeSearch:
             return np.inf
         objective = self.incumbent.objective
         margin = _GAP_SHARE * self.gap * max(abs(objective), LEAST_OBJECTIVE)
-        return objective - margin + self.form.cost.loss
+        return objective - max(margin, ROUNDING)
 
     @property
     def bound(self) -> float:
         """A lower bound on the optimum."""
         best = min([self.closed, *(b for b, _, _ in self._open), *(n.bound for n in self._dive)])
         if self.incumbent is not None:
-            best = min(best, self.incumbent.objective + self.form.cost.loss)
-        return float(best - self.form.cost.loss)
+            best = min(best, self.incumbent.objective)
+        return float(best)
 
     @property
     def exhausted(self) -> bool:
@@ -224,7 +224,7 @@ class TreeSearch:
         point = start
         for _ in range(_LAST_ROUNDS):
             solved = self.relaxation.solve(
-                *self.relaxation.bounds(lower, upper), point, self._objective() + self.form.cost.loss
+                *self.relaxation.bounds(lower, upper), point, self._objective()
             )
             if not isinstance(solved, Point):
                 return
@@ -281,6 +281,8 @@ class TreeSearch:
             self.relaxation.pool.M[active],
             point.multiplier,
             upper[active] - lower[active] <= 0.0,
+            point.z,
+            self.form.cost,
         )
 
     def _excluded(

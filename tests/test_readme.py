@@ -1,0 +1,92 @@
+"""Every command and code block of the README runs as printed."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+SHELL_LINES = [
+    line
+    for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    for line in block.splitlines()
+    if line.strip() and not line.startswith("#")
+]
+
+
+def run(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A line in a folder that has the specs, with this environment's commands in front."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return subprocess.run(
+        ["bash", "-c", line],
+        cwd=folder,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("readme")
+    (path / "specs").symlink_to(ROOT / "specs")
+    return path
+
+
+def test_two_command_lines_each_on_one_line() -> None:
+    installing = [line for line in SHELL_LINES if "pip install" in line]
+    assert len(installing) == 2
+    assert installing[0].endswith("climbplan plan-climb specs/climb_obstacle.yaml")
+    assert installing[1].endswith("-m pytest -n 2")
+    # What CI runs is the second one.
+    assert r"grep -m1 'pip install.*\[test\]' README.md" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_main_command_plans_and_verifies(folder: Path) -> None:
+    line = next(line for line in SHELL_LINES if "plan-climb specs/climb_obstacle.yaml" in line)
+    command = line.split("&&")[-1].strip().removeprefix(".venv/bin/")
+    done = run(command, folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "outputs/climb_obstacle/plan.h5\n"
+    assert "passed" in done.stderr
+    made = {p.name for p in (folder / "outputs" / "climb_obstacle").iterdir()}
+    assert made == {"plan.h5", "report.json", "report.html", "figures"}
+
+
+def test_other_commands_run_in_order(folder: Path) -> None:
+    lines = [line for line in SHELL_LINES if line.startswith("climbplan ")]
+    assert lines
+    for line in lines:
+        if line.startswith("climbplan bench"):
+            continue  # minutes long: run by hand, with the table they print
+        done = run(line, folder)
+        assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+def test_commands_of_the_table_exist(folder: Path) -> None:
+    named = set(re.findall(r"\| `climbplan ([a-z-]+)", README))
+    listing = run("COLUMNS=200 climbplan --help", folder).stdout
+    assert named
+    for name in named:
+        assert re.search(rf"^\W*{name}\b", listing, re.MULTILINE), name
+
+
+def test_python_block_runs() -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    done = subprocess.run(
+        [sys.executable, "-c", block], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "residual=0.0" in done.stdout
+
+
+def test_specs_of_the_table_exist() -> None:
+    named = re.findall(r"^\| `(\w+\.yaml)`", README, re.MULTILINE)
+    assert sorted(named) == sorted(p.name for p in (ROOT / "specs").glob("climb_*.yaml"))

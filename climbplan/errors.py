@@ -72,12 +72,15 @@ class Conflict:
     where: str  # "round 3, LM lifted"
     constraints: tuple[str, ...]  # ("friction at RF", "torque of LR femur")
     remedies: tuple[str, ...] = ()  # ("mu >= 0.83", "payload <= 1.2 kg")
+    in_words: bool = False  # the constraints already say how they fail
 
     def __str__(self) -> str:
         what = " and ".join(self.constraints)
-        verb = "conflict" if len(self.constraints) > 1 else "cannot be met"
+        verb = " conflict" if len(self.constraints) > 1 else " cannot be met"
+        if self.in_words:
+            verb = ""
         cure = f"; feasible with {' or '.join(self.remedies)}" if self.remedies else ""
-        return f"{self.where}: {what} {verb}{cure}"
+        return f"{self.where}: {what}{verb}{cure}"
 
 
 class NoPlanFound(ClimbplanError):

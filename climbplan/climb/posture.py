@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from climbplan.climb.posture_explanation import explain_infeasible
 from climbplan.climb.posture_statement import PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible, LimitReached, UsageError
+from climbplan.errors import LimitReached, UsageError
 from climbplan.plans.climb_plan import Rounds
 from climbplan.program import Program
 from climbplan.program.polytope import Array
@@ -62,7 +63,7 @@ def plan_postures(
         write_model(instance, save_model)
     result = solve(instance, options.posture, gap=options.gap, time_limit=options.time_limit)
     if result.status == "infeasible":
-        raise Infeasible("no posture sequence exists under the given bounds")
+        raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
         raise LimitReached(
             f"posture planner: no plan within {options.time_limit:g} s "

@@ -200,6 +200,17 @@ class Program:
 
     # ---- counting and checking
 
+    @property
+    def blocks(self) -> Blocks:
+        """All blocks, in the order in which they were stated."""
+        return Blocks(
+            tuple(self.variables.values()),
+            tuple(self._rows),
+            tuple(self._balls),
+            tuple(self._choices),
+            tuple(self._implications),
+        )
+
     def counts(self) -> dict[str, Any]:
         """Sizes in all and by block name."""
         binaries = {b.name: sum(map(len, b.alternatives)) for b in self._choices}
@@ -274,15 +285,8 @@ class Program:
 
     def _compile(self) -> CompiledProgram:
         if self._compiled is None:
-            blocks = Blocks(
-                tuple(self.variables.values()),
-                tuple(self._rows),
-                tuple(self._balls),
-                tuple(self._choices),
-                tuple(self._implications),
-            )
             cost = sum(self._costs.values(), ca.SX(0))
-            self._compiled = compile_program(self.name, blocks, cost, self._x, self._theta)
+            self._compiled = compile_program(self.name, self.blocks, cost, self._x, self._theta)
         return self._compiled
 
     def _fresh(self, name: str, taken: Mapping[str, Any]) -> None:

@@ -60,7 +60,9 @@ class Block:
         self._identity = np.eye(self.size)
         rows = form.rows[form.choice_rows]
         none = np.zeros((0, form.size))
-        self._rates = row_rates(rows, none, none[:, 0], none[:, 0] > 0, np.zeros(form.size), form.cost)
+        self._rates = row_rates(
+            rows, none, none[:, 0], none[:, 0] > 0, np.zeros(form.size), form.cost
+        )
 
     def price(self, point: Point) -> Array:
         """h_b of a relaxation's multipliers."""
@@ -127,8 +129,14 @@ class Block:
             low[chosen], high[chosen] = node.lower[in_choice], node.upper[in_choice]
             sense = np.where(high - low <= SAME, 5, 0).astype(np.int32)
             z, reached, flag, _ = daqp.solve(
-                self._identity, price, M, high, low, sense,
-                primal_tol=_TOLERANCE, fval_bound=min(best, 1e30),
+                self._identity,
+                price,
+                M,
+                high,
+                low,
+                sense,
+                primal_tol=_TOLERANCE,
+                fval_bound=min(best, 1e30),
             )
             if flag == _INFEASIBLE:
                 continue
@@ -183,4 +191,7 @@ def _parts_of_choices(form: NormalForm) -> Indices:
 def blocks(form: NormalForm, pool: RowPool) -> list[Block]:
     """The parts with choices, without those fixed by equations or with flat coordinates."""
     with_choices = set(_parts_of_choices(form)) & set(form.cost.part)
-    return [Block(form, pool, int(p)) for p in sorted(with_choices - set(form.cost.part[form.cost.flat]))]
+    return [
+        Block(form, pool, int(p))
+        for p in sorted(with_choices - set(form.cost.part[form.cost.flat]))
+    ]

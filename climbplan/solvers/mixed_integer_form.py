@@ -58,15 +58,11 @@ def mixed_integer_form(instance: Instance) -> MixedIntegerForm:
     """Raises UsageError if a choice's point is not bounded along a direction that needs it."""
     tables = [ChoiceTable.of(choice.alternatives) for choice in instance.choices]
     box = propagated_box(instance, tables)
-    rows = [
-        row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)
-    ]
+    rows = [row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)]
     return MixedIntegerForm(box, _squares(instance), tuple(rows))
 
 
-def _choice_rows(
-    instance: Instance, c: int, table: ChoiceTable, box: Box
-) -> list[ChoiceRow]:
+def _choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> list[ChoiceRow]:
     choice = instance.choices[c]
     E = sparse.csr_matrix(sparse.csr_matrix(table.directions) @ choice.E)
     offset = table.directions @ choice.e

@@ -176,9 +176,7 @@ def normal_form(instance: Instance, relief: sparse.csr_matrix | None = None) -> 
     return form
 
 
-def _paired(
-    instance: Instance, tables: list[ChoiceTable]
-) -> list[tuple[Choice, ChoiceTable]]:
+def _paired(instance: Instance, tables: list[ChoiceTable]) -> list[tuple[Choice, ChoiceTable]]:
     return list(zip(instance.choices, tables, strict=True))
 
 
@@ -194,9 +192,7 @@ def _choice_tables(choices: tuple[Choice, ...]) -> list[ChoiceTable]:
     return tables
 
 
-def _possible(
-    tables: list[ChoiceTable], start: Indices, offset: Array, varying: Flags
-) -> Flags:
+def _possible(tables: list[ChoiceTable], start: Indices, offset: Array, varying: Flags) -> Flags:
     """Alternatives that are not empty and agree with the rows that do not depend on z, (C, R)."""
     widest = max((t.count for t in tables), default=0)
     allowed = np.zeros((len(tables), widest), bool)

@@ -37,9 +37,7 @@ def scip_model(instance: Instance) -> ScipModel:
     ]
     built = ScipModel(model, x, [])
     _cost(built, form)
-    for i, (low, high) in enumerate(
-        zip(instance.row_lower, instance.row_upper, strict=True)
-    ):
+    for i, (low, high) in enumerate(zip(instance.row_lower, instance.row_upper, strict=True)):
         _between(built, _affine(built, instance.A[i], 0.0), low, high, f"row{i}")
     for b, balls in enumerate(instance.balls):
         _balls(built, balls, b)
@@ -97,8 +95,7 @@ def _balls(built: ScipModel, balls: Balls, block: int) -> None:
     for k, radius in enumerate(balls.radius):
         name = f"ball{block}_{k}"
         parts = [
-            _named(built, balls.F[k * d + i], float(balls.f[k, i]), f"{name}_{i}")
-            for i in range(d)
+            _named(built, balls.F[k * d + i], float(balls.f[k, i]), f"{name}_{i}") for i in range(d)
         ]
         # Scaled to radius 1, so that the solver's tolerance means the same for every ball.
         scale = 1.0 / max(float(radius), 1e-9) ** 2
@@ -106,14 +103,10 @@ def _balls(built: ScipModel, balls: Balls, block: int) -> None:
         built.model.addCons(square <= float(radius) ** 2 * scale if radius >= 0 else -1.0, name)
 
 
-def _choices(
-    built: ScipModel, instance: Instance, rows: tuple[ChoiceRow, ...]
-) -> None:
+def _choices(built: ScipModel, instance: Instance, rows: tuple[ChoiceRow, ...]) -> None:
     model = built.model
     for c, choice in enumerate(instance.choices):
-        group = [
-            model.addVar(f"in{c}_{r}", vtype="B") for r in range(len(choice.alternatives))
-        ]
+        group = [model.addVar(f"in{c}_{r}", vtype="B") for r in range(len(choice.alternatives))]
         model.addCons(pyscipopt.quicksum(group) == 1, f"one{c}")
         built.binaries.append(group)
     for number, entry in enumerate(rows):

@@ -317,7 +317,8 @@ class TreeSearch:
         violated = np.flatnonzero(off.min(axis=1) > 0.5 * self.tolerance)
         split = best_split(self.form, value, rates, node.allowed, violated)
         others = gains.sum() - sum(
-            gain for block, gain in zip(self.blocks, gains, strict=True)
+            gain
+            for block, gain in zip(self.blocks, gains, strict=True)
             if split.choice in block.choices
         )
         children = []

@@ -96,7 +96,9 @@ def stepping_scene(
         middle = 0.5 * (body0 + body1) + rng.uniform(-0.05, 0.05, 3)
         half = np.array([0.4, 0.15, 0.12])
         sides = [
-            Polytope.halfspaces(f"side {axis} {sign}", A := -sign * np.eye(3)[[axis]], A @ middle - half[axis])
+            Polytope.halfspaces(
+                f"side {axis} {sign}", A := -sign * np.eye(3)[[axis]], A @ middle - half[axis]
+            )
             for axis, sign in itertools.product(range(3), (-1.0, 1.0))
         ]
         p.one_of("body_free", body, [sides] * rounds)

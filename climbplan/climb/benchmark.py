@@ -42,8 +42,8 @@ def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
     print(f"climb_obstacle: {rounds} rounds, {motion.instants.count} force problems", file=out)
     print(f"{'stage':<28}{'median s':>10}{'of plan':>10}", file=out)
     whole = statistics.median(stages["plan"])
-    for stage, seconds in stages.items():
-        median = statistics.median(seconds)
+    for stage, samples in stages.items():
+        median = statistics.median(samples)
         print(f"{stage:<28}{median:>10.4f}{median / whole:>9.0%}", file=out)
     print(
         f"plan = scene + posture + kinematics + force, checks included; published with Gurobi on "

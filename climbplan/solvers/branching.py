@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.program.polytope import Array
-from climbplan.solvers.choice_table import Mask
+from climbplan.solvers.choice_table import Mask, Splits
 from climbplan.solvers.dual_gains import RowRates
 from climbplan.solvers.normal_form import ChoiceGroup, Flags, NormalForm
 from climbplan.solvers.result import Indices
 
-_LEAST_GAIN = 1e-9  # relative: a child without gain must not hide its sibling's
+_FLOOR, _CAP = 1e-3, 10.0  # gains count between these shares of the best two-sided gain
+_SMALLEST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -63,22 +64,32 @@ def single_gains(form: NormalForm, value: Array, rates: RowRates, groups: Flags)
 def best_split(
     form: NormalForm, value: Array, rates: RowRates, allowed: Flags, candidates: Indices
 ) -> Split:
-    """The division whose children gain most, by the product of their gains."""
+    """The division whose children gain most, by the product of their gains.
+
+    Gains far beyond the best that any division reaches in all its children do not count: a child
+    that is out of question anyway must not hide that its sibling gains nothing.
+    """
     alike: dict[tuple[int, Mask], list[int]] = {}
     for c in candidates:
         table = form.tables[c]
         alike.setdefault((id(table), table.mask(allowed[c])), []).append(int(c))
+    found: list[tuple[list[int], Splits, Array]] = []
+    base = form.choice_rows.start
+    for (_, mask), choices in alike.items():
+        table = form.tables[choices[0]]
+        splits = table.splits(mask)
+        rows = form.start[choices][:, None] + np.arange(len(table.directions))  # (G, D)
+        y = value[rows - base] + form.offset[rows]
+        gains = rates.take(rows[:, None] - base).gain(y[:, None], splits.lower, splits.upper)
+        found.append((choices, splits, gains))  # (G, children)
+    least = [np.minimum.reduceat(g, s.first, axis=1).max(initial=0.0) for _, s, g in found]
+    scale = max([*least, _SMALLEST])
     best: Split | None = None
     best_score = -np.inf
-    for (_, mask), choices in alike.items():
-        splits = form.tables[choices[0]].splits(mask)
-        width = np.arange(len(form.tables[choices[0]].directions))
-        rows = form.start[choices][:, None] + width - form.choice_rows.start  # (G, D)
-        y = value[rows] + form.offset[rows + form.choice_rows.start]
-        gains = rates.take(rows[:, None]).gain(y[:, None], splits.lower, splits.upper)  # (G, K)
-        floor = _LEAST_GAIN + 1e-3 * gains.max(axis=1, keepdims=True, initial=0.0)
+    for choices, splits, gains in found:
         sizes = np.diff([*splits.first, gains.shape[1]])
-        score = np.add.reduceat(np.log(np.maximum(gains, floor)), splits.first, axis=1) / sizes
+        logs = np.log(np.clip(gains, _FLOOR * scale, _CAP * scale))
+        score = np.add.reduceat(logs, splits.first, axis=1) / sizes
         g, way = np.unravel_index(int(np.argmax(score)), score.shape)
         if score[g, way] > best_score:
             best_score = float(score[g, way])

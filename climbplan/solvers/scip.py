@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -29,6 +33,24 @@ _OWN_ERROR = 1e-4  # relative: how far SCIP's objective may be off through its r
 _GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
 
 
+@contextmanager
+def _lp_warnings_dropped() -> Iterator[None]:
+    """Keep SCIP's LP solver from writing a line to standard error for every tolerance it rounds.
+
+    It writes from C, past every message handler, so the file descriptor itself is turned away.
+    """
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def solve_scip(
     instance: Instance,
     gap: float = 1e-4,
@@ -50,7 +72,8 @@ def solve_scip(
         model.setParam("limits/time", float(time_limit))
         guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
         guard.start()
-    model.optimizeNogil()
+    with _lp_warnings_dropped():
+        model.optimizeNogil()
     if guard is not None:
         guard.cancel()
     status = model.getStatus()

@@ -10,6 +10,7 @@ few tiny QPs; their minimisers together are a good guess for the whole.
 from __future__ import annotations
 
 import heapq
+import time
 from dataclasses import dataclass
 
 import daqp
@@ -95,13 +96,14 @@ class Block:
         allowed: Flags,
         slack: float,
         limit: int,
+        deadline: float,
         hint: Indices | None = None,
     ) -> BlockMinimum:
         """Branch and bound over the part alone.
 
         lower, upper: bounds of all choice rows. slack: a bound this close to the best point is
-        good enough. limit: nodes after which the best bound so far is returned. hint: a likely
-        assignment of the part's choices.
+        good enough. limit, deadline: nodes and clock after which the best bound so far is
+        returned. hint: a likely assignment of the part's choices.
         """
         form, base = self.form, self.form.choice_rows.start
         rows = np.flatnonzero(self.pool.part == self.part)
@@ -120,7 +122,7 @@ class Block:
             heap.append((-np.inf, -1, self._fixed(root, hint)))
             heapq.heapify(heap)
         made = 1
-        while heap and nodes < limit:
+        while heap and nodes < limit and time.perf_counter() < deadline:
             bound, kind, node = heapq.heappop(heap)
             if bound >= best - slack:
                 proved = min(proved, bound)

@@ -32,8 +32,8 @@ class Backend:
     module: str  # that has to be importable
     distribution: str  # as `pip install` knows it
     install: str
+    accepts: frozenset[str]  # features of instances (`Instance.features`) it can hold
     unbounded_choices: bool  # alternatives without vertices, variables without bounds
-    proves_infeasibility: bool
     load: Callable[[], Solve]
 
     @property
@@ -68,21 +68,68 @@ def _gurobi() -> Solve:
     return solve_gurobi
 
 
+def _highs() -> Solve:
+    from climbplan.solvers.highs import solve_highs
+
+    return solve_highs
+
+
+def _minlp_scip() -> Solve:
+    from climbplan.solvers.scip_bilinear import solve_minlp_scip
+
+    return solve_minlp_scip
+
+
+_DISJUNCTIVE = frozenset({"balls", "choices"})
+_EVERYTHING = frozenset({"balls", "choices", "integers", "implications", "products"})
+
 BACKENDS = {
     backend.name: backend
     for backend in (
         Backend(
-            "branch-and-bound", "daqp", "daqp", "pip install daqp", True, True, _branch_and_bound
+            name="branch-and-bound",
+            module="daqp",
+            distribution="daqp",
+            install="pip install daqp",
+            accepts=_DISJUNCTIVE,
+            unbounded_choices=True,
+            load=_branch_and_bound,
         ),
-        Backend("scip", "pyscipopt", "PySCIPOpt", "pip install PySCIPOpt", False, True, _scip),
         Backend(
-            "gurobi",
-            "gurobipy",
-            "gurobipy",
-            "pip install 'climbplan[gurobi]'",
-            False,
-            True,
-            _gurobi,
+            name="scip",
+            module="pyscipopt",
+            distribution="PySCIPOpt",
+            install="pip install PySCIPOpt",
+            accepts=_DISJUNCTIVE,
+            unbounded_choices=False,
+            load=_scip,
+        ),
+        Backend(
+            name="gurobi",
+            module="gurobipy",
+            distribution="gurobipy",
+            install="pip install 'climbplan[gurobi]'",
+            accepts=_DISJUNCTIVE,
+            unbounded_choices=False,
+            load=_gurobi,
+        ),
+        Backend(
+            name="highs",
+            module="highspy",
+            distribution="highspy",
+            install="pip install highspy",
+            accepts=frozenset({"balls", "integers"}),
+            unbounded_choices=False,
+            load=_highs,
+        ),
+        Backend(
+            name="minlp-scip",
+            module="pyscipopt",
+            distribution="PySCIPOpt",
+            install="pip install PySCIPOpt",
+            accepts=_EVERYTHING,
+            unbounded_choices=False,
+            load=_minlp_scip,
         ),
     )
 }
@@ -111,6 +158,15 @@ def solve(
 ) -> SolverResult:
     """Solve an instance by the solver of a name.
 
-    gap: relative gap to prove. time_limit: [s]. Raises UsageError, MissingSolver.
+    gap: relative gap to prove. time_limit: [s]. Raises UsageError for an unknown solver and for one
+    that cannot hold what the instance has, MissingSolver for an absent one.
     """
-    return require(solver).load()(instance, gap=gap, time_limit=time_limit)
+    backend = require(solver)
+    beyond = instance.features - backend.accepts
+    if beyond:
+        raise UsageError(
+            f"solver {solver!r} cannot hold {', '.join(sorted(beyond))} (program "
+            f"{instance.name!r}): reformulate first, or use "
+            + " or ".join(n for n, b in BACKENDS.items() if instance.features <= b.accepts)
+        )
+    return backend.load()(instance, gap=gap, time_limit=time_limit)

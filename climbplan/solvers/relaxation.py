@@ -20,7 +20,8 @@ from climbplan.solvers.normal_form import NormalForm
 from climbplan.solvers.result import Indices
 from climbplan.solvers.row_pool import RowPool
 
-_TOLERANCE = 1e-9  # largest violation of a row in its own unit
+_TOLERANCES = (1e-9, 1e-8, 1e-7)  # of rows in their own unit; the next where DAQP cycles
+_ITERATIONS = 2000  # of DAQP; more only happen when it cycles
 _SPARE = 40  # rows near the last solution that are passed beside the active ones
 _OPTIMAL = (1, 2, 4)  # DAQP's flags for a solution
 _NONE = -1  # DAQP's flag for infeasible
@@ -67,7 +68,7 @@ class Relaxation:
         self._identity = np.eye(form.size)
         self._no_point = np.zeros(form.size)
         self._model = daqp.Model()
-        self._model.settings = {"primal_tol": _TOLERANCE, "eq_reduction": -1}
+        self._model.settings = {"eq_reduction": -1, "iter_limit": _ITERATIONS}
 
     def start(self) -> Point:
         """The minimum without any row."""
@@ -102,18 +103,20 @@ class Relaxation:
         flat, moves = self.form.cost.flat, 0
         linear = self.form.cost.slope.copy()
         linear[flat] -= start.z[flat]
-        cold = False
+        cold, level = False, 0
         while True:
             low, high = lower[rows], upper[rows]
-            z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows], linear)
-            if flag not in _OPTIMAL:
-                if flag == _NONE:
-                    closed = self._infeasible(rows, lower, upper, cutoff)
-                    if closed.certified or cold:
-                        return closed
-                if cold:
-                    return point
+            z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows], linear, level)
+            if flag == _NONE:
+                closed = self._infeasible(rows, lower, upper, cutoff)
+                if closed.certified or cold:
+                    return closed
                 cold, sense = True, np.zeros_like(sense)
+                continue
+            if flag not in _OPTIMAL:
+                level += 1
+                if level == len(_TOLERANCES):
+                    return point
                 continue
             held = np.flatnonzero(multiplier)
             active = rows[held]
@@ -124,7 +127,7 @@ class Relaxation:
             value = M @ z
             violation = np.maximum(value - upper, lower - value)
             violation[rows] = 0.0
-            new = np.flatnonzero(violation > _TOLERANCE)
+            new = np.flatnonzero(violation > _TOLERANCES[level])
             moved = z[flat] + linear[flat] - self.form.cost.slope[flat]
             settled = np.abs(moved).max(initial=0.0) <= _SETTLED or moves == _MOVES
             if not len(new) and settled:
@@ -180,9 +183,10 @@ class Relaxation:
         return CutRound(len(here), float(excess.max(initial=0.0)))
 
     def _optimum(
-        self, M: Array, lower: Array, upper: Array, sense: Array, linear: Array
+        self, M: Array, lower: Array, upper: Array, sense: Array, linear: Array, level: int = 0
     ) -> tuple[Array, int, Array]:
         """DAQP's solution of min 1/2 |z|^2 + linear z, flag and multipliers."""
+        self._model.settings = {"primal_tol": _TOLERANCES[level]}
         flag, _ = self._model.setup(self._identity, linear, M, upper, lower, sense)
         if flag < 0:  # dependent rows among those marked active
             sense = sense & ~_AT_LOWER

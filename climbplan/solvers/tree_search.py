@@ -76,7 +76,7 @@ class TreeSearch:
         lower, upper = form.choice_bounds(form.allowed)
         root = Node(-np.inf, form.allowed, lower, upper, self.relaxation.start(), ())
         self._open.append((root.bound, 0, root))
-        while (self._open or self._dive) and time.perf_counter() < self.deadline:
+        while (self._open or self._dive) and not self._late:
             node = self._dive.pop() if self._dive else heapq.heappop(self._open)[2]
             if node.bound >= self.cutoff:
                 self.closed = min(self.closed, node.bound)
@@ -86,6 +86,10 @@ class TreeSearch:
             if self.nodes & (self.nodes - 1) == 0:
                 self._note("")
         self._note("done")
+
+    @property
+    def _late(self) -> bool:
+        return time.perf_counter() >= self.deadline
 
     @property
     def cutoff(self) -> float:
@@ -143,7 +147,8 @@ class TreeSearch:
             node = self._narrowed(node, allowed)
             off = np.where(node.allowed, off, np.inf)
             narrow = node.allowed.sum(axis=1) == 1
-            if (off.min(axis=1)[narrow] > 0.5 * self.tolerance).any():
+            decided = (off.min(axis=1)[narrow] > 0.5 * self.tolerance).any()
+            if decided and point.solved and not self._late:
                 continue  # an exclusion decided a choice: relax again before branching
             break
         self._branch(node, point, value, rates, off, gains)
@@ -173,6 +178,8 @@ class TreeSearch:
                 return None
             if not point.solved:
                 self._note("DAQP failed; the bound is that of some rows")
+                break
+            if self._late:
                 break
             made = self.relaxation.cut_balls(point.z, tolerated)
             if made.count == 0:
@@ -226,7 +233,7 @@ class TreeSearch:
             solved = self.relaxation.solve(
                 *self.relaxation.bounds(lower, upper), point, self._objective()
             )
-            if not isinstance(solved, Point):
+            if isinstance(solved, Closed) or not solved.solved or self._late:
                 return
             point = solved
             if self.relaxation.cut_balls(point.z, 0.4 * self.tolerance).count == 0:
@@ -264,7 +271,7 @@ class TreeSearch:
             if before is None or not block.still_holds(before, price, node.allowed):
                 hint = None if before is None else before.assignment
                 before = block.minimum(
-                    price, node.lower, node.upper, node.allowed, slack, limit, hint
+                    price, node.lower, node.upper, node.allowed, slack, limit, self.deadline, hint
                 )
                 self.block_nodes += before.nodes
             minima.append(before)

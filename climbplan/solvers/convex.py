@@ -1,0 +1,88 @@
+"""Convex instances (no integers, choices, implications or products) by DAQP, Clarabel or OSQP.
+
+A session is built from one instance; others of the same shape only update numbers, and the active
+set or iterate before is the start. Bounds come from the solver's multipliers by weak duality, not
+from its word.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Literal, Protocol
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judged
+
+ConvexBackend = Literal["daqp", "clarabel", "osqp"]
+_NEGLIGIBLE = 1e-7  # relative: a gradient left over along a direction without bounds
+
+
+class ConvexSession(Protocol):
+    """A solver that keeps its workspace between instances of one shape."""
+
+    def solve(self, instance: Instance) -> Answer:
+        """Solve the instance, reusing what has not changed."""
+
+
+def session(backend: ConvexBackend, iterations: int | None = None) -> ConvexSession:
+    """A session of one backend; iterations: limit of OSQP (the published 200 or 600)."""
+    if backend == "daqp":
+        from climbplan.solvers.convex_daqp import DaqpSession
+
+        return DaqpSession()
+    if backend == "clarabel":
+        from climbplan.solvers.convex_clarabel import ClarabelSession
+
+        return ClarabelSession()
+    if backend == "osqp":
+        from climbplan.solvers.convex_osqp import OsqpSession
+
+        return OsqpSession() if iterations is None else OsqpSession(iterations)
+    raise UsageError(f"unknown convex solver {backend!r}: expected daqp, clarabel or osqp")
+
+
+def solve_convex(
+    instance: Instance,
+    backend: ConvexBackend | ConvexSession = "clarabel",
+    gap: float = 1e-4,
+    tolerance: float = FEASIBILITY,
+) -> SolverResult:
+    """Solve one instance, in a session of its own or in a given one.
+
+    Raises UsageError if the instance is not convex, or has balls that the backend cannot hold.
+    """
+    foreign = instance.features - {"balls"}
+    if foreign:
+        raise UsageError(f"{instance.name}: {', '.join(sorted(foreign))} left, pin or relax first")
+    begin = time.perf_counter()
+    crossed = (instance.lower > instance.upper).any()
+    if crossed or (instance.row_lower > instance.row_upper).any():
+        spent = time.perf_counter() - begin
+        answer = Answer(None, np.inf, True, 0, spent, "bounds", ("infeasible: bounds cross",))
+        return judged(instance, answer, gap, tolerance)
+    used = session(backend) if isinstance(backend, str) else backend
+    return judged(instance, used.solve(instance), gap, tolerance)
+
+
+def weak_dual(instance: Instance, x: Array, multipliers: Array) -> float:
+    """A lower bound on an instance without balls from multipliers (m,) of its rows.
+
+    With r = P x + q + A'y, the Lagrangian is at least -1/2 x'Px + r'x' - sup(y'row) for every x',
+    whatever x and y are, so its least value over the variables' bounds is valid.
+    """
+    y = np.where(np.isfinite(instance.row_upper), multipliers, np.minimum(multipliers, 0.0))
+    y = np.where(np.isfinite(instance.row_lower), y, np.maximum(y, 0.0))
+    edge = np.where(y > 0, instance.row_upper, instance.row_lower)
+    support = float(np.sum(y[y != 0] * edge[y != 0]))
+    curvature = instance.P @ x
+    r = curvature + instance.q + instance.A.T @ y
+    end = np.where(r > 0, instance.lower, instance.upper)
+    open_ended = ~np.isfinite(end)
+    if (np.abs(r[open_ended]) > _NEGLIGIBLE * (1.0 + np.abs(instance.q).max(initial=0.0))).any():
+        return -np.inf
+    least = float(np.sum(r[~open_ended] * end[~open_ended]) + r[open_ended] @ x[open_ended])
+    return instance.constant - 0.5 * float(x @ curvature) - support + least

@@ -1,0 +1,93 @@
+"""Convex programs with or without second-order cones by Clarabel, an interior-point method."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.solvers.convex import weak_dual
+from climbplan.solvers.result import Answer
+
+_ACCURACY = 1e-10
+_SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+_INFEASIBLE = clarabel.SolverStatus.PrimalInfeasible
+
+
+class ClarabelSession:
+    """Rebuilt when other bounds become finite or equal, else only numbers are passed on."""
+
+    def __init__(self) -> None:
+        self._solver: Any = None
+        self._shape: tuple[bytes, ...] = ()
+
+    def solve(self, instance: Instance) -> Answer:
+        """A x + s = b with s in a zero cone, an orthant and second-order cones."""
+        begin = time.perf_counter()
+        n, m = instance.size, instance.A.shape[0]
+        rows = sparse.vstack([instance.A, sparse.identity(n, format="csr")]).tocsr()
+        lower = np.concatenate([instance.row_lower, instance.lower])
+        upper = np.concatenate([instance.row_upper, instance.upper])
+        equal = np.flatnonzero(np.isfinite(lower) & (lower == upper))
+        above = np.flatnonzero(np.isfinite(upper) & (lower < upper))
+        below = np.flatnonzero(np.isfinite(lower) & (lower < upper))
+        blocks, edges = [rows[equal], rows[above], -rows[below]], []
+        edges += [lower[equal], upper[above], -lower[below]]
+        cones = [
+            clarabel.ZeroConeT(len(equal)),
+            clarabel.NonnegativeConeT(len(above) + len(below)),
+        ]
+        for balls in instance.balls:
+            d = balls.f.shape[1]
+            for k, radius in enumerate(balls.radius):
+                part = balls.F[k * d : (k + 1) * d]
+                blocks.append(sparse.vstack([sparse.csr_matrix((1, n)), -part]).tocsr())
+                edges.append(np.concatenate([[radius], balls.f[k]]))
+                cones.append(clarabel.SecondOrderConeT(d + 1))
+        P = sparse.triu(instance.P, format="csc")
+        A = sparse.vstack(blocks).tocsc()
+        P.sort_indices()
+        A.sort_indices()
+        b = np.concatenate(edges)
+        shape = tuple(
+            np.asarray(part, np.int64).tobytes()
+            for part in (equal, above, below, P.indptr, P.indices, A.indptr, A.indices)
+        )
+        if self._solver is not None and shape == self._shape:
+            self._solver.update(P=P.data, q=instance.q, A=A.data, b=b)
+        else:
+            settings = clarabel.DefaultSettings()
+            settings.verbose = False
+            settings.presolve_enable = False  # it would forbid updates
+            settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = _ACCURACY
+            self._solver = clarabel.DefaultSolver(P, instance.q, A, b, cones, settings)
+            self._shape = shape
+        solution = self._solver.solve()
+        x: Array | None = None
+        bound = -np.inf
+        if solution.status in _SOLVED:
+            x = np.clip(np.array(solution.x), instance.lower, instance.upper)
+            if "balls" in instance.features:
+                bound = float(solution.obj_val_dual) + instance.constant
+            else:
+                z = np.array(solution.z)
+                y = np.zeros(m + n)
+                y[equal] = z[: len(equal)]
+                y[above] += z[len(equal) : len(equal) + len(above)]
+                y[below] -= z[len(equal) + len(above) :]
+                bound = weak_dual(instance, x, y[:m])
+        infeasible = solution.status == _INFEASIBLE
+        return Answer(
+            x=x,
+            bound=np.inf if infeasible else bound,
+            infeasible=infeasible,
+            nodes=int(solution.iterations),
+            time=time.perf_counter() - begin,
+            solver="clarabel",
+            log=(f"Clarabel: {solution.status}",),
+        )

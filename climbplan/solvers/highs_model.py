@@ -1,0 +1,66 @@
+"""An instance as a HiGHS model: rows, bounds, binaries; a quadratic cost only without binaries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import highspy
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from climbplan.program.polytope import Array
+
+_FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
+
+
+def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
+    """A quiet HiGHS on one thread."""
+    solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
+    solver.setOptionValue("output_flag", False)
+    solver.setOptionValue("threads", 1)
+    solver.setOptionValue("primal_feasibility_tolerance", _FEASIBILITY)
+    solver.setOptionValue("mip_feasibility_tolerance", _FEASIBILITY)
+    solver.setOptionValue("mip_rel_gap", gap)
+    if np.isfinite(time_limit):
+        solver.setOptionValue("time_limit", float(max(time_limit, 0.0)))
+    return solver
+
+
+def linear_model(
+    cost: Array,
+    constant: float,
+    lower: Array,
+    upper: Array,
+    integer: NDArray[np.bool_],
+    A: sparse.csr_matrix,
+    row_lower: Array,
+    row_upper: Array,
+) -> Any:
+    """min cost'x + constant over bounds and rows."""
+    lp = highspy.HighsLp()
+    lp.num_col_, lp.num_row_ = len(cost), A.shape[0]
+    lp.col_cost_, lp.offset_ = cost, constant
+    lp.col_lower_, lp.col_upper_ = lower, upper
+    lp.row_lower_, lp.row_upper_ = row_lower, row_upper
+    lp.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+    lp.a_matrix_.num_col_, lp.a_matrix_.num_row_ = len(cost), A.shape[0]
+    lp.a_matrix_.start_, lp.a_matrix_.index_ = A.indptr, A.indices
+    lp.a_matrix_.value_ = A.data
+    if integer.any():
+        kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
+        lp.integrality_ = [kinds[int(whole)] for whole in integer]
+    return lp
+
+
+def quadratic_model(lp: Any, P: sparse.csc_matrix) -> Any:
+    """The linear model with 1/2 x'Px added."""
+    lower = sparse.tril(P, format="csc")
+    lower.sort_indices()
+    hessian = highspy.HighsHessian()
+    hessian.dim_ = P.shape[0]
+    hessian.format_ = highspy.HessianFormat.kTriangular
+    hessian.start_, hessian.index_, hessian.value_ = lower.indptr, lower.indices, lower.data
+    model = highspy.HighsModel()
+    model.lp_, model.hessian_ = lp, hessian
+    return model

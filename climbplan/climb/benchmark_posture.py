@@ -23,7 +23,7 @@ PUBLISHED = "Gurobi, published for an i7-8750H, set-up included (Table 5.1): 0.4
 
 _GAP = 1e-4  # proven by ours
 _SCIP_GAP = 1e-2
-_SCIP_LIMIT = 120.0  # [s]
+_SCIP_LIMIT = 60.0  # [s]
 _WALL = 0.615  # [m] from the middle to each wall
 # Three rectangles a wall, below, in front of and above an obstacle: y and z from, to [m]
 _RECTANGLES = {

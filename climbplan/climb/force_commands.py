@@ -7,13 +7,14 @@ again for that instant together (`force_reach`).
 
 from __future__ import annotations
 
-import logging
+from dataclasses import replace
 
 import numpy as np
 
 from climbplan.climb.force_reach import BodyPose, Pressing, replan_within_reach
 from climbplan.climb.force_statement import RESIDUAL_LIMIT, ForceStatement, check_forces
 from climbplan.climb.scene import ClimbScene
+from climbplan.errors import Conflict, Infeasible
 from climbplan.mechanics.stiffness import Deflections, deflections_for_forces
 from climbplan.plans.climb_plan import Array, Index, Instants, Mask
 from climbplan.robots.kinematics import inverse, to_body
@@ -22,7 +23,8 @@ from climbplan.robots.kinematics import inverse, to_body
 # some room, and gets it where there is any
 _MARGINS = (2e-3, 1e-5)
 
-_log = logging.getLogger(__name__)
+_STIFFER = (1.2, 1.5, 2.0, 3.0, 5.0, 10.0)  # factors that are tried
+_LISTED = 5  # instants described one by one
 
 
 def press(
@@ -30,16 +32,28 @@ def press(
 ) -> Pressing:
     """Deflections for planned forces (K, N, 3), with forces replanned where limbs cannot follow.
 
-    Where no admissible forces have commands within reach, the planned forces stand and a warning
-    names the instants; a trajectory through them does not exist.
+    Raises Infeasible where no admissible forces have commands within reach, with the joint
+    stiffness that would be enough.
     """
+    pressing, failed, too_far = _press(scene, instants, statement, force)
+    if failed.any():
+        stiffness = _stiffness_needed(scene, instants, statement, force)
+        raise _beyond_reach(scene, instants, failed, too_far, stiffness)
+    return pressing
+
+
+def _press(
+    scene: ClimbScene, instants: Instants, statement: ForceStatement, force: Array
+) -> tuple[Pressing, Mask, Mask]:
+    """Deflections, the instants (K,) that have none within reach, and their limbs (K, N)."""
     compensated = scene.spec.force.sag == "compensated"
     planned = deflections_for_forces(
         statement.compliance, statement.arms, force, instants.contact, compensated
     )
     beyond = np.flatnonzero(out_of_reach(scene, instants, planned.wall).any(axis=1))
     if not len(beyond):
-        return Pressing(force, planned)
+        nobody = np.zeros(instants.contact.shape, bool)
+        return Pressing(force, planned), nobody[:, 0], nobody
     new_force, wall, com = force.copy(), planned.wall.copy(), planned.com.copy()
     for k in beyond:
         poses = [BodyPose(instants.com[j], instants.rpy[j]) for j in (k, _before(instants)[k])]
@@ -54,26 +68,39 @@ def press(
                 break
     too_far = out_of_reach(scene, instants, wall)
     failed = too_far.any(axis=1) | (check_forces(statement, new_force).worst > RESIDUAL_LIMIT)
-    if failed.any():
-        new_force[failed], wall[failed], com[failed] = (
-            force[failed],
-            planned.wall[failed],
-            planned.com[failed],
-        )
-        _log.warning("%s", _beyond_reach(scene, instants, failed, too_far))
-    return Pressing(new_force, Deflections(wall, com))
+    return Pressing(new_force, Deflections(wall, com)), failed, too_far
 
 
-def _beyond_reach(scene: ClimbScene, instants: Instants, failed: Mask, too_far: Mask) -> str:
+def _stiffness_needed(
+    scene: ClimbScene, instants: Instants, statement: ForceStatement, force: Array
+) -> float | None:
+    """Least tried factor on all joint stiffnesses with which every instant has commands."""
+    for factor in _STIFFER:
+        stiffer = replace(statement, compliance=statement.compliance / factor)
+        if not _press(scene, instants, stiffer, force)[1].any():
+            return factor
+    return None
+
+
+def _beyond_reach(
+    scene: ClimbScene,
+    instants: Instants,
+    failed: Mask,
+    too_far: Mask,
+    stiffness: float | None,
+) -> Infeasible:
     names = scene.robot.limb_names
-    described = []
-    for k in np.flatnonzero(failed)[:3]:
+    remedies = (f"{stiffness:g} times the joint stiffness",) if stiffness else ()
+    conflicts = []
+    for k in np.flatnonzero(failed)[:_LISTED]:
         limbs = ", ".join(names[i] for i in np.flatnonzero(too_far[k]))
-        described.append(f"{instants.label(int(k), names)} ({limbs})")
-    more = " ..." if failed.sum() > 3 else ""
-    return (
-        "no admissible forces keep the toe commands within the limbs' reach at "
-        f"{failed.sum()} instants: {'; '.join(described)}{more}"
+        what = f"the limbs give way so far that toe commands of {limbs} leave their reach"
+        where = instants.label(int(k), names)
+        conflicts.append(Conflict(where, (what,), remedies, in_words=True))
+    return Infeasible(
+        f"contact forces exist, but {int(failed.sum())} of {instants.count} instants have no toe "
+        "commands within reach that press so hard",
+        conflicts,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from climbplan.climb.posture_statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import ReachFailure, UsageError
+from climbplan.errors import Infeasible, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Instants, StepLimits
 from climbplan.spec.loading import LoadedClimb
 
@@ -37,7 +37,7 @@ class StageClock:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str):  # type: ignore[no-untyped-def]
+    def stage(self, name: str) -> Iterator[None]:
         """Time a stage."""
         self.report(name, 0.0)
         start = time.perf_counter()
@@ -67,6 +67,8 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
     if save_model is not None and scene.spec.solver.method == "nlp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
+    bound: float | None = None
+    shortfall = 0.0
     notes: list[str] = []
     failure: ReachFailure | None = None
     for _ in range(_TIGHTENINGS):
@@ -75,6 +77,8 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 posture = plan_postures_nlp(scene, clock.report)
             else:
                 posture = plan_postures(scene, margins, save_model)
+        # Tightening only adds constraints: the first bound is the one of the statement.
+        bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
             shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
             if shortfall > 1e-9 and scene.spec.solver.method == "micp":
@@ -90,9 +94,22 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 margins = _shrunk(scene, margins, error)
                 notes.append(f"workspace of {error.limb} tightened: {error}")
                 continue
-        return Motion(posture, instants, tuple(notes))
-    assert failure is not None
-    raise failure
+        return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes))
+    if failure is not None:
+        raise failure
+    raise Infeasible(
+        f"no posture sequence keeps the body clear after {_TIGHTENINGS} tightenings; "
+        f"{1e3 * shortfall:.1f} mm are missing"
+    )
+
+
+def _bounded_by(posture: PostureResult, bound: float | None, scene: ClimbScene) -> PostureResult:
+    """The result with the bound of the statement that was not tightened, and what that proves."""
+    if bound is None:
+        return posture
+    gap = max(posture.objective - bound, 0.0) / max(abs(posture.objective), 1e-9)
+    proved = gap <= scene.spec.solver.gap
+    return replace(posture, bound=bound, gap=gap, status="optimal" if proved else "feasible")
 
 
 def _shrunk(scene: ClimbScene, margins: PostureMargins, failure: ReachFailure) -> PostureMargins:

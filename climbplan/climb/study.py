@@ -11,7 +11,9 @@ from joblib import Parallel, delayed
 from climbplan.climb.forces import plan_forces
 from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import build_scene
-from climbplan.errors import Infeasible, ReachFailure, UsageError
+from climbplan.climb.trajectory import plan_trajectory
+from climbplan.climb.trajectory import plan_trajectory
+from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
 from climbplan.plans.climb_plan import Study
 from climbplan.spec.loading import LoadedClimb
 
@@ -21,17 +23,19 @@ _FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
 
 
 def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
-    """Label and message of one grid point."""
+    """Label and message of one grid point: feasible exactly where `plan-climb` finds a plan."""
     here = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
     scene = build_scene(here.spec, here.robot, here.source)
     try:
         motion = plan_motion(scene, StageClock(lambda stage, fraction: None))
-    except (ReachFailure, Infeasible) as error:
+    except (ReachFailure, Infeasible, LimitReached) as error:
         return _NO_POSTURE, str(error).splitlines()[0]
     try:
-        plan_forces(scene, motion.instants)
-    except Infeasible as error:
-        return _NO_FORCE, str(error.conflicts[0]) if error.conflicts else str(error)
+        forces = plan_forces(scene, motion.instants)
+        plan_trajectory(scene, motion.posture.rounds, motion.instants, forces)
+    except (Infeasible, ReachFailure, LimitReached) as error:
+        conflicts = error.conflicts if isinstance(error, Infeasible) else []
+        return _NO_FORCE, str(conflicts[0]) if conflicts else str(error)
     return _FEASIBLE, ""
 
 

@@ -16,7 +16,7 @@ from climbplan.climb.forces import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import Swing, swing_path
-from climbplan.errors import Infeasible, ReachFailure
+from climbplan.errors import Infeasible, ReachFailure, UsageError
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
 from climbplan.robots.kinematics import inverse, require_reachable, to_body
 from climbplan.robots.model import Robot
@@ -26,6 +26,7 @@ from climbplan.robots.rotations import Array
 _UNLOAD, _LIFT, _SWING, _LOWER, _PRESS, _PUSH = 0.15, 0.1, 0.25, 0.15, 0.15, 0.2
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
+_MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
 
 
 @dataclass(frozen=True)
@@ -66,24 +67,32 @@ def plan_trajectory(
 ) -> Trajectory:
     """Body poses and joint commands at a fixed rate, within joint bounds and speeds.
 
-    The mean speed of the body is the spec's unless joint speeds ask for more time. Raises
-    ReachFailure where a command leaves a limb's reach and Infeasible where a swing is blocked.
+    The mean speed of the body is the spec's unless joint speeds ask for more time. Every segment
+    takes a whole number of samples, so that the samples meet every instant. Raises ReachFailure
+    where a command leaves a limb's reach, Infeasible where a swing is blocked, and UsageError for
+    a motion of more samples than a plan holds.
     """
     robot = scene.robot
     frames = _keyframes(scene, rounds, instants, forces)
     travel = float(np.linalg.norm(np.diff(rounds.com, axis=0), axis=1).sum())
     steps = rounds.count * robot.limb_count
     nominal = travel / scene.spec.trajectory.speed / steps  # [s] one limb step
-    duration = np.maximum(frames.share * nominal, _least_durations(robot, frames))
-    ends = np.concatenate([[0.0], np.cumsum(duration)])
-
     rate = scene.spec.trajectory.rate
-    time = np.arange(int(np.ceil(ends[-1] * rate)) + 1) / rate
-    segment = np.clip(np.searchsorted(ends, time, side="right") - 1, 0, len(duration) - 1)
-    share = np.clip((time - ends[segment]) / duration[segment], 0.0, 1.0)
+    least = np.ceil(_least_durations(robot, frames) * rate)
+    count = np.maximum(np.rint(frames.share * nominal * rate), least)  # samples of each segment
+    if count.sum() >= _MOST_SAMPLES:
+        raise UsageError(
+            f"the motion takes {count.sum() / rate:.3g} s, {count.sum():.3g} samples at {rate:g} "
+            f"Hz; a plan holds {_MOST_SAMPLES}: raise trajectory.speed or lower trajectory.rate"
+        )
+    ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+
+    sample = np.arange(ends[-1] + 1)
+    segment = np.clip(np.searchsorted(ends, sample, side="right") - 1, 0, len(count) - 1)
+    share = (sample - ends[segment]) / count[segment]
     com, rpy, command = _between(frames, segment, _ease(share))
     angles = _joint_commands(robot, com, rpy, command, [frames.label[s] for s in segment])
-    return Trajectory(time, com, rpy, angles, frames.contact[segment])
+    return Trajectory(sample / rate, com, rpy, angles, frames.contact[segment])
 
 
 def _keyframes(scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Forces) -> _Keyframes:

@@ -18,6 +18,7 @@ import numpy as np
 
 from climbplan.program.polytope import Array
 from climbplan.solvers.branching import best_split, violations
+from climbplan.solvers.certificate import proved_bound
 from climbplan.solvers.components import SAME
 from climbplan.solvers.dual_gains import row_rates
 from climbplan.solvers.normal_form import Flags, NormalForm
@@ -115,7 +116,6 @@ class Block:
         best, best_assignment = np.inf, None
         proved = np.inf  # least bound of a node that was left
         nodes = 0
-
         root = _Node(lower, upper, allowed)
         heap: list[tuple[float, int, _Node]] = [(-np.inf, 0, root)]
         if hint is not None and allowed[self.choices, hint].all():
@@ -130,25 +130,22 @@ class Block:
             nodes += 1
             low[chosen], high[chosen] = node.lower[in_choice], node.upper[in_choice]
             sense = np.where(high - low <= SAME, 5, 0).astype(np.int32)
-            z, reached, flag, _ = daqp.solve(
-                self._identity,
-                price,
-                M,
-                high,
-                low,
-                sense,
-                primal_tol=_TOLERANCE,
-                fval_bound=min(best, 1e30),
+            z, _, flag, info = daqp.solve(
+                self._identity, price, M, high, low, sense, primal_tol=_TOLERANCE
             )
             if flag == _INFEASIBLE:
-                continue
-            if flag not in _OPTIMAL:
+                ceiling = self._ceiling(price)
+                reached = proved_bound(price, M, low, high, np.zeros(self.size), ceiling)
+                if reached >= ceiling:
+                    continue
+            elif flag in _OPTIMAL:
+                reached = _dual_value(price, M, low, high, info["lam"])
+            else:
+                reached = -np.inf
+            bound = max(bound, reached)
+            if flag not in _OPTIMAL or bound >= best - slack:
                 if kind >= 0:
                     proved = min(proved, bound)
-                continue
-            bound = max(bound, reached)
-            if bound >= best - slack and kind >= 0:
-                proved = min(proved, bound)
                 continue
             value[in_choice] = M[chosen] @ z
             off = violations(form, value, node.allowed)[self.choices]
@@ -168,6 +165,12 @@ class Block:
         left = min((bound for bound, kind, _ in heap if kind >= 0), default=np.inf)
         return BlockMinimum(min(best, proved, left), best_assignment, price, nodes)
 
+    def _ceiling(self, price: Array) -> float:
+        """No feasible point of the part has more than this: the cost bounds |z|."""
+        form = self.form
+        radius = np.sqrt(2.0 * max(form.ceiling - form.cost.constant, 0.0))
+        return float(0.5 * radius**2 + np.linalg.norm(price) * radius)
+
     def _restricted(self, node: _Node, choice: int, mask: int) -> _Node:
         form = self.form
         lower, upper, allowed = node.lower.copy(), node.upper.copy(), node.allowed.copy()
@@ -181,6 +184,13 @@ class Block:
         for choice, r in zip(self.choices, assignment, strict=True):
             node = self._restricted(node, int(choice), 1 << int(r))
         return node
+
+
+def _dual_value(price: Array, M: Array, lower: Array, upper: Array, multiplier: Array) -> float:
+    held = np.flatnonzero(multiplier)
+    m = multiplier[held]
+    pull = price + m @ M[held]
+    return float(-0.5 * pull @ pull - m @ np.where(m > 0, upper[held], lower[held]))
 
 
 def _parts_of_choices(form: NormalForm) -> Indices:

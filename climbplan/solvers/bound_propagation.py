@@ -72,6 +72,15 @@ def propagated_box(instance: Instance, tables: list[ChoiceTable]) -> Box:
     return _propagate(stacked, np.concatenate(lower), np.concatenate(upper), instance)
 
 
+def largest_cost(instance: Instance, box: Box) -> float:
+    """An upper bound on the cost of every feasible point, infinite if the box is open."""
+    size = np.maximum(np.abs(box.lower), np.abs(box.upper))
+    if not np.isfinite(size).all():
+        return np.inf
+    curved = 0.5 * size @ (abs(instance.P) @ size)
+    return float(curved + np.abs(instance.q) @ size + instance.constant)
+
+
 def _propagate(
     rows: sparse.csr_matrix, row_lower: Array, row_upper: Array, instance: Instance
 ) -> Box:

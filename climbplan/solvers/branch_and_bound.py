@@ -51,7 +51,7 @@ def solve_branch_and_bound(
         return _only_point(instance, form.cost.center, gap, tolerance, begin)
     search = TreeSearch(instance, form, gap, begin + time_limit, tolerance)
     search.run()
-    found = search.incumbent
+    found = search.incumbents.best
     answer = Answer(
         x=None if found is None else found.x,
         assignment=None if found is None else found.assignment,

@@ -38,8 +38,7 @@ class ChoiceTable:
     directions: Array  # (D, d) unit rows
     lower: Array  # (R, D), -UNBOUNDED where nothing is known
     upper: Array  # (R, D)
-    own: NDArray[np.bool_]  # (R, D) whether the alternative states a row along the direction
-    own_lower: Array  # (R, D) intervals of stated rows alone
+    own_lower: Array  # (R, D) intervals by stated rows alone
     own_upper: Array
     bounded: bool  # vertices of all alternatives are known
     empty: NDArray[np.bool_]  # (R,) alternatives that are known to hold no point
@@ -68,7 +67,7 @@ class ChoiceTable:
         shape = (len(alternatives), len(directions))
         stacked = np.array(directions).reshape(shape[1], alternatives[0].dimension)
         lower, upper = np.full(shape, -UNBOUNDED), np.full(shape, UNBOUNDED)
-        own = np.zeros(shape, bool)
+        own_lower, own_upper = lower.copy(), upper.copy()
         bounded = True
         for r, polytope in enumerate(alternatives):
             if polytope.vertices is None or _outside(polytope) > _OFF:
@@ -77,18 +76,17 @@ class ChoiceTable:
             along = polytope.vertices @ stacked.T
             lower[r], upper[r] = along.min(axis=0), along.max(axis=0)
         for r, index, low, high in entries:
-            # A stated row is exact; what the vertices say on the other side of it still holds.
-            lower[r, index] = max(lower[r, index], low)
-            upper[r, index] = min(upper[r, index], high)
-            own[r, index] = True
+            own_lower[r, index] = max(own_lower[r, index], low)
+            own_upper[r, index] = min(own_upper[r, index], high)
+        # A stated row is exact; what the vertices say on the other side of it still holds.
+        lower, upper = np.maximum(lower, own_lower), np.minimum(upper, own_upper)
         empty |= (lower > upper + _OFF).any(axis=1)
         return cls(
             directions=stacked,
             lower=lower,
             upper=upper,
-            own=own,
-            own_lower=np.where(own, lower, -UNBOUNDED),
-            own_upper=np.where(own, upper, UNBOUNDED),
+            own_lower=own_lower,
+            own_upper=own_upper,
             bounded=bounded,
             empty=empty,
         )

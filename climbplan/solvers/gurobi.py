@@ -11,13 +11,12 @@ from gurobipy import GRB
 
 from climbplan.errors import MissingSolver
 from climbplan.program.instance import Balls, Instance
-from climbplan.solvers.convex_completion import complete
+from climbplan.solvers.mending import mended
 from climbplan.solvers.mixed_integer_form import mixed_integer_form
-from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, better, judged
+from climbplan.solvers.result import Answer, SolverResult, judged
 
 NAME = "gurobi"
 TOLERANCE = 2e-6
-_INFEASIBLE = (GRB.INFEASIBLE,)
 
 
 def solve_gurobi(
@@ -43,7 +42,8 @@ def solve_gurobi(
         if np.isfinite(time_limit):
             model.Params.TimeLimit = time_limit
         x = model.addMVar(instance.size, lb=form.box.lower, ub=form.box.upper, name="x")
-        model.setMObjective(0.5 * instance.P, instance.q, instance.constant, sense=GRB.MINIMIZE)
+        half = 0.5 * instance.P
+        model.setMObjective(half, instance.q, instance.constant, x, x, x, GRB.MINIMIZE)
         for bound, sense in ((instance.row_lower, ">"), (instance.row_upper, "<")):
             held = np.flatnonzero(np.isfinite(bound))
             if len(held):
@@ -60,20 +60,26 @@ def solve_gurobi(
             if entry.upper is not None:
                 model.addConstr(entry.row @ x <= entry.upper[None] @ b)
         model.optimize()
-        found = np.array(x.X) if model.SolCount else None
-        if found is not None:
-            completed = complete(instance, instance.assignment(found))
-            found = better(instance, found, completed, FEASIBILITY)
+        if model.Status == GRB.INF_OR_UNBD:
+            model.Params.DualReductions = 0
+            model.optimize()
+        found = mended(instance, np.array(x.X)) if model.SolCount else None
         answer = Answer(
             x=found,
-            bound=float(model.ObjBound) if model.IsMIP else -np.inf,
-            infeasible=model.Status in _INFEASIBLE,
+            bound=_bound(model),
+            infeasible=model.Status == GRB.INFEASIBLE,
             nodes=int(model.NodeCount),
             time=time.perf_counter() - begin,
             solver=NAME,
             log=(f"Gurobi {'.'.join(map(str, gp.gurobi.version()))}: status {model.Status}",),
         )
     return judged(instance, answer, gap, tolerance)
+
+
+def _bound(model: Any) -> float:
+    if model.IsMIP:
+        return float(model.ObjBound)
+    return float(model.ObjVal) if model.Status == GRB.OPTIMAL else -np.inf
 
 
 def _add_balls(model: Any, x: Any, balls: Balls) -> None:

@@ -1,7 +1,7 @@
 """An instance as other mixed-integer solvers read it: squares, balls, and binaries.
 
 Cost: 1/2 sum u_j^2 with u = U x + offset from a Cholesky factor, so that steps between rounds
-appear as single differences. Choices: with one binary b_r an alternative, sum b = 1, and along every
+appear as single differences. Choices: with one binary b_r an alternative, sum b = 1, and along each
 direction d of the choice sum lower_r b_r <= d'y <= sum upper_r b_r. The bounds come from the
 alternatives' vertices, or from the variables' box where an alternative says nothing: no big-M is
 typed in.
@@ -13,26 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.bound_propagation import Box, propagated_box
 from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
-
-_ZERO = 1e-12
-_FLAT = 1e-12
-
-
-@dataclass(frozen=True)
-class Squares:
-    """1/2 |U x + offset|^2 + slope x + constant."""
-
-    U: sparse.csr_matrix
-    offset: Array
-    slope: Array  # (n,) only along directions without curvature
-    constant: float
+from climbplan.solvers.separable_cost import SeparableCost, separable_cost
 
 
 @dataclass(frozen=True)
@@ -50,7 +37,7 @@ class MixedIntegerForm:
     """What a model is built from besides the instance itself."""
 
     box: Box
-    squares: Squares
+    squares: SeparableCost
     choice_rows: tuple[ChoiceRow, ...]
 
 
@@ -59,7 +46,7 @@ def mixed_integer_form(instance: Instance) -> MixedIntegerForm:
     tables = [ChoiceTable.of(choice.alternatives) for choice in instance.choices]
     box = propagated_box(instance, tables)
     rows = [row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)]
-    return MixedIntegerForm(box, _squares(instance), tuple(rows))
+    return MixedIntegerForm(box, separable_cost(instance), tuple(rows))
 
 
 def _choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> list[ChoiceRow]:
@@ -89,37 +76,3 @@ def _choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> li
             )
         )
     return rows
-
-
-def _squares(instance: Instance) -> Squares:
-    n = instance.size
-    P = instance.P.toarray()
-    count, label = connected_components(abs(instance.P), directed=False)
-    U: list[sparse.csr_matrix] = []
-    offsets: list[Array] = []
-    slope, constant = np.zeros(n), instance.constant
-    for part in range(count):
-        index = np.flatnonzero(label == part)
-        H, g = P[np.ix_(index, index)], instance.q[index]
-        try:
-            factor = np.linalg.cholesky(H).T
-            offset = np.linalg.solve(factor.T, g)
-        except np.linalg.LinAlgError:
-            value, vector = np.linalg.eigh(H)
-            curved = value > _FLAT * max(1.0, float(value.max()))
-            factor = np.sqrt(value[curved])[:, None] * vector[:, curved].T
-            offset = (vector[:, curved].T @ g) / np.sqrt(value[curved])
-            slope[index] = vector[:, ~curved] @ (vector[:, ~curved].T @ g)
-        factor[np.abs(factor) < _ZERO] = 0.0
-        constant -= float(0.5 * offset @ offset)
-        place = sparse.csr_matrix(
-            (np.ones(len(index)), (np.arange(len(index)), index)), shape=(len(index), n)
-        )
-        U.append(sparse.csr_matrix(factor) @ place)
-        offsets.append(offset)
-    return Squares(
-        sparse.vstack(U).tocsr() if U else sparse.csr_matrix((0, n)),
-        np.concatenate([np.zeros(0), *offsets]),
-        slope,
-        constant,
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,13 @@ from scipy import sparse
 
 from climbplan.program.instance import Choice, Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.bound_propagation import propagated_box
+from climbplan.solvers.bound_propagation import largest_cost, propagated_box
 from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
 from climbplan.solvers.components import SAME, Components, components, equations
 from climbplan.solvers.cost_scaling import ScaledCost, scaled_cost
 from climbplan.solvers.result import FEASIBILITY, Indices
 
+_CERTAIN = 1e9  # where variables are not bounded: costs are taken to stay below this multiple
 _CONSTANT = 1e-9  # rows shorter than this in z do not depend on z
 
 Flags = NDArray[np.bool_]
@@ -54,6 +56,7 @@ class ChoiceGroup:
 class NormalForm:
     """minimise the scaled cost over rows, balls and choices in z."""
 
+    instance: Instance
     cost: ScaledCost
     rows: Array  # (m, k) bounds and rows of the instance, then the directions of the choices
     lower: Array  # (m,)
@@ -68,6 +71,12 @@ class NormalForm:
     allowed: Flags  # (C, R) alternatives not excluded from the start
     balls: BallForm
     contradiction: str  # why no point is feasible, "" if nothing is known
+
+    @cached_property
+    def ceiling(self) -> float:
+        """A bound above this proves infeasibility: no feasible point costs more."""
+        cost = largest_cost(self.instance, propagated_box(self.instance, list(self.tables)))
+        return cost if np.isfinite(cost) else _CERTAIN * (1.0 + abs(self.cost.constant))
 
     @property
     def size(self) -> int:
@@ -156,6 +165,7 @@ def normal_form(instance: Instance, relief: sparse.csr_matrix | None = None) -> 
     elif _impossible(balls):
         contradiction = "a ball without free variables is violated"
     form = NormalForm(
+        instance=instance,
         cost=cost,
         rows=rows,
         lower=lower,
@@ -194,12 +204,12 @@ def _choice_tables(choices: tuple[Choice, ...]) -> list[ChoiceTable]:
 
 def _possible(tables: list[ChoiceTable], start: Indices, offset: Array, varying: Flags) -> Flags:
     """Alternatives that are not empty and agree with the rows that do not depend on z, (C, R)."""
-    widest = max((t.count for t in tables), default=0)
+    widest = max((t.count for t in tables), default=1)
     allowed = np.zeros((len(tables), widest), bool)
     for c, table in enumerate(tables):
         here = slice(start[c], start[c + 1])
-        off = np.maximum(offset[here] - table.upper, table.lower - offset[here])
-        wrong = (off > FEASIBILITY) & table.own & ~varying[here]
+        off = np.maximum(offset[here] - table.own_upper, table.own_lower - offset[here])
+        wrong = (off > FEASIBILITY) & ~varying[here]
         allowed[c, : table.count] = ~wrong.any(axis=1) & ~table.empty
     return allowed
 

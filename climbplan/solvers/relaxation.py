@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 
 import daqp
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.program.polytope import Array
+from climbplan.solvers.certificate import proved_bound
 from climbplan.solvers.choice_table import UNBOUNDED
 from climbplan.solvers.components import SAME
 from climbplan.solvers.normal_form import NormalForm
@@ -25,10 +27,8 @@ _ITERATIONS = 2000  # of DAQP; more only happen when it cycles
 _SPARE = 40  # rows near the last solution that are passed beside the active ones
 _OPTIMAL = (1, 2, 4)  # DAQP's flags for a solution
 _NONE = -1  # DAQP's flag for infeasible
-_AT_UPPER, _AT_LOWER, _SOFT = 1, 3, 8  # DAQP's senses
-_SOFTNESS = (1e-6, 1e-9)  # tried in turn to prove infeasibility
+_AT_UPPER, _AT_LOWER = 1, 3  # DAQP's senses of active rows
 _SETTLED, _MOVES = 1e-9, 20  # of the proximal term
-_CERTAIN = 1e3  # a dual value this far above the cost proves infeasibility
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,6 @@ class Relaxation:
         pool, M = self.pool, self.pool.M
         if (lower > upper + SAME).any():
             return Closed(np.inf, True)
-        far = min(cutoff, _CERTAIN * (1.0 + abs(self.form.cost.constant)))
         point = replace(
             start,
             bound=self.dual_value(start.active, start.multiplier, lower, upper),
@@ -122,8 +121,8 @@ class Relaxation:
             active = rows[held]
             bound = self.dual_value(active, multiplier[held], lower, upper)
             point = Point(z, bound, active, multiplier[held], solved=False)
-            if bound >= far:  # of some rows only, so it holds for all
-                return Closed(bound if bound >= cutoff else np.inf, True)
+            if bound >= cutoff:  # of some rows only, so it holds for all
+                return Closed(bound, True)
             value = M @ z
             violation = np.maximum(value - upper, lower - value)
             violation[rows] = 0.0
@@ -183,7 +182,13 @@ class Relaxation:
         return CutRound(len(here), float(excess.max(initial=0.0)))
 
     def _optimum(
-        self, M: Array, lower: Array, upper: Array, sense: Array, linear: Array, level: int = 0
+        self,
+        M: Array,
+        lower: Array,
+        upper: Array,
+        sense: NDArray[np.int32],
+        linear: Array,
+        level: int,
     ) -> tuple[Array, int, Array]:
         """DAQP's solution of min 1/2 |z|^2 + linear z, flag and multipliers."""
         self._model.settings = {"primal_tol": _TOLERANCES[level]}
@@ -198,31 +203,10 @@ class Relaxation:
         return z, int(flag), info["lam"]
 
     def _infeasible(self, rows: Indices, lower: Array, upper: Array, cutoff: float) -> Closed:
-        """A certificate for rows that DAQP calls infeasible.
-
-        With every row soft the problem has multipliers; along their ray the dual function reaches
-        (l'b + drop)^2 / (2 |M'l|^2), which grows without limit as the rows get harder; the drop is
-        that of flat coordinates, which have no curvature to pay for it.
-        """
-        cost, flat, best = self.form.cost, self.form.cost.flat, -np.inf
-        sloped = flat[cost.slope[flat] != 0]
-        least = cost.constant - float(cost.extent[sloped] @ np.abs(cost.slope[sloped]))
-        for softness in _SOFTNESS:
-            self._model.settings = {"rho_soft": softness}
-            sense = np.full(len(rows), _SOFT, np.int32)
-            M, low, high = self.pool.M[rows], lower[rows], upper[rows]
-            _, flag, multiplier = self._optimum(M, low, high, sense, self._no_point)
-            if flag not in _OPTIMAL:
-                continue
-            held = np.flatnonzero(multiplier)
-            active, ray = rows[held], multiplier[held]
-            pull = ray @ self.pool.M[active]
-            tilt = np.abs(pull[flat])
-            rise = -float(ray @ np.where(ray > 0, upper[active], lower[active]))
-            rise -= float(cost.extent[flat][tilt > 0] @ tilt[tilt > 0])
-            pull[flat] = 0.0
-            if rise > 0:
-                best = max(best, 0.5 * rise**2 / max(float(pull @ pull), 1e-300) + least)
-            if best >= _CERTAIN * (1.0 + abs(cost.constant)):
-                return Closed(np.inf, True)
-        return Closed(best, True) if best >= cutoff else Closed(np.inf, False)
+        """What can be proved of rows that DAQP calls infeasible."""
+        cost = self.form.cost
+        enough = min(cutoff, self.form.ceiling)
+        bound = cost.constant + proved_bound(
+            cost.slope, self.pool.M[rows], lower[rows], upper[rows], cost.extent, enough
+        )
+        return Closed(np.inf if bound >= self.form.ceiling else bound, bound >= enough)

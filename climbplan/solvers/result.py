@@ -58,13 +58,6 @@ def relative_gap(objective: float, bound: float) -> float:
     return max(0.0, objective - bound - ROUNDING) / max(abs(objective), LEAST_OBJECTIVE)
 
 
-def better(instance: Instance, found: Array, completed: Array | None, tolerance: float) -> Array:
-    """The completed point if it satisfies the instance as well as asked, else the found one."""
-    if completed is None or instance.violation(completed) > tolerance:
-        return found
-    return completed
-
-
 def judged(instance: Instance, answer: Answer, gap: float, tolerance: float) -> SolverResult:
     """The result of an answer, feasibility and objective computed from the instance.
 

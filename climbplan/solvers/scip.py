@@ -12,8 +12,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from climbplan.program.instance import Instance
-from climbplan.solvers.convex_completion import complete
-from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, better, judged
+from climbplan.solvers.mending import mended
+from climbplan.solvers.result import Answer, SolverResult, judged
 from climbplan.solvers.scip_model import scip_model
 
 NAME = "scip"
@@ -80,8 +80,7 @@ def solve_scip(
     x = None
     if model.getNSols() > 0:
         best = model.getBestSol()
-        found = np.array([model.getSolVal(best, v) for v in built.x])
-        x = better(instance, found, complete(instance, instance.assignment(found)), FEASIBILITY)
+        x = mended(instance, np.array([model.getSolVal(best, v) for v in built.x]))
     bound = float(model.getDualbound())
     answer = Answer(
         x=x,

@@ -112,10 +112,10 @@ def _choices(built: ScipModel, instance: Instance, rows: tuple[ChoiceRow, ...]) 
     for number, entry in enumerate(rows):
         value = _affine(built, entry.row, 0.0)
         group = built.binaries[entry.choice]
-        for bound, sign in ((entry.lower, 1.0), (entry.upper, -1.0)):
+        for bound, sign, end in ((entry.lower, 1.0, "from"), (entry.upper, -1.0, "to")):
             if bound is not None:
                 edge = _weighted(bound, group)
-                model.addCons(sign * (value - edge) >= 0, f"choice{number}_{int(sign)}")
+                model.addCons(sign * (value - edge) >= 0, f"choice{number}_{end}")
 
 
 def _weighted(values: Array, binaries: list[Any]) -> Any:

@@ -13,14 +13,14 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.block_minima import BlockMinimum, blocks
 from climbplan.solvers.branching import best_split, single_gains, violations
 from climbplan.solvers.dual_gains import RowRates, row_rates
+from climbplan.solvers.incumbent import IncumbentStore
 from climbplan.solvers.normal_form import Flags, NormalForm
 from climbplan.solvers.relaxation import Closed, Point, Relaxation
-from climbplan.solvers.result import LEAST_OBJECTIVE, ROUNDING, Indices, relative_gap
+from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, relative_gap
 
-_ROOT_ROUNDS, _NODE_ROUNDS, _LAST_ROUNDS = 30, 4, 100  # of ball cuts
-_ROOT_EXCESS, _NODE_EXCESS = 1e-6, 1e-5  # balls are cut when violated by more [m]
+# Rounds of ball cuts, and the violation from which balls are cut [m]
+_ROOT_CUTS, _NODE_CUTS, _LEAF_ROUNDS = (30, 1e-6), (4, 1e-5), 100
 _SMALL_PROGRESS = 1e-5  # relative rise of the bound below which a node's cut rounds stop
-_GAP_SHARE = 0.999  # of the gap is used, the rest is left to rounding
 _BLOCK_NODES_ROOT, _BLOCK_NODES = 2000, 200
 _BLOCK_SLACK = 0.1  # share of the gap that all parts together may leave unproved
 
@@ -37,15 +37,6 @@ class Node:
     minima: tuple[BlockMinimum | None, ...]
 
 
-@dataclass(frozen=True)
-class Incumbent:
-    """The best feasible point."""
-
-    x: Array
-    assignment: Indices
-    objective: float
-
-
 class TreeSearch:
     """One run of branch and bound."""
 
@@ -56,16 +47,14 @@ class TreeSearch:
         self.deadline, self.tolerance = deadline, tolerance
         self.relaxation = Relaxation(form)
         self.blocks = blocks(form, self.relaxation.pool)
-        self.incumbent: Incumbent | None = None
+        self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
         self.nodes = 0
         self.block_nodes = 0
-        self.uncertified = self.certified = 0
         self.log: list[str] = []
         self.closed = np.inf  # least bound of nodes that were left without being infeasible
         self._open: list[tuple[float, int, Node]] = []
         self._dive: list[Node] = []
         self._made = 0
-        self._tried: set[bytes] = set()
         self._begin = time.perf_counter()
 
     # ---- the loop
@@ -76,9 +65,9 @@ class TreeSearch:
         lower, upper = form.choice_bounds(form.allowed)
         root = Node(-np.inf, form.allowed, lower, upper, self.relaxation.start(), ())
         self._open.append((root.bound, 0, root))
-        while (self._open or self._dive) and not self._late:
+        while (self._open or self._dive) and not self._late():
             node = self._dive.pop() if self._dive else heapq.heappop(self._open)[2]
-            if node.bound >= self.cutoff:
+            if node.bound >= self.incumbents.cutoff:
                 self.closed = min(self.closed, node.bound)
                 continue
             self.nodes += 1
@@ -87,26 +76,14 @@ class TreeSearch:
                 self._note("")
         self._note("done")
 
-    @property
     def _late(self) -> bool:
         return time.perf_counter() >= self.deadline
-
-    @property
-    def cutoff(self) -> float:
-        """Nodes with this bound cannot improve the incumbent by more than the gap."""
-        if self.incumbent is None:
-            return np.inf
-        objective = self.incumbent.objective
-        margin = _GAP_SHARE * self.gap * max(abs(objective), LEAST_OBJECTIVE)
-        return objective - max(margin, ROUNDING)
 
     @property
     def bound(self) -> float:
         """A lower bound on the optimum."""
         best = min([self.closed, *(b for b, _, _ in self._open), *(n.bound for n in self._dive)])
-        if self.incumbent is not None:
-            best = min(best, self.incumbent.objective)
-        return float(best)
+        return float(min(best, self.incumbents.objective))
 
     @property
     def exhausted(self) -> bool:
@@ -119,67 +96,62 @@ class TreeSearch:
         """Relax, bound, try for an incumbent, exclude alternatives, branch."""
         is_root = self.nodes == 1
         while True:
-            point = self._relaxed(node, is_root)
+            rounds, excess = _ROOT_CUTS if is_root else _NODE_CUTS
+            point = self._cut_rounds(node, rounds, excess, stop_early=True)
             if point is None:
                 return
             node = replace(node, bound=max(node.bound, point.bound), start=point)
             value = self._choice_values(point)
             off = violations(self.form, value, node.allowed)
             nearest = off.argmin(axis=1)
-            distance = off[np.arange(len(off)), nearest]
-            if not (distance > 0.5 * self.tolerance).any():
-                self._leaf(node, nearest)
+            if not (off.min(axis=1) > 0.5 * self.tolerance).any():
+                self._leaf(node)
                 return
             bounds = self.relaxation.bounds(node.lower, node.upper)
             minima, gains = self._block_gains(node, point, *bounds, is_root)
             node = replace(
                 node, bound=max(node.bound, point.bound + gains.sum()), minima=tuple(minima)
             )
-            self._try(self._guess(nearest, minima, node.allowed), point)
-            if node.bound >= self.cutoff:
+            if self.incumbents.complete(self._guess(nearest, minima), point, self._late):
+                self._note("incumbent")
+            if node.bound >= self.incumbents.cutoff:
                 self.closed = min(self.closed, node.bound)
                 return
             rates = self._rates(point, *bounds)
             allowed = self._excluded(node, point, value, rates, gains)
             if not allowed.any(axis=1).all():
-                self.closed = min(self.closed, max(node.bound, self.cutoff))
+                self.closed = min(self.closed, max(node.bound, self.incumbents.cutoff))
                 return
             node = self._narrowed(node, allowed)
             off = np.where(node.allowed, off, np.inf)
             narrow = node.allowed.sum(axis=1) == 1
             decided = (off.min(axis=1)[narrow] > 0.5 * self.tolerance).any()
-            if decided and point.solved and not self._late:
+            if decided and point.solved and not self._late():
                 continue  # an exclusion decided a choice: relax again before branching
             break
         self._branch(node, point, value, rates, off, gains)
 
-    def _relaxed(self, node: Node, is_root: bool) -> Point | None:
-        """The node's relaxation with cut rounds; None if the node is closed by it."""
-        rounds = _ROOT_ROUNDS if is_root else _NODE_ROUNDS
-        excess = _ROOT_EXCESS if is_root else _NODE_EXCESS
-        return self._cut_rounds(node, rounds, excess, stop_early=True)
-
     def _cut_rounds(
         self, node: Node, rounds: int, tolerated: float, stop_early: bool
     ) -> Point | None:
+        """The node's relaxation with ball cuts; None if the node is closed by it."""
         point, last = node.start, -np.inf
         for k in range(rounds):
             lower, upper = self.relaxation.bounds(node.lower, node.upper)
-            solved = self.relaxation.solve(lower, upper, point, self.cutoff)
+            solved = self.relaxation.solve(lower, upper, point, self.incumbents.cutoff)
             if isinstance(solved, Closed):
-                self.uncertified += not solved.certified
-                self.certified += solved.certified
-                if np.isfinite(solved.bound):
-                    self.closed = min(self.closed, solved.bound)
+                if not solved.certified:
+                    self._note("DAQP says infeasible, its multipliers do not prove it")
+                self.closed = min(self.closed, solved.bound if solved.certified else node.bound)
                 return None
             point = solved
-            if point.bound >= self.cutoff:
+            if point.bound >= self.incumbents.cutoff:
                 self.closed = min(self.closed, point.bound)
                 return None
             if not point.solved:
                 self._note("DAQP failed; the bound is that of some rows")
                 break
-            if self._late:
+            if self._late():
                 break
             made = self.relaxation.cut_balls(point.z, tolerated)
             if made.count == 0:
@@ -193,9 +165,9 @@ class TreeSearch:
     def _choice_values(self, point: Point) -> Array:
         return np.asarray(self.form.rows[self.form.choice_rows] @ point.z)
 
-    def _leaf(self, node: Node, nearest: Indices) -> None:
+    def _leaf(self, node: Node) -> None:
         """No choice is violated: converge the balls, then the point is feasible."""
-        point = self._cut_rounds(node, _LAST_ROUNDS, 0.4 * self.tolerance, stop_early=False)
+        point = self._cut_rounds(node, _LEAF_ROUNDS, 0.4 * self.tolerance, stop_early=False)
         if point is None:
             return
         node = replace(node, bound=max(node.bound, point.bound), start=point)
@@ -204,54 +176,17 @@ class TreeSearch:
         if point.solved and (off.min(axis=1) > 0.5 * self.tolerance).any():
             self._push([node])
             return
-        self._accept(point.z, nearest)
+        if self.incumbents.accept(point.z, nearest):
+            self._note("incumbent")
         self.closed = min(self.closed, node.bound)
 
-    # ---- incumbents
-
-    def _guess(
-        self, nearest: Indices, minima: list[BlockMinimum | None], allowed: Flags
-    ) -> Indices:
+    def _guess(self, nearest: Indices, minima: list[BlockMinimum | None]) -> Indices:
         """The parts' minimisers, and the nearest alternatives where there are none."""
         guess = nearest.copy()
         for block, minimum in zip(self.blocks, minima, strict=True):
             if minimum is not None and minimum.assignment is not None:
                 guess[block.choices] = minimum.assignment
         return guess
-
-    def _try(self, assignment: Indices, start: Point) -> None:
-        """Solve the convex problem of one assignment, unless that was done before."""
-        key = assignment.tobytes()
-        if key in self._tried:
-            return
-        self._tried.add(key)
-        allowed = np.zeros_like(self.form.allowed)
-        allowed[np.arange(len(assignment)), assignment] = True
-        lower, upper = self.form.choice_bounds(allowed)
-        point = start
-        for _ in range(_LAST_ROUNDS):
-            solved = self.relaxation.solve(
-                *self.relaxation.bounds(lower, upper), point, self._objective()
-            )
-            if isinstance(solved, Closed) or not solved.solved or self._late:
-                return
-            point = solved
-            if self.relaxation.cut_balls(point.z, 0.4 * self.tolerance).count == 0:
-                self._accept(point.z, assignment)
-                return
-
-    def _objective(self) -> float:
-        return np.inf if self.incumbent is None else self.incumbent.objective
-
-    def _accept(self, z: Array, assignment: Indices) -> None:
-        """Keep a point if the instance itself says that it is feasible and better."""
-        x = self.form.x(z)
-        objective = self.instance.objective(x)
-        if objective < self._objective():
-            violation = self.instance.violation(x, assignment)
-            if violation <= self.tolerance:
-                self.incumbent = Incumbent(x, assignment.astype(np.int64), objective)
-                self._note("incumbent")
 
     # ---- bounds beyond the relaxation
 
@@ -296,14 +231,14 @@ class TreeSearch:
         self, node: Node, point: Point, value: Array, rates: RowRates, gains: Array
     ) -> Flags:
         """Allowed alternatives without those whose sure gain reaches the cutoff."""
-        if np.isinf(self.cutoff):
+        if np.isinf(self.incumbents.cutoff):
             return node.allowed
         open_choices = node.allowed.sum(axis=1) > 1
         sure = single_gains(self.form, value, rates, open_choices)
         others = np.full(len(sure), gains.sum())
         for block, gain in zip(self.blocks, gains, strict=True):
             others[block.choices] -= gain
-        return node.allowed & (point.bound + others[:, None] + sure < self.cutoff)
+        return node.allowed & (point.bound + others[:, None] + sure < self.incumbents.cutoff)
 
     # ---- branching
 
@@ -315,7 +250,7 @@ class TreeSearch:
         base = self.form.choice_rows.start
         for c in changed:
             here = slice(self.form.start[c] - base, self.form.start[c + 1] - base)
-            lower[here], upper[here] = self.form.hull(c, self.form.tables[c].mask(allowed[c]))
+            lower[here], upper[here] = self.form.hull(int(c), self.form.tables[c].mask(allowed[c]))
         return replace(node, allowed=allowed, lower=lower, upper=upper)
 
     def _branch(
@@ -331,7 +266,7 @@ class TreeSearch:
         children = []
         for mask, gain in zip(split.children, split.gains, strict=True):
             bound = max(node.bound, point.bound + others + float(gain))
-            if bound >= self.cutoff:
+            if bound >= self.incumbents.cutoff:
                 self.closed = min(self.closed, bound)
                 continue
             allowed = node.allowed.copy()
@@ -342,7 +277,7 @@ class TreeSearch:
     def _push(self, children: list[Node]) -> None:
         """Dive into the best child while there is no incumbent; best bound first otherwise."""
         children.sort(key=lambda child: child.bound)
-        if self.incumbent is None and children:
+        if self.incumbents.best is None and children:
             self._dive.append(children.pop(0))
         elif self._dive:
             children += self._dive
@@ -352,7 +287,7 @@ class TreeSearch:
             heapq.heappush(self._open, (child.bound, self._made, child))
 
     def _note(self, event: str) -> None:
-        objective = self._objective()
+        objective = self.incumbents.objective
         bound = self.bound
         gap = relative_gap(objective, bound) if np.isfinite(objective) else np.inf
         self.log.append(

@@ -145,9 +145,9 @@ class ForcePlannerSpec(SpecModel):
         "", "sides of the pyramid inscribed in the friction cone", default=16, ge=4, le=128
     )
     sag: Literal["predicted", "compensated"] = Field(
-        default="predicted",
-        description="`predicted`: least commanded penetration, the body sags as reported; "
-        "`compensated`: toe commands lift the body back to its planned pose",
+        default="compensated",
+        description="`compensated`: toe commands keep the body at its planned pose; `predicted`: "
+        "least commanded penetration, the body moves as reported",
     )
 
 

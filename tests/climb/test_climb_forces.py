@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -25,7 +26,7 @@ from climbplan.climb.force_statement import (
 from climbplan.climb.forces import SolvedForces, plan_forces, solve_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import LimitReached, UsageError
+from climbplan.errors import Infeasible, LimitReached, UsageError
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
 from climbplan.plans.climb_plan import Instants
 from climbplan.robots.kinematics import inverse, to_body, toe_world
@@ -147,16 +148,22 @@ def test_forces_are_replanned_for_reach(demo_climb: SceneMaker) -> None:
     assert (objective_of(statement, found.force) >= objective_of(statement, optimal) - 1e-3).all()
 
 
-def test_unreachable_commands_are_warned_of(
-    demo_climb: SceneMaker, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unreachable_commands_say_what_stiffness_is_enough(demo_climb: SceneMaker) -> None:
     scene = demo_climb()
-    robot = replace(scene.robot, joint_stiffness=0.1 * scene.robot.joint_stiffness)
-    scene = replace(scene, robot=robot)
-    caplog.set_level(logging.WARNING)
-    plan_forces(scene, plan_instants(scene, straight_rounds(scene)))
-    assert "within the limbs' reach" in caplog.text
-    assert "round 1, RF lifted" in caplog.text
+    stiffness = 0.3 * scene.robot.joint_stiffness
+
+    def softened(factor: float) -> ClimbScene:
+        robot = replace(scene.robot, joint_stiffness=factor * stiffness)
+        return replace(scene, robot=robot)
+
+    instants = plan_instants(scene, straight_rounds(scene))
+    with pytest.raises(Infeasible, match="no toe commands within reach") as caught:
+        plan_forces(softened(1.0), instants)
+    text = str(caught.value)
+    assert "round 1, RF lifted: the limbs give way so far" in text
+    enough = re.search(r"feasible with ([\d.]+) times the joint stiffness", text)
+    assert enough
+    plan_forces(softened(float(enough[1])), instants)
 
 
 @pytest.mark.parametrize(("solver", "count"), [("daqp", 36), ("osqp", 12)])

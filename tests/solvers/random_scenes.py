@@ -1,4 +1,4 @@
-"""Random instances for solver tests: points that step over convex polygons, and posture-like ones."""
+"""Random instances for solver tests: limbs that step over polygons, and tiny ones of all kinds."""
 
 from __future__ import annotations
 
@@ -55,6 +55,7 @@ def stepping_scene(
     step: float = 0.55,
     reach: float = 1.0,
     blocked: bool = False,
+    goal_tolerance: float | None = None,
 ) -> Program:
     """Limbs step over polygons on two walls, a body between them stays within reach of all.
 
@@ -102,12 +103,73 @@ def stepping_scene(
             for axis, sign in itertools.product(range(3), (-1.0, 1.0))
         ]
         p.one_of("body_free", body, [sides] * rounds)
+    if goal_tolerance is not None:
+        p.ball("at_goal", toe[-1] - goal, goal_tolerance)
     p.minimise("goal", np.sum((toe[-1] - goal) ** 2) + np.sum((body[-1] - body1) ** 2))
     p.minimise("toe_step", 0.05 * np.sum(np.diff(toes, axis=0) ** 2))
     p.minimise("body_step", 0.02 * np.sum(np.diff(bodies, axis=0) ** 2))
     return p
 
 
-def assignments(instance: Instance) -> list[tuple[int, ...]]:
-    """All combinations of alternatives."""
-    return list(itertools.product(*(range(len(c.alternatives)) for c in instance.choices)))
+def tiny_instance(seed: int) -> Instance:
+    """A few variables with everything at once.
+
+    Balls of radius zero among them, equations, fixed variables, flat and linear costs, choices of
+    boxes, half-spaces, planes and empty alternatives, with and without vertices, on points that
+    may be constant.
+    """
+    rng = np.random.default_rng(seed)
+    p = Program("tiny")
+    x = p.continuous("x", (int(rng.integers(2, 6)),), -2.0, 2.0)
+    if rng.random() < 0.3:
+        x = np.concatenate([x, p.continuous("fixed", (1,), 0.3, 0.3)])
+    n = len(x)
+
+    def sparse_rows(count: int, density: float) -> Array:
+        return rng.normal(size=(count, n)) * (rng.random((count, n)) < density)
+
+    for k in range(rng.integers(0, 3)):
+        d = int(rng.integers(1, 4))
+        radius = 0.0 if rng.random() < 0.05 else 0.2 + abs(rng.normal())
+        vector = sparse_rows(d, 0.6) @ x + 0.5 * rng.normal(size=d)
+        p.ball(f"ball {k}", vector[None], radius)
+    for k in range(rng.integers(0, 3)):
+        row, level = sparse_rows(1, 0.7) @ x, 0.5 * rng.normal()
+        if rng.random() < 0.25:
+            p.equal(f"row {k}", row - level)
+        else:
+            p.between(f"row {k}", row, -np.inf if rng.random() < 0.5 else level - 1.0, level)
+    for k in range(rng.integers(1, 4)):
+        d = int(rng.integers(1, 4))
+        if rng.random() < 0.5 and d <= n:
+            E = np.eye(n)[rng.permutation(n)[:d]]
+        else:
+            E = sparse_rows(d, 0.6) * (rng.random() > 0.08)
+        plane = rng.normal(size=d)
+        alternatives = [_alternative(rng, d, plane) for _ in range(rng.integers(1, 4))]
+        p.one_of(f"choice {k}", (E @ x + 0.3 * rng.normal(size=d))[None], [alternatives])
+    G = sparse_rows(int(rng.integers(1, n + 1)), 0.8)
+    p.minimise("squares", np.sum((G @ x - rng.normal(size=len(G))) ** 2))
+    if rng.random() < 0.3:
+        p.minimise("slope", np.sum(rng.normal(size=n) * x))
+    return p.at()
+
+
+def _alternative(rng: np.random.Generator, d: int, plane: Array) -> Polytope:
+    kind = rng.random()
+    none = np.zeros((0, d)), np.zeros(0)
+    box = np.vstack([np.eye(d), -np.eye(d)])
+    if kind < 0.55:
+        center, half = 0.8 * rng.normal(size=d), rng.uniform(0.05, 0.5, d)
+        bound = np.concatenate([center + half, half - center])
+        vertices = np.array(
+            list(itertools.product(*zip(center - half, center + half, strict=True)))
+        )
+        if kind < 0.05:  # empty
+            return Polytope("empty", box, bound - 3.0 * np.tile(half, 2), *none)
+        return Polytope("box", box, bound, *none, vertices if kind < 0.45 else None)
+    if kind < 0.8:
+        A = rng.normal(size=(rng.integers(1, 3), d))
+        return Polytope.halfspaces("half-space", A, 0.5 * rng.normal(size=len(A)) - 0.3)
+    normal = plane if kind < 0.9 else rng.normal(size=d)
+    return Polytope("plane", box, np.ones(2 * d), normal[None], np.array([0.1]))

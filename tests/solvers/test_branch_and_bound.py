@@ -1,0 +1,209 @@
+"""Branch and bound against all assignments one by one, and its promises on bounds and limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from brute_force import brute_force
+from random_scenes import stepping_scene, tiny_instance
+
+from climbplan.program import Instance, Polytope, Program
+from climbplan.solvers.branch_and_bound import solve_branch_and_bound
+
+GAP = 1e-4
+
+
+def agrees(instance: Instance, optimum: float) -> None:
+    """The result is what the optimum of all assignments says."""
+    result = solve_branch_and_bound(instance, gap=GAP)
+    if np.isinf(optimum):
+        assert result.status == "infeasible", result.log
+        assert result.x is None
+        assert result.objective is None
+        assert result.gap is None
+        return
+    assert result.status == "optimal", result.log
+    assert result.x is not None
+    assert result.objective is not None
+    assert result.gap is not None
+    assert result.gap <= GAP
+    assert instance.violation(result.x, result.assignment) <= 1e-7
+    assert result.objective == pytest.approx(instance.objective(result.x), abs=1e-12)
+    close = 2 * GAP * max(abs(optimum), 1e-3)
+    assert result.objective == pytest.approx(optimum, abs=close)
+    assert result.bound <= optimum + 1e-6 * max(1.0, abs(optimum))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_optimum_is_that_of_all_assignments(seed: int) -> None:
+    instance = tiny_instance(seed)
+    agrees(instance, brute_force(instance))
+
+
+def test_tiny_instances_are_of_every_kind() -> None:
+    results = [solve_branch_and_bound(tiny_instance(seed)) for seed in range(60)]
+    assert 15 <= sum(r.status == "infeasible" for r in results) <= 45
+    assert max(r.nodes for r in results) >= 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("blocked", [False, True])
+def test_steps_over_polygons(seed: int, blocked: bool) -> None:
+    scene = stepping_scene(seed, rounds=2, limbs=1, patches=2, blocked=blocked)
+    agrees(scene.at(), brute_force(scene.at()))
+
+
+def test_bound_stays_below_the_optimum_however_early_the_search_stops() -> None:
+    instance = hard_instance()
+    optimum = solve_branch_and_bound(instance, gap=1e-6).objective
+    assert optimum is not None
+    for limit in (0.0, 0.002, 0.01, 0.03, 0.1):
+        result = solve_branch_and_bound(instance, gap=1e-6, time_limit=limit)
+        assert result.bound <= optimum * (1 + 1e-9)
+        if result.status in ("optimal", "feasible"):
+            assert result.objective is not None
+            assert result.x is not None
+            assert result.objective >= optimum * (1 - 1e-5)
+            assert instance.violation(result.x) <= 1e-7
+        else:
+            assert result.status == "limit"
+            assert result.x is None
+
+
+def hard_instance() -> Instance:
+    return stepping_scene(25, rounds=4, limbs=3, patches=3, step=0.42, reach=0.8, blocked=True).at()
+
+
+def test_no_time_says_limit_not_infeasible() -> None:
+    result = solve_branch_and_bound(hard_instance(), time_limit=0.0)
+    assert result.status == "limit"
+    assert result.x is None
+    assert result.assignment is None
+    assert result.objective is None
+    assert result.gap is None
+
+
+def test_same_answer_every_time() -> None:
+    first, second = (solve_branch_and_bound(hard_instance()) for _ in range(2))
+    assert first.nodes == second.nodes
+    assert first.objective == second.objective
+    assert first.bound == second.bound
+    np.testing.assert_array_equal(first.x, second.x)
+    np.testing.assert_array_equal(first.assignment, second.assignment)
+
+
+def test_a_wider_gap_is_kept_and_not_claimed_smaller() -> None:
+    instance = hard_instance()
+    exact, rough = (solve_branch_and_bound(instance, gap=g) for g in (1e-6, 0.05))
+    assert exact.objective is not None
+    assert rough.objective is not None
+    assert rough.status == "optimal"
+    assert rough.nodes <= exact.nodes
+    assert rough.objective <= exact.objective * 1.06
+    assert rough.bound <= exact.objective
+
+
+def pillar(radius: float, lower: float = -np.inf) -> Instance:
+    """The point nearest to (3, 0) in a disc about the origin, to the left or right of a strip."""
+    p = Program("pillar")
+    x = p.continuous("x", (2,), lower, np.inf)
+    p.ball("disc", x[None], radius)
+    left = Polytope.halfspaces("left", np.array([[1.0, 0.0]]), np.array([-0.5]))
+    right = Polytope.halfspaces("right", np.array([[-1.0, 0.0]]), np.array([-1.0]))
+    p.one_of("side", x[None], [[left, right]])
+    p.minimise("distance", np.sum((x - np.array([3.0, 0.0])) ** 2))
+    return p.at()
+
+
+@pytest.mark.parametrize(
+    ("radius", "x"), [(2.0, (2.0, 0.0)), (1.0, (1.0, 0.0)), (0.9, (-0.5, 0.0)), (0.5, (-0.5, 0.0))]
+)
+def test_balls_hold_exactly_at_their_radius(radius: float, x: tuple[float, float]) -> None:
+    result = solve_branch_and_bound(pillar(radius))
+    assert result.status == "optimal"
+    assert result.x is not None
+    np.testing.assert_allclose(result.x, x, atol=1e-4)
+
+
+@pytest.mark.parametrize("radius", [0.4999, 0.0, -1.0])
+def test_balls_too_small_are_infeasible(radius: float) -> None:
+    assert solve_branch_and_bound(pillar(radius)).status == "infeasible"
+
+
+def test_start_on_the_edge_of_a_ball_is_no_contradiction() -> None:
+    p = Program("edge")
+    x = p.continuous("x", (2,))
+    p.ball("constant", 0.0 * x[None] + np.array([0.6, 0.8]), 1.0)
+    p.ball("touching", x[None] - np.array([2.0, 0.0]), 1.0)
+    p.between("wall", x[:1], -np.inf, 1.0)  # touches the ball in one point
+    p.minimise("size", np.sum(x**2))
+    result = solve_branch_and_bound(p.at())
+    assert result.status == "optimal"
+    np.testing.assert_allclose(result.x, [1.0, 0.0], atol=1e-3)
+
+
+def test_flat_directions_need_no_cost_if_bounded() -> None:
+    p = Program("flat")
+    x, free = p.continuous("x", (1,), -5.0, 5.0), p.continuous("free", (2,))
+    p.ball("tether", np.array([[free[0] - x[0], free[1]]]), 1.0)
+    far = Polytope.halfspaces("far", np.array([[-1.0]]), np.array([-3.0]))
+    near = Polytope.halfspaces("near", np.array([[1.0]]), np.array([-4.0]))
+    p.one_of("place", free[:1][None], [[far, near]])
+    p.minimise("x", (x[0] - 0.5) ** 2)
+    result = solve_branch_and_bound(p.at())
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(1.5**2, rel=1e-4)  # x = 2, free = 3
+
+
+def test_linear_costs_over_a_ball() -> None:
+    p = Program("linear")
+    x = p.continuous("x", (3,))
+    p.ball("ball", x[None], 2.0)
+    p.minimise("height", x[2] + 0.0 * x[0])
+    result = solve_branch_and_bound(p.at())
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(-2.0, abs=1e-4)
+
+
+def test_equations_may_leave_one_point() -> None:
+    p = Program("point")
+    x = p.continuous("x", (2,))
+    p.equal("both", x - np.array([0.25, 0.5]))
+    inside = Polytope.halfspaces("inside", np.eye(2), np.ones(2))
+    outside = Polytope.halfspaces("outside", -np.eye(2), -np.ones(2))
+    p.one_of("side", x[None], [[outside, inside]])
+    p.minimise("size", np.sum(x**2))
+    result = solve_branch_and_bound(p.at())
+    assert result.status == "optimal"
+    assert result.assignment is not None
+    assert result.assignment.tolist() == [1]
+    np.testing.assert_allclose(result.x, [0.25, 0.5])
+
+
+def test_contradicting_equations_are_infeasible() -> None:
+    p = Program("contradiction")
+    x = p.continuous("x", (2,))
+    p.equal("one", x[:1] - 1.0)
+    p.equal("two", x[:1] - 1.1)
+    p.minimise("size", np.sum(x**2))
+    result = solve_branch_and_bound(p.at())
+    assert result.status == "infeasible"
+    assert "equations" in result.log[0]
+
+
+def test_units_do_not_matter() -> None:
+    """Cost in other units: the same plan, proved in the same way."""
+    instance = stepping_scene(3, rounds=3, limbs=2).at()
+    base = solve_branch_and_bound(instance)
+    for factor in (1e6, 1e-6):
+        scaled = replace(
+            instance,
+            P=instance.P * factor,
+            q=instance.q * factor,
+            constant=instance.constant * factor,
+        )
+        result = solve_branch_and_bound(scaled)
+        assert result.status == "optimal"
+        assert result.objective == pytest.approx(base.objective * factor, rel=2 * GAP)

@@ -12,7 +12,6 @@ from climbplan.climb.forces import plan_forces
 from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
 from climbplan.plans.climb_plan import Study
 from climbplan.spec.loading import LoadedClimb

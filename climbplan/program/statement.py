@@ -87,10 +87,11 @@ class Program:
 
         Expressions are affine in the variables or hold products of two of them.
         """
-        shape = np.shape(expression)
+        entries = _as_array(expression)
+        shape = entries.shape
         low = np.broadcast_to(np.asarray(lower, float), shape).ravel()
         high = np.broadcast_to(np.asarray(upper, float), shape).ravel()
-        self._rows.append(RowBlock(name, shape, list(np.ravel(expression)), low, high, unit))
+        self._rows.append(RowBlock(name, shape, list(entries.ravel()), low, high, unit))
         self._compiled = None
 
     def equal(self, name: str, expression: Expression, unit: str = "") -> None:
@@ -115,7 +116,7 @@ class Program:
 
         binary: one stated binary, or one for each entry (broadcast against the expression).
         """
-        entries = np.asarray(expression, dtype=object)
+        entries = _as_array(expression)
         shape = entries.shape
         condition = np.broadcast_to(np.asarray(binary, dtype=object), shape)
         block = ImplicationBlock(
@@ -301,6 +302,17 @@ class Program:
         block = np.empty(len(symbols), dtype=object)
         block[:] = symbols
         return block.reshape(shape)
+
+
+def _as_array(expression: Any) -> Expression:
+    """An array of scalars; one CasADi scalar becomes an array of no dimensions."""
+    if isinstance(expression, np.ndarray):
+        return expression
+    if isinstance(expression, (list, tuple)):
+        return np.array(expression, dtype=object)
+    scalar = np.empty((), dtype=object)
+    scalar[()] = expression
+    return scalar
 
 
 def _outside(value: Array, lower: Array, upper: Array) -> Array:

@@ -166,3 +166,19 @@ def test_implications_hold_only_for_their_value() -> None:
     assert half["integrality.state"] == pytest.approx(0.4)
     x = p.point({"x": [0.1, -0.5], "state": [0.4, 0.6]})
     assert p.at(theta).violation(x) == pytest.approx(max(half.values()))
+
+
+def test_scalar_expressions_are_blocks_of_one() -> None:
+    p = Program("scalars")
+    z = p.binary("z", (3,))
+    x = p.continuous("x", (2,), 0.0, 1.0)
+    p.exactly_one("one", z)
+    p.between("sum", x[0] + x[1], 0.0, 1.5)
+    p.when("if", z[0], x[0] * x[1], upper=0.2)
+    counts = p.counts()
+    assert counts["by_block"] == {"one": 1, "sum": 1, "if": 1}
+    report = p.check(p.point({"z": [1, 0, 0], "x": [1.0, 0.9]}))
+    by_name = {b.name: b.residual for b in report.blocks}
+    assert by_name["one"] == 0
+    assert by_name["sum"] == pytest.approx(0.4)
+    assert by_name["if"] == pytest.approx(0.7)

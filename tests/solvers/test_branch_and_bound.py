@@ -11,6 +11,9 @@ from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.incumbent import IncumbentStore
+from climbplan.solvers.normal_form import normal_form
+from climbplan.solvers.relaxation import Relaxation
 
 GAP = 1e-4
 
@@ -94,15 +97,41 @@ def test_same_answer_every_time() -> None:
     np.testing.assert_array_equal(first.assignment, second.assignment)
 
 
-def test_a_wider_gap_is_kept_and_not_claimed_smaller() -> None:
-    instance = hard_instance()
-    exact, rough = (solve_branch_and_bound(instance, gap=g) for g in (1e-6, 0.05))
-    assert exact.objective is not None
-    assert rough.objective is not None
-    assert rough.status == "optimal"
-    assert rough.nodes <= exact.nodes
-    assert rough.objective <= exact.objective * 1.06
-    assert rough.bound <= exact.objective
+def test_wide_gaps_stop_early_and_claim_no_more_than_was_proved() -> None:
+    worse = 0
+    for seed in range(25):
+        instance = stepping_scene(
+            seed, rounds=4, limbs=3, patches=3, step=0.42, reach=0.8, blocked=seed % 2 == 1
+        ).at()
+        exact, rough = (solve_branch_and_bound(instance, gap=g) for g in (1e-6, 0.6))
+        assert exact.objective is not None
+        assert rough.objective is not None
+        assert rough.status == "optimal"
+        assert rough.nodes <= exact.nodes
+        assert rough.bound <= exact.objective * (1 + 1e-6)
+        assert rough.objective <= exact.objective * 2.6
+        worse += rough.objective > exact.objective * (1 + 1e-4)
+    assert worse >= 2  # or the bounds were not put to the test
+
+
+def test_points_are_kept_only_if_feasible_and_better() -> None:
+    instance = pillar(2.0)
+    relaxation = Relaxation(normal_form(instance))
+    store = IncumbentStore(instance, relaxation, gap=1e-4, tolerance=1e-7)
+    cost = relaxation.form.cost
+
+    def accepted(x: tuple[float, float]) -> bool:
+        z = np.linalg.solve(cost.X, np.array(x) - cost.center)
+        return store.accept(z, np.array([1 if x[0] > 0 else 0]))
+
+    assert not accepted((2.1, 0.0))  # outside the disc
+    assert not accepted((0.9, 0.0))  # inside the strip
+    assert accepted((1.5, 0.0))
+    assert not accepted((1.4, 0.0))  # worse
+    assert accepted((2.0, 0.0))
+    assert store.objective == pytest.approx(1.0)
+    assert store.cutoff == pytest.approx(1.0, rel=1.1e-4)
+    assert store.cutoff < 1.0
 
 
 def pillar(radius: float, lower: float = -np.inf) -> Instance:

@@ -1,0 +1,80 @@
+"""All of an instance that is not a number: what compiled programs are built from and shared by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy import sparse
+
+from climbplan.program.instance import Index, Instance
+from climbplan.reformulations.conditional_rows import canonical, conditional_rows
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Sparsity of a matrix, hashable."""
+
+    shape: tuple[int, int]
+    indptr: tuple[int, ...]
+    indices: tuple[int, ...]
+
+    @classmethod
+    def of(cls, matrix: sparse.csr_matrix) -> Pattern:
+        """The pattern of a canonical matrix."""
+        return cls(matrix.shape, tuple(matrix.indptr.tolist()), tuple(matrix.indices.tolist()))
+
+    def filled(self, values: Any) -> Any:
+        """The CasADi matrix with these nonzeros, row by row."""
+        rows, columns = self.shape
+        transposed = ca.Sparsity(columns, rows, list(self.indptr), list(self.indices))
+        return ca.SX(transposed, values).T
+
+    def nonempty(self) -> Index:
+        """Rows with at least one entry."""
+        return np.flatnonzero(np.diff(self.indptr))
+
+
+@dataclass(frozen=True)
+class Structure:
+    """All of an instance that is not a number."""
+
+    size: int
+    P: Pattern
+    A: Pattern
+    Q: Pattern
+    first: tuple[int, ...]
+    second: tuple[int, ...]
+    balls: tuple[tuple[Pattern, int], ...]  # rows and dimension
+    choices: tuple[int, ...]  # alternatives of each
+    conditional_A: Pattern
+    conditional_Q: Pattern
+    indicator: tuple[int, ...]
+    value: tuple[bool, ...]
+    bounded: tuple[tuple[bool, bool, bool], ...]  # conditional rows: below, above, equal
+    integer: tuple[int, ...]
+
+    @classmethod
+    def of(cls, instance: Instance) -> Structure:
+        """The structure of an instance."""
+        rows = conditional_rows(instance)
+        equal = rows.lower == rows.upper
+        ends = (np.isfinite(rows.lower) & ~equal, np.isfinite(rows.upper) & ~equal, equal)
+        return cls(
+            size=instance.size,
+            P=Pattern.of(canonical(instance.P.tocsr())),
+            A=Pattern.of(canonical(instance.A)),
+            Q=Pattern.of(canonical(instance.Q)),
+            first=tuple(instance.products.first.tolist()),
+            second=tuple(instance.products.second.tolist()),
+            balls=tuple((Pattern.of(canonical(b.F)), b.f.shape[1]) for b in instance.balls),
+            choices=tuple(len(c.alternatives) for c in instance.choices),
+            conditional_A=Pattern.of(rows.A),
+            conditional_Q=Pattern.of(rows.Q),
+            indicator=tuple(rows.indicator.tolist()),
+            value=tuple(rows.value.tolist()),
+            bounded=tuple(zip(*(end.tolist() for end in ends), strict=True)),
+            integer=tuple(np.flatnonzero(instance.integer).tolist()),
+        )

@@ -1,0 +1,122 @@
+"""Bonmin through CasADi: branch and bound over nonlinear programs, a baseline.
+
+It overruns its own time limit and writes to the terminal from compiled code, so it runs in a
+process of its own, which is ended when its time is over. On nonconvex programs its bound is none.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.nlp_form import Manner, nlp_form
+from climbplan.solvers.ipopt import TOLERANCE, middle, solve_pinned
+from climbplan.solvers.result import Answer, SolverResult, judged
+
+NAME = "bonmin"
+_GRACE = 5.0  # [s] beyond the time limit, for its start and its last node
+_PROGRAM, _NUMBERS, _ANSWER = "program.casadi", "numbers.npz", "answer.npy"
+
+
+def solve_bonmin(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = TOLERANCE,
+    start: Array | None = None,
+) -> SolverResult:
+    """Solve an instance with integers by Bonmin, implications and choices by big-M.
+
+    Its integers are kept and the pinned program is solved again, which removes what leaks through
+    big-M. An incumbent is lost when the time limit [s] ends the process before Bonmin itself
+    stops. Status is "feasible" or "limit". Raises UsageError where big-M lacks a bound.
+    """
+    begin = time.monotonic()
+    form = nlp_form(instance, Manner("big-m"))
+    bounds = form.relaxed_bounds(instance, eps=1.0)  # integrality is Bonmin's own
+    first = middle(instance) if start is None else start
+    extra = form.size - instance.size
+    integer = np.zeros(form.size, bool)
+    integer[form.binaries] = True
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        ca.Function("program", [form.v, form.p], [form.f, form.g]).save(str(folder / _PROGRAM))
+        np.savez(
+            folder / _NUMBERS,
+            p=form.numbers(instance),
+            integer=integer,
+            start=np.concatenate([first, np.full(extra, 0.5)]),
+            lower=bounds.lower,
+            upper=bounds.upper,
+            row_lower=bounds.row_lower,
+            row_upper=bounds.row_upper,
+            time_limit=time_limit,
+            gap=gap,
+        )
+        found, word = _run(folder, time_limit)
+    x = None
+    chosen = np.zeros(0, np.int64)
+    if found is not None:
+        ends = np.cumsum([instance.size, *form.structure.choices])
+        picks = [int(np.argmax(found[a:b])) for a, b in pairwise(ends)]
+        chosen = np.array(picks, np.int64)
+        x = solve_pinned(instance, found[: instance.size], chosen).v
+    answer = Answer(
+        x=x,
+        bound=-np.inf,
+        infeasible=False,
+        nodes=0,
+        time=time.monotonic() - begin,
+        solver=NAME,
+        log=(f"Bonmin: {word}",),
+        assignment=chosen,
+    )
+    return judged(instance, answer, gap, tolerance)
+
+
+def _run(folder: Path, time_limit: float) -> tuple[Array | None, str]:
+    """Bonmin's point (N,) and its last word; no point if it had to be ended."""
+    command = [sys.executable, "-m", "climbplan.solvers.bonmin", str(folder)]
+    patience = time_limit + _GRACE if np.isfinite(time_limit) else None
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=patience)
+    except subprocess.TimeoutExpired:
+        return None, "ended: it overran its time limit"
+    if done.returncode != 0 or not (folder / _ANSWER).exists():
+        last = done.stderr.strip().splitlines()
+        return None, last[-1] if last else "no answer"
+    return np.load(folder / _ANSWER), "stopped by itself"
+
+
+def _child(folder: Path) -> None:
+    """In the process of its own: solve what the folder holds and leave the answer there."""
+    given = np.load(folder / _NUMBERS)
+    program = ca.Function.load(str(folder / _PROGRAM))
+    v = ca.SX.sym("v", len(given["start"]))
+    f, g = program(v, given["p"])
+    options = {"discrete": given["integer"].tolist(), "error_on_fail": False}
+    options["bonmin"] = {"allowable_fraction_gap": float(given["gap"])}
+    if np.isfinite(given["time_limit"]):
+        options["bonmin"]["time_limit"] = float(given["time_limit"])
+    solver = ca.nlpsol("bonmin", "bonmin", {"x": v, "f": f, "g": g}, options)
+    answer = solver(
+        x0=given["start"],
+        lbx=given["lower"],
+        ubx=given["upper"],
+        lbg=given["row_lower"],
+        ubg=given["row_upper"],
+    )
+    np.save(folder / _ANSWER, np.array(answer["x"]).ravel())
+
+
+if __name__ == "__main__":
+    _child(Path(sys.argv[1]))

@@ -1,0 +1,184 @@
+"""IPOPT through CasADi with MUMPS: smooth nonlinear programs, integers pinned.
+
+Its word is not believed: feasibility and objective of what it returns are computed from the
+instance.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.program.instance import Index, Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
+from climbplan.solvers.result import Answer, SolverResult, judged
+
+NAME = "ipopt"
+TOLERANCE = 1e-6  # largest violation of an incumbent, in the unit of the rows
+ITERATIONS = 300  # infeasible programs would use up IPOPT's own 3000
+
+
+@dataclass(frozen=True)
+class NlpPoint:
+    """Where IPOPT stopped, whatever it says about it."""
+
+    v: Array  # (N,)
+    row_multipliers: Array  # (M,)
+    bound_multipliers: Array  # (N,)
+    iterations: int
+    word: str  # IPOPT's return status
+
+
+class _Deadline(ca.Callback):
+    """Stops IPOPT between two iterations once the clock passes `at`."""
+
+    def __init__(self, form: NlpForm) -> None:
+        ca.Callback.__init__(self)
+        self.at = float("inf")  # [s], time.monotonic
+        sizes = {"x": form.size, "f": 1, "g": form.g.numel(), "p": form.p.numel()}
+        self._sizes = sizes | {f"lam_{name}": size for name, size in sizes.items()}
+        self.construct("deadline", {})
+
+    def get_n_in(self) -> int:
+        """As many as nlpsol has outputs."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """One flag."""
+        return 1
+
+    def get_sparsity_in(self, index: int) -> Any:
+        """Dense vectors."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
+
+    def eval(self, _: Any) -> list[int]:
+        """1 to stop."""
+        return [int(time.monotonic() > self.at)]
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    solver: Any
+    deadline: _Deadline
+
+
+@lru_cache(maxsize=32)
+def _compiled(form: NlpForm, iterations: int) -> _Compiled:
+    deadline = _Deadline(form)
+    options: dict[str, Any] = {
+        "print_time": False,
+        "error_on_fail": False,
+        "iteration_callback": deadline,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "linear_solver": "mumps",
+            "max_iter": iterations,
+            "tol": 1e-8,
+            "constr_viol_tol": 1e-8,
+            "mu_strategy": "adaptive",
+        },
+    }
+    problem = {"x": form.v, "p": form.p, "f": form.f, "g": form.g}
+    return _Compiled(ca.nlpsol("nlp", "ipopt", problem, options), deadline)
+
+
+def minimise(
+    form: NlpForm,
+    numbers: Array,
+    bounds: Bounds,
+    start: Array,
+    deadline: float = np.inf,
+    iterations: int = ITERATIONS,
+) -> NlpPoint:
+    """Run IPOPT on a form from a start (N,); deadline in `time.monotonic` seconds."""
+    compiled = _compiled(form, iterations)
+    compiled.deadline.at = deadline
+    answer = compiled.solver(
+        x0=np.clip(start, bounds.lower, bounds.upper),
+        p=numbers,
+        lbx=bounds.lower,
+        ubx=bounds.upper,
+        lbg=bounds.row_lower,
+        ubg=bounds.row_upper,
+    )
+    stats = compiled.solver.stats()
+    # IPOPT widens bounds by 1e-8; its point is brought back into them.
+    v = np.clip(np.array(answer["x"]).ravel(), bounds.lower, bounds.upper)
+    return NlpPoint(
+        v=v,
+        row_multipliers=np.array(answer["lam_g"]).ravel(),
+        bound_multipliers=np.array(answer["lam_x"]).ravel(),
+        iterations=int(stats.get("iter_count", 0)),
+        word=str(stats["return_status"]),
+    )
+
+
+def solve_pinned(
+    instance: Instance,
+    start: Array,
+    assignment: Index | None = None,
+    deadline: float = np.inf,
+    iterations: int = ITERATIONS,
+) -> NlpPoint:
+    """The program that is left when the integers of `start` (n,) and the choices are kept.
+
+    Implications that are active become rows, so nothing leaks. assignment: the alternative of each
+    choice, the least violated at the start if left out.
+    """
+    form = nlp_form(instance, Manner("pinned"))
+    bounds = form.pinned_bounds(instance, start, assignment)
+    return minimise(form, form.numbers(instance), bounds, start, deadline, iterations)
+
+
+def middle(instance: Instance) -> Array:
+    """A start without knowledge: the middle of each variable's bounds, zero where there are none.
+
+    With one bound only, the point of the bounded side that is nearest to zero.
+    """
+    both = np.isfinite(instance.lower) & np.isfinite(instance.upper)
+    low, high = np.where(both, instance.lower, 0.0), np.where(both, instance.upper, 0.0)
+    return np.clip((low + high) / 2, instance.lower, instance.upper)
+
+
+def solve_ipopt(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = TOLERANCE,
+    start: Array | None = None,
+    assignment: Index | None = None,
+) -> SolverResult:
+    """A local optimum of an instance whose integers and choices are given by a start.
+
+    start: (n,); its integers, rounded, are kept. gap: not used to stop, since a local method has
+    no bound. Status is "feasible" or "limit", never "optimal" or "infeasible". Raises UsageError
+    for integers or choices without a start.
+    """
+    if start is None and instance.features & {"integers", "choices"}:
+        raise UsageError(f"{instance.name}: {NAME} needs a start whose integers it keeps")
+    begin = time.monotonic()
+    first = middle(instance) if start is None else start
+    point = solve_pinned(instance, first, assignment, begin + time_limit)
+    return judged(
+        instance,
+        Answer(
+            x=point.v,
+            bound=-np.inf,
+            infeasible=False,
+            nodes=point.iterations,
+            time=time.monotonic() - begin,
+            solver=NAME,
+            log=(f"IPOPT: {point.word}, {point.iterations} iterations",),
+            assignment=assignment,
+        ),
+        gap,
+        tolerance,
+    )

@@ -36,7 +36,7 @@ def bench(
         return
     if name is not None and name not in BENCHMARKS:
         raise UsageError(f"no benchmark {name!r}, known are {', '.join(BENCHMARKS)}")
-    from climbplan.climb.benchmark import run
+    from climbplan.climb.benchmarks.run import run
 
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:

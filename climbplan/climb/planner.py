@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.clearance import body_shortfall
-from climbplan.climb.forces import plan_forces
+from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.posture import PostureResult, plan_postures
-from climbplan.climb.posture_nlp import plan_postures_nlp
-from climbplan.climb.posture_statement import PostureMargins
+from climbplan.climb.postures.nlp import plan_postures_nlp
+from climbplan.climb.postures.planner import PostureResult, plan_postures
+from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from joblib import Parallel, delayed
 
-from climbplan.climb.forces import plan_forces
+from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory

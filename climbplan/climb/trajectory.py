@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.forces import plan_forces
+from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import Swing, swing_path

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from climbplan.climb.benchmark_force import straight_rounds
+from climbplan.climb.benchmarks.force import straight_rounds
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.plans.climb_plan import Instants, Rounds

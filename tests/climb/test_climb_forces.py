@@ -12,18 +12,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from climbplan.climb import forces as forces_module
-from climbplan.climb.benchmark_force import straight_rounds
-from climbplan.climb.force_commands import out_of_reach
-from climbplan.climb.force_literal import literal_problems, solve_cvxpy, solve_literal
-from climbplan.climb.force_reduction import ReducedForces
-from climbplan.climb.force_statement import (
+from climbplan.climb.benchmarks.force import straight_rounds
+from climbplan.climb.forces import planner as forces_module
+from climbplan.climb.forces.commands import out_of_reach
+from climbplan.climb.forces.literal import literal_problems, solve_cvxpy, solve_literal
+from climbplan.climb.forces.planner import SolvedForces, plan_forces, solve_forces
+from climbplan.climb.forces.reduction import ReducedForces
+from climbplan.climb.forces.statement import (
     ForceStatement,
     check_forces,
     objective_of,
     state_forces,
 )
-from climbplan.climb.forces import SolvedForces, plan_forces, solve_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Infeasible, LimitReached, UsageError

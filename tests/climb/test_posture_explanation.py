@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from climbplan.climb.posture import plan_postures
+from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Infeasible
 

@@ -13,20 +13,20 @@ import yaml
 
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.posture import plan_postures
-from climbplan.climb.posture_nlp import plan_postures_nlp, refined, solve_from
-from climbplan.climb.posture_nlp_check import check_postures, posture_cost
-from climbplan.climb.posture_nlp_layout import Layout, variable_layout
-from climbplan.climb.posture_nlp_links import link_points, parting_planes
-from climbplan.climb.posture_nlp_numbers import (
+from climbplan.climb.postures.nlp import plan_postures_nlp, refined, solve_from
+from climbplan.climb.postures.nlp_check import check_postures, posture_cost
+from climbplan.climb.postures.nlp_layout import Layout, variable_layout
+from climbplan.climb.postures.nlp_links import link_points, parting_planes
+from climbplan.climb.postures.nlp_numbers import (
     first_iterate,
     parameters,
     shape_of,
     to_rounds,
     variable_bounds,
 )
-from climbplan.climb.posture_nlp_starts import convex_guess, straight_guess
-from climbplan.climb.posture_nlp_statement import posture_nlp, turning_bulge
+from climbplan.climb.postures.nlp_starts import convex_guess, straight_guess
+from climbplan.climb.postures.nlp_statement import posture_nlp, turning_bulge
+from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import Infeasible, LimitReached, ReachFailure
 from climbplan.plans.climb_plan import Rounds

@@ -10,6 +10,7 @@ from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.program import Instance, Polytope, Program
+from climbplan.solvers import tree_search
 from climbplan.solvers.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.incumbent import IncumbentStore
 from climbplan.solvers.normal_form import normal_form
@@ -112,6 +113,25 @@ def test_wide_gaps_stop_early_and_claim_no_more_than_was_proved() -> None:
         assert rough.objective <= exact.objective * 2.6
         worse += rough.objective > exact.objective * (1 + 1e-4)
     assert worse >= 2  # or the bounds were not put to the test
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_bounds_of_parts_and_exclusions_lose_nothing(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The plain tree, with neither, finds the same optimum."""
+    instance = stepping_scene(
+        seed, rounds=3, limbs=2, patches=3, step=0.42, reach=0.75, blocked=seed % 2 == 0
+    ).at()
+    full = solve_branch_and_bound(instance, gap=1e-6)
+    monkeypatch.setattr(tree_search, "blocks", lambda form, pool: [])
+    monkeypatch.setattr(
+        tree_search.TreeSearch, "_excluded", lambda self, node, *others: node.allowed
+    )
+    plain = solve_branch_and_bound(instance, gap=1e-6)
+    assert full.status == plain.status
+    assert full.objective == pytest.approx(plain.objective, rel=3e-6)
+    assert full.nodes <= plain.nodes + 2
 
 
 def test_points_are_kept_only_if_feasible_and_better() -> None:

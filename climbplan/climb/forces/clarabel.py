@@ -8,7 +8,7 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from climbplan.climb.force_reduction import ReducedForces, halfspaces
+from climbplan.climb.forces.reduction import ReducedForces, halfspaces
 from climbplan.plans.climb_plan import Array, Mask
 
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from climbplan.climb.force_reduction import Halfspaces, ReducedForces, halfspaces, set_friction
+from climbplan.climb.forces.reduction import Halfspaces, ReducedForces, halfspaces, set_friction
 from climbplan.mechanics.friction import regular_corners
 from climbplan.plans.climb_plan import Array, Mask
 

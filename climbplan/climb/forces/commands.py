@@ -2,7 +2,7 @@
 
 A toe is commanded beyond its surface by as much as the limb gives way (`wall_deflection`), and a
 soft limb may be asked further than it reaches. Where that happens, forces and sag are planned
-again for that instant together (`force_reach`).
+again for that instant together (`reach`).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.force_reach import BodyPose, Pressing, replan_within_reach
-from climbplan.climb.force_statement import RESIDUAL_LIMIT, ForceStatement, check_forces
+from climbplan.climb.forces.reach import BodyPose, Pressing, replan_within_reach
+from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Conflict, Infeasible
 from climbplan.mechanics.stiffness import Deflections, deflections_for_forces

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from climbplan.climb.force_cones import (
+from climbplan.climb.forces.cones import (
     FEASIBLE,
     ConicProgram,
     InstantCones,

@@ -10,15 +10,15 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.force_literal import (
+from climbplan.climb.forces.literal import (
     LiteralAnswer,
     LiteralProblem,
     literal_problems,
     solve_cvxpy,
     solve_literal,
 )
-from climbplan.climb.force_statement import ForceStatement, objective_of, state_forces
-from climbplan.climb.forces import plan_forces, solve_forces
+from climbplan.climb.forces.planner import plan_forces, solve_forces
+from climbplan.climb.forces.statement import ForceStatement, objective_of, state_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import Infeasible, LimitReached, MissingSolver, ReachFailure

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from climbplan.climb.planner import StageClock, plan_motion
-from climbplan.climb.posture_statement import posture_program
+from climbplan.climb.postures.statement import posture_program
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.program import Instance
 from climbplan.solvers.registry import solve

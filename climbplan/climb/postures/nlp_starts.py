@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
-from climbplan.climb.posture import LINEAR_ROTATION_LIMIT, plan_postures
-from climbplan.climb.posture_nlp_numbers import Guess
+from climbplan.climb.postures.nlp_numbers import Guess
+from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NoPlanFound
 from climbplan.plans.climb_plan import Index, Rounds

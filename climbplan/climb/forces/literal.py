@@ -15,8 +15,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from climbplan.climb.force_clarabel import clarabel_settings
-from climbplan.climb.force_statement import ForceStatement
+from climbplan.climb.forces.clarabel import clarabel_settings
+from climbplan.climb.forces.statement import ForceStatement
 from climbplan.errors import MissingSolver
 from climbplan.mechanics.friction import contact_frame
 from climbplan.mechanics.stiffness import rigid_motion, whole_body_stiffness

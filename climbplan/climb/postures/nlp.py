@@ -18,9 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.posture import PostureResult, Progress
-from climbplan.climb.posture_nlp_check import Violation, check_postures, posture_cost
-from climbplan.climb.posture_nlp_numbers import (
+from climbplan.climb.postures.nlp_check import Violation, check_postures, posture_cost
+from climbplan.climb.postures.nlp_numbers import (
     Guess,
     first_iterate,
     parameters,
@@ -28,8 +27,9 @@ from climbplan.climb.posture_nlp_numbers import (
     to_rounds,
     variable_bounds,
 )
-from climbplan.climb.posture_nlp_starts import convex_guess, repinned, straight_guess
-from climbplan.climb.posture_nlp_statement import PostureNlp, posture_nlp
+from climbplan.climb.postures.nlp_starts import convex_guess, repinned, straight_guess
+from climbplan.climb.postures.nlp_statement import PostureNlp, posture_nlp
+from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Infeasible, LimitReached, ReachFailure
 from climbplan.plans.climb_plan import Rounds

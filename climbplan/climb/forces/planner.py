@@ -1,8 +1,8 @@
 """The force planner: contact forces and commands at every instant (chapter 5.1.4).
 
-One convex problem an instant (`force_statement`), reduced to the forces that equilibrium leaves
-free (`force_reduction`), solved on inscribed pyramids or exact cones, checked against the exact
-constraints, and only then turned into commanded toe positions (`force_commands`).
+One convex problem an instant (`statement`), reduced to the forces that equilibrium leaves
+free (`reduction`), solved on inscribed pyramids or exact cones, checked against the exact
+constraints, and only then turned into commanded toe positions (`commands`).
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.force_clarabel import solve_clarabel
-from climbplan.climb.force_commands import press
-from climbplan.climb.force_daqp import solve_daqp
-from climbplan.climb.force_explanation import explain
-from climbplan.climb.force_osqp import solve_osqp
-from climbplan.climb.force_pyramids import solve_pyramids
-from climbplan.climb.force_reach import Pressing
-from climbplan.climb.force_reduction import ReducedForces, reduce_forces
-from climbplan.climb.force_statement import (
+from climbplan.climb.forces.clarabel import solve_clarabel
+from climbplan.climb.forces.commands import press
+from climbplan.climb.forces.daqp import solve_daqp
+from climbplan.climb.forces.explanation import explain
+from climbplan.climb.forces.osqp import solve_osqp
+from climbplan.climb.forces.pyramids import solve_pyramids
+from climbplan.climb.forces.reach import Pressing
+from climbplan.climb.forces.reduction import ReducedForces, reduce_forces
+from climbplan.climb.forces.statement import (
     RESIDUAL_LIMIT,
     ForceStatement,
     check_forces,

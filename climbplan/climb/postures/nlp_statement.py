@@ -21,7 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.posture_nlp_layout import (
+from climbplan.climb.postures.nlp_layout import (
     LINKS,
     MOMENTS,
     Shape,
@@ -30,7 +30,7 @@ from climbplan.climb.posture_nlp_layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.posture_nlp_links import link_points
+from climbplan.climb.postures.nlp_links import link_points
 from climbplan.robots.rotations import Array
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`

@@ -13,8 +13,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from climbplan.climb.force_clarabel import clarabel_settings
-from climbplan.climb.force_statement import ForceStatement
+from climbplan.climb.forces.clarabel import clarabel_settings
+from climbplan.climb.forces.statement import ForceStatement
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
 from climbplan.plans.climb_plan import Array, Index

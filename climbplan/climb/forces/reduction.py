@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.force_statement import ForceStatement
+from climbplan.climb.forces.statement import ForceStatement
 from climbplan.mechanics.equilibrium import balance_load
 from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid_rows
 from climbplan.plans.climb_plan import Array, Index

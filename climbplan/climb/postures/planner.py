@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from climbplan.climb.posture_explanation import explain_infeasible
-from climbplan.climb.posture_statement import PostureMargins, posture_program
+from climbplan.climb.postures.explanation import explain_infeasible
+from climbplan.climb.postures.statement import PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, UsageError
 from climbplan.plans.climb_plan import Rounds

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.force_cones import (
+from climbplan.climb.forces.cones import (
     FEASIBLE,
     ConicAnswer,
     ConicProgram,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.force_cones import ConicProgram, instant_cones, selector
-from climbplan.climb.force_statement import ForceStatement
+from climbplan.climb.forces.cones import ConicProgram, instant_cones, selector
+from climbplan.climb.forces.statement import ForceStatement
 from climbplan.mechanics.friction import project_to_cone
 from climbplan.mechanics.stiffness import Deflections, rigid_motion
 from climbplan.plans.climb_plan import Array

@@ -6,8 +6,8 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from climbplan.climb.force_pyramids import Optima
-from climbplan.climb.force_reduction import Halfspaces, ReducedForces
+from climbplan.climb.forces.pyramids import Optima
+from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
 from climbplan.plans.climb_plan import Mask
 
 _TOLERANCE = 1e-6  # before polishing

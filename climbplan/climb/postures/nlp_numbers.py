@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.posture_nlp_layout import (
+from climbplan.climb.postures.nlp_layout import (
     MOMENTS,
     Moment,
     Shape,
@@ -15,7 +15,7 @@ from climbplan.climb.posture_nlp_layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.posture_nlp_links import parting_planes
+from climbplan.climb.postures.nlp_links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.plans.climb_plan import Index, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.force_amounts import (
+from climbplan.climb.forces.amounts import (
     Interval,
     LoadDirection,
     feasible_masses,
     least_friction_factor,
     least_torque_factor,
 )
-from climbplan.climb.force_cones import InstantCones, instant_cones
-from climbplan.climb.force_conflict import Member, conflicting_members
-from climbplan.climb.force_statement import ForceStatement
+from climbplan.climb.forces.cones import InstantCones, instant_cones
+from climbplan.climb.forces.conflict import Member, conflicting_members
+from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.plans.climb_plan import Index, Instants

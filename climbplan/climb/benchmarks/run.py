@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
-from climbplan.climb.benchmark_force import bench_force
-from climbplan.climb.benchmark_posture import bench_growth, bench_posture
-from climbplan.climb.forces import plan_forces
+from climbplan.climb.benchmarks.force import bench_force
+from climbplan.climb.benchmarks.posture import bench_growth, bench_posture
+from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory

@@ -5,8 +5,8 @@ from __future__ import annotations
 import daqp
 import numpy as np
 
-from climbplan.climb.force_pyramids import Optima
-from climbplan.climb.force_reduction import Halfspaces, ReducedForces
+from climbplan.climb.forces.pyramids import Optima
+from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
 from climbplan.plans.climb_plan import Mask
 
 _UNBOUNDED = -1e30  # no lower bound, in DAQP's terms

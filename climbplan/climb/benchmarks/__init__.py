@@ -1,0 +1,1 @@
+"""Comparison tables, each figure beside a named alternative of the same run."""

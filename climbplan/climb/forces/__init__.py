@@ -1,0 +1,1 @@
+"""Second stage of the planner: contact forces by convex programs (chapter 5.1.4)."""

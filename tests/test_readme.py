@@ -90,3 +90,14 @@ def test_python_block_runs() -> None:
 def test_specs_of_the_table_exist() -> None:
     named = re.findall(r"^\| `(\w+\.yaml)`", README, re.MULTILINE)
     assert sorted(named) == sorted(p.name for p in (ROOT / "specs").glob("climb_*.yaml"))
+
+
+def test_no_placeholder_is_left() -> None:
+    assert not re.search(r"@[A-Z]+@|TODO|placeholder", README)
+
+
+def test_yaml_block_is_a_valid_spec(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "spec.yaml").write_text(block)
+    done = run("climbplan validate spec.yaml", tmp_path)
+    assert done.returncode == 0, done.stderr

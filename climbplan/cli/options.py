@@ -37,10 +37,12 @@ Set = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of all randomness.")]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Parallel workers.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Parallel workers of a study.")
+]
 TimeLimit = Annotated[
     float | None,
-    typer.Option("--time-limit", metavar="SECONDS", help="Time limit of the planner."),
+    typer.Option("--time-limit", metavar="SECONDS", help="Time limit of the posture planner."),
 ]
 Method = Annotated[
     str | None, typer.Option("--method", metavar="NAME", help="Planning method (micp, nlp).")

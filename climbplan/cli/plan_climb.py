@@ -51,8 +51,8 @@ def plan_climb(
     """Plan a climb: postures, contact forces, torques.
 
     Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. Exit code 3 if there is proof that no plan exists, 4 if a limit was reached without
-    one, 5 if the plan fails its verification.
+    figures/. Exit code 3 if the method finds that no plan exists (the message says at which stage
+    and why), 4 if a limit was reached without one, 5 if the plan fails its verification.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress

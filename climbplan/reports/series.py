@@ -28,7 +28,7 @@ class LimbSeries:
     joint: Index  # (K,) that joint: 0 coxa, 1 femur, 2 tibia
     torque_limit: Array  # (K,) max_torque of that joint [N m]
     torque_planned: Array  # (K,) torque_limit / S_tau of the instant [N m]
-    mu_critical: Array  # (K,) friction coefficient at which the toe would slip, eq. (5.2)
+    mu_critical: Array  # (K,) friction coefficient at which the toe would slip, eq. (5.1)
     mu: Array  # (K,) friction coefficient of the surface
     mu_planned: Array  # (K,) mu / S_mu asked for
     lifted: tuple[Span, ...]  # when the limb is in the air

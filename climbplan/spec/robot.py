@@ -53,7 +53,7 @@ class LimbSpec(SpecModel):
 
 
 class WorkspaceSpec(SpecModel):
-    """Balls that stand for a limb's workspace in the posture planner (eq. constraint C)."""
+    """Balls that stand for a limb's workspace in the posture planner (constraint C of Fig. 5.1)."""
 
     reach: Number = quantity("m", "largest distance from shoulder to toe (Delta_FK)", gt=0)
     stance_radius: Number = quantity(

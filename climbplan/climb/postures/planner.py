@@ -20,7 +20,7 @@ from climbplan.solvers.model_file import save_model as write_model
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import SolverResult
 
-LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by more than about 3 %
+LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by over 3 % about one axis
 
 # The bound is one of the statement: a method with exact rotations may find a lower cost.
 BOUND_SCOPE = (

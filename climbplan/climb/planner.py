@@ -20,12 +20,14 @@ from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, ReachFailure, UsageError
-from climbplan.plans.climb_plan import ClimbPlan, Instants, StepLimits
+from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, StepLimits
 from climbplan.spec.loading import LoadedClimb
 
 Progress = Callable[[str, float], None]
 
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
+_SMALL_TILT = np.deg2rad(5.0)  # body deflections beyond these are worth a warning
+_SMALL_SHIFT = 0.03  # [m]
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
 
 
@@ -169,10 +171,24 @@ def plan_climb(
             "posture": {**motion.posture.sizes, "nodes": motion.posture.nodes},
             "force": {"instants": instants.count},
         },
-        warnings=(*motion.posture.warnings, *motion.tightenings),
+        warnings=(*motion.posture.warnings, *motion.tightenings, *deflection_warnings(forces)),
         study=study,
     )
     return replace(plan, summary=summary_lines(plan))
+
+
+def deflection_warnings(forces: Forces) -> tuple[str, ...]:
+    """Body deflections beyond what the small-rotation model of eq. (4.11) holds for."""
+    shift = float(np.linalg.norm(forces.com_deflection[:, :3], axis=1).max(initial=0.0))
+    tilt = float(np.linalg.norm(forces.com_deflection[:, 3:], axis=1).max(initial=0.0))
+    if tilt <= _SMALL_TILT and shift <= _SMALL_SHIFT:
+        return ()
+    text = (
+        f"the body moves up to {1e3 * shift:.0f} mm and turns up to {np.rad2deg(tilt):.1f} deg from "
+        "its planned pose: more than the linear model holds for, and clearances are those of the "
+        "planned pose; force.sag: compensated keeps it there"
+    )
+    return (text,)
 
 
 def step_limits(scene: ClimbScene) -> StepLimits:

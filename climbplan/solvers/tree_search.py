@@ -120,7 +120,6 @@ class TreeSearch:
             rates = self._rates(point, *bounds)
             allowed = self._excluded(node, point, value, rates, gains)
             if not allowed.any(axis=1).all():
-                self.closed = min(self.closed, max(node.bound, self.incumbents.cutoff))
                 return
             node = self._narrowed(node, allowed)
             off = np.where(node.allowed, off, np.inf)
@@ -230,15 +229,19 @@ class TreeSearch:
     def _excluded(
         self, node: Node, point: Point, value: Array, rates: RowRates, gains: Array
     ) -> Flags:
-        """Allowed alternatives without those whose sure gain reaches the cutoff."""
-        if np.isinf(self.incumbents.cutoff):
+        """Allowed alternatives without those whose sure gain reaches the cutoff: these are closed."""
+        cutoff = self.incumbents.cutoff
+        if np.isinf(cutoff):
             return node.allowed
         open_choices = node.allowed.sum(axis=1) > 1
         sure = single_gains(self.form, value, rates, open_choices)
         others = np.full(len(sure), gains.sum())
         for block, gain in zip(self.blocks, gains, strict=True):
             others[block.choices] -= gain
-        return node.allowed & (point.bound + others[:, None] + sure < self.incumbents.cutoff)
+        reached = np.maximum(node.bound, point.bound + others[:, None] + sure)
+        closed = node.allowed & open_choices[:, None] & (reached >= cutoff)
+        self.closed = min(self.closed, float(reached[closed].min(initial=np.inf)))
+        return node.allowed & ~closed
 
     # ---- branching
 

@@ -1,0 +1,56 @@
+"""Benchmarks run and print their tables; their figures are not judged."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import pytest
+
+from climbplan.climb.benchmarks.posture import published_scene
+from climbplan.climb.benchmarks.run import run
+from climbplan.climb.postures.statement import posture_program
+from climbplan.errors import UsageError
+
+
+def table(name: str) -> str:
+    out = io.StringIO()
+    run(name, seed=0, quick=True, out=out)
+    return out.getvalue()
+
+
+def test_growth_has_a_row_for_each_size_and_ratios_to_one() -> None:
+    text = table("growth")
+    rows = [line.split() for line in text.splitlines()[1:]]
+    assert [(int(r[0]), int(r[1])) for r in rows] == [(2, 6), (4, 6), (8, 6), (8, 4)]
+    assert float(rows[2][-1]) == 1.0
+    assert [int(r[3]) for r in rows] == [36, 72, 144, 96]
+    assert all(float(r[-2]) <= 1e-4 for r in rows)
+
+
+def test_whole_plan_lists_its_stages() -> None:
+    text = table("plan")
+    for stage in ("posture", "kinematics", "force", "plan"):
+        assert re.search(rf"^{stage} +\d", text, re.MULTILINE), text
+
+
+@pytest.mark.slow
+def test_posture_is_compared_with_scip() -> None:
+    text = table("posture")
+    assert len(re.findall(r"^goal \d, 144 binaries", text, re.MULTILINE)) == 2
+    assert "ratio SCIP / ours" in text
+
+
+def test_published_setting_has_its_published_size() -> None:
+    """Table 5.1: 144 binaries; 104 balls beside those of the goal; 144 + 48 coordinates."""
+    counts = posture_program(published_scene(0)).counts()
+    assert counts["continuous"] == 192
+    assert counts["binary"] == 144
+    goal = counts["by_block"]["posture.goal_com"] + counts["by_block"]["posture.goal_toes"]
+    assert counts["balls"] - goal == 104
+    assert posture_program(published_scene(0, free_sides=True)).counts()["binary"] == 288
+
+
+def test_unknown_benchmarks_are_refused() -> None:
+    with pytest.raises(UsageError, match="posture, force, plan, growth"):
+        table("speed")

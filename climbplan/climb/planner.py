@@ -184,8 +184,8 @@ def deflection_warnings(forces: Forces) -> tuple[str, ...]:
     if tilt <= _SMALL_TILT and shift <= _SMALL_SHIFT:
         return ()
     text = (
-        f"the body moves up to {1e3 * shift:.0f} mm and turns up to {np.rad2deg(tilt):.1f} deg from "
-        "its planned pose: more than the linear model holds for, and clearances are those of the "
+        f"the body moves up to {1e3 * shift:.0f} mm and turns up to {np.rad2deg(tilt):.1f} deg "
+        "from its planned pose: more than the linear model holds for, and clearances are those of the "
         "planned pose; force.sag: compensated keeps it there"
     )
     return (text,)

@@ -229,7 +229,7 @@ class TreeSearch:
     def _excluded(
         self, node: Node, point: Point, value: Array, rates: RowRates, gains: Array
     ) -> Flags:
-        """Allowed alternatives without those whose sure gain reaches the cutoff: these are closed."""
+        """Allowed alternatives less those whose sure gain reaches the cutoff: they are closed."""
         cutoff = self.incumbents.cutoff
         if np.isinf(cutoff):
             return node.allowed

@@ -185,8 +185,8 @@ def deflection_warnings(forces: Forces) -> tuple[str, ...]:
         return ()
     text = (
         f"the body moves up to {1e3 * shift:.0f} mm and turns up to {np.rad2deg(tilt):.1f} deg "
-        "from its planned pose: more than the linear model holds for, and clearances are those of the "
-        "planned pose; force.sag: compensated keeps it there"
+        "from its planned pose: more than the linear model holds for, and clearances are those of "
+        "the planned pose; force.sag: compensated keeps it there"
     )
     return (text,)
 

@@ -18,6 +18,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
+from climbplan.solvers.interruption import interruptible
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 NAME = "ipopt"
@@ -57,6 +58,10 @@ class _Deadline(ca.Callback):
     def get_sparsity_in(self, index: int) -> Any:
         """Dense vectors."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
+
+    def stop(self) -> None:
+        """Stop at the next iteration."""
+        self.at = -float("inf")
 
     def eval(self, _: Any) -> list[int]:
         """1 to stop."""
@@ -101,14 +106,15 @@ def minimise(
     """Run IPOPT on a form from a start (N,); deadline in `time.monotonic` seconds."""
     compiled = _compiled(form, iterations)
     compiled.deadline.at = deadline
-    answer = compiled.solver(
-        x0=np.clip(start, bounds.lower, bounds.upper),
-        p=numbers,
-        lbx=bounds.lower,
-        ubx=bounds.upper,
-        lbg=bounds.row_lower,
-        ubg=bounds.row_upper,
-    )
+    with interruptible(compiled.deadline.stop):
+        answer = compiled.solver(
+            x0=np.clip(start, bounds.lower, bounds.upper),
+            p=numbers,
+            lbx=bounds.lower,
+            ubx=bounds.upper,
+            lbg=bounds.row_lower,
+            ubg=bounds.row_upper,
+        )
     stats = compiled.solver.stats()
     # IPOPT widens bounds by 1e-8; its point is brought back into them.
     v = np.clip(np.array(answer["x"]).ravel(), bounds.lower, bounds.upper)

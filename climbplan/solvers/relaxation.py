@@ -97,7 +97,9 @@ class Relaxation:
             solved=False,
         )
         sense = np.zeros(pool.count, np.int32)
+        at = np.where(start.multiplier > 0, upper[start.active], lower[start.active])
         sense[start.active] = np.where(start.multiplier > 0, _AT_UPPER, _AT_LOWER)
+        sense[start.active[np.abs(at) >= UNBOUNDED]] = 0
         rows = self._near(lower, upper, start)
         flat, moves = self.form.cost.flat, 0
         linear = self.form.cost.slope.copy()
@@ -207,6 +209,11 @@ class Relaxation:
         cost = self.form.cost
         enough = min(cutoff, self.form.ceiling)
         bound = cost.constant + proved_bound(
-            cost.slope, self.pool.M[rows], lower[rows], upper[rows], cost.extent, enough
+            cost.slope,
+            self.pool.M[rows],
+            lower[rows],
+            upper[rows],
+            cost.extent,
+            enough - cost.constant,
         )
         return Closed(np.inf if bound >= self.form.ceiling else bound, bound >= enough)

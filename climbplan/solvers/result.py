@@ -16,7 +16,7 @@ Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
 FEASIBILITY = 1e-7  # largest violation of an incumbent, in the unit of the rows
 LEAST_OBJECTIVE = 1e-9  # gaps are relative to the objective, but not to less than this
-ROUNDING = 1e-11  # differences between objective and bound that mean nothing
+ROUNDING = 1e-10  # differences between objective and bound that mean nothing
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,8 @@ def solve_scip(
     if guard is not None:
         guard.cancel()
     status = model.getStatus()
+    if status == "userinterrupt" and time.perf_counter() - begin < time_limit:
+        raise KeyboardInterrupt  # Ctrl-C, which SCIP takes for itself, and not the guard
     x = None
     if model.getNSols() > 0:
         best = model.getBestSol()

@@ -88,7 +88,9 @@ class TreeSearch:
     @property
     def exhausted(self) -> bool:
         """Whether every part of the tree was shown to hold no feasible point."""
-        return not self._open and not self._dive and np.isinf(self.closed)
+        if self._open or self._dive:
+            return False
+        return bool(np.isinf(self.closed)) or self.closed > self.form.ceiling
 
     # ---- one node
 
@@ -144,9 +146,6 @@ class TreeSearch:
                 self.closed = min(self.closed, solved.bound if solved.certified else node.bound)
                 return None
             point = solved
-            if point.bound >= self.incumbents.cutoff:
-                self.closed = min(self.closed, point.bound)
-                return None
             if not point.solved:
                 self._note("DAQP failed; the bound is that of some rows")
                 break
@@ -198,7 +197,8 @@ class TreeSearch:
         gains = np.zeros(len(self.blocks))
         if len(self.blocks) < 2:
             return [None] * len(self.blocks), gains
-        slack = _BLOCK_SLACK * self.gap * abs(self._scale(point)) / len(self.blocks)
+        scale = max(abs(point.bound), LEAST_OBJECTIVE)
+        slack = _BLOCK_SLACK * self.gap * scale / len(self.blocks)
         limit = _BLOCK_NODES_ROOT if is_root else _BLOCK_NODES
         for i, (block, before) in enumerate(zip(self.blocks, known, strict=True)):
             price = block.price(point)
@@ -211,9 +211,6 @@ class TreeSearch:
             minima.append(before)
             gains[i] = max(0.0, before.bound - block.relaxed(point, lower, upper))
         return minima, gains
-
-    def _scale(self, point: Point) -> float:
-        return max(abs(point.bound), LEAST_OBJECTIVE)
 
     def _rates(self, point: Point, lower: Array, upper: Array) -> RowRates:
         active = point.active
@@ -239,6 +236,7 @@ class TreeSearch:
         for block, gain in zip(self.blocks, gains, strict=True):
             others[block.choices] -= gain
         reached = np.maximum(node.bound, point.bound + others[:, None] + sure)
+        # The subtrees of excluded alternatives are closed with these bounds.
         closed = node.allowed & open_choices[:, None] & (reached >= cutoff)
         self.closed = min(self.closed, float(reached[closed].min(initial=np.inf)))
         return node.allowed & ~closed
@@ -259,7 +257,11 @@ class TreeSearch:
     def _branch(
         self, node: Node, point: Point, value: Array, rates: RowRates, off: Array, gains: Array
     ) -> None:
-        violated = np.flatnonzero(off.min(axis=1) > 0.5 * self.tolerance)
+        several = node.allowed.sum(axis=1) > 1
+        violated = np.flatnonzero(several & (off.min(axis=1) > 0.5 * self.tolerance))
+        if not len(violated):  # only where a relaxation was not solved
+            self.closed = min(self.closed, node.bound)
+            return
         split = best_split(self.form, value, rates, node.allowed, violated)
         others = gains.sum() - sum(
             gain

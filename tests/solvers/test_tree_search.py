@@ -105,7 +105,7 @@ def test_bounds_of_children_hold_in_them(seed: int) -> None:
         assert bound <= least * (1 + 1e-6) + 1e-9
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(40))
 def test_what_is_left_and_closed_bounds_the_optimum(seed: int) -> None:
     """After any number of nodes, with an incumbent that is far from optimal."""
     instance = scene(seed)
@@ -114,8 +114,8 @@ def test_what_is_left_and_closed_bounds_the_optimum(seed: int) -> None:
     assert found.assignment is not None
     assert found.objective is not None
     search, root = searching(instance)
-    search.gap = search.incumbents.gap = 0.3
-    far = Incumbent(found.x, found.assignment, found.objective * 1.25)
+    search.gap = search.incumbents.gap = 0.1 + 0.1 * (seed % 3)
+    far = Incumbent(found.x, found.assignment, found.objective * (1.05 + 0.1 * (seed % 5)))
     search._open.append((root.bound, 0, root))
     for _ in range(40):
         search.incumbents.best = far  # forget better ones: nodes are closed at its cutoff
@@ -128,3 +128,18 @@ def test_what_is_left_and_closed_bounds_the_optimum(seed: int) -> None:
         search._process(node)
         search.incumbents.best = far
         assert search.bound <= found.objective * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_relaxation_at_the_cutoff_closes_its_node_with_a_bound(seed: int) -> None:
+    instance = scene(seed)
+    found = solve_branch_and_bound(instance, gap=1e-6)
+    assert found.x is not None
+    assert found.assignment is not None
+    search, root = searching(instance)
+    start = replace(root, start=search.relaxation.start())
+    search.incumbents.best = Incumbent(found.x, found.assignment, root.bound * 0.9)
+    assert np.isinf(search.closed)
+    assert search._cut_rounds(start, 10, 1e-6, stop_early=False) is None
+    assert search.incumbents.cutoff <= search.closed <= found.objective * (1 + 1e-9)
+    assert not search.exhausted

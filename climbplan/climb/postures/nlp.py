@@ -34,6 +34,7 @@ from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Infeasible, LimitReached, ReachFailure
 from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.kinematics import require_reachable, to_body
+from climbplan.solvers.interruption import interruptible
 
 ITERATIONS = 150  # per start; those that converge need 5 to 60
 # [rad] off every joint bound at the moments that are constrained. The second holds the joints at
@@ -113,14 +114,15 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
     iterations = 0
     for margin in JOINT_MARGINS:
         box = variable_bounds(scene, margin)
-        answer = program.solver(
-            x0=first_iterate(scene, guess, box),
-            p=parameters(scene, guess),
-            lbx=box.lower,
-            ubx=box.upper,
-            lbg=program.lower,
-            ubg=program.upper,
-        )
+        with interruptible(program.deadline.stop):
+            answer = program.solver(
+                x0=first_iterate(scene, guess, box),
+                p=parameters(scene, guess),
+                lbx=box.lower,
+                ubx=box.upper,
+                lbg=program.lower,
+                ubg=program.upper,
+            )
         iterations += int(program.solver.stats()["iter_count"])
         rounds = to_rounds(scene, guess, np.asarray(answer["x"]).ravel())
         violations = tuple(v for v in check_postures(scene, rounds) if not v.holds)

@@ -231,6 +231,10 @@ class Deadline(ca.Callback):
         """Shapes of the iterate's parts."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
 
+    def stop(self) -> None:
+        """Stop at the next iteration."""
+        self.at = -float("inf")
+
     def eval(self, _: Any) -> list[int]:
         """1 to stop."""
         return [int(time.monotonic() > self.at)]

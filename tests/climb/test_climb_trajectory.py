@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def motion(scene: ClimbScene) -> tuple[Trajectory, float]:
     ],
     ids=str,
 )
-def test_samples_meet_every_instant(demo_climb: SceneMaker, values: dict[str, object]) -> None:
+def test_samples_meet_every_instant(demo_climb: SceneMaker, values: dict[str, Any]) -> None:
     trajectory, miss = motion(demo_climb(**values))
     assert miss < 1e-9
     rate = values.get("trajectory.rate", 20.0)

@@ -1,0 +1,1 @@
+"""The bookshelf: one more book goes among stored ones with the least movement (chapter 8.1)."""

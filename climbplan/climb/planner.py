@@ -19,7 +19,7 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import Infeasible, ReachFailure, UsageError
+from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, StepLimits
 from climbplan.spec.loading import LoadedClimb
 
@@ -64,13 +64,13 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
 
     The convex statement knows workspaces as balls and rotations to first order. Where the exact
     check finds a joint bound or clearance missed, the limb's ball or the clearance is tightened
-    and the postures are planned again. Raises ReachFailure or Infeasible if that does not help.
+    and the postures are planned again. Raises Infeasible if the statement is, and LimitReached if
+    tightening does not lead to a plan.
     """
     if save_model is not None and scene.spec.solver.method == "nlp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     bound: float | None = None
-    shortfall = 0.0
     notes: list[str] = []
     failure: ReachFailure | None = None
     for _ in range(_TIGHTENINGS):
@@ -78,7 +78,12 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
             if scene.spec.solver.method == "nlp":
                 posture = plan_postures_nlp(scene, clock.report)
             else:
-                posture = plan_postures(scene, margins, save_model)
+                try:
+                    posture = plan_postures(scene, margins, save_model)
+                except Infeasible as error:
+                    if not notes:
+                        raise
+                    raise _not_found(notes, failure) from error  # no proof: it was tightened
         # Tightening only adds constraints: the first bound is the one of the statement.
         bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
@@ -97,11 +102,15 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 notes.append(f"workspace of {error.limb} tightened: {error}")
                 continue
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes))
-    if failure is not None:
-        raise failure
-    raise Infeasible(
-        f"no posture sequence keeps the body clear after {_TIGHTENINGS} tightenings; "
-        f"{1e3 * shortfall:.1f} mm are missing"
+    raise _not_found(notes, failure)
+
+
+def _not_found(notes: list[str], failure: ReachFailure | None) -> LimitReached:
+    """What to raise when tightening did not lead to a plan, which proves nothing."""
+    last = str(failure) if failure is not None else notes[-1]
+    return LimitReached(
+        f"method micp found no postures that pass the exact checks ({len(notes)} tightenings); "
+        f"last: {last}; --method nlp plans with joint bounds"
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,8 @@ from climbplan.robots.rotations import Array
 from climbplan.spec.terrain import TerrainSpec, WallsSpec
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,29 @@ def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
     return built[0], built[1]
 
 
+def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
+    """Warn where regions of one plane overlap and differ in friction: either may be picked."""
+    flat = [s for s in surfaces if isinstance(s, Region)]
+    for first, second in itertools.combinations(flat, 2):
+        same_plane = (
+            first.normal @ second.normal > 1 - 1e-9 and abs(first.offset - second.offset) < 1e-6
+        )
+        if not same_plane or first.friction == second.friction:
+            continue
+        # Convex polygons overlap unless an edge of one has the other beyond it.
+        apart = max(
+            (second.vertices @ first.A.T - first.b).min(axis=0).max(),
+            (first.vertices @ second.A.T - second.b).min(axis=0).max(),
+        )
+        if apart < -1e-6:
+            _log.warning(
+                "regions %r and %r overlap in one plane with different friction: toes there may be "
+                "planned with either; if one is a patch, leave it out of the other",
+                first.name,
+                second.name,
+            )
+
+
 def _free_choices(
     spec: TerrainSpec, obstacles: tuple[Solid, ...]
 ) -> tuple[tuple[FreeRegion, ...], ...]:
@@ -121,6 +148,7 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
             region = Region.from_vertices(item.name, np.array(item.vertices), friction)
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
+    _warn_of_hidden_patches(surfaces)
     obstacles = tuple(Solid.from_spec(s) for s in spec.obstacles)
     return Terrain(
         surfaces=tuple(surfaces),

@@ -7,6 +7,10 @@ import pytest
 from scipy.optimize import minimize
 
 from climbplan.errors import UsageError
+from climbplan.robots.model import Robot
+from climbplan.spec.robot_source import load_robot
+from climbplan.spec.terrain import TerrainSpec
+from climbplan.terrain.model import build_terrain
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Tube
 
@@ -91,3 +95,23 @@ def test_box_and_hull_agree() -> None:
 def test_flat_solid_is_refused() -> None:
     with pytest.raises(UsageError, match="no volume"):
         Solid.from_points("f", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]]))
+
+
+@pytest.mark.parametrize(
+    ("shift", "friction", "warned"),
+    [(0.0, 0.1, True), (0.0, 1.0, False), (0.6, 0.1, False), (0.5, 0.1, False)],
+)
+def test_overlapping_patches_of_other_friction_are_warned_of(
+    shift: float, friction: float, warned: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A patch inside a region is warned of, one beside it or of the same friction is not."""
+    robot = Robot.from_spec(load_robot("silvia"))
+
+    def patch(name: str, y: float, size: float, mu: float) -> dict[str, object]:
+        flat = {"center": [0.6, y, 0.0], "normal": [-1, 0, 0], "width": size, "height": size}
+        return {"name": name, "rectangle": flat, "friction": mu}
+
+    regions = [patch("wall", 0.0, 0.8, 1.0), patch("ice", shift, 0.2, friction)]
+    spec = TerrainSpec.model_validate({"friction": 1.0, "regions": regions})
+    assert len(build_terrain(spec, robot).regions) == 2
+    assert ("'wall' and 'ice' overlap" in caplog.text) == warned

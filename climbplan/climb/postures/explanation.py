@@ -20,7 +20,7 @@ from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.solvers.elastic import Violations, least_violations
 
 _SHOWN = 6  # violations listed
-_SMALL = 1e-4  # [m or rad] below which a violation is not worth a line
+_SMALL = 5e-4  # [m or rad] below which a violation is not worth a line
 
 _WORDS = {
     "posture.com_step": "body step {mm} longer than com_max",

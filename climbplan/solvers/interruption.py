@@ -1,12 +1,19 @@
-"""Ctrl-C during a call into CasADi, which would swallow it and return as if it had been stopped."""
+"""Stopping a solver that runs inside CasADi: by the clock, and by Ctrl-C.
+
+CasADi would swallow Ctrl-C and return as if the solver had been stopped.
+"""
 
 from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+import casadi as ca
 
 
 @contextmanager
@@ -34,3 +41,37 @@ def interruptible(stop: Callable[[], None]) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if interrupted:
         raise KeyboardInterrupt
+
+
+class Deadline(ca.Callback):
+    """Stops IPOPT between two iterations once the clock passes `at`.
+
+    variables, rows, parameters: sizes of the program it watches.
+    """
+
+    def __init__(self, variables: int, rows: int, parameters: int) -> None:
+        ca.Callback.__init__(self)
+        self.at = float("inf")  # [s], time.monotonic
+        sizes = {"x": variables, "f": 1, "g": rows, "p": parameters}
+        self._sizes = sizes | {f"lam_{name}": size for name, size in sizes.items()}
+        self.construct("deadline", {})
+
+    def get_n_in(self) -> int:
+        """As many as nlpsol has outputs."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """One flag."""
+        return 1
+
+    def get_sparsity_in(self, index: int) -> Any:
+        """Shapes of the iterate's parts."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
+
+    def stop(self) -> None:
+        """Stop at the next iteration."""
+        self.at = -float("inf")
+
+    def eval(self, _: Any) -> list[int]:
+        """1 to stop."""
+        return [int(time.monotonic() > self.at)]

@@ -18,7 +18,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
-from climbplan.solvers.interruption import interruptible
+from climbplan.solvers.interruption import Deadline, interruptible
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 NAME = "ipopt"
@@ -37,46 +37,15 @@ class NlpPoint:
     word: str  # IPOPT's return status
 
 
-class _Deadline(ca.Callback):
-    """Stops IPOPT between two iterations once the clock passes `at`."""
-
-    def __init__(self, form: NlpForm) -> None:
-        ca.Callback.__init__(self)
-        self.at = float("inf")  # [s], time.monotonic
-        sizes = {"x": form.size, "f": 1, "g": form.g.numel(), "p": form.p.numel()}
-        self._sizes = sizes | {f"lam_{name}": size for name, size in sizes.items()}
-        self.construct("deadline", {})
-
-    def get_n_in(self) -> int:
-        """As many as nlpsol has outputs."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """One flag."""
-        return 1
-
-    def get_sparsity_in(self, index: int) -> Any:
-        """Dense vectors."""
-        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
-
-    def stop(self) -> None:
-        """Stop at the next iteration."""
-        self.at = -float("inf")
-
-    def eval(self, _: Any) -> list[int]:
-        """1 to stop."""
-        return [int(time.monotonic() > self.at)]
-
-
 @dataclass(frozen=True)
 class _Compiled:
     solver: Any
-    deadline: _Deadline
+    deadline: Deadline
 
 
 @lru_cache(maxsize=32)
 def _compiled(form: NlpForm, iterations: int) -> _Compiled:
-    deadline = _Deadline(form)
+    deadline = Deadline(form.size, form.g.numel(), form.p.numel())
     options: dict[str, Any] = {
         "print_time": False,
         "error_on_fail": False,

@@ -13,7 +13,6 @@ number as a parameter, so all starts of a scene, and all scenes of a study, shar
 from __future__ import annotations
 
 import itertools
-import time
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -32,6 +31,7 @@ from climbplan.climb.postures.nlp_layout import (
 )
 from climbplan.climb.postures.nlp_links import link_points
 from climbplan.robots.rotations import Array
+from climbplan.solvers.interruption import Deadline
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
 
@@ -207,37 +207,6 @@ def _goal_function(shape: Shape) -> Any:
     rows = ca.vertcat(*(within(part, c["tolerance"]) for part in parts), *turned)
     arguments = [ca.vertcat(*map(ca.vec, symbols.values())) for symbols in (last, c)]
     return ca.Function("goal", arguments, [cost, rows])
-
-
-class Deadline(ca.Callback):
-    """Stops IPOPT between two iterations once the clock passes `at`."""
-
-    def __init__(self, variables: int, rows: int, parameters: int) -> None:
-        ca.Callback.__init__(self)
-        self.at = float("inf")  # [s], time.monotonic
-        sizes = {"x": variables, "f": 1, "g": rows, "p": parameters}
-        self._sizes = sizes | {f"lam_{name}": size for name, size in sizes.items()}
-        self.construct("deadline", {})
-
-    def get_n_in(self) -> int:
-        """As many as nlpsol has outputs."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """One flag."""
-        return 1
-
-    def get_sparsity_in(self, index: int) -> Any:
-        """Shapes of the iterate's parts."""
-        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
-
-    def stop(self) -> None:
-        """Stop at the next iteration."""
-        self.at = -float("inf")
-
-    def eval(self, _: Any) -> list[int]:
-        """1 to stop."""
-        return [int(time.monotonic() > self.at)]
 
 
 @dataclass(frozen=True)

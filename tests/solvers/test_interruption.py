@@ -7,12 +7,12 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import casadi as ca
 import pytest
 
-from climbplan.climb.postures.nlp_statement import Deadline
-from climbplan.solvers.interruption import interruptible
+from climbplan.solvers.interruption import Deadline, interruptible
 
 
 @pytest.fixture(autouse=True)
@@ -62,23 +62,38 @@ def test_other_threads_leave_the_handler_alone() -> None:
     assert handlers == [signal.default_int_handler]
 
 
-def test_ipopt_stops_at_its_next_iteration() -> None:
-    deadline = Deadline(2, 0, 0)
+class PressedInTheThirdIteration(Deadline):
+    """Ctrl-C while IPOPT iterates, at a moment that does not depend on the clock."""
+
+    def __init__(self) -> None:
+        super().__init__(2, 0, 0)
+        self.iterations = 0
+
+    def eval(self, iterate: Any) -> list[int]:
+        """Press, let the handler run, and look at the deadline as always."""
+        self.iterations += 1
+        if self.iterations == 3:
+            press_ctrl_c()
+        return super().eval(iterate)
+
+
+def test_ipopt_stops_at_the_iteration_in_which_ctrl_c_comes() -> None:
+    deadline = PressedInTheThirdIteration()
     x = ca.SX.sym("x", 2)
     options = {
         "print_time": False,
         "iteration_callback": deadline,
-        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 10_000, "tol": 1e-300},
+        "ipopt": {"print_level": 0, "sb": "yes"},
     }
-    # Without a minimum IPOPT goes on to its iteration limit
-    solver = ca.nlpsol("endless", "ipopt", {"x": x, "f": -ca.sum1(x)}, options)
+    # A curved valley: it takes IPOPT more than three iterations
+    valley = (1 - x[0]) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2
+    solver = ca.nlpsol("valley", "ipopt", {"x": x, "f": valley}, options)
 
     def solve() -> None:
-        threading.Timer(0.05, press_ctrl_c).start()
         with interruptible(deadline.stop):
-            while deadline.at > 0:
-                solver(x0=[0.0, 0.0])
+            solver(x0=[-1.2, 1.0])
 
     with pytest.raises(KeyboardInterrupt):
         solve()
     assert solver.stats()["return_status"] == "User_Requested_Stop"
+    assert deadline.iterations == 3

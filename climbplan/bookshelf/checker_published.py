@@ -24,13 +24,21 @@ from climbplan.bookshelf.scene import Array, Scenes, Shelf, State, States
 _TOP_RIGHT, _BOTTOM_RIGHT, _BOTTOM_LEFT, _TOP_LEFT = range(4)
 
 
-def published_states(pose: Array, shelf: Shelf) -> States:
-    """States (...,) that published poses (..., 3) can only mean, by the sines of their angles."""
-    sine, tolerance = np.sin(pose[..., 2]), shelf.published.sine
-    state = np.where(sine > 0, int(State.LEAN_LEFT), int(State.LEAN_RIGHT))
-    state = np.where(np.abs(sine) <= tolerance, int(State.UPRIGHT), state)
-    state = np.where(sine >= 1 - tolerance, int(State.FLAT_LEFT), state)
-    return np.where(sine <= tolerance - 1, int(State.FLAT_RIGHT), state).astype(np.int64)
+def published_states(scenes: Scenes, pose: Array, shelf: Shelf) -> States:
+    """States (S, n + 1) that published poses (S, n + 1, 3) mean: those whose equations fit best.
+
+    Of states that hold within their tolerances the flat and upright ones come first; the inserted
+    book does not lean.
+    """
+    rules, size = shelf.published, scenes.sizes
+    scores = []
+    for value in State:
+        state = np.full(pose.shape[:2], int(value), np.int64)
+        sine = np.maximum(_off_sine(pose, state), 0) / max(rules.sine, 1e-9)
+        ground = _off_ground(pose, size, state) / max(rules.distance, 1e-9)
+        score = np.maximum(sine, ground)
+        scores.append(score if value in (State.LEAN_LEFT, State.LEAN_RIGHT) else score - 1)
+    return np.argmin(scores, axis=0).astype(np.int64)
 
 
 def check_published(scenes: Scenes, pose: Array, state: States, shelf: Shelf) -> PlacementCheck:

@@ -1,8 +1,8 @@
 """The one decorator of compiled functions: machine code by Numba, kept in a cache on disk.
 
 Numba renews a function's cached code when the file of that function changes, but not when a
-function it calls does. The cache therefore lies in a directory named after all sources of compiled
-functions: after an edit nothing stale is found there.
+function that it calls does. The cache therefore lies in a directory named after all sources of
+compiled functions: after an edit nothing stale is found there.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config
+
+config: Any = numba.config
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -33,14 +34,19 @@ def _directory() -> str:
 def compiled(function: Function) -> Function:
     """`function` as machine code; IEEE arithmetic in the order written, which bounds rely on.
 
-    Where the package's directory cannot be written to, Numba's own cache directory is used.
+    Names that begin with an underscore can be called from compiled functions only, which spares the
+    time to compile a wrapper. Where the package's directory cannot be written to, Numba's own cache
+    directory is used.
     """
+    options: dict[str, Any] = {
+        "cache": True,
+        "error_model": "numpy",  # division by zero gives infinity, as in NumPy
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": function.__name__.startswith("_"),
+    }
     users = config.CACHE_DIR
     try:
         config.CACHE_DIR = _directory()
-        return cast(
-            Function,
-            numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)(function),
-        )
+        return cast(Function, numba.njit(**options)(function))
     finally:
         config.CACHE_DIR = users

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.bookshelf.answer import ExactAnswer, Placement, Shortage, Status
 from climbplan.bookshelf.exact_pairs import box_row, pair_floor
 from climbplan.bookshelf.exact_problem import (
     ALLOWED,
@@ -24,8 +24,8 @@ from climbplan.bookshelf.exact_problem import (
     LEAN_LEFT,
     LEAN_RIGHT,
     LEANS_LEFT,
+    UPRIGHT,
     WIDTH,
-    X0,
     Problem,
     build_problem,
     side_of,
@@ -44,15 +44,15 @@ from climbplan.bookshelf.exact_tree import (
     grown,
     least_bound,
     new_tree,
+    offer_narrow,
     plant,
 )
-from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, State, States, movement_cost
-
-Status = Literal["optimal", "feasible", "infeasible", "limit"]
+from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, State, movement_cost
 
 _CAPACITY = 1024  # nodes of a new tree
+_LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty
 _CHUNK = 256  # nodes between looks at the clock
-_WIDENING_GAP = 1e-3  # absolute [mm^2] and relative, of the squared missing width
+_WIDTH_STEP = 2e-5  # [m] to which a missing width is found
 
 
 @dataclass(frozen=True)
@@ -63,43 +63,6 @@ class ExactLimits:
     gap_relative: float = 1e-4
     time: float = 10.0  # [s] of one scene
     nodes: int = 5_000_000
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Where all books are after the insertion, the inserted one last."""
-
-    pose: Array  # (n + 1, 3) x [m], y [m], angle [rad]
-    state: States  # (n + 1,) of `State`
-    slot: int  # stored books left of the inserted one
-
-
-@dataclass(frozen=True)
-class Shortage:
-    """By how much a scene without a placement misses one."""
-
-    width: float  # [m] a shelf this much wider has a placement
-    width_bound: float  # [m] and none that is widened by less
-    height: float  # [m] missing clear height; the widths are zero then
-
-
-@dataclass(frozen=True)
-class ExactAnswer:
-    """What the search found for one scene."""
-
-    status: Status  # `limit`: no placement found in time, `feasible`: found but the gap is open
-    placement: Placement | None
-    objective: float  # [mm^2] movement cost, infinite without a placement
-    bound: float  # [mm^2] no placement costs less
-    shortage: Shortage | None  # if infeasible
-    nodes: int
-    placements: int  # exact placements tried
-    seconds: float
-
-    @property
-    def gap(self) -> float:
-        """objective - bound [mm^2]."""
-        return self.objective - self.bound if math.isfinite(self.objective) else math.inf
 
 
 class ExactSolver:
@@ -118,25 +81,32 @@ class ExactSolver:
             UsageError: sizes or poses that cannot be those of books.
         """
         start = time.perf_counter()
-        Scenes.of([scene]).require()
-        limits = self.limits
+        scenes, limits = Scenes.of([scene]), self.limits
+        scenes.require()
         problem = build_problem(scene, self.shelf)
-        end = start + limits.time
-        tree, finished = self._search(problem, limits.gap_absolute, limits.gap_relative, end)
-        bound, shortage = least_bound(tree), None
-        placement, objective = None, math.inf
-        if math.isfinite(tree.best[COST]):
-            placement = _placement(problem, tree)
-            objective = float(movement_cost(Scenes.of([scene]), placement.pose[None])[0])
-            bound = min(bound, objective)
-            status: Status = "optimal" if finished else "feasible"
-        elif finished:
-            status, bound = "infeasible", math.inf
-            shortage = self._shortage(scene, start + 2 * limits.time)
+        status: Status = "infeasible"
+        objective = bound = math.inf
+        placement = shortage = None
+        nodes = placements = 0
+        if (problem.book[:, ALLOWED] == 0).any():
+            shortage = self._missing_height(problem)
         else:
-            status = "limit"
-        # A widening overwrites the counts.
-        nodes, placements = int(tree.tally[NODES]), int(tree.tally[PLACEMENTS])
+            tree, finished = self._search(
+                problem, limits.gap_absolute, limits.gap_relative, start + limits.time
+            )
+            nodes, placements = int(tree.tally[NODES]), int(tree.tally[PLACEMENTS])
+            bound = least_bound(tree)
+            if math.isfinite(tree.best[COST]):
+                placement = _placement(problem, tree)
+                objective = float(movement_cost(scenes, placement.pose[None])[0])
+                bound = min(bound, objective)
+                allowed = max(limits.gap_absolute, limits.gap_relative * objective)
+                status = "optimal" if objective - bound <= allowed * (1 + 1e-6) else "feasible"
+            elif finished:
+                bound = math.inf
+                shortage = self._missing_width(scene, start + 2 * limits.time)
+            else:
+                status = "limit"
         seconds = time.perf_counter() - start
         return ExactAnswer(
             status, placement, objective, bound, shortage, nodes, placements, seconds
@@ -157,53 +127,72 @@ class ExactSolver:
         self, problem: Problem, absolute: float, relative: float, end: float
     ) -> tuple[Tree, bool]:
         """The tree after the search, and whether it was finished."""
-        n = problem.books
-        if n not in self._trees:
-            self._sheets[n], self._trees[n] = new_sheet(n), new_tree(n, _CAPACITY)
+        n = problem.stored
+        if n not in self._sheets:
+            self._sheets[n] = new_sheet(n)
+        if n not in self._trees or len(self._trees[n].pool) > _LARGE:
+            self._trees[n] = new_tree(n, _CAPACITY)
         sheet, tree = self._sheets[n], self._trees[n]
         plant(problem, tree)
+        chunk = 4 * (n + 1)
         while True:
-            state = advance(problem, sheet, tree, absolute, relative, _CHUNK)
+            state = advance(problem, sheet, tree, absolute, relative, chunk)
             if state == FINISHED:
                 return tree, True
+            if chunk < _CHUNK and not math.isfinite(tree.best[COST]):
+                offer_narrow(problem, tree)
+            chunk = _CHUNK
             if time.perf_counter() > end or tree.tally[NODES] > self.limits.nodes:
                 return tree, False
             if state == FULL:
                 self._trees[n] = tree = grown(tree)
 
-    def _shortage(self, scene: Scene, end: float) -> Shortage:
-        """How much wider or higher the shelf would have to be."""
-        clear = 1e3 * self.shelf.height
-        problem = build_problem(scene, self.shelf, elastic=True)
+    def _missing_height(self, problem: Problem) -> Shortage:
+        """What the clear height misses for the book that fits neither upright nor flat."""
         least = problem.book[:, [HEIGHT, WIDTH]].min(axis=1)
-        if (problem.book[:, ALLOWED] == 0).any():
-            return Shortage(0.0, 0.0, 1e-3 * float(least.max() - clear))
-        tree, _ = self._search(problem, _WIDENING_GAP, _WIDENING_GAP, end)
-        wider = float(tree.best[PLACE + problem.books] - problem.right)
-        # The bound is on the squared width plus next to nothing times squared moves.
-        span = problem.right + wider - problem.left
-        far = np.abs(problem.book[:-1, X0] - (problem.left + problem.right) / 2) + span
-        square = least_bound(tree) - problem.weight_x * float((far**2).sum())
-        return Shortage(1e-3 * wider, 1e-3 * math.sqrt(max(0.0, square)), 0.0)
+        return Shortage(0.0, 0.0, 1e-3 * float(least.max()) - self.shelf.height)
+
+    def _missing_width(self, scene: Scene, end: float) -> Shortage:
+        """How much wider the shelf would have to be.
+
+        A wider shelf keeps every placement, as some gap between books needs no contact: bisection
+        between widths that are proved too little and enough. Books side by side are enough, and
+        nearly always the least.
+        """
+        shelf, book = self.shelf, build_problem(scene, self.shelf).book
+        fits = book[:, ALLOWED].astype(np.int64)
+        flat = np.where(fits & 1 << FLAT, book[:, HEIGHT], math.inf)
+        upright = np.where(fits & 1 << UPRIGHT, book[:, WIDTH], math.inf)
+        enough = 1e-3 * float(np.minimum(flat, upright).sum()) - shelf.width
+        short, trial = 0.0, enough - _WIDTH_STEP
+        while enough - short > 1.001 * _WIDTH_STEP:
+            wider = build_problem(scene, replace(shelf, right=shelf.right + trial))
+            tree, finished = self._search(wider, math.inf, 0.0, end)  # any placement will do
+            if math.isfinite(tree.best[COST]):
+                enough = trial
+            elif finished:
+                short = trial
+            else:
+                break
+            trial = 0.5 * (short + enough)
+        return Shortage(enough, short, 0.0)
 
 
 def _placement(problem: Problem, tree: Tree) -> Placement:
     """The incumbent, with the inserted book in the middle of its free interval."""
-    n, book = problem.books, problem.book
-    x, tilt = tree.best[PLACE : PLACE + n + 1].copy(), np.zeros(n + 1)
+    n, book = problem.stored, problem.book
+    x, tilt = np.append(tree.best[PLACE : PLACE + n], 0.0), np.zeros(n + 1)
     state, side = np.zeros(n + 1, np.int64), np.ones(n + 1)
     for k in range(n + 1):
         inner = int(tree.best_mask[k]).bit_length() - 1
-        side[k] = side_of(inner)
-        if inner == LEAN_LEFT or inner == LEAN_RIGHT:
-            tilt[k] = tree.best[PLACE + n + 1 + k]
+        side[k], state[k] = side_of(inner), State.UPRIGHT
+        if inner in (LEAN_LEFT, LEAN_RIGHT):
+            tilt[k] = tree.best[PLACE + n + k]
             state[k] = State.LEAN_LEFT if inner == LEAN_LEFT else State.LEAN_RIGHT
-        elif inner == FLAT:
+        if inner == FLAT or tilt[k] == math.pi / 2:  # it lies, on the side that it was tilted to
             tilt[k] = math.pi / 2
             side[k] = 1.0 if k == n or book[k, LEANS_LEFT] > 0 else -1.0
             state[k] = State.FLAT_LEFT if side[k] > 0 else State.FLAT_RIGHT
-        else:
-            state[k] = State.UPRIGHT
     slot = int(tree.tally[BEST_SLOT])
     x[n] = _free_middle(problem, slot, x, side, tilt)
     y = (book[:, WIDTH] * np.sin(tilt) + book[:, HEIGHT] * np.cos(tilt)) / 2
@@ -213,7 +202,7 @@ def _placement(problem: Problem, tree: Tree) -> Placement:
 
 def _free_middle(problem: Problem, slot: int, x: Array, side: Array, tilt: Array) -> float:
     """Middle of where the inserted book's centre may be."""
-    n, book = problem.books, problem.book
+    n, book = problem.stored, problem.book
     boxes = np.zeros((n + 1, 7))
     for k in range(n + 1):
         box_row(tilt[k], tilt[k], boxes[k])

@@ -69,7 +69,7 @@ def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
     What a row promises goes to its undecided books if there are any, and otherwise to its leaning
     books in proportion to the squares of their intervals.
     """
-    n, seat, role = problem.books, sheet.seat, sheet.role
+    n, seat, role = problem.stored, sheet.seat, sheet.role
     for k in range(n + 1):
         seat[k, STATE_GAIN] = seat[k, TILT_GAIN] = 0.0
         _complete(problem, sheet, mask, k)
@@ -84,9 +84,8 @@ def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
             continue
         slack, value = -sheet.side[r, RHS], sheet.side[r, NUMBER]
         sign = 1.0 if kind >= TOUCH else -1.0
-        for k in range(n + 1 if problem.weight_wall > 0 else n):
-            slack += sheet.C[r, k] * seat[k, X]
         for k in range(n):
+            slack += sheet.C[r, k] * seat[k, X]
             if role[k, COLUMN] >= 0:
                 term = sheet.C[r, role[k, COLUMN]] * (seat[k, TILT] - seat[k, MIDDLE])
                 slack += term
@@ -100,7 +99,7 @@ def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
 @compiled
 def _complete(problem: Problem, sheet: Sheet, mask: Whole, k: int) -> None:
     """Side and tilt of a book in the completion."""
-    n, seat, book = problem.books, sheet.seat, problem.book
+    n, seat, book = problem.stored, sheet.seat, problem.book
     seat[k, POINT_SIDE] = seat[k, SIDE]
     if sheet.role[k, STATE] >= 0:
         tilt = seat[k, TILT] if sheet.role[k, COLUMN] >= 0 else seat[k, MIDDLE]
@@ -125,7 +124,7 @@ def _complete(problem: Problem, sheet: Sheet, mask: Whole, k: int) -> None:
 
 @compiled
 def _share(problem: Problem, sheet: Sheet, i: int, j: int, gain: float) -> None:
-    n, seat, role = problem.books, sheet.seat, sheet.role
+    n, seat, role = problem.stored, sheet.seat, sheet.role
     undecided, total = 0, 0.0
     for k in range(n):
         if k == i or k == j:
@@ -174,7 +173,7 @@ def _half_width(problem: Problem, seat: Array, k: int) -> float:
 @compiled
 def _exact_number(problem: Problem, seat: Array, kind: float, i: int, j: int) -> float:
     """D, U or e of a row for the completion."""
-    n = problem.books
+    n = problem.stored
     if kind == APART:
         return _apart(problem, seat, i, j)
     if kind == TOUCH:
@@ -192,8 +191,7 @@ def _exact_number(problem: Problem, seat: Array, kind: float, i: int, j: int) ->
 @compiled
 def _find_missing_contacts(problem: Problem, sheet: Sheet) -> None:
     """Undecided books that would lean on nothing: no row says so yet."""
-    n, seat = problem.books, sheet.seat
-    right = seat[n, X] if problem.weight_wall > 0 else problem.right
+    n, seat = problem.stored, sheet.seat
     for k in range(n):
         upright_or_flat = seat[k, POINT + 2] == 0.0 or seat[k, POINT + 3] < 1e-9
         if sheet.role[k, STATE] >= 0 or upright_or_flat:
@@ -205,7 +203,7 @@ def _find_missing_contacts(problem: Problem, sheet: Sheet) -> None:
             else:
                 away = seat[k, X] - seat[k - 1, X] - _touching(problem, seat, k - 1, k)
         elif k == n - 1:
-            away = right - seat[k, X] - reach
+            away = problem.right - seat[k, X] - reach
         else:
             away = seat[k + 1, X] - seat[k, X] - _touching(problem, seat, k, k + 1)
         seat[k, STATE_GAIN] += 0.5 * max(0.0, away) ** 2
@@ -214,7 +212,7 @@ def _find_missing_contacts(problem: Problem, sheet: Sheet) -> None:
 @compiled
 def choose(problem: Problem, sheet: Sheet, mask: Whole) -> int:
     """Book to split by state, n + book to split by tilt, -1 if nothing is left to split."""
-    n, seat, role = problem.books, sheet.seat, sheet.role
+    n, seat, role = problem.stored, sheet.seat, sheet.role
     best, gain = -1, 1e-9
     for k in range(n):
         if role[k, STATE] < 0 and seat[k, STATE_GAIN] > gain:

@@ -19,7 +19,7 @@ from climbplan.bookshelf.scene import Array, Scene, Shelf
 FLAT, LEAN_LEFT, UPRIGHT, LEAN_RIGHT = 0, 1, 2, 3
 
 # Columns of `Problem.book`
-HEIGHT, WIDTH, X0, Y0, COS0 = 0, 1, 2, 3, 4  # X0 of book n: the right wall
+HEIGHT, WIDTH, X0, Y0, COS0 = 0, 1, 2, 3, 4
 LEANS_LEFT = 5  # 1 if the book is tilted to the left before
 LEAN_FROM = 6  # least tilt of a leaning book: stability and clear height
 BEST_TILT = 7  # tilt of a leaning book that costs least, near enough
@@ -35,40 +35,33 @@ _PIECES = 3  # parts of a lean interval in the table of state pairs
 class Problem(NamedTuple):
     """One scene."""
 
-    books: int  # n
+    stored: int  # n
     book: Array  # (n + 1, columns)
     floor: Array  # (n + 1, n + 1, 4, 4) least D of book i left of book j in these states
     left: float
     right: float
     book_gap: float
     wall_gap: float
-    weight_x: float  # of (x - x0)^2
-    weight_turn: float  # of (y - y0)^2 + (cos a - cos a0)^2
-    weight_wall: float  # of a wider shelf, squared; 0: the right wall stands
     ceiling: float  # no placement on the shelf costs more
 
 
-def build_problem(scene: Scene, shelf: Shelf, *, elastic: bool = False) -> Problem:
-    """The problem of least movement or, if `elastic`, of the least widening of the shelf."""
+def build_problem(scene: Scene, shelf: Shelf) -> Problem:
+    """The problem of inserting the scene's book with least movement."""
     n = scene.count
     book = np.zeros((n + 1, _COLUMNS))
     book[:, :2] = 1e3 * scene.sizes
-    book[:n, X0], book[n, X0] = 1e3 * scene.pose[:, 0], 1e3 * shelf.right
+    book[:n, X0] = 1e3 * scene.pose[:, 0]
     book[:n, Y0] = 1e3 * scene.pose[:, 1]
     book[:n, COS0] = np.cos(scene.pose[:, 2])
     book[:n, LEANS_LEFT] = np.sin(scene.pose[:, 2]) >= 0
     problem = Problem(
-        books=n,
+        stored=n,
         book=book,
         floor=np.zeros((n + 1, n + 1, 4, 4)),
         left=1e3 * shelf.left,
         right=1e3 * shelf.right,
         book_gap=1e3 * shelf.book_gap,
         wall_gap=1e3 * shelf.wall_gap,
-        # Widening: moves and turns count for next to nothing, but keep the program well posed.
-        weight_x=1e-7 if elastic else 1.0,
-        weight_turn=0.0 if elastic else 1.0,
-        weight_wall=1.0 if elastic else 0.0,
         ceiling=0.0,
     )
     fill_problem(problem, 1e3 * shelf.height, shelf.lean_margin)
@@ -77,14 +70,10 @@ def build_problem(scene: Scene, shelf: Shelf, *, elastic: bool = False) -> Probl
 
 def _ceiling(problem: Problem) -> float:
     """More than any placement costs."""
-    book, stored = problem.book, problem.book[:-1]
-    span = problem.right - problem.left + float(book[:, :2].sum())
-    span += len(book) * problem.book_gap
-    x0 = stored[:, X0]
-    far = span + np.maximum(problem.right - x0, x0 - problem.left)
+    stored = problem.book[:-1]
+    far = np.maximum(np.abs(problem.right - stored[:, X0]), np.abs(stored[:, X0] - problem.left))
     lift = np.abs(stored[:, Y0]) + stored[:, HEIGHT] + stored[:, WIDTH]
-    moves = problem.weight_x * far**2 + problem.weight_turn * (lift**2 + 4.0)
-    return float(problem.weight_wall * span**2 + moves.sum())
+    return float((far**2 + lift**2 + 4.0).sum()) + 1.0
 
 
 @compiled
@@ -99,7 +88,7 @@ def fill_problem(problem: Problem, clear: float, margin: float) -> None:
 
     clear: height of the shelf, margin: on top of the least tilt that is stable.
     """
-    n, book = problem.books, problem.book
+    n, book = problem.stored, problem.book
     box, other = np.zeros(7), np.zeros(7)
     for k in range(n + 1):
         h, w = book[k, HEIGHT], book[k, WIDTH]
@@ -123,7 +112,7 @@ def fill_problem(problem: Problem, clear: float, margin: float) -> None:
             y, c = book[k, Y0], book[k, COS0]
             lift = max(0.0, lowest(w / 2, h / 2, box) - y, y - highest(w / 2, h / 2, box))
             turn = max(0.0, box[5] - c, c - box[1])
-            book[k, STATE_COST + state] = problem.weight_turn * (lift * lift + turn * turn)
+            book[k, STATE_COST + state] = lift * lift + turn * turn
     for i in range(n + 1):
         for j in range(n + 1):
             if i < j or i == n:  # the inserted book may be on either side

@@ -64,9 +64,9 @@ def _solve_factored(factor: Array, count: int, step: Array) -> None:
 def solve_least_distance(C: Array, b: Array, cutoff: float, multiplier: Array, z: Array) -> int:
     """Solve for C (rows, variables) and b (rows,); fills multiplier (rows,) and z (variables,).
 
-    Returns SOLVED; EMPTY if no z satisfies the rows, which C^T multiplier = 0 and b . multiplier
-    > 0 prove; CUT_OFF if the value exceeds `cutoff`, which the Lagrangian with `multiplier` shows;
-    or STUCK at the iteration limit, reached only through rounding.
+    Returns SOLVED; EMPTY if no z satisfies the rows, as C^T multiplier = 0 and b . multiplier > 0
+    prove; CUT_OFF if the value exceeds `cutoff`, which the Lagrangian with `multiplier` shows; or
+    STUCK at the iteration limit, reached only through rounding.
     """
     rows, variables = C.shape
     multiplier[:] = 0.0

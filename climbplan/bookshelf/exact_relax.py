@@ -4,7 +4,7 @@ The rows of `exact_rows` with the cost's x part, which is exact, and a quadratic
 make a least-distance program. Its multipliers give the bound: with any multipliers m >= 0 no
 placement in the node costs less than
 
-    m . b + sum_k min_x [w (x - x0_k)^2 - (C^T m)_k x] + sum_k min_d [f_k(d) - (C^T m)_k d]
+    m . b + sum_k min_x [(x - x0_k)^2 - (C^T m)_k x] + sum_k min_d [f_k(d) - (C^T m)_k d]
 
 where d runs over the interval and f_k, the cost of lifting and turning, is bounded below there.
 """
@@ -75,7 +75,7 @@ def turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
     book = problem.book[k]
     y = 0.5 * (book[WIDTH] * s + book[HEIGHT] * c) - book[Y0]
     c -= book[COS0]
-    return problem.weight_turn * (y * y + c * c)
+    return y * y + c * c
 
 
 @compiled
@@ -90,7 +90,7 @@ def relax(
     sheet hold the relaxed placement. With intervals of no width and single states it is an exact
     placement and the bound its cost.
     """
-    n, seat, goal = problem.books, sheet.seat, sheet.goal
+    n, seat, goal = problem.stored, sheet.seat, sheet.goal
     variables = prepare(problem, sheet, mask, span)
     write_rows(problem, sheet, slot, mask)
     rows = sheet.rows[0]
@@ -124,7 +124,7 @@ def relax(
             break
         enough = np.inf
 
-    for k in range(n + 1 if problem.weight_wall > 0 else n):
+    for k in range(n):
         seat[k, X] = z[k] / math.sqrt(goal[k, WEIGHT]) + goal[k, TARGET]
     for k in range(n):
         column, state = sheet.role[k, COLUMN], sheet.role[k, STATE]
@@ -140,19 +140,16 @@ def relax(
 @compiled
 def _write_goal(problem: Problem, sheet: Sheet, mask: Whole) -> float:
     """Targets and weights of the program's variables; returns the constant part of the cost."""
-    n, goal = problem.books, sheet.goal
+    n, goal = problem.stored, sheet.goal
     constant = 0.0
-    for k in range(n + 1):
-        if k < n or problem.weight_wall > 0:
-            goal[k, TARGET] = problem.book[k, X0]
-            goal[k, WEIGHT] = problem.weight_x if k < n else problem.weight_wall
     for k in range(n):
+        goal[k, TARGET], goal[k, WEIGHT] = problem.book[k, X0], 1.0
         column = sheet.role[k, COLUMN]
         if column < 0:
             constant += _given_turn(problem, sheet, mask, k)
         else:
             linear, square, rest = turn_model(problem, sheet.seat[k], k)
-            square += _PULL * problem.weight_x * problem.book[k, HEIGHT] ** 2
+            square += _PULL * problem.book[k, HEIGHT] ** 2
             goal[column, WEIGHT] = square
             goal[column, TARGET] = -0.5 * linear / square
             constant += rest - 0.25 * linear * linear / square
@@ -185,7 +182,7 @@ def _lines(p: float, q: float, box: Array) -> tuple[float, float, float, float]:
 @compiled
 def turn_model(problem: Problem, box: Array, k: int) -> tuple[float, float, float]:
     """Linear, square and constant coefficient of a quadratic near the turn cost's lower bound."""
-    book, weight = problem.book[k], problem.weight_turn
+    book = problem.book[k]
     y, y_slope, top, top_slope = _lines(0.5 * book[WIDTH], 0.5 * book[HEIGHT], box)
     if top < book[Y0]:
         y, y_slope = top, top_slope
@@ -195,9 +192,9 @@ def turn_model(problem: Problem, box: Array, k: int) -> tuple[float, float, floa
     y -= book[Y0]
     c -= book[COS0]
     return (
-        2 * weight * (y * y_slope + c * c_slope),
-        weight * (y_slope * y_slope + c_slope * c_slope),
-        weight * (y * y + c * c),
+        2 * (y * y_slope + c * c_slope),
+        y_slope * y_slope + c_slope * c_slope,
+        y * y + c * c,
     )
 
 
@@ -208,7 +205,7 @@ def _least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
     y and cos are above their secants and below their tangents, which makes the turn cost at least
     a convex function of d; a tangent of that one near its minimum is below it everywhere.
     """
-    book, weight, r = problem.book[k], problem.weight_turn, box[6]
+    book, r = problem.book[k], box[6]
     y, y_slope, y_top, y_top_slope = _lines(0.5 * book[WIDTH], 0.5 * book[HEIGHT], box)
     c, c_slope, c_top, c_top_slope = _lines(0.0, 1.0, box)
     y0, c0 = book[Y0], book[COS0]
@@ -220,8 +217,8 @@ def _least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
         over_c, under_c = max(0.0, c + c_slope * at - c0), max(0.0, c0 - c_top - c_top_slope * at)
         value = over * over + under * under + over_c * over_c + under_c * under_c
         slope = over * y_slope - under * y_top_slope + over_c * c_slope - under_c * c_top_slope
-        value = weight * value - price * at
-        slope = 2 * weight * slope - price
+        value -= price * at
+        slope = 2 * slope - price
         if slope > 0:
             high = at
         else:
@@ -234,7 +231,7 @@ def _least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
 @compiled
 def _lagrangian(problem: Problem, sheet: Sheet, mask: Whole) -> float:
     """The bound for the multipliers in column PRICE."""
-    n, side = problem.books, sheet.side
+    n, side = problem.stored, sheet.side
     bound = 0.0
     total = np.zeros(sheet.C.shape[1])
     for r in range(sheet.rows[0]):
@@ -242,9 +239,8 @@ def _lagrangian(problem: Problem, sheet: Sheet, mask: Whole) -> float:
             bound += side[r, PRICE] * side[r, RHS]
             for v in range(len(total)):
                 total[v] += side[r, PRICE] * sheet.C[r, v]
-    for k in range(n + 1 if problem.weight_wall > 0 else n):
-        bound -= total[k] * (problem.book[k, X0] + 0.25 * total[k] / sheet.goal[k, WEIGHT])
     for k in range(n):
+        bound -= total[k] * (problem.book[k, X0] + 0.25 * total[k])
         column = sheet.role[k, COLUMN]
         if column < 0:
             bound += _given_turn(problem, sheet, mask, k)

@@ -43,7 +43,7 @@ Whole = NDArray[np.int64]
 # Columns of `Sheet.seat`; the first seven are the book's tilts as an angle box
 MIDDLE, SIDE, REACH_LOW, REACH_HIGH = 7, 8, 9, 10
 PATH = 11  # least distance from book 0
-X, TILT = 12, 13  # the relaxed placement; X of book n: the right wall
+X, TILT = 12, 13  # the relaxed placement
 POINT, POINT_SIDE = 14, 21  # the completed placement: an angle box without width, and its side
 STATE_GAIN, TILT_GAIN = 22, 23  # what a decision promises [mm^2]
 # Columns of `Sheet.role`
@@ -74,7 +74,7 @@ class Sheet(NamedTuple):
 
 def new_sheet(n: int) -> Sheet:
     """Room for scenes of n stored books."""
-    rows, variables = n * n + 10 * n + 8, 2 * n + 1
+    rows, variables = n * n + 10 * n + 8, 2 * n
     return Sheet(
         seat=np.zeros((n + 1, 24)),
         role=np.zeros((n + 1, 2), np.int64),
@@ -89,8 +89,8 @@ def new_sheet(n: int) -> Sheet:
 @compiled
 def prepare(problem: Problem, sheet: Sheet, mask: Whole, span: Array) -> int:
     """Boxes, sides, half widths and columns of a node; returns the number of variables."""
-    n, book, seat, role = problem.books, problem.book, sheet.seat, sheet.role
-    columns = n + 1 if problem.weight_wall > 0 else n
+    n, book, seat, role = problem.stored, problem.book, sheet.seat, sheet.role
+    columns = n
     for k in range(n + 1):
         state = -1
         low, high = np.inf, 0.0
@@ -164,7 +164,7 @@ def _add(
 ) -> None:  # fmt: skip
     """Append at_i x_i + at_j x_j + tilt_i d_i + tilt_j d_j >= +-number + offset, minus for touch.
 
-    The inserted book has no column; column n is that of the right wall.
+    The inserted book and the walls have no column: their coefficients are zero.
     """
     r = sheet.rows[0]
     sheet.rows[0] += 1
@@ -204,7 +204,7 @@ def _add_creases(problem: Problem, sheet: Sheet, i: int, j: int) -> None:
 @compiled
 def write_rows(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None:
     """All rows of a prepared node but those that others imply."""
-    n, seat = problem.books, sheet.seat
+    n, seat = problem.stored, sheet.seat
     own = seat[n, REACH_HIGH]  # half width of the inserted book
     sheet.rows[0] = 0
 
@@ -251,11 +251,9 @@ def write_rows(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None:
 
 @compiled
 def _write_walls(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None:
-    n, seat, left = problem.books, sheet.seat, problem.left
-    own, last = seat[n, REACH_HIGH], problem.books - 1
-    wall = 1.0 if problem.weight_wall > 0 else 0.0
-    right = 0.0 if wall > 0 else problem.right
-    _add(sheet, ALONE, n, n, 0.0, wall, 0.0, 0.0, 2 * own, left - right)
+    n, seat, left, right = problem.stored, sheet.seat, problem.left, problem.right
+    own, last = seat[n, REACH_HIGH], problem.stored - 1
+    _add(sheet, ALONE, n, n, 0.0, 0.0, 0.0, 0.0, 2 * own, left - right)
 
     # Left wall: what lies behind the first book is held off by it.
     start = seat[0, REACH_LOW]
@@ -280,11 +278,11 @@ def _write_walls(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None
         behind = start + seat[last, PATH] - seat[i, PATH] if i < last else 0.0
         if i < slot and (i == last or 2 * own + far > behind):
             constant, p, g, _ = _floor(problem, sheet, mask, i, n)
-            _add(sheet, RIGHT_BY_INSERTED, i, n, -1.0, wall, -g, 0.0, p, own - right)
+            _add(sheet, RIGHT_BY_INSERTED, i, n, -1.0, 0.0, -g, 0.0, p, own - right)
             behind = max(behind, own + constant)
         if far > behind:
             p, g = _reach_floor(problem, sheet, i)
-            _add(sheet, RIGHT, i, n, -1.0, wall, -g, 0.0, p, -right)
+            _add(sheet, RIGHT, i, n, -1.0, 0.0, -g, 0.0, p, -right)
         if i == last:
             start = max(start, behind)
 
@@ -292,9 +290,7 @@ def _write_walls(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None
 @compiled
 def _write_contacts(problem: Problem, sheet: Sheet) -> None:
     """A leaning book touches its stored neighbour or the wall on its side, eqs. (8.9), (8.10)."""
-    n, book, seat, role = problem.books, problem.book, sheet.seat, sheet.role
-    wall = 1.0 if problem.weight_wall > 0 else 0.0
-    right = 0.0 if wall > 0 else problem.right
+    n, book, seat, role = problem.stored, problem.book, sheet.seat, sheet.role
     for k in range(n):
         state, box = role[k, STATE], seat[k]
         at_left = state == LEAN_LEFT and k == 0
@@ -306,8 +302,8 @@ def _write_contacts(problem: Problem, sheet: Sheet) -> None:
                 offset = -problem.left - problem.wall_gap
                 _add(sheet, TOUCH_LEFT, k, k, -1.0, 0.0, g, 0.0, p, offset)
             else:
-                offset = right - problem.wall_gap
-                _add(sheet, TOUCH_RIGHT, k, n, 1.0, -wall, g, 0.0, p, offset)
+                offset = problem.right - problem.wall_gap
+                _add(sheet, TOUCH_RIGHT, k, n, 1.0, 0.0, g, 0.0, p, offset)
         j = k + 1
         if j < n and (state == LEAN_RIGHT or role[j, STATE] == LEAN_LEFT):
             constant = box[REACH_HIGH] + seat[j, REACH_HIGH] + problem.book_gap

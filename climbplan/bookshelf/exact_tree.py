@@ -18,10 +18,12 @@ from climbplan.bookshelf.exact_gains import choose, find_gains
 from climbplan.bookshelf.exact_problem import (
     ALLOWED,
     FLAT,
+    HEIGHT,
     LEAN_FROM,
     LEAN_LEFT,
     LEAN_RIGHT,
     UPRIGHT,
+    WIDTH,
     X0,
     Problem,
 )
@@ -39,13 +41,14 @@ BOUND, SPAN = 0, 1
 HEAP, FREE = 0, 1
 # Entries of `Tree.tally`
 OPEN, UNUSED, NODES, PLACEMENTS, BEST_SLOT = range(5)
-# Entries of `Tree.best`; centres (n + 1) and tilts (n) follow
+# Entries of `Tree.best`; centres and tilts (n each) follow
 COST, CLOSED, PLACE = 0, 1, 2
 
 _ROOT = -2  # branch of a node that was not relaxed yet
 _TRIED = 1 << 14  # assignments remembered
 _STEPS = 12  # trust-region steps
 _FIRST_RADIUS, _LAST_RADIUS = 0.15, 2e-4  # [rad]
+_LYING = 1e-6  # [rad] tilts this near to the horizontal become horizontal
 _DEEPER = 1e-6  # [mm^2] a level: among equal bounds the deeper node is opened first
 
 
@@ -69,7 +72,7 @@ def new_tree(n: int, capacity: int) -> Tree:
         pool=np.zeros((capacity, 2), np.int64),
         tally=np.zeros(5, np.int64),
         tried=np.zeros(_TRIED, np.int64),
-        best=np.zeros(PLACE + 2 * n + 1),
+        best=np.zeros(PLACE + 2 * n),
         best_mask=np.zeros(n + 1, np.int64),
     )
 
@@ -88,24 +91,41 @@ def grown(tree: Tree) -> Tree:
 
 def plant(problem: Problem, tree: Tree) -> None:
     """Empty the tree and put in the roots: slots and states of the inserted book."""
-    n, capacity = problem.books, len(tree.pool)
+    n, capacity = problem.stored, len(tree.pool)
     tree.tally[:] = 0
     tree.tally[UNUSED] = capacity
     tree.pool[:, FREE] = np.arange(capacity - 1, -1, -1)
     tree.tried[:] = 0
     tree.best[COST] = tree.best[CLOSED] = np.inf
+    mask = problem.book[:, ALLOWED].astype(np.int64)
+    for state in (UPRIGHT, FLAT):
+        if int(problem.book[n, ALLOWED]) >> state & 1:
+            mask[n] = 1 << state
+            _push_roots(problem, tree, mask, 0)
+
+
+def offer_narrow(problem: Problem, tree: Tree) -> None:
+    """Add nodes that place all books side by side where they are narrowest: if anything fits, this
+    nearly always does. The tree covers them already; they come first in it now."""
+    book = problem.book
+    fits = book[:, ALLOWED].astype(np.int64)
+    flat = np.where(fits & 1 << FLAT, book[:, HEIGHT], np.inf)
+    upright = np.where(fits & 1 << UPRIGHT, book[:, WIDTH], np.inf)
+    _push_roots(problem, tree, 1 << np.where(upright <= flat, UPRIGHT, FLAT), 1 << 30)
+
+
+def _push_roots(problem: Problem, tree: Tree, mask: Whole, depth: int) -> None:
+    """One node a slot with these states."""
+    n = problem.stored
     for slot in range(n + 1):
-        for state in (UPRIGHT, FLAT):
-            if int(problem.book[n, ALLOWED]) >> state & 1:
-                tree.tally[UNUSED] -= 1
-                node = tree.pool[tree.tally[UNUSED], FREE]
-                tree.whole[node, :MASK] = slot, _ROOT, 0
-                tree.whole[node, MASK:] = problem.book[:, ALLOWED]
-                tree.whole[node, MASK + n] = 1 << state
-                tree.real[node, BOUND] = 0.0
-                tree.real[node, SPAN : SPAN + n] = problem.book[:n, LEAN_FROM]
-                tree.real[node, SPAN + n :] = math.pi / 2
-                push(tree, node)
+        tree.tally[UNUSED] -= 1
+        node = tree.pool[tree.tally[UNUSED], FREE]
+        tree.whole[node, :MASK] = slot, _ROOT, depth
+        tree.whole[node, MASK:] = mask
+        tree.real[node, BOUND] = 0.0
+        tree.real[node, SPAN : SPAN + n] = problem.book[:n, LEAN_FROM]
+        tree.real[node, SPAN + n :] = math.pi / 2
+        push(tree, node)
 
 
 def least_bound(tree: Tree) -> float:
@@ -215,7 +235,7 @@ def _improve(
     accuracy: float,
 ) -> None:
     """Best placement with these states and tilts, and trust-region steps on the tilts from it."""
-    n, book = problem.books, problem.book
+    n, book = problem.stored, problem.book
     span, trial = np.empty(2 * n), np.empty(n)
     for k in range(n):
         trial[k] = tilt[k]
@@ -230,17 +250,14 @@ def _improve(
             here = 0.0
             for k in range(n):
                 moved = sheet.seat[k, X] - book[k, X0]
-                here += problem.weight_x * moved * moved
+                here += moved * moved
                 here += turn_cost(problem, k, sheet.seat[k, 2], sheet.seat[k, 3])
-            if problem.weight_wall > 0:
-                here += problem.weight_wall * (sheet.seat[n, X] - book[n, X0]) ** 2
         if here < tree.best[COST]:
             tree.best[COST] = here
-            for k in range(n + 1):
+            tree.best_mask[n] = mask[n]
+            for k in range(n):
                 tree.best_mask[k] = mask[k]
-                tree.best[PLACE + k] = sheet.seat[k, X]
-                if k < n:
-                    tree.best[PLACE + n + 1 + k] = trial[k]
+                tree.best[PLACE + k], tree.best[PLACE + n + k] = sheet.seat[k, X], trial[k]
             tree.tally[BEST_SLOT] = slot
         if here < cost:
             if cost - here < 0.3 * (cost - bound):
@@ -261,6 +278,8 @@ def _improve(
             return
         for k in range(n):
             trial[k] = sheet.seat[k, TILT]
+            if trial[k] > math.pi / 2 - _LYING:
+                trial[k] = math.pi / 2
 
 
 @compiled
@@ -273,7 +292,7 @@ def _open(
     relative: float,
 ) -> bool:
     """Bound a node and dive from it; whether it is worth keeping."""
-    n = problem.books
+    n = problem.stored
     tree.tally[NODES] += 1
     slot, mask = tree.whole[node, SLOT], tree.whole[node, MASK:]
     span = tree.real[node, SPAN:]
@@ -309,11 +328,11 @@ def advance(
     problem: Problem, sheet: Sheet, tree: Tree, absolute: float, relative: float, steps: int
 ) -> int:
     """Split up to `steps` nodes; returns FINISHED, PAUSED (more to do) or FULL (no room)."""
-    n, count = problem.books, tree.tally
+    n, tally = problem.stored, tree.tally
     for _ in range(steps):
-        if count[OPEN] == 0:
+        if tally[OPEN] == 0:
             return FINISHED
-        if count[UNUSED] < 4:
+        if tally[UNUSED] < 4:
             return FULL
         node = _pop(tree)
         bound, branch = tree.real[node, BOUND], tree.whole[node, BRANCH]
@@ -338,4 +357,4 @@ def advance(
                 tree.best[CLOSED] = min(tree.best[CLOSED], tree.real[child, BOUND])
                 _free(tree, child)
         _free(tree, node)
-    return PAUSED if count[OPEN] > 0 else FINISHED
+    return PAUSED if tally[OPEN] > 0 else FINISHED

@@ -1,0 +1,53 @@
+"""What a method says about one scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from climbplan.bookshelf.scene import Array, States
+
+Status = Literal["optimal", "feasible", "infeasible", "limit"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where all books are after the insertion, the inserted one last."""
+
+    pose: Array  # (n + 1, 3) x [m], y [m], angle [rad]
+    state: States  # (n + 1,) of `State`
+    slot: int  # stored books left of the inserted one
+
+
+@dataclass(frozen=True)
+class Shortage:
+    """By how much a scene without a placement misses one, in width or in height."""
+
+    width: float  # [m] a shelf this much wider has a placement
+    width_bound: float  # [m] one that is widened by this much has none: proved
+    height: float  # [m] clear height that a book misses upright and flat; the widths are 0 then
+
+    def __str__(self) -> str:
+        if self.height > 0:
+            return f"a book misses {1e3 * self.height:.2f} mm of clear height"
+        return f"{1e3 * self.width:.2f} mm of width are missing"
+
+
+@dataclass(frozen=True)
+class ExactAnswer:
+    """What the search found for one scene."""
+
+    status: Status  # `limit`: no placement found in time, `feasible`: found but the gap is open
+    placement: Placement | None
+    objective: float  # [mm^2] movement cost, infinite without a placement
+    bound: float  # [mm^2] no placement costs less
+    shortage: Shortage | None  # if infeasible
+    nodes: int
+    placements: int  # exact placements tried
+    seconds: float
+
+    @property
+    def gap(self) -> float:
+        """objective - bound [mm^2]."""
+        return self.objective - self.bound if math.isfinite(self.objective) else math.inf

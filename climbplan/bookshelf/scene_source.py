@@ -1,0 +1,58 @@
+"""From a bookshelf spec to its shelf and scenes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.bookshelf.rectangles import half_extents
+from climbplan.bookshelf.scene import PublishedTolerances, Scene, Scenes, Shelf
+from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.spec.bookshelf import BookshelfSpec, ShelfSceneSpec, ShelfSpec
+
+
+def shelf_of(spec: ShelfSpec) -> Shelf:
+    """The shelf as written in a spec."""
+    published = spec.published
+    return Shelf(
+        left=spec.left_mm / 1000,
+        right=spec.right_mm / 1000,
+        height=spec.height_mm / 1000,
+        book_gap=spec.book_gap_mm / 1000,
+        wall_gap=spec.wall_gap_mm / 1000,
+        lean_margin=math.radians(spec.lean_margin_deg),
+        published=PublishedTolerances(
+            half_width=published.half_width_mm / 1000,
+            height=published.height_mm / 1000,
+            distance=published.distance_mm / 1000,
+            sine=published.sine,
+            left_wall=published.left_wall_mm / 1000,
+        ),
+    )
+
+
+def scene_of(spec: ShelfSceneSpec) -> Scene:
+    """The scene as written in a spec; books without a height stand on the ground."""
+    size = np.array([(b.height_mm, b.width_mm) for b in spec.books], float)
+    angle = np.radians([b.tilt_deg for b in spec.books])
+    ground = half_extents(angle, size)[:, 1]
+    y = [g if b.y_mm is None else b.y_mm for b, g in zip(spec.books, ground, strict=True)]
+    pose = np.stack([1e-3 * np.array([b.x_mm for b in spec.books]), 1e-3 * np.array(y), angle], 1)
+    inserted = np.array([spec.insert.height_mm, spec.insert.width_mm])
+    return Scene(pose, 1e-3 * size, 1e-3 * inserted)
+
+
+def scenes_of(spec: BookshelfSpec, directory: Path) -> Scenes:
+    """All scenes of a spec; files are looked up from `directory`.
+
+    Raises:
+        UsageError: numbers in a file that cannot be books.
+        PlanFileError: a file that is missing, damaged or of another kind.
+    """
+    if spec.scene is not None:
+        return Scenes.of([scene_of(spec.scene)])
+    if spec.scenes is None:
+        raise ValueError("a bookshelf spec has a scene or scenes")
+    return read_scenes(directory / spec.scenes.file, spec.scenes.group)

@@ -35,17 +35,18 @@ class Shortage:
 
 
 @dataclass(frozen=True)
-class ExactAnswer:
-    """What the search found for one scene."""
+class SceneAnswer:
+    """What a method found for one scene."""
 
     status: Status  # `limit`: no placement found in time, `feasible`: found but the gap is open
     placement: Placement | None
     objective: float  # [mm^2] movement cost, infinite without a placement
-    bound: float  # [mm^2] no placement costs less
-    shortage: Shortage | None  # if infeasible
-    nodes: int
-    placements: int  # exact placements tried
+    bound: float  # [mm^2] no placement costs less; minus infinity if the method proves nothing
     seconds: float
+    nodes: int = 0  # of a tree, or iterations
+    candidates: int = 0  # placements, or sets of integers, that were tried
+    shortage: Shortage | None = None  # if infeasible
+    word: str = ""  # why there is no placement, or what deserves a remark
 
     @property
     def gap(self) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.bookshelf.answer import ExactAnswer, Placement, Shortage, Status
+from climbplan.bookshelf.answer import Placement, SceneAnswer, Shortage, Status
 from climbplan.bookshelf.exact_pairs import box_row, pair_floor
 from climbplan.bookshelf.exact_problem import (
     ALLOWED,
@@ -74,7 +74,7 @@ class ExactSolver:
         self._sheets: dict[int, Sheet] = {}
         self._trees: dict[int, Tree] = {}
 
-    def solve(self, scene: Scene) -> ExactAnswer:
+    def solve(self, scene: Scene) -> SceneAnswer:
         """The placement of least movement.
 
         Raises:
@@ -108,13 +108,13 @@ class ExactSolver:
             else:
                 status = "limit"
         seconds = time.perf_counter() - start
-        return ExactAnswer(
-            status, placement, objective, bound, shortage, nodes, placements, seconds
+        return SceneAnswer(
+            status, placement, objective, bound, seconds, nodes, placements, shortage
         )
 
     def solve_all(
         self, scenes: Scenes, progress: Callable[[int], None] | None = None
-    ) -> list[ExactAnswer]:
+    ) -> list[SceneAnswer]:
         """Answers to all scenes; `progress` is called with the number done."""
         answers = []
         for scene in scenes:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon, Rectangle
 
-from climbplan.bookshelf.answer import ExactAnswer, Placement
+from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.rectangles import corners
 from climbplan.bookshelf.scene import Array, Scene, Shelf, State, States
 
@@ -49,7 +49,7 @@ class Pictured:
     title: str = ""
 
 
-def pictured(scene: Scene, answer: ExactAnswer, title: str = "") -> Pictured:
+def pictured(scene: Scene, answer: SceneAnswer, title: str = "") -> Pictured:
     """A scene with the solver's answer, its figures as the caption."""
     if answer.placement is None:
         text = str(answer.shortage) if answer.shortage else "no placement found in time"

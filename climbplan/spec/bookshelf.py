@@ -98,11 +98,59 @@ class ShelfSpec(SpecModel):
         return self
 
 
+ShelfMethod = Literal[
+    "exact", "minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "convex", "knn"
+]
+
+
+class ShelfLibrarySpec(SpecModel):
+    """Solved scenes from which methods that learn take their candidates."""
+
+    file: str = Field(
+        min_length=1,
+        description="a plan file of `solve-bookshelf` with as many stored books; relative to the "
+        "spec",
+    )
+    size: Count | None = quantity(
+        "", "how many of its scenes to use, the first ones; all if left out", default=None, ge=1
+    )
+
+
 class ShelfSolverSpec(SpecModel):
     """Which method, and when to stop."""
 
-    method: Literal["exact"] = Field(
-        default="exact", description="`exact`: geometric branch and bound with proved bounds"
+    method: ShelfMethod = Field(
+        default="exact",
+        description="`exact`: geometric branch and bound with proved bounds; `minlp-scip`, "
+        "`minlp-bonmin`: the whole statement; `micp`: McCormick envelopes on the published grids; "
+        "`mpcc`: complementarity; `admm`: alternating between `micp` and a nonlinear program; "
+        "`convex`: integers from neighbours, then convex programs; `knn`: `convex`, then `exact` "
+        "if no candidate holds",
+    )
+    solver: Literal["highs", "scip", "gurobi", "daqp", "clarabel", "osqp"] | None = Field(
+        default=None,
+        description="of `micp` and `admm`: highs (default), scip, gurobi; of `convex` and `knn`: "
+        "daqp (default), clarabel, osqp",
+    )
+    start: Literal["zero", "manual", "knn"] = Field(
+        default="manual",
+        description="where `mpcc` starts: `zero`, `manual` (the scene as it is, planes solved "
+        "before) or `knn` (neighbours in the library)",
+    )
+    candidates: Count | None = quantity(
+        "",
+        "how many neighbours to try: 3 for `mpcc`, 10 for `convex` and `knn` if left out",
+        default=None,
+        ge=1,
+    )
+    refinements: Count = quantity(
+        "",
+        "how often `convex` and `knn` linearise anew about the last point; 0: the published method",
+        default=12,
+        ge=0,
+    )
+    library: ShelfLibrarySpec | None = Field(
+        default=None, description="solved scenes; `mpcc` with start `knn`, `convex`, `knn` need it"
     )
     gap_mm2: Number = quantity("mm^2", "absolute gap to prove", default=0.01, gt=0)
     gap: Number = quantity(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.checker import check_contact
-from climbplan.bookshelf.exact import ExactAnswer, ExactSolver
+from climbplan.bookshelf.exact import ExactSolver, SceneAnswer
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.errors import UsageError
 
@@ -40,7 +40,7 @@ def random_upright(seed: int, books: int) -> Scene:
     return upright((left + widths / 2).tolist(), sizes, inserted)
 
 
-def require_sound(scene: Scene, answer: ExactAnswer) -> None:
+def require_sound(scene: Scene, answer: SceneAnswer) -> None:
     """Independent of the search: the checker at 0.01 mm, the cost anew, the bound below it."""
     assert answer.status == "optimal"
     assert answer.placement is not None

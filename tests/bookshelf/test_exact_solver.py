@@ -9,7 +9,7 @@ import pytest
 from bookshelf_oracle import Oracle, Rules
 from bookshelf_scenes import HALF_MM, PUBLISHED, random_theta
 
-from climbplan.bookshelf.answer import ExactAnswer
+from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.checker import check_contact
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
@@ -22,7 +22,7 @@ def _shelf(n: int) -> Shelf:
     return Shelf(left=-1e-3 * HALF_MM[n], right=1e-3 * HALF_MM[n])
 
 
-def _require_valid(scene: Scene, answer: ExactAnswer, shelf: Shelf) -> None:
+def _require_valid(scene: Scene, answer: SceneAnswer, shelf: Shelf) -> None:
     assert answer.placement is not None
     scenes = Scenes.of([scene])
     check = check_contact(
@@ -34,7 +34,7 @@ def _require_valid(scene: Scene, answer: ExactAnswer, shelf: Shelf) -> None:
         assert answer.gap <= max(0.01, 1e-4 * answer.objective) * (1 + 1e-6)
 
 
-def _non_trivial(n: int, count: int, seed: int) -> list[tuple[np.ndarray, Scene, ExactAnswer]]:
+def _non_trivial(n: int, count: int, seed: int) -> list[tuple[np.ndarray, Scene, SceneAnswer]]:
     """Random scenes whose optimum moves books."""
     rng, solver = np.random.default_rng(seed), ExactSolver(_shelf(n))
     found = []
@@ -47,7 +47,7 @@ def _non_trivial(n: int, count: int, seed: int) -> list[tuple[np.ndarray, Scene,
     return found
 
 
-def _require_agreement(theta: np.ndarray, scene: Scene, answer: ExactAnswer, n: int) -> None:
+def _require_agreement(theta: np.ndarray, scene: Scene, answer: SceneAnswer, n: int) -> None:
     assert answer.status == "optimal"
     _require_valid(scene, answer, _shelf(n))
     best = Oracle(theta, Rules(-HALF_MM[n], HALF_MM[n])).solve()
@@ -99,7 +99,7 @@ def _physical(half: float) -> np.ndarray:
     return np.array([-half + 20, 40, 0, 80, 40, 0, 40, 0, 80, 40, half - 20, 40, 0, 80, 40])
 
 
-def _solve(theta: np.ndarray, shelf: Shelf = SHELF, **limits: float) -> tuple[Scene, ExactAnswer]:
+def _solve(theta: np.ndarray, shelf: Shelf = SHELF, **limits: float) -> tuple[Scene, SceneAnswer]:
     scene = Scenes.from_theta(theta[None], "mm")[0]
     return scene, ExactSolver(shelf, ExactLimits(**limits)).solve(scene)  # type: ignore[arg-type]
 

@@ -13,6 +13,7 @@ solutions break these constraints: the residuals say by how much.
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -111,7 +112,7 @@ def _leans(
     for k in range(n):
         left, right = state[:, k] == State.LEAN_LEFT, state[:, k] == State.LEAN_RIGHT
         if k > 0:
-            touch, other = _line(vertex[:, k - 1], vertex[:, k]), x[:, k - 1]
+            touch, other = line_past_corners(vertex[:, k - 1], vertex[:, k]).tolerance, x[:, k - 1]
         else:
             # On top of the tolerance that every constraint has.
             touch = vertex[:, k, _TOP_LEFT, 0] + rules.half_width - rules.left_wall
@@ -120,7 +121,7 @@ def _leans(
         between = np.maximum(other - x[:, k], x[:, k] - vertex[:, k, _BOTTOM_LEFT, 0])
         stability[:, k] = np.where(left, between, stability[:, k])
         if k < n - 1:
-            touch, other = _line(vertex[:, k], vertex[:, k + 1]), x[:, k + 1]
+            touch, other = line_past_corners(vertex[:, k], vertex[:, k + 1]).tolerance, x[:, k + 1]
         else:
             touch = rules.half_width - vertex[:, k, _TOP_RIGHT, 0]
             other = np.full(len(x), rules.half_width)
@@ -130,9 +131,18 @@ def _leans(
     return support, stability
 
 
-def _line(left: Array, right: Array) -> Array:
-    """Least tolerance (S,) [m] at which one line separates two books, corners (S, 4, 2), and passes
-    the top right corner of the left one and the top left corner of the right one.
+@dataclass(frozen=True)
+class CornerLine:
+    """Lines a . p = b between pairs of books, past their upper corners."""
+
+    normal: Array  # (S, 2) unit, from the left to the right book
+    offset: Array  # (S,)
+    tolerance: Array  # (S,) by which separation and passing are off at most
+
+
+def line_past_corners(left: Array, right: Array) -> CornerLine:
+    """The line that best separates two books, corners (S, 4, 2), and passes the top right corner of
+    the left one and the top left corner of the right one.
 
     For a unit normal a the tolerance is half the largest a . (p - q) with p among the left corners
     and the right book's, q among the right corners and the left book's. That is a support function,
@@ -151,5 +161,9 @@ def _line(left: Array, right: Array) -> Array:
     directions = np.concatenate([normal, -normal, towards], axis=1)
     degenerate = np.linalg.norm(directions, axis=-1) < 0.5
     reach = np.einsum("sdk,spk->sdp", directions, points).max(axis=-1)
-    least: Array = np.where(degenerate, np.inf, reach).min(axis=1) / 2
-    return least
+    reach = np.where(degenerate, np.inf, reach)
+    rows, best = np.arange(len(p)), np.argmin(reach, axis=1)
+    chosen = directions[rows, best]
+    last = np.einsum("sk,spk->sp", chosen, p).max(axis=1)
+    first = np.einsum("sk,spk->sp", chosen, q).min(axis=1)
+    return CornerLine(chosen, 0.5 * (last + first), 0.5 * reach[rows, best])

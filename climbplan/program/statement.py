@@ -118,7 +118,7 @@ class Program:
         """
         entries = _as_array(expression)
         shape = entries.shape
-        condition = np.broadcast_to(np.asarray(binary, dtype=object), shape)
+        condition = np.broadcast_to(_as_array(binary), shape)
         block = ImplicationBlock(
             name,
             shape,

@@ -98,6 +98,7 @@ class ShelfSpec(SpecModel):
         return self
 
 
+Meaning = Literal["contact", "published"]
 ShelfMethod = Literal[
     "exact", "minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "convex", "knn"
 ]
@@ -169,7 +170,7 @@ class BookshelfSpec(SpecModel):
     """The shelf and its rules."""
     scene: ShelfSceneSpec | None = Field(default=None, description="one scene, written out")
     scenes: SceneFileSpec | None = Field(default=None, description="many scenes in a file")
-    meaning: Literal["contact", "published"] = Field(
+    meaning: Meaning = Field(
         default="contact",
         description="`contact`: no overlap, leaning books touch their support; `published`: the "
         "published constraints and tolerances",

@@ -10,7 +10,7 @@ from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
 from climbplan.bookshelf.scene import Scene, Shelf
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf import BookshelfSpec, ShelfSolverSpec
+from climbplan.spec.bookshelf import BookshelfSpec, Meaning, ShelfSolverSpec
 
 
 class SceneMethod(Protocol):
@@ -25,7 +25,7 @@ class MethodSetting:
     """All that a method is made of; workers of a pool make their own from it."""
 
     shelf: Shelf
-    meaning: str
+    meaning: Meaning
     solver: ShelfSolverSpec
     directory: Path  # where the spec's files are looked up
     seed: int = 0
@@ -46,4 +46,21 @@ def prepare(setting: MethodSetting, count: int) -> SceneMethod:
     if solver.method == "exact":
         limits = ExactLimits(solver.gap_mm2, solver.gap, solver.time_limit, solver.node_limit)
         return ExactSolver(setting.shelf, limits)
+    # These load CasADi and their solvers: not before they are needed.
+    from climbplan.bookshelf import statement_methods as by_statement
+
+    judge = by_statement.Judge(count, setting.shelf, setting.meaning)
+    budget = by_statement.Budget(solver.gap, solver.time_limit)
+    if solver.method == "minlp-scip":
+        return by_statement.MinlpScip(judge, budget)
+    if solver.method == "minlp-bonmin":
+        return by_statement.MinlpBonmin(judge, budget)
+    if solver.method == "micp":
+        return by_statement.Micp(judge, budget, solver.solver or "highs")
+    if solver.method == "admm":
+        return by_statement.Admm(judge, budget, solver.solver or "highs")
+    if solver.method == "mpcc" and solver.start == "zero":
+        return by_statement.Mpcc(judge, budget, by_statement.zero_start)
+    if solver.method == "mpcc" and solver.start == "manual":
+        return by_statement.Mpcc(judge, budget, by_statement.manual_start)
     raise UsageError(f"method {solver.method!r} is not there yet")

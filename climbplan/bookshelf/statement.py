@@ -121,7 +121,7 @@ def bookshelf(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
     if meaning == "contact":
         _stable(p, shelf, size[:n], cos[:n], sin[:n], lean_left, lean_right)
         _touching(p, shelf, size, center, cos, sin, vertex, lean_left, lean_right)
-        _ordered(p, center[:n], foot_left, foot_right, stored)
+        _ordered(p, (frame.left, frame.right), center[:n], foot_left, foot_right, stored)
     else:
         _supported(p, shelf, center, vertex, normal, offset, lean_left, lean_right)
 
@@ -205,6 +205,7 @@ def _touching(
 
 def _ordered(
     p: Program,
+    sides: tuple[float, float],
     center: Expression,
     foot_left: Expression,
     foot_right: Expression,
@@ -212,7 +213,7 @@ def _ordered(
 ) -> None:
     """Centres and feet of the stored books keep their order."""
     n = len(center)
-    foot = p.continuous("foot", (n,), unit="mm")
+    foot = p.continuous("foot", (n,), *sides, unit="mm")
     resting = stored[:, [State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT]]
     lean_left, lean_right = stored[:, State.LEAN_LEFT], stored[:, State.LEAN_RIGHT]
     middle = (foot - center[:, 0])[:, None] + np.zeros((1, 3))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -26,10 +25,8 @@ from climbplan.cli.options import (
     Verbose,
 )
 from climbplan.cli.plan_path import PLAN_FILE
+from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from climbplan.plans.verification import Verification
 
 
 def plan_climb(
@@ -83,7 +80,7 @@ def plan_climb(
             write_climb(found, plan_file)
             start = time.perf_counter()
             verification = verify_and_mark(plan_file)
-            session.note(_verify_line(verification, time.perf_counter() - start))
+            session.note(verify_line(verification, time.perf_counter() - start))
             progress.report("report", 0.0)
             write_report(plan_file, directory.path, verification)
         directory.publish()
@@ -93,12 +90,6 @@ def plan_climb(
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
-
-
-def _verify_line(verification: Verification, seconds: float) -> str:
-    """The last line of the summary, in the columns of those before it."""
-    word = "passed" if verification.passed else "FAILED"
-    return f"{'verify':<9} {word:<9} {seconds:.2f} s   {verification.headline()}"
 
 
 def _check_model_path(path: Path | None) -> None:

@@ -63,8 +63,7 @@ class Solutions:
     @property
     def placed(self) -> NDArray[np.bool_]:
         """Which scenes have a placement (S,)."""
-        found: NDArray[np.bool_] = np.isfinite(self.pose).all(axis=(1, 2))
-        return found
+        return np.asarray(np.isfinite(self.pose).all(axis=(1, 2)), bool)
 
     def placement(self, scene: int) -> Placement | None:
         """Where the books of a scene go."""

@@ -131,9 +131,9 @@ def _totals(plan: ShelfPlan) -> Check:
 def _row_faults(found: Solutions, scenes: Scenes) -> Iterator[str]:
     """Scenes that have only part of a placement, or one that their status denies."""
     placed, many = found.placed, len(scenes) > 1
-    nowhere: Flags = np.isnan(found.pose).all(axis=(1, 2))
-    known: Flags = ((found.state >= 0) & (found.state < len(State))).all(axis=1)
-    no_state: Flags = (found.state == NO_STATE).all(axis=1)
+    nowhere = np.asarray(np.isnan(found.pose).all(axis=(1, 2)), bool)
+    known = np.asarray(((found.state >= 0) & (found.state < len(State))).all(axis=1), bool)
+    no_state = np.asarray((found.state == NO_STATE).all(axis=1), bool)
     for k, status in enumerate(found.status):
         said = status in ("optimal", "feasible")
         if placed[k]:

@@ -114,7 +114,9 @@ def _costs(ax: Axes, plan: ShelfPlan) -> None:
         return
     cost = np.maximum(plan.solutions.objective, _LEAST_COST)
     _stacked(ax, plan, cost, placed)
-    ax.axvspan(ax.get_xlim()[0], TRIVIAL, color=palette.GRID, alpha=0.5, lw=0, zorder=0.5)
+    first, last = ax.get_xlim()
+    ax.set_xlim(first, last)
+    ax.axvspan(first, max(first, TRIVIAL), color=palette.GRID, alpha=0.5, lw=0, zorder=0.5)
     ax.set_xlabel(f"movement cost [mm²] (shaded: at most {TRIVIAL:g})")
     share = 100 * len(nontrivial(plan.solutions)) / int(placed.sum())
     panel_title(ax, "Movement cost", f"{share:.1f} % above {TRIVIAL:g} mm²")

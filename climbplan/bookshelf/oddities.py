@@ -32,25 +32,26 @@ def _lines(scenes: Scenes, shelf: Shelf) -> Iterator[str]:
         i, j = (np.array(side) for side in zip(*pairs, strict=True))
         depth = -separation(pose[:, i], size[:, i], pose[:, j], size[:, j])
         names = [f"books {a} and {b}" for a, b in pairs]
-        yield from _worst(depth, DEPTH, names, "overlap before the insertion", "by")
-        following = [f"books {k} and {k + 1}" for k in range(scenes.count - 1)]
+        yield from _worst(depth, DEPTH, names, "{} overlap by {} before the insertion")
+        following = [f"book {k}" for k in range(1, scenes.count)]
         back = x[:, :-1] - x[:, 1:]
-        yield from _worst(back, DEPTH, following, "are not listed from left to right", "by")
-    yield from _worst(y - reach[..., 1], shelf.book_gap, books, "floats above the ground", "by")
-    yield from _worst(reach[..., 1] - y, DEPTH, books, "reaches below the ground", "by")
+        yield from _worst(back, DEPTH, following, "{} stands {} left of the book listed before it")
+    yield from _worst(y - reach[..., 1], shelf.book_gap, books, "{} floats {} above the ground")
+    yield from _worst(reach[..., 1] - y, DEPTH, books, "{} reaches {} below the ground")
     beyond = np.maximum(x + reach[..., 0] - shelf.right, shelf.left - x + reach[..., 0])
-    yield from _worst(beyond, DEPTH, books, "reaches into or beyond a wall", "by")
+    yield from _worst(beyond, DEPTH, books, "{} reaches {} into or beyond a wall")
 
 
-def _worst(excess: Array, limit: float, names: list[str], what: str, by: str) -> Iterator[str]:
-    """excess: (S, K) [m] of K places named `names`."""
+def _worst(excess: Array, limit: float, names: list[str], words: str) -> Iterator[str]:
+    """excess: (S, K) [m] of K places named `names`; words: with room for a name and a length."""
     odd = (excess > limit).any(axis=1)
     if not odd.any():
         return
     scene, place = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    line = f"{names[place]} {what} {by} {1e3 * excess[scene, place]:.1f} mm"
+    line = words.format(names[place], f"{1e3 * excess[scene, place]:.1f} mm")
     if len(excess) > 1:
-        line = f"scene {scene}: {line} (the worst of {odd.sum()} scenes of {len(excess)})"
-    elif (others := int((excess > limit).sum()) - 1) > 0:
-        line += f" (and {others} more)"
+        others = f"the worst of {odd.sum()} such scenes" if odd.sum() > 1 else "the only such scene"
+        line = f"scene {scene}: {line} ({others})"
+    elif (more := int((excess > limit).sum()) - 1) > 0:
+        line += f" (and {more} more)"
     yield line

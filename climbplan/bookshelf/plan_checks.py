@@ -186,18 +186,12 @@ def _constraint(item: NamedResidual, scenes: NDArray[np.intp], total: int) -> Ch
     worst = int(np.argmax(severity))
     residual = float(item.residual[worst])
     place = f"scene {scenes[worst]}, {item.place[worst]}" if total > 1 else item.place[worst]
-    used = max(0.0, float(severity[worst]))
+    # 1 at the limit, towards 0 the more there is to spare: tells which constraint is nearest.
+    passed = bool(item.passed.all())
+    used = item.limit / (2 * item.limit - residual) if passed and item.limit > 0 else 1.0
     unit = f" {item.unit}" if item.unit else ""
-    return Check(
-        item.name,
-        residual,
-        item.limit,
-        item.unit,
-        bool(item.passed.all()),
-        f"{residual:.2g} of {item.limit:g}{unit}" if residual > 0 else "",
-        place,
-        used,
-    )
+    margin = f"{residual:.2g} of {item.limit:g}{unit}" if residual > 0 else ""
+    return Check(item.name, residual, item.limit, item.unit, passed, margin, place, used)
 
 
 def _worst(name: str, residuals: Array, rows: Flags) -> Check:

@@ -14,15 +14,16 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.checker import book_names
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
 from climbplan.bookshelf.meanings import check_placements
 from climbplan.bookshelf.methods import MethodSetting, SceneMethod, prepare
 from climbplan.bookshelf.oddities import oddities
 from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of
-from climbplan.bookshelf.scene import Scene, Scenes
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf
 from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 from climbplan.bookshelf.summary import summary_lines
-from climbplan.errors import Infeasible, LimitReached
+from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.spec.bookshelf_loading import LoadedShelf
 
 Progress = Callable[[str, float], None]
@@ -61,7 +62,7 @@ def run_shelf(
     answers = solve_scenes(scenes, setting, jobs, report)
     solved = time.perf_counter()
     if len(scenes) == 1:
-        _require_placement(answers[0])
+        _require_placement(answers[0], scenes[0], shelf)
     solutions = Solutions.of(scenes, answers)
     solver = loaded.spec.solver
     plan = ShelfPlan(
@@ -172,14 +173,33 @@ def _prepared(setting: MethodSetting, count: int) -> SceneMethod:
     return prepare(setting, count)
 
 
-def _require_placement(answer: SceneAnswer) -> None:
+def _require_placement(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> None:
     if answer.status == "infeasible":
-        said = [str(answer.shortage)] if answer.shortage is not None else []
-        said += [answer.word] if answer.word else []
-        raise Infeasible(f"the books cannot be placed: {'; '.join(said) or 'proved'}")
+        raise Infeasible("no placement exists (proved)", [_conflict(answer, scene, shelf)])
     if answer.placement is None:
-        why = answer.word or f"time or node limit reached after {answer.seconds:.1f} s"
+        why = answer.word or f"time or node limit reached after {answer.seconds:.2g} s"
         raise LimitReached(f"no placement found: {why}")
+
+
+def _conflict(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> Conflict:
+    """What the shelf misses, and what would be enough."""
+    shortage = answer.shortage
+    if shortage is None:
+        return Conflict("shelf", (answer.word or "no state of the books fits",), in_words=True)
+    if shortage.height > 0:
+        least = scene.sizes.min(axis=1)
+        books = [
+            name
+            for name, side in zip(book_names(scene.count), least, strict=True)
+            if side > shelf.height
+        ]
+        needed = f"height_mm >= {1e3 * least.max():.2f}"
+        words = f"{shortage} ({' and '.join(books)})"
+        return Conflict(f"clear height of {1e3 * shelf.height:.2f} mm", (words,), (needed,), True)
+    tall, thick = 1e3 * scene.inserted
+    words = f"{shortage} for {scene.count} stored books and one of {tall:g} x {thick:g} mm"
+    needed = f"right_mm >= {1e3 * (shelf.right + shortage.width):.2f}"
+    return Conflict(f"width of {1e3 * shelf.width:.2f} mm", (words,), (needed,), in_words=True)
 
 
 def _solvers(loaded: LoadedShelf) -> dict[str, Any]:

@@ -97,7 +97,8 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
         yield Card("Mean non-trivial cost", _cost(cost["nontrivial"]["mean"]), share)
     overlap = report["overlap"]
     if overlap is not None:
-        yield Card("Worst overlap", f"{1e3 * overlap:.2g} mm", "after the insertion")
+        shown = f"{1e3 * overlap:.2g}" if overlap > 1e-9 else "0"
+        yield Card("Worst overlap", f"{shown} mm", "after the insertion")
     shelf = report["shelf"]
     width = 1e3 * (shelf["right"] - shelf["left"])
     yield Card("Shelf", f"{width:.1f} mm", f"{1e3 * shelf['height']:.0f} mm clear height")

@@ -58,7 +58,8 @@ def _gallery(plan: ShelfPlan, scenes: list[int]) -> Figure:
 def _pictured(plan: ShelfPlan, k: int, title: str) -> Pictured:
     found = plan.solutions
     if not found.placed[k]:
-        return Pictured(plan.scenes[k], None, found.message[k] or found.status[k], title)
+        text = found.message[k] if found.status[k] == "infeasible" else "no answer"
+        return Pictured(plan.scenes[k], None, plain(text, 34).replace(r"\$", "$"), title)
     text = f"{found.objective[k]:.2f} mm²"
     if found.status[k] != "optimal" and np.isfinite(found.bound[k]):
         text += f", at least {found.bound[k]:.2f}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from climbplan.bookshelf.checker import slots
 from climbplan.bookshelf.checks import NamedResidual
-from climbplan.bookshelf.meanings import check_placements
+from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
 from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
 from climbplan.bookshelf.scene import Array, Scenes, State, movement_cost
 from climbplan.bookshelf.scene_source import scenes_of_inline, shelf_of
@@ -166,18 +166,8 @@ def _scene_checks(plan: ShelfPlan, spec: BookshelfSpec | str) -> Iterator[Check]
         yield _worst("solution.gap", gap, placed & optimal)
     infeasible = np.array([status == "infeasible" for status in found.status])
     if plan.meaning == "contact":
-        yield _worst("solution.infeasible", _side_by_side(plan), infeasible)
-
-
-def _side_by_side(plan: ShelfPlan) -> Array:
-    """1 where all books fit upright or flat beside one another (S,): then there is a placement."""
-    height, width = plan.scenes.sizes[..., 0], plan.scenes.sizes[..., 1]
-    clear = plan.shelf.height
-    least = np.minimum(
-        np.where(height <= clear, width, np.inf), np.where(width <= clear, height, np.inf)
-    )
-    fits: Array = (least.sum(axis=1) < plan.shelf.width).astype(float)
-    return fits
+        fits = fit_side_by_side(scenes, plan.shelf).astype(float)
+        yield _worst("solution.infeasible", fits, infeasible)
 
 
 def _constraint(item: NamedResidual, scenes: NDArray[np.intp], total: int) -> Check:

@@ -8,19 +8,21 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
-from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.answer import SceneAnswer, Status
 from climbplan.bookshelf.checker import book_names
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
-from climbplan.bookshelf.meanings import check_placements
+from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
 from climbplan.bookshelf.methods import MethodSetting, SceneMethod, prepare
+from climbplan.bookshelf.model_file import save_scene_model
 from climbplan.bookshelf.oddities import oddities
 from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 from climbplan.bookshelf.summary import summary_lines
 from climbplan.errors import Conflict, Infeasible, LimitReached
@@ -37,11 +39,13 @@ def run_shelf(
     report: Progress | None = None,
     jobs: int = 1,
     warn: Callable[[str], None] | None = None,
+    save_model: Path | None = None,
 ) -> ShelfPlan:
     """Solve all scenes of a spec.
 
     A scene without a placement is a row of the plan, unless it is the only scene. `warn` is called
-    with each oddity of the stored scenes before they are solved.
+    with each oddity of the stored scenes before they are solved; the program of the first scene is
+    written to `save_model`.
 
     Raises:
         SpecError: a scene file that cannot be used.
@@ -55,6 +59,8 @@ def run_shelf(
         if warn is not None:
             warn(line)
     setting = MethodSetting.of(loaded.spec, shelf, loaded.directory)
+    if save_model is not None:
+        save_scene_model(setting, scenes[0], save_model)
     start = time.perf_counter()
     report("prepare", 0.0)
     compile_first(setting, scenes.count)
@@ -110,31 +116,58 @@ def solve_scenes(
 def checked(
     scenes: Scenes, answers: Sequence[SceneAnswer], setting: MethodSetting
 ) -> list[SceneAnswer]:
-    """The answers; one that breaks a constraint counts as none, whatever its solver said."""
+    """The answers; one that breaks a constraint counts as none, whatever its solver said.
+
+    Costs are those of the poses; a bound above its cost is none, and `optimal` is what is within
+    the gap that was asked for.
+    """
+    result = list(answers)
+    fits = fit_side_by_side(scenes, setting.shelf)
+    for k, answer in enumerate(answers):
+        if answer.status == "infeasible" and setting.meaning == "contact" and fits[k]:
+            word = "the method says infeasible, but all books fit side by side"
+            result[k] = replace(answer, status="limit", bound=-math.inf, shortage=None, word=word)
     placed = [k for k, answer in enumerate(answers) if answer.placement is not None]
     if not placed:
-        return list(answers)
+        return result
     rows = np.array(placed)
     placements = [p for answer in answers if (p := answer.placement) is not None]
-    check = check_placements(
-        Scenes(scenes.pose[rows], scenes.size[rows], scenes.inserted[rows]),
-        np.stack([p.pose for p in placements]),
-        np.stack([p.state for p in placements]),
-        setting.shelf,
-        setting.meaning,
-    )
-    result = list(answers)
+    chosen = Scenes(scenes.pose[rows], scenes.size[rows], scenes.inserted[rows])
+    pose = np.stack([p.pose for p in placements])
+    state = np.stack([p.state for p in placements])
+    check = check_placements(chosen, pose, state, setting.shelf, setting.meaning)
+    cost = movement_cost(chosen, pose)
     for row, scene in enumerate(placed):
-        if not check.passed[row]:
-            broken = check.explain(row).replace("\n", "; ")
-            result[scene] = replace(
-                answers[scene],
-                status="limit",
-                placement=None,
-                objective=math.inf,
-                word=f"the method's answer breaks {broken}",
-            )
+        broken = check.explain(row).replace("\n", "; ")
+        result[scene] = (
+            _refused(answers[scene], broken)
+            if broken
+            else _priced(answers[scene], float(cost[row]), setting)
+        )
     return result
+
+
+def _refused(answer: SceneAnswer, broken: str) -> SceneAnswer:
+    return replace(
+        answer,
+        status="limit",
+        placement=None,
+        objective=math.inf,
+        word=f"the method's answer breaks {broken}",
+    )
+
+
+def _priced(answer: SceneAnswer, cost: float, setting: MethodSetting) -> SceneAnswer:
+    """With the cost of its pose and what its bound then proves."""
+    solver, bound, word = setting.solver, answer.bound, answer.word
+    allowed = max(solver.gap_mm2, solver.gap * cost)
+    if bound - cost > allowed:
+        remark = f"the bound {bound:.6g} mm^2 of the solver is above the cost, and so not valid"
+        bound, word = -math.inf, "; ".join(filter(None, (word, remark)))
+    bound = min(bound, cost)
+    proved = answer.status == "optimal" and cost - bound <= allowed * (1 + 1e-6)
+    status: Status = "optimal" if proved else "feasible"
+    return replace(answer, status=status, objective=cost, bound=bound, word=word)
 
 
 def compile_first(setting: MethodSetting, count: int) -> None:

@@ -9,6 +9,7 @@ import typer
 
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.mistakes import placed_mistakes
+from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import (
     Force,
     Jobs,
@@ -26,7 +27,7 @@ from climbplan.cli.options import (
 )
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.verify_line import verify_line
-from climbplan.errors import ExitCode, UsageError
+from climbplan.errors import ExitCode
 
 
 def plan_climb(
@@ -59,7 +60,7 @@ def plan_climb(
     session = context.ensure_object(Session)
     overrides = spec_overrides(assignments, seed, time_limit, method, solver)
     loaded = load_climb(spec, overrides)
-    _check_model_path(save_model)
+    check_model_path(save_model)
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
         # The planner and its solvers take a second to import: not before all paths are good.
@@ -90,12 +91,3 @@ def plan_climb(
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
-
-
-def _check_model_path(path: Path | None) -> None:
-    if path is None:
-        return
-    if path.is_dir():
-        raise UsageError(f"--save-model {path}: is a directory, expected a file to write")
-    if not path.absolute().parent.is_dir():
-        raise UsageError(f"--save-model {path}: no such directory {str(path.parent)!r}")

@@ -10,6 +10,7 @@ import typer
 
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.mistakes import placed_mistakes
+from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.verify_line import verify_line
@@ -37,6 +38,12 @@ def solve_bookshelf(
         str | None,
         typer.Option("--solver", metavar="NAME", help="Solver of a method that has several."),
     ] = None,
+    save_model: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-model", metavar="FILE", help="Also write the first scene's program (.lp, .cip)."
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -59,6 +66,7 @@ def solve_bookshelf(
     session = context.ensure_object(Session)
     overrides = spec_overrides(assignments, seed, time_limit, method, solver=solver)
     loaded = load_shelf(spec, overrides)
+    check_model_path(save_model)
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
         # Compiled functions and figures take a second to import: not before all paths are good.
@@ -69,7 +77,7 @@ def solve_bookshelf(
 
         with StageProgress(session) as progress:
             with placed_mistakes(loaded):
-                found = run_shelf(loaded, progress.report, jobs, warn)
+                found = run_shelf(loaded, progress.report, jobs, warn, save_model)
             progress.report("verify", 0.0)  # ends the bar before lines are printed
             for line in found.summary:
                 session.note(line)

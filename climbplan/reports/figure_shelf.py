@@ -51,8 +51,10 @@ def gallery_pages(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]
 
 def _gallery(plan: ShelfPlan, scenes: list[int]) -> Figure:
     items = [_pictured(plan, k, f"scene {k}") for k in scenes]
+    lost = not plan.solutions.placed[scenes].all()
+    what = "scenes without a placement, and the costliest" if lost else "the costliest scenes"
     name = plain(plan.title or plan.name).replace(r"\$", "$")
-    return gallery(items, plan.shelf, COLUMNS, f"{name}: the costliest scenes, before and after")
+    return gallery(items, plan.shelf, COLUMNS, f"{name}: {what}")
 
 
 def _pictured(plan: ShelfPlan, k: int, title: str) -> Pictured:

@@ -84,6 +84,24 @@ def test_answers_that_break_a_constraint_count_as_none() -> None:
     assert kept == answers[1]
 
 
+def test_a_solvers_word_is_not_believed() -> None:
+    scenes = rows({}, {}, {}, {})
+    true = solve_scenes(scenes, SETTING)[0]
+    words = [
+        replace(true, objective=0.0, status="optimal", bound=-math.inf),
+        replace(true, bound=true.objective + 1.0),
+        replace(true, bound=true.objective + 1e-4),
+        replace(true, status="infeasible", placement=None, objective=math.inf, bound=math.inf),
+    ]
+    unproved, above, near, denied = checked(scenes, words, SETTING)
+    assert (unproved.status, unproved.objective) == ("feasible", true.objective)
+    assert (above.status, above.bound) == ("feasible", -math.inf)
+    assert "above the cost, and so not valid" in above.word
+    assert (near.status, near.bound) == ("optimal", true.objective)
+    assert (denied.status, denied.bound) == ("limit", -math.inf)
+    assert "fit side by side" in denied.word
+
+
 def test_meaning_decides_what_passes(shifted: Callable[[float], None], tmp_path: Path) -> None:
     """The published meaning lets a book overlap another one by less than 3 mm."""
     text = (

@@ -262,9 +262,16 @@ def test_jobs_give_the_same_file_but_for_times(run_command: RunCommand, workplac
             assert one.attrs[name] == two.attrs[name], name
 
 
+def test_saved_model(run_command: RunCommand, workplace: Path) -> None:
+    assert run_command("solve-bookshelf", SCENE, "--save-model", "whole.cip").code == 0
+    assert "[nonlinear]" in (workplace / "whole.cip").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ([SCENE, "--save-model", "no/x.lp"], "no such directory 'no'"),
+        ([SCENE, "--save-model", "x.txt"], "x.txt: expected .lp, .mps or .cip"),
         ([SCENE, "-s", "scene.insert.width_mm=0"], "--set scene.insert.width_mm=0: scene.insert"),
         ([SCENE, "-s", "scene.books.0.x_mm=.nan"], "expected a number in mm, got .nan"),
         ([SCENE, "--method", "exakt"], "--method exakt: solver.method: expected one of"),

@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon, Rectangle
+from matplotlib.patheffects import Normal, Stroke
 
 from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.rectangles import corners
@@ -75,7 +76,7 @@ def scene_figure(item: Pictured, shelf: Shelf) -> Figure:
     width, height = 1e3 * shelf.width, 1e3 * shelf.height
     panel = 5.0  # [in]
     figure = _figure(2 * panel + 0.6, panel * (height + 18) / (width + 18) + 1.25)
-    before, after = figure.subplots(1, 2, sharey=True)
+    before, after = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.06})
     draw_before(before, item.scene, shelf)
     before.set_title("before", loc="left", fontsize=10, color=_INK, fontweight="bold")
     tall, thick = 1e3 * item.scene.inserted
@@ -183,7 +184,7 @@ def png(figure: Figure) -> bytes:
 
 
 def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), facecolor="white", layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -221,6 +222,8 @@ def _draw_arrow(ax: Axes, start: Array, end: Array) -> None:
     head = min(11.0, 5.0 + 0.6 * float(np.hypot(*(end - start))))  # [pt]
     arrow = FancyArrowPatch(tuple(start), tuple(end), arrowstyle="-|>", mutation_scale=head)
     arrow.set(linewidth=1.4, color=_INK, zorder=6)
+    # A light rim keeps it apart from the book below.
+    arrow.set_path_effects([Stroke(linewidth=3.0, foreground="white", alpha=0.85), Normal()])
     arrow.shrinkA = arrow.shrinkB = 0.0
     ax.add_patch(arrow)
 

@@ -120,6 +120,14 @@ class Scene:
         return np.vstack([self.size, self.inserted])
 
 
+class WrongScenes(UsageError):
+    """Numbers that cannot describe books, all of them."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("; ".join(faults))
+
+
 @dataclass(frozen=True)
 class Scenes:
     """S scenes with n stored books each."""
@@ -142,29 +150,39 @@ class Scenes:
         """Scenes from rows (S, 5 n + 2): n times x, y, angle, height, width, then height, width.
 
         Raises:
-            UsageError: naming every row and column that cannot describe books.
+            WrongScenes: naming every row and column that cannot describe books.
+        """
+        scenes = cls.as_found(theta, unit)
+        scenes.require()
+        return scenes
+
+    @classmethod
+    def as_found(cls, theta: Array, unit: Unit = "m") -> Self:
+        """As `from_theta`, whatever the numbers are.
+
+        Raises:
+            UsageError: no rows of that many columns.
         """
         rows = np.atleast_2d(np.asarray(theta, float))
         columns = rows.shape[1]
-        if rows.ndim != 2 or columns % 5 != 2 or columns < 7:
+        if rows.ndim != 2 or len(rows) == 0 or columns % 5 != 2 or columns < 7:
             raise UsageError(
-                f"theta has shape {np.shape(theta)}, expected (scenes, 5 n + 2) for n >= 1 books"
+                f"theta has shape {np.shape(theta)}, expected (scenes, 5 n + 2) for at least one"
+                " scene of n >= 1 books"
             )
         scale = _SCALE[unit]
         stored = rows[:, :-2].reshape(len(rows), -1, 5)
         pose = stored[..., :3] * np.array([scale, scale, 1.0])
-        scenes = cls(pose, stored[..., 3:] * scale, rows[:, -2:] * scale)
-        scenes.require()
-        return scenes
+        return cls(pose, stored[..., 3:] * scale, rows[:, -2:] * scale)
 
     def require(self) -> None:
         """Refuse sizes and poses that cannot be those of books.
 
         Raises:
-            UsageError: naming every wrong number.
+            WrongScenes: naming every wrong number.
         """
         if faults := self.faults():
-            raise UsageError("; ".join(faults))
+            raise WrongScenes(faults)
 
     def theta(self, unit: Unit = "m") -> Array:
         """Rows (S, 5 n + 2) as read by `from_theta`."""

@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 
 from climbplan.bookshelf.scene import Scenes, Unit
+from climbplan.errors import PlanFileError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
@@ -16,6 +17,12 @@ from climbplan.spec.fields import nearest
 FORMAT = "climbplan/scenes"
 FORMAT_VERSION = 1
 GROUP = "scenes"
+
+
+class NoSuchGroup(PlanFileError):
+    """The file is sound, but not the group that was asked for."""
+
+
 _THETA = Layout(("S", "P"), "m, rad", "shelf")
 
 
@@ -42,8 +49,9 @@ def read_scenes(path: Path, group: str = "") -> Scenes:
     """Scenes of a group; of the only group with `theta` if none is named.
 
     Raises:
-        PlanFileError: missing or damaged file, no such group, units that are not lengths.
-        UsageError: rows that cannot describe books, each by its number.
+        NoSuchGroup: none of that name, or several and no name.
+        PlanFileError: missing or damaged file, units that are not lengths.
+        WrongScenes: rows that cannot describe books, each by its number.
     """
     with opened_store(path) as file:
         reader = Reader(path, file)
@@ -62,13 +70,17 @@ def _holder(reader: Reader, file: h5py.File, group: str) -> str:
         near = nearest(group, known)
         hint = f" (did you mean {near!r}?)" if near else ""
         listed = ", ".join(repr(name) for name in known) or "none"
-        raise reader.refuse(f"no group {group!r} with a dataset `theta`, there is {listed}{hint}")
+        raise NoSuchGroup(
+            f"{reader.path}: no group {group!r} with a dataset `theta`, there is {listed}{hint}"
+        )
     if reader.has("theta"):
         return ""
     known = _groups(reader, file)
     if len(known) != 1:
         listed = ", ".join(repr(name) for name in known) or "none"
-        raise reader.refuse(f"expected one group with a dataset `theta`, there is {listed}")
+        raise NoSuchGroup(
+            f"{reader.path}: expected one group with a dataset `theta`, there is {listed}"
+        )
     return known[0]
 
 

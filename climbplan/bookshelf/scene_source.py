@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.bookshelf.rectangles import half_extents
-from climbplan.bookshelf.scene import PublishedTolerances, Scene, Scenes, Shelf
-from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.scene import PublishedTolerances, Scene, Scenes, Shelf, WrongScenes
+from climbplan.bookshelf.scene_file import NoSuchGroup, read_scenes
+from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.spec.bookshelf import BookshelfSpec, ShelfSceneSpec, ShelfSpec
+from climbplan.spec.bookshelf_loading import LoadedShelf
+
+_MOST_ROWS = 20  # wrong numbers of a file that are listed
 
 
 def shelf_of(spec: ShelfSpec) -> Shelf:
@@ -44,6 +48,11 @@ def scene_of(spec: ShelfSceneSpec) -> Scene:
     return Scene(pose, 1e-3 * size, 1e-3 * inserted)
 
 
+def scenes_of_inline(spec: ShelfSceneSpec) -> Scenes:
+    """The one scene as written in a spec."""
+    return Scenes.of([scene_of(spec)])
+
+
 def scenes_of(spec: BookshelfSpec, directory: Path) -> Scenes:
     """All scenes of a spec; files are looked up from `directory`.
 
@@ -52,7 +61,27 @@ def scenes_of(spec: BookshelfSpec, directory: Path) -> Scenes:
         PlanFileError: a file that is missing, damaged or of another kind.
     """
     if spec.scene is not None:
-        return Scenes.of([scene_of(spec.scene)])
+        return scenes_of_inline(spec.scene)
     if spec.scenes is None:
         raise ValueError("a bookshelf spec has a scene or scenes")
     return read_scenes(directory / spec.scenes.file, spec.scenes.group)
+
+
+def loaded_scenes(loaded: LoadedShelf) -> Scenes:
+    """All scenes of a loaded spec.
+
+    Raises:
+        SpecError: with the key of the spec that is to blame, and every wrong row of a file.
+    """
+    try:
+        return scenes_of(loaded.spec, loaded.directory)
+    except WrongScenes as error:
+        key = "scene" if loaded.spec.scenes is None else "scenes.file"
+        messages = list(error.faults[:_MOST_ROWS])
+        if len(error.faults) > _MOST_ROWS:
+            messages.append(f"and {len(error.faults) - _MOST_ROWS} more wrong numbers")
+    except NoSuchGroup as error:
+        key, messages = "scenes.group", [str(error)]
+    except UsageError as error:
+        key, messages = "scenes.file", [str(error)]
+    raise loaded.placed(SpecError(loaded.source, [SpecMistake(key, text) for text in messages]))

@@ -30,6 +30,7 @@ from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
+from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
 from climbplan.errors import ClimbplanError, ExitCode
@@ -65,7 +66,18 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan_climb, verify, report, export, validate, schema, new, doctor, bench):
+for _command in (
+    plan_climb,
+    solve_bookshelf,
+    verify,
+    report,
+    export,
+    validate,
+    schema,
+    new,
+    doctor,
+    bench,
+):
     app.command(_command.__name__.replace("_", "-"))(_command)
 
 

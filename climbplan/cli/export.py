@@ -1,4 +1,4 @@
-"""`climbplan export`: the trajectory as CSV for a robot or another simulator."""
+"""`climbplan export`: a plan as CSV for a robot or another simulator."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from climbplan.cli.options import Force, Plan, Quiet, Verbose
 from climbplan.cli.plan_path import find_plan
 from climbplan.errors import UsageError
 
-CSV_FILE = "trajectory.csv"
-
 
 def export(
     plan: Plan,
@@ -23,25 +21,30 @@ def export(
             "--out",
             "-o",
             metavar="FILE",
-            help=f"File, or - for standard output [default: {CSV_FILE} beside the plan].",
+            help="File, or - for standard output [default: beside the plan].",
         ),
     ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
-    """Write the trajectory of a plan as CSV and print the file's path."""
-    path = find_plan(plan)
-    from climbplan.plans.trajectory_csv import export_csv
+    """Write a plan as CSV and print the file's path.
 
+    Of a climb its trajectory (trajectory.csv), of a bookshelf plan the places of all books
+    (placements.csv).
+    """
+    path = find_plan(plan)
+    from climbplan.cli.plan_kinds import plan_kind
+
+    kind = plan_kind(path)
     if out == "-":
         with standard_output() as stream:
-            export_csv(path, stream)
+            kind.export_csv(path, stream)
         return
-    target = Path(out) if out is not None else path.parent / CSV_FILE
+    target = Path(out) if out is not None else path.parent / kind.csv_name
     if target.exists() and not force:
         raise UsageError(f"{target}: already exists; --force replaces it")
     if not target.absolute().parent.is_dir():
         raise UsageError(f"{target}: no such directory {str(target.parent)!r}")
-    export_csv(path, target)
+    kind.export_csv(path, target)
     print_result(str(target))

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from climbplan.errors import SpecError
 
 if TYPE_CHECKING:
-    from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.loaded import LoadedSpec
 
 
 @contextmanager
-def placed_mistakes(loaded: LoadedClimb) -> Iterator[None]:
+def placed_mistakes(loaded: LoadedSpec) -> Iterator[None]:
     """Give every spec mistake raised inside its line in `loaded`."""
     try:
         yield

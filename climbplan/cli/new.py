@@ -13,7 +13,9 @@ from climbplan.errors import UsageError
 
 
 def new(
-    kind: Annotated[str, typer.Argument(metavar="KIND", help="Kind of spec: climb, robot.")],
+    kind: Annotated[
+        str, typer.Argument(metavar="KIND", help="Kind of spec: climb, bookshelf, robot.")
+    ],
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where to write it [default: here].")
     ] = Path(),
@@ -27,7 +29,12 @@ def new(
 ) -> None:
     """Write a commented example spec that runs as it is, and print its path."""
     from climbplan.plans.atomic_file import written_aside
-    from climbplan.spec.examples import FIRST_EXAMPLE, example_names, example_text
+    from climbplan.spec.examples import (
+        FIRST_EXAMPLE,
+        example_data,
+        example_names,
+        example_text,
+    )
 
     if kind not in FIRST_EXAMPLE:
         raise UsageError(f"no spec kind {kind!r}, known are {', '.join(FIRST_EXAMPLE)}")
@@ -37,12 +44,16 @@ def new(
         raise UsageError(f"no example {example!r} of kind {kind!r}, there are {known}")
     text = example_text(name)
     target = directory / f"{name}.yaml"
-    if target.exists() and not force:
-        raise UsageError(f"{target}: already exists; --force replaces it")
+    content = {target: text.encode()}
+    content |= {directory / data: value for data, value in example_data(name).items()}
+    for path in content:
+        if path.exists() and not force:
+            raise UsageError(f"{path}: already exists; --force replaces it")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"{directory}: cannot be created: {error.strerror}") from error
-    with written_aside(target) as aside:
-        aside.write_text(text, encoding="utf-8")
+    for path, value in content.items():
+        with written_aside(path) as aside:
+            aside.write_bytes(value)
     print_result(str(target))

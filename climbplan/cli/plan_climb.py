@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.mistakes import placed_mistakes
+from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import (
     Force,
     Jobs,
@@ -26,10 +26,8 @@ from climbplan.cli.options import (
     Verbose,
 )
 from climbplan.cli.plan_path import PLAN_FILE
-from climbplan.errors import ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from climbplan.plans.verification import Verification
+from climbplan.cli.verify_line import verify_line
+from climbplan.errors import ExitCode
 
 
 def plan_climb(
@@ -62,7 +60,7 @@ def plan_climb(
     session = context.ensure_object(Session)
     overrides = spec_overrides(assignments, seed, time_limit, method, solver)
     loaded = load_climb(spec, overrides)
-    _check_model_path(save_model)
+    check_model_path(save_model)
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
         # The planner and its solvers take a second to import: not before all paths are good.
@@ -83,7 +81,7 @@ def plan_climb(
             write_climb(found, plan_file)
             start = time.perf_counter()
             verification = verify_and_mark(plan_file)
-            session.note(_verify_line(verification, time.perf_counter() - start))
+            session.note(verify_line(verification, time.perf_counter() - start))
             progress.report("report", 0.0)
             write_report(plan_file, directory.path, verification)
         directory.publish()
@@ -93,18 +91,3 @@ def plan_climb(
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
-
-
-def _verify_line(verification: Verification, seconds: float) -> str:
-    """The last line of the summary, in the columns of those before it."""
-    word = "passed" if verification.passed else "FAILED"
-    return f"{'verify':<9} {word:<9} {seconds:.2f} s   {verification.headline()}"
-
-
-def _check_model_path(path: Path | None) -> None:
-    if path is None:
-        return
-    if path.is_dir():
-        raise UsageError(f"--save-model {path}: is a directory, expected a file to write")
-    if not path.absolute().parent.is_dir():
-        raise UsageError(f"--save-model {path}: no such directory {str(path.parent)!r}")

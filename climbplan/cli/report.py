@@ -32,17 +32,18 @@ def report(
     --force. With --json the report is printed and nothing is written.
     """
     path = find_plan(plan)
+    from climbplan.cli.plan_kinds import plan_kind
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.report_files import place_report
-    from climbplan.reports.climb_report import report_dict, write_report
 
+    kind = plan_kind(path)
     if as_json:
-        print_json(report_dict(path))
+        print_json(kind.report_dict(path))
         return
     beside = path.parent
     target = out if out is not None else beside
     own = target.resolve() == beside.resolve()
     with StageProgress(context.ensure_object(Session)) as progress:
         progress.report("report", 0.0)
-        place_report(target, lambda directory: write_report(path, directory), force or own)
+        place_report(target, lambda directory: kind.write_report(path, directory), force or own)
     print_result(str(target / PAGE))

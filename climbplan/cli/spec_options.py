@@ -16,8 +16,11 @@ def spec_overrides(
     time_limit: float | None = None,
     method: str | None = None,
     solvers: Sequence[str] | None = None,
+    solver: str | None = None,
 ) -> list[str | Override]:
     """`--set` and the options that stand for a key, the latter last and so the stronger.
+
+    solvers: of a climb, each for the problem that knows it; solver: of kinds with one problem.
 
     Raises:
         UsageError: a solver that neither the posture nor the force problem knows.
@@ -27,6 +30,7 @@ def spec_overrides(
         ("seed", "--seed", seed),
         ("solver.time_limit", "--time-limit", time_limit),
         ("solver.method", "--method", method),
+        ("solver.solver", "--solver", solver),
     ):
         if value is not None:
             text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`

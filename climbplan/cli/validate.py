@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from climbplan.cli.console import print_error, print_json, print_result
+from climbplan.cli.console import print_error, print_json, print_result, warn
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Json, Quiet, Set, Verbose
 from climbplan.errors import ExitCode
+
+if TYPE_CHECKING:
+    from climbplan.spec.bookshelf_loading import LoadedShelf
+    from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.robot import RobotSpec
 
 
 def validate(
@@ -26,24 +31,20 @@ def validate(
 
     Exit code 2 if there is one.
     """
-    from climbplan.climb.scene import build_scene
     from climbplan.errors import SpecError
-    from climbplan.spec.loading import LoadedClimb, load_spec
+    from climbplan.spec.loading import load_spec
 
     results: list[dict[str, Any]] = []
     for spec in specs:
         try:
             loaded = load_spec(spec, assignments or ())
-            if isinstance(loaded, LoadedClimb):
-                with placed_mistakes(loaded):
-                    build_scene(loaded.spec, loaded.robot, loaded.source)
+            kind = _kind_looked_into(loaded)
         except SpecError as error:
             mistakes = [dataclasses.asdict(mistake) for mistake in error.mistakes]
             results.append({"spec": spec, "valid": False, "mistakes": mistakes})
             if not as_json:
                 print_error(error)
         else:
-            kind = loaded.spec.kind if isinstance(loaded, LoadedClimb) else loaded.kind
             results.append({"spec": spec, "valid": True, "kind": kind, "mistakes": []})
             if not as_json:
                 print_result(f"{spec}: ok ({kind})")
@@ -51,3 +52,28 @@ def validate(
         print_json({"specs": results})
     if not all(result["valid"] for result in results):
         raise typer.Exit(ExitCode.USAGE)
+
+
+def _kind_looked_into(loaded: LoadedClimb | LoadedShelf | RobotSpec) -> str:
+    """The kind of a spec whose scene was looked at as its planner does.
+
+    Raises:
+        SpecError: with the mistakes that only this finds.
+    """
+    from climbplan.spec.bookshelf_loading import LoadedShelf
+    from climbplan.spec.loading import LoadedClimb
+
+    if isinstance(loaded, LoadedShelf):
+        from climbplan.bookshelf.oddities import oddities
+        from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
+
+        for line in oddities(loaded_scenes(loaded), shelf_of(loaded.spec.shelf)):
+            warn(f"{loaded.source}: {line}")
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.scene import build_scene
+
+        with placed_mistakes(loaded):
+            build_scene(loaded.spec, loaded.robot, loaded.source)
+        return loaded.spec.kind
+    return loaded.kind

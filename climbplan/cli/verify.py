@@ -18,9 +18,9 @@ def verify(
     Prints the worst residual of each check and its limit. Exit code 5 if one is exceeded.
     """
     path = find_plan(plan)
-    from climbplan.plans.verification import verify as verify_plan
+    from climbplan.cli.plan_kinds import plan_kind
 
-    verification = verify_plan(path)
+    verification = plan_kind(path).verify(path)
     if as_json:
         print_json(verification.as_dict())
     else:

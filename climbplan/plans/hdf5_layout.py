@@ -17,3 +17,4 @@ class Layout:
     frame: str = ""
     kind: Kind = "float"
     may_be_infinite: bool = False
+    may_be_nan: bool = False  # and infinite: entries that stand for nothing

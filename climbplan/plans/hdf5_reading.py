@@ -107,7 +107,7 @@ class Reader:
             value = np.asarray(dataset[()]).astype(_TYPES[layout.kind])
         except (*_DAMAGE, MemoryError) as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
-        if layout.kind == "float":
+        if layout.kind == "float" and not layout.may_be_nan:
             bad = np.isnan(value) if layout.may_be_infinite else ~np.isfinite(value)
             if bad.any():
                 self.not_finite.append(name)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from climbplan.errors import UsageError
-from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.climb_file import read_climb
 from climbplan.plans.climb_layout import FORMAT, FORMAT_VERSION
 from climbplan.plans.climb_plan import ClimbPlan
@@ -24,6 +20,7 @@ from climbplan.reports.figure_safety import safety
 from climbplan.reports.figure_series import friction, torque
 from climbplan.reports.page import build_page
 from climbplan.reports.plan_spec import plan_spec
+from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
 
 FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
@@ -57,35 +54,12 @@ def write_report(
     report = _report(plan, verification or verify(plan_path))
     images = {name: png(draw(plan)) for name, draw in figure_functions(plan).items()}
     page = build_page(plan, report, {"Postures": images["postures"]})
-    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
-    try:
-        (directory / "figures").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise UsageError(f"{directory}: cannot be written: {reason}") from error
-    for name, image in images.items():
-        _write(directory / "figures" / f"{name}.png", image)
-    _write(directory / "report.json", f"{text}\n".encode())
-    _write(directory / "report.html", page.encode())
+    write_files(directory, report, page, images)
 
 
 def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
     """The figures of a plan by file name; the feasible region only with a study."""
     return {**FIGURES, **({"region": region} if plan.study is not None else {})}
-
-
-def _write(path: Path, content: bytes) -> None:
-    with written_aside(path) as aside:
-        aside.write_bytes(content)
-
-
-def _finite(value: Any) -> Any:
-    """The same without NaN and infinities, which JSON cannot hold."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
@@ -110,9 +84,9 @@ def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "objective": plan.objective,
         "bound": plan.bound,
         "gap": plan.gap,
-        "timings": _finite(plan.timings),
-        "solvers": _finite(plan.solvers),
-        "sizes": _finite(plan.sizes),
+        "timings": finite(plan.timings),
+        "solvers": finite(plan.solvers),
+        "sizes": finite(plan.sizes),
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
         **key_figures(plan),

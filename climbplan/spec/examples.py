@@ -10,7 +10,8 @@ from climbplan.errors import UsageError
 from climbplan.spec.fields import nearest
 
 # What `climbplan new KIND` writes; the most telling example of each kind.
-FIRST_EXAMPLE = {"climb": "climb_obstacle", "robot": "silvia"}
+FIRST_EXAMPLE = {"climb": "climb_obstacle", "bookshelf": "bookshelf_scene", "robot": "silvia"}
+_DATA = {"bookshelf_file": ("bookshelf_scenes.h5",)}  # files that an example reads
 
 
 def example_names(kind: str) -> list[str]:
@@ -35,12 +36,21 @@ def example_text(name: str) -> str:
     return examples[name].read_text(encoding="utf-8")
 
 
-def _files() -> dict[str, Traversable]:
+def example_data(name: str) -> dict[str, bytes]:
+    """The files that an example reads, by name; they belong beside it."""
+    folder = _specs()
+    return {data: folder.joinpath(data).read_bytes() for data in _DATA.get(name, ())}
+
+
+def _specs() -> Traversable:
     package = files("climbplan")
     specs = package.joinpath("example_specs")  # a wheel carries them inside the package
-    if not specs.is_dir():
-        specs = package.joinpath("..", "specs")  # a checkout beside it
-    directories = [d for d in (specs, package.joinpath("robots")) if d.is_dir()]
+    return specs if specs.is_dir() else package.joinpath("..", "specs")  # a checkout beside it
+
+
+def _files() -> dict[str, Traversable]:
+    robots = files("climbplan").joinpath("robots")
+    directories = [d for d in (_specs(), robots) if d.is_dir()]
     return {
         entry.name.removesuffix(".yaml"): entry
         for directory in directories

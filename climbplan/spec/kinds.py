@@ -8,13 +8,18 @@ from pydantic import ValidationError
 
 from climbplan.errors import SpecError
 from climbplan.spec.base import SpecModel
+from climbplan.spec.bookshelf import BookshelfSpec
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.wording import findings_of, shown
 
-KINDS: dict[str, type[SpecModel]] = {"climb": ClimbSpec, "robot": RobotSpec}
+KINDS: dict[str, type[SpecModel]] = {
+    "climb": ClimbSpec,
+    "bookshelf": BookshelfSpec,
+    "robot": RobotSpec,
+}
 
 Model = TypeVar("Model", bound=SpecModel)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,10 +11,12 @@ from pydantic import ValidationError
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.base import SpecModel
+from climbplan.spec.bookshelf_loading import LoadedShelf, shelf_of_document
 from climbplan.spec.checks import ClimbParts, check_parts, check_study
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.robot_source import UnknownRobot, load_robot, robot_of
@@ -26,22 +27,12 @@ from climbplan.spec.yaml_source import parse_yaml
 Model = TypeVar("Model", bound=SpecModel)
 
 
-@dataclass(frozen=True)
-class LoadedClimb:
+@dataclass(frozen=True, kw_only=True)
+class LoadedClimb(LoadedSpec):
     """A climb spec, checked against its robot, and the text it came from."""
 
     spec: ClimbSpec
     robot: RobotSpec
-    text: str  # YAML after overrides; the file's own text if there were none
-    sha256: str  # of `text`
-    name: str  # file stem, "stdin" for standard input
-    source: str  # as in messages
-    directory: Path  # that a robot's path starts from
-    document: Document = field(repr=False, compare=False)  # where each value was written
-
-    def placed(self, error: SpecError) -> SpecError:
-        """An error that planning raised, with the lines of the keys it names."""
-        return SpecError(error.source, [self.document.placed(m) for m in error.mistakes])
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
         """The same climb with other values, as the points of a study are.
@@ -73,7 +64,7 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | RobotSpec:
+) -> LoadedClimb | LoadedShelf | RobotSpec:
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -84,7 +75,9 @@ def load_spec(
     kind = find_kind(document)
     if isinstance(kind, Finding):
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
-    return robot_of(document) if kind == "robot" else _loaded(document, text)
+    if kind == "robot":
+        return robot_of(document)
+    return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)
 
 
 def load_text(text: str, name: str, overrides: Sequence[str | Override] = ()) -> LoadedClimb:
@@ -102,16 +95,7 @@ def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
 
 def _loaded(document: Document, text: SourceText) -> LoadedClimb:
     spec, robot = _climb_of(document, text)
-    return LoadedClimb(
-        spec=spec,
-        robot=robot,
-        text=document.text,
-        sha256=hashlib.sha256(document.text.encode()).hexdigest(),
-        name=text.name,
-        source=text.shown,
-        directory=text.directory,
-        document=document,
-    )
+    return LoadedClimb(spec=spec, robot=robot, **origin_of(document, text))
 
 
 def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpec]:

@@ -22,6 +22,8 @@ def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]
     details = error.errors(include_url=False)
     for detail in details[:MOST_FINDINGS]:
         path: KeyPath = detail["loc"]
+        if detail["type"] == "too_short" and _inside(path, details):
+            continue  # entries that are wrong were not counted
         if detail["type"] == "spec":
             for fault in detail["ctx"]["faults"]:
                 below = (*path, *_segments(fault.key))
@@ -34,6 +36,11 @@ def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]
     # A misspelt key is one mistake, not also a missing one.
     meant = {(*f.path[:-1], f.suggestion) for f in findings.values() if f.suggestion}
     return [f for f in findings.values() if f.path not in meant]
+
+
+def _inside(path: KeyPath, details: list[Any]) -> bool:
+    """Whether there is a mistake below `path`."""
+    return any(len(d["loc"]) > len(path) and d["loc"][: len(path)] == path for d in details)
 
 
 def _finding(path: KeyPath, kind: str, given: Any, model: type[SpecModel]) -> Finding:

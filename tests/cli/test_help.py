@@ -33,7 +33,15 @@ def imported_by_typer() -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["--version"], [], ["plan-climb", "--help"], ["bench", "--list"]]
+    "arguments",
+    [
+        ["--help"],
+        ["--version"],
+        [],
+        ["plan-climb", "--help"],
+        ["solve-bookshelf", "--help"],
+        ["bench", "--list"],
+    ],
 )
 def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     probe = subprocess.run(
@@ -42,7 +50,7 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     modules = set(probe.stderr.split("MODULES")[1].split())
     assert modules >= LIGHT
     allowed = imported_by_typer()
-    if arguments and arguments[0] in ("plan-climb", "bench"):
+    if arguments and arguments[0] in ("plan-climb", "solve-bookshelf", "bench"):
         allowed |= {"pydantic"}  # newer versions of typer read a command's arguments with it
     assert modules & HEAVY <= allowed
 
@@ -52,7 +60,8 @@ def test_every_command_has_help(run_command: RunCommand) -> None:
     assert listing.code == 0
     assert listing.err == ""
     for name in (
-        "plan-climb", "verify", "report", "export", "validate", "schema", "new", "doctor", "bench"
+        "plan-climb", "solve-bookshelf", "verify", "report", "export", "validate", "schema", "new",
+        "doctor", "bench",
     ):  # fmt: skip
         assert name in listing.out
         shown = run_command(name, "-h")
@@ -73,6 +82,7 @@ def test_version(run_command: RunCommand) -> None:
         (["plan-climb", "small.yaml", "--frob"], "No such option"),
         (["plan-climb", "small.yaml", "--jobs", "0"], "--jobs"),
         (["plan-climb", "small.yaml", "--seed", "x"], "--seed"),
+        (["solve-bookshelf"], "Missing argument"),
         (["validate"], "Missing argument"),
         (["bench", "frob"], "no benchmark 'frob'"),
         (["schema", "frob"], "no spec kind 'frob'"),

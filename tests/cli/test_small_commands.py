@@ -86,7 +86,7 @@ def test_other_examples(run_command: RunCommand, workplace: Path) -> None:
 def test_schema(run_command: RunCommand) -> None:
     assert json.loads(run_command("schema", "climb").out)["$id"] == "urn:climbplan:spec:climb"
     assert json.loads(run_command("schema", "robot").out)["$id"] == "urn:climbplan:spec:robot"
-    assert set(json.loads(run_command("schema").out)["$defs"]) == {"climb", "robot"}
+    assert set(json.loads(run_command("schema").out)["$defs"]) == {"climb", "bookshelf", "robot"}
 
 
 def test_doctor_here(run_command: RunCommand) -> None:
@@ -201,6 +201,7 @@ def fake_export(path: Path, out: Path | TextIO) -> None:
 def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory that looks finished, and stand-ins for what reads it."""
     for module, members in {
+        "climbplan.plans.plan_format": {"plan_format": lambda path: "climbplan/climb"},
         "climbplan.plans.verification": {"verify": fake_verify},
         "climbplan.plans.trajectory_csv": {"export_csv": fake_export},
         "climbplan.reports.climb_report": {

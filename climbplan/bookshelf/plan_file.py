@@ -1,0 +1,217 @@
+"""Bookshelf plans as HDF5 files: writing them, and reading them back exactly."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import climbplan
+from climbplan.bookshelf.plan import STATUSES, ShelfPlan, Solutions, Totals
+from climbplan.bookshelf.scene import PublishedTolerances, Scenes, Shelf
+from climbplan.errors import PlanFileError, UsageError
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+
+FORMAT = "climbplan/bookshelf"
+FORMAT_VERSION = 1
+
+# S scenes, B = n + 1 books, P = 5 n + 2
+THETA = Layout(("S", "P"), "m, rad", "shelf")
+SOLUTION = {
+    "pose": Layout(("S", "B", 3), "m, rad", "shelf", may_be_nan=True),
+    "state": Layout(("S", "B"), kind="int"),
+    "slot": Layout(("S",), kind="int"),
+    "objective": Layout(("S",), "mm^2", may_be_infinite=True),
+    "bound": Layout(("S",), "mm^2", may_be_infinite=True),
+    "time": Layout(("S",), "s"),
+    "candidates_tried": Layout(("S",), kind="int"),
+    "nodes": Layout(("S",), kind="int"),
+    "overlap": Layout(("S",), "m", may_be_nan=True),
+}
+SOLUTION_TEXTS = {"status": Layout(("S",), kind="text"), "message": Layout(("S",), kind="text")}
+_TEXTS = Layout(("*",), kind="text")
+_OPTIONAL = ("bound", "gap")  # left out where the method gives none
+_MEANINGS = ("contact", "published")
+
+_NOTES = {
+    "objective_is": "sum of the movement costs of all scenes with a placement [mm^2]: stored books "
+    "(dx^2 + dy^2) / (1 mm)^2 + (cos a - cos a0)^2",
+    "states": "0 flat left, 1 leaning left, 2 upright, 3 leaning right, 4 flat right, -1 without a "
+    "placement",
+    "theta_columns": "x, y, angle, height, width of each stored book from left to right, then "
+    "height and width of the inserted one; angle > 0 tilts left",
+}
+
+
+def write_shelf_plan(plan: ShelfPlan, path: Path) -> None:
+    """Write a plan; the file appears whole or not at all, in place of one that is there.
+
+    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
+    the file cannot be written.
+    """
+    plan = replace(
+        plan,
+        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
+        climbplan_version=plan.climbplan_version or climbplan.__version__,
+    )
+    with new_store(path) as file:
+        _write_header(file, plan)
+        _write_shelf(file.create_group("shelf"), plan.shelf)
+        write_dataset(file.create_group("scenes"), "theta", plan.scenes.theta("m"), THETA)
+        solution = file.create_group("solution")
+        for name, layout in {**SOLUTION, **SOLUTION_TEXTS}.items():
+            write_dataset(solution, name, vars(plan.solutions)[name], layout)
+        write_dataset(file, "warnings", plan.warnings, _TEXTS)
+        write_dataset(file, "summary", plan.summary, _TEXTS)
+
+
+def read_shelf_plan(path: Path) -> ShelfPlan:
+    """The plan in a file, exactly as it was written.
+
+    Raises PlanFileError for anything that is not a whole bookshelf plan: another format or version,
+    missing or misshapen data, NaN where numbers must be.
+    """
+    plan = read_as_found(path)
+    faults = [f"NaN or infinity in {', '.join(plan.not_finite)}"] if plan.not_finite else []
+    faults += plan.scenes.faults()
+    if faults:
+        raise PlanFileError(f"{path}: {faults[0]}")
+    return plan
+
+
+def read_as_found(path: Path) -> ShelfPlan:
+    """As `read_shelf_plan`, but numbers that are not finite are only listed, for a check."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        _require_format(reader)
+        return _read(reader)
+
+
+def _write_header(file: h5py.File, plan: ShelfPlan) -> None:
+    texts = {
+        "format": FORMAT,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": plan.title,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "status": plan.totals.status,
+        "meaning": plan.meaning,
+        "method": plan.method,
+        **_NOTES,
+    }
+    for name, text in texts.items():
+        write_text(file, name, text)
+    file.attrs["format_version"] = FORMAT_VERSION
+    file.attrs["seed"] = plan.seed
+    file.attrs["verified"] = np.bool_(plan.verified)
+    file.attrs["objective"] = float(plan.totals.objective)
+    for name in _OPTIONAL:
+        value = vars(plan.totals)[name]
+        if value is not None:
+            file.attrs[name] = float(value)
+    write_json(file, "timings", plan.timings)
+    write_json(file, "solvers", plan.solvers)
+    write_json(file, "sizes", plan.sizes)
+
+
+def _write_shelf(group: h5py.Group, shelf: Shelf) -> None:
+    numbers = asdict(shelf)
+    published = numbers.pop("published")
+    for name, value in numbers.items():
+        group.attrs[name] = float(value)
+    for name, value in published.items():
+        group.attrs[f"published_{name}"] = float(value)
+
+
+def _read_shelf(reader: Reader) -> Shelf:
+    own = [field.name for field in fields(Shelf) if field.name != "published"]
+    numbers = {name: reader.number("shelf", name) for name in own}
+    published = {
+        field.name: reader.number("shelf", f"published_{field.name}")
+        for field in fields(PublishedTolerances)
+    }
+    try:
+        return Shelf(**numbers, published=PublishedTolerances(**published))
+    except UsageError as error:
+        raise reader.refuse(str(error)) from error
+
+
+def _require_format(reader: Reader) -> None:
+    if not reader.has_attribute("", "format"):
+        raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
+    found = reader.text("", "format")
+    if found != FORMAT:
+        raise reader.refuse(f"holds {found!r}, expected {FORMAT!r}")
+    version = reader.integer("", "format_version")
+    if version != FORMAT_VERSION:
+        newer = "; a newer climbplan reads it" if version > FORMAT_VERSION else ""
+        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}{newer}")
+
+
+def _read(reader: Reader) -> ShelfPlan:
+    reader.group("scenes")
+    theta = reader.array("scenes/theta", THETA)
+    try:
+        scenes = Scenes.as_found(theta)
+    except UsageError as error:
+        raise reader.refuse(f"scenes/theta: {error}") from error
+    reader.dimensions["B"] = scenes.count + 1
+    reader.group("solution")
+    parts: dict[str, Any] = {
+        name: reader.array(f"solution/{name}", layout) for name, layout in SOLUTION.items()
+    }
+    parts |= {
+        name: reader.texts(f"solution/{name}", layout) for name, layout in SOLUTION_TEXTS.items()
+    }
+    for name, words, known in (
+        ("status", (reader.text("", "status"), *parts["status"]), STATUSES),
+        ("meaning", (reader.text("", "meaning"),), _MEANINGS),
+    ):
+        if strange := [word for word in words if word not in known]:
+            raise reader.refuse(f"{name} {strange[0]!r}, expected one of {', '.join(known)}")
+    return ShelfPlan(
+        name=reader.text("", "name"),
+        title=reader.text("", "title"),
+        shelf=_read_shelf(reader),
+        meaning=reader.text("", "meaning"),
+        method=reader.text("", "method"),
+        scenes=scenes,
+        solutions=Solutions(**parts),
+        totals=Totals(
+            reader.text("", "status"),
+            reader.number("", "objective"),
+            _optional(reader, "bound"),
+            _optional(reader, "gap"),
+        ),
+        spec_text=reader.text("", "spec"),
+        spec_sha256=reader.text("", "spec_sha256"),
+        seed=reader.integer("", "seed"),
+        timings=_mapping(reader, "timings"),
+        solvers=_mapping(reader, "solvers"),
+        sizes=_mapping(reader, "sizes"),
+        warnings=reader.texts("warnings", _TEXTS),
+        summary=reader.texts("summary", _TEXTS),
+        verified=reader.flag("", "verified"),
+        created=reader.text("", "created"),
+        climbplan_version=reader.text("", "climbplan_version"),
+        not_finite=tuple(reader.not_finite),
+    )
+
+
+def _optional(reader: Reader, name: str) -> float | None:
+    return reader.number("", name) if reader.has_attribute("", name) else None
+
+
+def _mapping(reader: Reader, name: str) -> dict[str, Any]:
+    value = reader.json("", name)
+    if not isinstance(value, dict):
+        raise reader.refuse(f"attribute {name} is not a JSON object")
+    return value

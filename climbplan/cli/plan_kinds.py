@@ -1,0 +1,95 @@
+"""The kinds of plan file, and what reads each; nothing is imported before it is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+from climbplan.errors import PlanFileError
+
+if TYPE_CHECKING:
+    from climbplan.plans.verification import Verification
+
+
+class PlanKind(Protocol):
+    """What can be done with one kind of plan file."""
+
+    csv_name: str  # of the exported file
+
+    def verify(self, path: Path) -> Verification:
+        """Re-check every constraint from the file alone."""
+
+    def write_report(self, path: Path, directory: Path) -> None:
+        """Write page, figures and report.json into a directory."""
+
+    def report_dict(self, path: Path) -> dict[str, object]:
+        """The report as plain values."""
+
+    def export_csv(self, path: Path, out: Path | TextIO) -> None:
+        """The plan as CSV."""
+
+
+class _Climb:
+    csv_name = "trajectory.csv"
+
+    def verify(self, path: Path) -> Verification:
+        from climbplan.plans.verification import verify
+
+        return verify(path)
+
+    def write_report(self, path: Path, directory: Path) -> None:
+        from climbplan.reports.climb_report import write_report
+
+        write_report(path, directory)
+
+    def report_dict(self, path: Path) -> dict[str, object]:
+        from climbplan.reports.climb_report import report_dict
+
+        return report_dict(path)
+
+    def export_csv(self, path: Path, out: Path | TextIO) -> None:
+        from climbplan.plans.trajectory_csv import export_csv
+
+        export_csv(path, out)
+
+
+class _Bookshelf:
+    csv_name = "placements.csv"
+
+    def verify(self, path: Path) -> Verification:
+        from climbplan.bookshelf.verification import verify
+
+        return verify(path)
+
+    def write_report(self, path: Path, directory: Path) -> None:
+        from climbplan.reports.bookshelf_report import write_report
+
+        write_report(path, directory)
+
+    def report_dict(self, path: Path) -> dict[str, object]:
+        from climbplan.reports.bookshelf_report import report_dict
+
+        return report_dict(path)
+
+    def export_csv(self, path: Path, out: Path | TextIO) -> None:
+        from climbplan.bookshelf.placement_csv import export_csv
+
+        export_csv(path, out)
+
+
+_KINDS: dict[str, PlanKind] = {"climbplan/climb": _Climb(), "climbplan/bookshelf": _Bookshelf()}
+
+
+def plan_kind(path: Path) -> PlanKind:
+    """What reads the plan file at `path`.
+
+    Raises:
+        PlanFileError: it is missing or damaged, or no plan.
+    """
+    from climbplan.plans.plan_format import plan_format
+
+    found = plan_format(path)
+    if found not in _KINDS:
+        known = ", ".join(repr(name) for name in _KINDS)
+        raise PlanFileError(f"{path}: holds {found!r}, expected one of {known}")
+    return _KINDS[found]

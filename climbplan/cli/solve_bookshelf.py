@@ -1,0 +1,101 @@
+"""`climbplan solve-bookshelf`: from a spec to verified placements and their report."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.mistakes import placed_mistakes
+from climbplan.cli.model_path import check_model_path
+from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.plan_path import PLAN_FILE
+from climbplan.cli.verify_line import verify_line
+from climbplan.errors import ExitCode
+
+
+def solve_bookshelf(
+    context: typer.Context,
+    spec: Spec,
+    out: Out = None,
+    assignments: Set = None,
+    seed: Seed = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Parallel workers for a file.")
+    ] = 1,
+    time_limit: Annotated[
+        float | None,
+        typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one scene."),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option("--method", metavar="NAME", help="Method, such as exact (the schema's list)."),
+    ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option("--solver", metavar="NAME", help="Solver of a method that has several."),
+    ] = None,
+    save_model: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-model", metavar="FILE", help="Also write the first scene's program (.lp, .cip)."
+        ),
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Insert a book among others with the least movement, in one scene or a file of scenes.
+
+    Prints the path of the plan file. Its directory also holds report.json, report.html and
+    figures/. A path that --set gives starts from the current directory, one in the spec from the
+    spec's. Exit code 3 if it is proved that the book cannot be inserted (the message says what
+    width is missing), 4 if a limit was reached without a placement, 5 if the plan fails its
+    verification. Of a file of scenes these are rows like others: 3 if all scenes are proved
+    infeasible, 4 if one or more have no answer.
+    """
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+    from climbplan.cli.spec_options import spec_overrides
+    from climbplan.spec.bookshelf_loading import load_shelf
+
+    session = context.ensure_object(Session)
+    overrides = spec_overrides(assignments, seed, time_limit, method, solver=solver)
+    loaded = load_shelf(spec, overrides)
+    check_model_path(save_model)
+    target = out if out is not None else Path("outputs", loaded.name)
+    with OutputDirectory(target, force=force) as directory:
+        # Compiled functions and figures take a second to import: not before all paths are good.
+        from climbplan.bookshelf.plan_file import write_shelf_plan
+        from climbplan.bookshelf.runs import run_shelf
+        from climbplan.bookshelf.verification import verify_and_mark
+        from climbplan.reports.bookshelf_report import report_dict, write_report
+
+        with StageProgress(session) as progress:
+            with placed_mistakes(loaded):
+                found = run_shelf(loaded, progress.report, jobs, warn, save_model)
+            progress.report("verify", 0.0)  # ends the bar before lines are printed
+            for line in found.summary:
+                session.note(line)
+            plan_file = directory.path / PLAN_FILE
+            write_shelf_plan(found, plan_file)
+            start = time.perf_counter()
+            verification = verify_and_mark(plan_file)
+            session.note(verify_line(verification, time.perf_counter() - start))
+            progress.report("report", 0.0)
+            write_report(plan_file, directory.path, verification)
+        directory.publish()
+    if as_json:
+        print_json(report_dict(target / PLAN_FILE))
+    else:
+        print_result(str(target / PLAN_FILE))
+    if not verification.passed:
+        raise typer.Exit(ExitCode.UNVERIFIED)
+    if found.totals.status == "limit":
+        raise typer.Exit(ExitCode.LIMIT)
+    if found.totals.status == "infeasible":
+        raise typer.Exit(ExitCode.INFEASIBLE)

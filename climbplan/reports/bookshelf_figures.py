@@ -1,0 +1,102 @@
+"""The key figures of a bookshelf plan: success, times and costs over the scenes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from climbplan.bookshelf.plan import ShelfPlan
+from climbplan.bookshelf.scene import State
+from climbplan.bookshelf.summary import TRIVIAL, Spread, nontrivial
+
+LISTED = 40  # scenes listed one by one
+
+# Unit of every number in the report, by dotted key; what is not listed is a pure number.
+UNITS = {
+    "objective": "mm^2",
+    "bound": "mm^2",
+    "gap": "mm^2",
+    "timings.*": "s",
+    "time.*": "s",
+    "cost.*": "mm^2",
+    "shelf.*": "m",
+    "costliest.*.objective": "mm^2",
+    "costliest.*.bound": "mm^2",
+    "costliest.*.time": "s",
+    "without_placement.*.time": "s",
+    "books.*.before": "m, m, rad",
+    "books.*.after": "m, m, rad",
+    "books.*.size": "m",
+}
+
+
+def key_figures(plan: ShelfPlan) -> dict[str, Any]:
+    """Counts, spreads of time and cost, and scenes one by one as far as they matter."""
+    found = plan.solutions
+    placed = found.placed
+    cost, moving = found.objective[placed], nontrivial(found)
+    figures: dict[str, Any] = {
+        "scenes": {
+            "total": len(plan.scenes),
+            "stored_books": plan.scenes.count,
+            **{status: found.count(status) for status in ("optimal", "feasible")},
+            **{status: found.count(status) for status in ("infeasible", "limit")},
+            "nontrivial": len(moving),
+        },
+        "time": asdict(Spread.of(found.time)),
+        "cost": {
+            "all": asdict(Spread.of(cost)),
+            "nontrivial": asdict(Spread.of(moving)),
+            "nontrivial_above": TRIVIAL,
+        },
+        "overlap": float(found.overlap[placed].max()) if placed.any() else None,
+        "shelf": {name: vars(plan.shelf)[name] for name in ("left", "right", "height")},
+        "costliest": [scene_entry(plan, k) for k in costliest(plan)],
+        "without_placement": [scene_entry(plan, int(k)) for k in np.flatnonzero(~placed)[:LISTED]],
+    }
+    if len(plan.scenes) == 1:
+        figures["books"] = _books(plan)
+    return figures
+
+
+def costliest(plan: ShelfPlan, most: int = LISTED) -> list[int]:
+    """Scenes with a placement, the costliest first."""
+    cost = np.where(plan.solutions.placed, plan.solutions.objective, -math.inf)
+    order = np.argsort(-cost, kind="stable")
+    return [int(k) for k in order[:most] if plan.solutions.placed[k]]
+
+
+def scene_entry(plan: ShelfPlan, k: int) -> dict[str, Any]:
+    """One scene in a list."""
+    found = plan.solutions
+    return {
+        "scene": k,
+        "status": found.status[k],
+        "objective": float(found.objective[k]),
+        "bound": float(found.bound[k]),
+        "time": float(found.time[k]),
+        "slot": int(found.slot[k]),
+        "message": found.message[k],
+    }
+
+
+def _books(plan: ShelfPlan) -> list[dict[str, Any]]:
+    """What happens to each book of the only scene."""
+    found, scene = plan.solutions, plan.scenes[0]
+    entries = []
+    for book in range(scene.count + 1):
+        stored = book < scene.count
+        placed = bool(found.placed[0])
+        entries.append(
+            {
+                "book": str(book) if stored else "inserted",
+                "size": scene.sizes[book].tolist(),
+                "before": scene.pose[book].tolist() if stored else None,
+                "after": found.pose[0, book].tolist() if placed else None,
+                "state": State(int(found.state[0, book])).label if placed else None,
+            }
+        )
+    return entries

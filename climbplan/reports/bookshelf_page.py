@@ -1,0 +1,165 @@
+"""The HTML page of a bookshelf plan: one file that needs nothing else and runs no script."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from string import Template
+from typing import Any
+
+from climbplan.bookshelf.plan import ShelfPlan
+from climbplan.bookshelf.plan_checks import LIMITS, MEANINGS
+from climbplan.reports.page_parts import (
+    PARTS,
+    Card,
+    check_rows,
+    escape,
+    figures,
+    pairs,
+    plain_words,
+    policy,
+    style,
+    verdict,
+)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The page's own table: of books for one scene, of scenes for many."""
+
+    title: str
+    note: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def build_page(plan: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """The page as text.
+
+    report: as `report_dict` gives it. images: PNG files by name.
+    """
+    table = _books(report) if "books" in report else _scenes(report)
+    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
+    about = [
+        ("Method", report["method"]),
+        ("Meaning", report["meaning"]),
+        ("Created", report["created"]),
+        ("climbplan", report["climbplan_version"]),
+        ("Seed", report["seed"]),
+        ("Spec SHA-256", report["spec_sha256"]),
+    ]
+    meanings = {**{name: limit.meaning for name, limit in LIMITS.items()}, **MEANINGS}
+    template = Template(PARTS.joinpath("shelf.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        policy=policy([]),
+        style=style(),
+        title=escape(report["title"] or report["name"]),
+        name=escape(report["name"]),
+        status=escape(report["status"]),
+        badge="verified" if report["verified"] else "not verified",
+        badge_class="good" if report["verified"] else "bad",
+        cards="".join(card.html() for card in _cards(report)),
+        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
+        figures=figures(images),
+        table_title=escape(table.title),
+        table_note=escape(table.note),
+        table_head="".join(f"<th>{escape(name)}</th>" for name in table.head),
+        table_rows="".join(
+            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table.rows
+        ),
+        checks=check_rows(report, meanings),
+        verdict=verdict(report),
+        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
+        sizes=pairs((k, plain_words(v)) for k, v in report["sizes"].items()),
+        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
+        about=pairs((k, str(v)) for k, v in about),
+        spec=escape(plan.spec_text),
+    )
+
+
+def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    scenes, time, cost = report["scenes"], report["time"], report["cost"]
+    placed, total = scenes["optimal"] + scenes["feasible"], scenes["total"]
+    if total == 1:
+        bound = "no bound" if report["bound"] is None else f"at least {report['bound']:.4g} mm²"
+        yield Card("Movement cost", f"{report['objective']:.4g} mm²", bound)
+        yield Card("Stored books", str(scenes["stored_books"]))
+        yield Card("Time", _milliseconds(time["largest"]))
+    else:
+        yield Card("Scenes placed", f"{placed} of {total}", f"{scenes['optimal']} proved optimal")
+        yield Card("Proved infeasible", str(scenes["infeasible"]))
+        yield Card("Without an answer", str(scenes["limit"]))
+        spread = f"99 % {_milliseconds(time['most99'])}, worst {_milliseconds(time['largest'])}"
+        yield Card("Median time", _milliseconds(time["median"]), spread)
+        yield Card("Mean cost", _cost(cost["all"]["mean"]), "scenes with a placement")
+        share = f"{scenes['nontrivial']} scenes above {cost['nontrivial_above']:g} mm²"
+        yield Card("Mean non-trivial cost", _cost(cost["nontrivial"]["mean"]), share)
+    overlap = report["overlap"]
+    if overlap is not None:
+        shown = f"{1e3 * overlap:.2g}" if overlap > 1e-9 else "0"
+        yield Card("Worst overlap", f"{shown} mm", "after the insertion")
+    shelf = report["shelf"]
+    width = 1e3 * (shelf["right"] - shelf["left"])
+    yield Card("Shelf", f"{width:.1f} mm", f"{1e3 * shelf['height']:.0f} mm clear height")
+
+
+def _books(report: Mapping[str, Any]) -> _Table:
+    return _Table(
+        "Books",
+        "Lengths in mm, angles in degrees, > 0 to the left; x from the middle of the shelf.",
+        ("Book", "Height x width", "Before: x, y, angle", "After: x, y, angle", "Moved", "State"),
+        tuple(_book_rows(report["books"])),
+    )
+
+
+def _book_rows(books: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    for book in books:
+        before, after = book["before"], book["after"]
+        moved = ""
+        if before and after:
+            moved = f"{1e3 * math.hypot(after[0] - before[0], after[1] - before[1]):.2f}"
+        height, width = (1e3 * side for side in book["size"])
+        yield (
+            book["book"],
+            f"{height:.0f} x {width:.0f}",
+            _pose(before),
+            _pose(after),
+            moved,
+            book["state"] or "",
+        )
+
+
+def _scenes(report: Mapping[str, Any]) -> _Table:
+    listed = [*report["without_placement"], *report["costliest"]]
+    return _Table(
+        "Scenes",
+        "Those without a placement, then the costliest; all are in the plan file.",
+        ("Scene", "Status", "Cost [mm²]", "Bound [mm²]", "Time [ms]", "Remark"),
+        tuple(
+            (
+                str(scene["scene"]),
+                scene["status"],
+                "" if scene["objective"] is None else f"{scene['objective']:.3f}",
+                "" if scene["bound"] is None else f"{scene['bound']:.3f}",
+                f"{1e3 * scene['time']:.2f}",
+                scene["message"],
+            )
+            for scene in listed
+        ),
+    )
+
+
+def _pose(pose: list[float] | None) -> str:
+    if pose is None:
+        return ""
+    x, y, angle = pose
+    return f"{1e3 * x:.1f}, {1e3 * y:.1f}, {math.degrees(angle):.1f}°"
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "unknown" if seconds is None else f"{1e3 * seconds:.3g} ms"
+
+
+def _cost(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g} mm²"

@@ -1,0 +1,115 @@
+"""What the HTML pages of all kinds of plan are made of."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+from climbplan.reports import palette
+
+PARTS = files("climbplan.reports").joinpath("page")
+
+Rows = Iterable[tuple[str, str]]
+
+
+def escape(value: object) -> str:
+    """Text as markup shows it."""
+    return html.escape(str(value), quote=True)
+
+
+def policy(scripts: Iterable[str]) -> str:
+    """A content policy that allows these inline scripts, no others, and no network at all."""
+    digests = (hashlib.sha256(text.encode()).digest() for text in scripts)
+    allowed = " ".join(f"'sha256-{base64.b64encode(d).decode()}'" for d in digests) or "'none'"
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
+@dataclass(frozen=True)
+class Card:
+    """One key figure: what it is, its value, and where or of what."""
+
+    label: str
+    value: str
+    detail: str = ""
+
+    def html(self) -> str:
+        """The card as markup."""
+        detail = f"<small>{escape(self.detail)}</small>" if self.detail else ""
+        return f"<div><dt>{escape(self.label)}</dt><dd>{escape(self.value)}{detail}</dd></div>"
+
+
+def pairs(rows: Rows) -> str:
+    """Table rows of a name and a value."""
+    return "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
+
+
+def _shown(number: float | None) -> str:
+    return "not finite" if number is None else f"{number:.2e}" if number else "0"
+
+
+def check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> str:
+    """Verification as table rows, failed ones first. meanings: of the checks, by name."""
+    rows = []
+    for check in sorted(report["verification"], key=lambda check: bool(check["passed"])):
+        mark = "passed" if check["passed"] else "failed"
+        known = meanings.get(check["name"], "")
+        meaning = f"<small>{escape(known)}</small>" if known else ""
+        unit = f" {check['unit']}" if check["unit"] else ""
+        where = " · ".join(part for part in (check["margin"], check["worst_at"]) if part)
+        rows.append(
+            f'<tr class="{mark}"><td><span class="mark">{mark}</span></td>'
+            f"<th>{escape(check['name'])}{meaning}</th>"
+            f"<td>{escape(_shown(check['residual']) + unit)}</td>"
+            f"<td>{escape(_shown(check['limit']) + unit)}</td>"
+            f"<td>{escape(where)}</td></tr>"
+        )
+    return "".join(rows)
+
+
+def verdict(report: Mapping[str, Any]) -> str:
+    """How the verification went, in a sentence."""
+    checks = report["verification"]
+    failed = [check["name"] for check in checks if not check["passed"]]
+    if not failed:
+        return escape(f"All {len(checks)} checks passed.")
+    return escape(f"{len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
+
+
+def plain_words(value: object) -> str:
+    """A size or count of any shape as words."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {plain_words(v)}" for k, v in value.items())
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(plain_words(v) for v in value)
+    return str(value)
+
+
+def figures(images: Mapping[str, bytes]) -> str:
+    """Pictures as data, with their names as captions."""
+    return "".join(
+        f'<figure><img alt="{escape(name)}" src="data:image/png;base64,'
+        f'{base64.b64encode(image).decode()}"></figure>'
+        for name, image in images.items()
+    )
+
+
+def style() -> str:
+    """The style sheet with the colours of the figures."""
+    colors = {
+        "failure": palette.FAILURE,
+        "force": palette.FORCE,
+        "surface": palette.SURFACE,
+        "obstacle": palette.OBSTACLE,
+    }
+    own = "".join(f"--{name}:{color};" for name, color in colors.items())
+    return f":root{{{own}}}\n" + PARTS.joinpath("style.css").read_text(encoding="utf-8")

@@ -1,0 +1,45 @@
+"""The files of a report: numbers that JSON can hold, each file written aside and renamed."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from climbplan.errors import UsageError
+from climbplan.plans.atomic_file import written_aside
+
+
+def write_files(
+    directory: Path, report: Mapping[str, Any], page: str, images: Mapping[str, bytes]
+) -> None:
+    """Write report.json, report.html and figures/<name>.png into a directory.
+
+    Raises UsageError where it cannot be written to.
+    """
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    try:
+        (directory / "figures").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(f"{directory}: cannot be written: {reason}") from error
+    for name, image in images.items():
+        _write(directory / "figures" / f"{name}.png", image)
+    _write(directory / "report.json", f"{text}\n".encode())
+    _write(directory / "report.html", page.encode())
+
+
+def finite(value: Any) -> Any:
+    """The same without NaN and infinities, which JSON cannot hold."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _write(path: Path, content: bytes) -> None:
+    with written_aside(path) as aside:
+        aside.write_bytes(content)

@@ -9,7 +9,7 @@ answer is local and its feasibility is computed from the exact instance.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,6 +20,10 @@ from climbplan.solvers.convex import ConvexBackend
 from climbplan.solvers.sqp_model import Curves, ReducedModel, SqpForm
 from climbplan.solvers.sqp_step import Quadratic, Step, StepSolver, step_solver
 
+_HOPELESS = 0.9  # share of the violation that linearised rows leave at least
+_MUCH = 0.3  # a step that leaves no more than this share of the violation is taken
+_UNIT_COST = 1e-3  # costs below count as this much
+
 Ending = Literal["converged", "contradiction", "stalled", "cutoff", "steps", "failed"]
 
 
@@ -29,11 +33,11 @@ class SqpOptions:
 
     backend: ConvexBackend = "daqp"
     steps: int = 30  # quadratic programs at most
-    tolerance: float = 1e-7  # of rows, in their unit
+    tolerance: float = 1e-7  # of rows, relative to how far they range over the variables' scale
     still: float = 1e-6  # a step below this share of the variables' scale is none
     gain: float = 1e-7  # relative: a predicted decrease of the cost below it is none
     radius: float = 0.5  # first trust region of factors, in their scale
-    proximal: float = 1e-6  # of the largest curvature
+    proximal: float = 1e-4  # of the largest curvature
     curvature: bool = True  # of the Lagrangian, its convex part
 
 
@@ -43,7 +47,7 @@ class SqpResult:
 
     x: Array | None  # (n,) where it ended; None where rows contradict before the first step
     ending: Ending
-    violation: float  # of the rows kept in the model, in their unit
+    violation: float  # of rows with products, relative to their range
     objective: float
     programs: int  # quadratic programs solved
     seconds: float
@@ -51,7 +55,7 @@ class SqpResult:
     @property
     def feasible(self) -> bool:
         """Whether all rows of the model hold to the method's tolerance."""
-        return self.ending in ("converged", "steps", "stalled") and self.x is not None
+        return self.ending in ("converged", "steps")
 
 
 class SqpSolver:
@@ -86,6 +90,14 @@ class SqpSolver:
         )
 
 
+@dataclass(frozen=True)
+class _Trial:
+    y: Array
+    values: Array  # of the curves
+    violation: float
+    cost: float
+
+
 class _Run:
     """The state of one local search."""
 
@@ -96,7 +108,6 @@ class _Run:
         self.programs = 0
         self.y = np.zeros(len(model.q))
         self.violation = np.inf
-        self.low, self.high = model.curves.ends
         self.penalty = 0.0
         width = model.high - model.low
         self.scale = np.where(np.isfinite(width) & (width > 0), width / 2, 1.0)
@@ -110,76 +121,77 @@ class _Run:
         self.y = start
         if not self._on_linear_rows():
             return "contradiction"
+        reach = np.abs(model.curves.slopes(self.y)) * self.scale
+        model = self.model = replace(model, curves=model.curves.over(reach.max(axis=1, initial=1e-6)))
+        self.low, self.high = model.curves.ends
         curves = model.curves
         values = curves.values(self.y)
         self.violation = _worst(self.low, self.high, values)
         radius = options.radius
-        last = np.inf
         while self.programs < options.steps:
             slopes = curves.slopes(self.y)
-            step = self._step(values, slopes, radius)
-            if step.d is None:
-                step = self._least_violation(values, slopes, radius)
-                if step.d is None:
-                    return "failed"
-                left = _worst(self.low, self.high, values + slopes @ step.d)
-                length = self._length(step.d)
-                if left > 0.9 * self.violation and length < 0.9 * radius:
-                    return "contradiction"
-                restoring = True
-            else:
-                left = 0.0
-                restoring = False
-            d = step.d
-            assert d is not None
-            length = self._length(d)
-            y = np.clip(self.y + d, model.low, model.high)
-            new_values = curves.values(y)
-            violation = _worst(self.low, self.high, new_values)
-            cost, new_cost = model.objective(self.y), model.objective(y)
-            if not restoring:
-                if new_cost > self.cutoff and violation <= options.tolerance:
-                    return "cutoff"
-                self.penalty = max(self.penalty, 2.0 * float(np.abs(step.multipliers).sum()))
-            before = self._outside(values)
-            merit = cost - new_cost + self.penalty * (self.violation - violation)
+            step = self._step(slopes, radius, values)
+            restoring = step.d is None
             if restoring:
-                accepted = violation < self.violation * (1 - 1e-3)
+                step = self._least_violation(values, slopes, radius)
+            if step.d is None:
+                return "failed"
+            length = self._length(step.d)
+            if restoring:
+                left = _worst(self.low, self.high, values + slopes @ step.d)
+                if left > _HOPELESS * self.violation and length < 0.9 * radius:
+                    return "contradiction"
             else:
-                small = violation <= options.tolerance
-                accepted = (
-                    merit >= -1e-10 * (1 + abs(cost))
-                    or (small and self.violation > options.tolerance)
-                    or violation <= 0.3 * self.violation
-                )
-            del before, left
+                self.penalty = max(self.penalty, 2.0 * float(np.abs(step.multipliers).sum()))
+            trial = self._trial(step.d)
+            if not self._better(trial, restoring) and not restoring:
+                # Second-order correction: the same slopes, with the curves where they really are.
+                bent = curves.values(self.y + step.d) - slopes @ step.d
+                again = self._step(slopes, radius, bent)
+                if again.d is not None and self._better(self._trial(again.d), False):
+                    step, trial = again, self._trial(again.d)
             still = length <= options.still
-            if accepted or still:
-                progress = abs(cost - new_cost)
-                self.y, values, self.violation = y, new_values, violation
-                self.multipliers = step.multipliers
-                if length > 0.8 * radius:
-                    radius *= 2.0
-                if violation <= options.tolerance and not restoring:
-                    if still or (
-                        progress <= options.gain * (1e-3 + abs(cost))
-                        and last <= options.gain * (1e-3 + abs(cost)) * 10
-                    ):
-                        return "converged"
-                    last = progress
-                elif still:
-                    return "stalled"
-            else:
+            if not self._better(trial, restoring) and not still:
                 radius = min(radius, length) / 4
                 if radius < options.still:
                     return "converged" if self.violation <= options.tolerance else "stalled"
+                continue
+            cost = model.objective(self.y)
+            progress = abs(cost - trial.cost)
+            self.y, values, self.violation = trial.y, trial.values, trial.violation
+            self.multipliers = step.multipliers
+            if length > 0.8 * radius:
+                radius *= 2.0
+            if restoring or trial.violation > options.tolerance:
+                if still:
+                    return "stalled"
+                continue
+            if trial.cost - progress > self.cutoff:
+                return "cutoff"
+            least = options.gain * (_UNIT_COST + abs(cost))
+            if still or progress <= least:
+                return "converged"
         return "steps" if self.violation <= options.tolerance else "stalled"
+
+    def _trial(self, d: Array) -> _Trial:
+        y = np.clip(self.y + d, self.model.low, self.model.high)
+        values = self.model.curves.values(y)
+        return _Trial(y, values, _worst(self.low, self.high, values), self.model.objective(y))
+
+    def _better(self, trial: _Trial, restoring: bool) -> bool:
+        """Merit cost + penalty * violation falls, or the violation falls much."""
+        if restoring:
+            return trial.violation < self.violation * (1 - 1e-3)
+        tolerance = self.options.tolerance
+        if trial.violation <= max(_MUCH * self.violation, tolerance) < self.violation:
+            return True
+        cost = self.model.objective(self.y)
+        # Violations below the tolerance do not count, or rounding would decide.
+        fall = max(self.violation, tolerance) - max(trial.violation, tolerance)
+        return cost - trial.cost + self.penalty * fall >= -1e-10 * (1 + abs(cost))
 
     def _length(self, d: Array) -> float:
         return float(np.abs(d / self.scale)[self.model.factor].max(initial=0.0))
-
-    def _outside(self, values: Array) -> float:
-        return float(np.maximum(np.maximum(self.low - values, values - self.high), 0.0).sum())
 
     def _on_linear_rows(self) -> bool:
         """Move the start to the nearest point that satisfies all linear rows."""
@@ -199,7 +211,8 @@ class _Run:
         self.y = np.clip(self.y + step.d, model.low, model.high)
         return True
 
-    def _step(self, values: Array, slopes: Array, radius: float) -> Step:
+    def _step(self, slopes: Array, radius: float, about: Array) -> Step:
+        """The quadratic program with curves about + slopes d."""
         model = self.model
         H = model.P.copy()
         if self.options.curvature and self.multipliers.any():
@@ -212,8 +225,8 @@ class _Run:
         step = self._solve(
             H, f, low, high,
             np.vstack([model.L, slopes]),
-            np.concatenate([model.lower - rows, self.low - values]),
-            np.concatenate([model.upper - rows, self.high - values]),
+            np.concatenate([model.lower - rows, self.low - about]),
+            np.concatenate([model.upper - rows, self.high - about]),
         )  # fmt: skip
         return Step(step.d, step.multipliers[len(rows) :] * self.weight, step.infeasible)
 

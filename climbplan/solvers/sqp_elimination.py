@@ -1,7 +1,7 @@
 """What a program's own equalities say before any step is taken: compiled, dense, for small ones.
 
 `settled` passes over the rows until no more variables are fixed: a row with one free variable left
-is a bound of it, products with a fixed factor are linear. `eliminated` solves linear equalities for
+is a bound of it (or, as a square, its value), products with a fixed factor are linear. `eliminated` solves linear equalities for
 some of their variables by Gauss-Jordan elimination.
 """
 
@@ -27,6 +27,26 @@ Function = TypeVar("Function", bound=Callable[..., object])
 def _compiled(function: Function) -> Function:
     options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
     return cast(Function, numba.njit(**options)(function))
+
+
+@_compiled
+def _root(a: float, b: float, c: float, low: float, high: float, size: float) -> float:
+    """The only root of a x^2 + b x + c in [low, high], infinite for two, NaN for none."""
+    inside = b * b - 4.0 * a * c
+    if inside < 0.0:
+        if inside < -CONTRADICTION * size * abs(a):
+            return np.nan
+        inside = 0.0
+    apart = np.sqrt(inside)
+    found = np.nan
+    for sign in (-1.0, 1.0):
+        root = (-b + sign * apart) / (2.0 * a)
+        slack = CONTRADICTION * (1.0 + abs(root))
+        if low - slack <= root <= high + slack:
+            if not np.isnan(found) and abs(found - root) > slack:
+                return np.inf
+            found = min(max(root, low), high)
+    return found
 
 
 @_compiled
@@ -60,6 +80,7 @@ def settled(
                 continue
             constant, size = 0.0, 1.0
             open_product = False
+            square, squared = 0.0, -1
             for j in range(n):
                 coefficient[j] = 0.0
                 a = A[i, j]
@@ -81,6 +102,9 @@ def settled(
                             coefficient[q] += a * low[p]
                     elif low[q] == high[q]:
                         coefficient[p] += a * low[q]
+                    elif p == q and squared in (-1, p):
+                        square += a
+                        squared = p
                     else:
                         open_product = True
                         break
@@ -92,6 +116,20 @@ def settled(
                     count += 1
                     at = j
             slack = CONTRADICTION * size
+            if abs(square) > _NOTHING:
+                alone = count == 0 or (count == 1 and at == squared)
+                if alone and row_lower[i] == row_upper[i]:
+                    linear = coefficient[squared]
+                    value = _root(
+                        square, linear, constant - row_lower[i], low[squared], high[squared], size
+                    )
+                    if np.isnan(value):
+                        return False
+                    if np.isfinite(value):
+                        low[squared], high[squared] = value, value
+                        changed = True
+                        done[i] = True
+                continue
             if count == 0:
                 if constant < row_lower[i] - slack or constant > row_upper[i] + slack:
                     return False
@@ -117,7 +155,33 @@ def settled(
                 done[i] = True
         if not changed:
             break
+    _within_ellipsoids(A, Q, first, second, row_upper, low, high)
     return True
+
+
+@_compiled
+def _within_ellipsoids(
+    A: Array, Q: Array, first: Index, second: Index, row_upper: Array, low: Array, high: Array
+) -> None:
+    """Bound the variables of rows that are positive sums of squares: steps need their scale."""
+    m, n = A.shape
+    K = Q.shape[1]
+    for i in range(m):
+        if not np.isfinite(row_upper[i]):
+            continue
+        squares = row_upper[i] > 0.0
+        for j in range(n):
+            squares = squares and (A[i, j] == 0.0 or low[j] == high[j] == 0.0)
+        for k in range(K):
+            squares = squares and (Q[i, k] == 0.0 or (Q[i, k] > 0.0 and first[k] == second[k]))
+        if not squares:
+            continue
+        for k in range(K):
+            j = first[k]
+            if Q[i, k] > 0.0 and low[j] < high[j]:
+                reach = np.sqrt(row_upper[i] / Q[i, k]) * (1.0 + 1e-9)
+                if -reach <= high[j] and reach >= low[j]:
+                    low[j], high[j] = max(low[j], -reach), min(high[j], reach)
 
 
 @_compiled

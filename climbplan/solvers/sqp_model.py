@@ -6,7 +6,7 @@ or are balls; all dense, since one step of the method is a small dense quadratic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,18 @@ class Curves:
         return (
             np.concatenate([self.lower, none]),
             np.concatenate([self.upper, np.zeros(len(self.radius))]),
+        )
+
+    def over(self, size: Array) -> Curves:
+        """The same rows divided by sizes (m + B,); balls, which are lengths already, stay."""
+        by = size[: len(self.lower)]
+        return replace(
+            self,
+            N=self.N / by[:, None],
+            base=self.base / by,
+            Q=self.Q / by[:, None],
+            lower=self.lower / by,
+            upper=self.upper / by,
         )
 
     def values(self, y: Array) -> Array:

@@ -20,7 +20,8 @@ from climbplan.solvers.convex import ConvexBackend, session
 _UNBOUNDED = 1e30
 _EQUAL, _INEQUALITY = 5, 0
 _OPTIMAL, _INFEASIBLE = 1, -1
-_PRIMAL_TOLERANCE = 1e-9
+_PRIMAL_TOLERANCES = (1e-8, 1e-6)  # the second where DAQP cycles at the first
+_ITERATIONS = 500
 
 
 @dataclass(frozen=True)
@@ -59,21 +60,28 @@ class DaqpSteps:
         """Rows are scaled by DAQP itself."""
         lower = np.concatenate([quadratic.low, quadratic.lower])
         upper = np.concatenate([quadratic.high, quadratic.upper])
+        lower, upper = np.maximum(lower, -_UNBOUNDED), np.minimum(upper, _UNBOUNDED)
         sense = np.where(lower == upper, _EQUAL, _INEQUALITY).astype(np.int32)
-        d, _, flag, info = daqp.solve(
-            quadratic.H,
-            quadratic.f,
-            quadratic.G,
-            np.minimum(upper, _UNBOUNDED),
-            np.maximum(lower, -_UNBOUNDED),
-            sense,
-            primal_tol=_PRIMAL_TOLERANCE,
-            eps_prox=0.0,
-            iter_limit=1000,
-        )
-        if flag != _OPTIMAL or not np.isfinite(d).all():
-            return Step(None, np.zeros(len(quadratic.lower)), flag == _INFEASIBLE)
-        return Step(np.array(d), np.array(info["lam"])[len(d) :], False)
+        for tolerance in _PRIMAL_TOLERANCES:
+            d, _, flag, info = daqp.solve(
+                quadratic.H,
+                quadratic.f,
+                quadratic.G,
+                upper,
+                lower,
+                sense,
+                primal_tol=tolerance,
+                eps_prox=0.0,
+                iter_limit=_ITERATIONS,
+            )
+            if flag == _OPTIMAL and np.isfinite(d).all():
+                return Step(np.array(d), np.array(info["lam"])[len(d) :], False)
+            if flag == _INFEASIBLE:
+                if info["iterations"]:
+                    break
+                # Equations that depend on each other fail before the first iteration.
+                sense = np.zeros_like(sense)
+        return Step(None, np.zeros(len(quadratic.lower)), flag == _INFEASIBLE)
 
 
 class SessionSteps:

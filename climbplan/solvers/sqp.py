@@ -122,7 +122,9 @@ class _Run:
         if not self._on_linear_rows():
             return "contradiction"
         reach = np.abs(model.curves.slopes(self.y)) * self.scale
-        model = self.model = replace(model, curves=model.curves.over(reach.max(axis=1, initial=1e-6)))
+        model = self.model = replace(
+            model, curves=model.curves.over(reach.max(axis=1, initial=1e-6))
+        )
         self.low, self.high = model.curves.ends
         curves = model.curves
         values = curves.values(self.y)
@@ -133,6 +135,8 @@ class _Run:
             step = self._step(slopes, radius, values)
             restoring = step.d is None
             if restoring:
+                if self.violation <= options.tolerance:
+                    return "converged"  # rounding: the point itself satisfies the rows
                 step = self._least_violation(values, slopes, radius)
             if step.d is None:
                 return "failed"
@@ -274,9 +278,7 @@ class _Run:
         """In scaled variables."""
         self.programs += 1
         step = self.steps.solve(
-            Quadratic(
-                H, f, low / self.scale, high / self.scale, G * self.scale, lower, upper
-            )
+            Quadratic(H, f, low / self.scale, high / self.scale, G * self.scale, lower, upper)
         )
         return step if step.d is None else Step(step.d * self.scale, step.multipliers, False)
 

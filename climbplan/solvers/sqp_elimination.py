@@ -1,8 +1,9 @@
 """What a program's own equalities say before any step is taken: compiled, dense, for small ones.
 
 `settled` passes over the rows until no more variables are fixed: a row with one free variable left
-is a bound of it (or, as a square, its value), products with a fixed factor are linear. `eliminated` solves linear equalities for
-some of their variables by Gauss-Jordan elimination.
+is a bound of it (or, as a square, its value), products with a fixed factor are linear. `eliminated`
+solves linear equalities for some of their variables by Gauss-Jordan elimination. `thin_product`
+multiplies where the left matrix is mostly zeros, without waking the threads of a BLAS.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ CONTRADICTION = 1e-9  # rows without variables may fail by this much, relative t
 _NOTHING = 1e-11  # coefficients below are rounding
 _PIVOT = 1e-8
 _PASSES = 12
+_ROOM = 1.25  # bounds of a variable in units of its reach in a sum of squares
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -163,7 +165,11 @@ def settled(
 def _within_ellipsoids(
     A: Array, Q: Array, first: Index, second: Index, row_upper: Array, low: Array, high: Array
 ) -> None:
-    """Bound the variables of rows that are positive sums of squares: steps need their scale."""
+    """Give the variables of rows that are positive sums of squares bounds a little beyond the rows.
+
+    Steps need the scale. A bound that only touches the row is opened: where both are active no
+    linearisation can turn the corner (a unit normal could not cross an axis).
+    """
     m, n = A.shape
     K = Q.shape[1]
     for i in range(m):
@@ -179,9 +185,11 @@ def _within_ellipsoids(
         for k in range(K):
             j = first[k]
             if Q[i, k] > 0.0 and low[j] < high[j]:
-                reach = np.sqrt(row_upper[i] / Q[i, k]) * (1.0 + 1e-9)
-                if -reach <= high[j] and reach >= low[j]:
-                    low[j], high[j] = max(low[j], -reach), min(high[j], reach)
+                reach = np.sqrt(row_upper[i] / Q[i, k])
+                if high[j] >= reach * (1.0 - CONTRADICTION) and low[j] <= reach:
+                    high[j] = _ROOM * reach
+                if low[j] <= -reach * (1.0 - CONTRADICTION) and high[j] >= -reach:
+                    low[j] = -_ROOM * reach
 
 
 @_compiled
@@ -218,3 +226,18 @@ def eliminated(E: Array, e: Array, preference: Array, pivot: Index) -> bool:
                 e[k] -= factor * e[i]
                 E[k, at] = 0.0
     return True
+
+
+@_compiled
+def thin_product(left: Array, right: Array) -> Array:
+    """left @ right, (m, n) by (n, r), skipping zeros of left."""
+    m, n = left.shape
+    r = right.shape[1]
+    out = np.zeros((m, r))
+    for i in range(m):
+        for j in range(n):
+            a = left[i, j]
+            if a != 0.0:
+                for k in range(r):
+                    out[i, k] += a * right[j, k]
+    return out

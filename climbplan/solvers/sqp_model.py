@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.sqp_elimination import eliminated, settled
+from climbplan.solvers.sqp_elimination import eliminated, settled, thin_product
 
 _DENSEST = 4_000_000  # numbers in a dense matrix: above, this method is the wrong one
 _BOUNDED = 0.1  # preference for eliminating a variable that has bounds, to one that has none
@@ -77,7 +77,7 @@ class Curves:
     def slopes(self, y: Array) -> Array:
         """(m + B, r)."""
         a, b = self.first @ y + self.first_base, self.second @ y + self.second_base
-        rows = self.N + self.Q @ (a[:, None] * self.second + b[:, None] * self.first)
+        rows = self.N + thin_product(self.Q, a[:, None] * self.second + b[:, None] * self.first)
         if not len(self.radius):
             return np.asarray(rows)
         v = (self.ball @ y + self.ball_base) / self.radius[:, None]
@@ -87,7 +87,7 @@ class Curves:
         """Hessian (r, r) of multipliers' values, multipliers (m + B,)."""
         m = len(self.lower)
         weight = self.Q.T @ multipliers[:m]
-        half = (weight[:, None] * self.first).T @ self.second
+        half = thin_product((weight[:, None] * self.first).T.copy(), self.second)
         hessian = half + half.T
         if len(self.radius):
             scaled = (multipliers[m:] / self.radius)[:, None, None] * self.ball
@@ -144,9 +144,7 @@ class SqpForm:
             for b in instance.balls
             if b.count
         )
-        return cls(
-            pinned, pinned.A.toarray(), pinned.Q.toarray(), instance.P.toarray(), balls
-        )
+        return cls(pinned, pinned.A.toarray(), pinned.Q.toarray(), instance.P.toarray(), balls)
 
     def reduced(self, values: Array, alternatives: Index) -> ReducedModel | None:
         """What is left at the integers of values (n,); None if linear rows alone contradict."""
@@ -178,7 +176,7 @@ class SqpForm:
             other = np.where(fixed[first[k]], second[k], first[k])
             fold = np.zeros((len(k), n))
             fold[np.arange(len(k)), other] = low[known]
-            A = A + Q[:, k] @ fold
+            A = A + thin_product(Q[:, k], fold)
             Q = Q[:, curved]
             first, second = first[curved], second[curved]
         shift = np.where(fixed, low, 0.0)
@@ -206,7 +204,7 @@ class SqpForm:
 
         kept = ~equal & ~nonlinear & several
         held = out[bounded[out]]  # bounds of variables that are now expressions
-        L = np.vstack([A[kept] @ basis, basis[held]])
+        L = np.vstack([thin_product(A[kept], basis), basis[held]])
         move = np.concatenate([A[kept] @ shift, shift[held]])
         l_low = np.concatenate([lower[kept], low[held]]) - move
         l_high = np.concatenate([upper[kept], high[held]]) - move
@@ -223,7 +221,7 @@ class SqpForm:
             shift=shift,
             basis=basis,
             chosen=chosen,
-            P=basis.T @ self.P @ basis,
+            P=thin_product(basis.T.copy(), thin_product(self.P, basis)),
             q=basis.T @ (half + source.q),
             constant=float(0.5 * shift @ half + source.q @ shift + source.constant),
             low=low[chosen],
@@ -256,7 +254,7 @@ class SqpForm:
         slopes = [np.pad(s, ((0, 0), (0, widest - s.shape[1]), (0, 0))) for s in slopes]
         bases = [np.pad(b, ((0, 0), (0, widest - b.shape[1]))) for b in bases]
         return Curves(
-            N=A[nonlinear] @ basis,
+            N=thin_product(A[nonlinear], basis),
             base=A[nonlinear] @ shift,
             Q=Qn[:, used],
             first=basis[i],

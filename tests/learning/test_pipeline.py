@@ -46,7 +46,7 @@ def _run(theta: dict[str, Array], strategy: Strategy, most: int = 10) -> Pipelin
 
 def _solve(local: Local, count: int = 3) -> list[PipelineResult]:
     near = NearestProblems.of(_train(), "strategies")
-    options = PipelineOptions(local=local, tolerance=1e-3)
+    options = PipelineOptions(local=local, tolerance=TOLERANCE)
     return [
         run_pipeline(PROGRAM.at(theta), near.candidates(data.features(theta), 6), options)
         for theta in _tests()[1][:count]

@@ -1,7 +1,9 @@
 """Solved problems of one program: what every learned strategy is made from.
 
-Rows are problems: features, the solution's point, its objective. A strategy is a row of integers
-and chosen alternatives; equal ones are stored once.
+Rows are problems: features, the solution's point, its objective. A strategy is a row of integers,
+chosen alternatives and labels; equal ones are stored once. Labels are what a problem's statement
+leaves to the continuous variables although it is a choice (the slot of an inserted book): points
+that differ in them are different starts for a local method.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ _FEATURES = Layout(("S", "p"))
 _POINTS = Layout(("S", "N"))
 _OBJECTIVE = Layout(("S",))
 _ALTERNATIVES = Layout(("S", "C"), kind="int")
+_LABELS = Layout(("S", "L"), kind="int")
 _INTEGER = Layout(("N",), kind="bool")
 _OPTIONS = Layout(("C",), kind="int")
 
@@ -62,8 +65,10 @@ class Library:
     points: Array  # (S, N) integers rounded
     objective: Array  # (S,)
     alternatives: Index  # (S, C)
+    labels: Index  # (S, L)
     strategies: Bits  # (U, B) values of the binaries
     strategy_alternatives: Index  # (U, C)
+    strategy_labels: Index  # (U, L)
     strategy: Index  # (S,) which one each problem has
 
     @classmethod
@@ -74,24 +79,28 @@ class Library:
         points: Array,
         objective: Array,
         alternatives: Index | None = None,
+        labels: Index | None = None,
     ) -> Library:
         """Put solved problems together; strategies are numbered in order of appearance.
 
         features: (S, p). points: (S, N). objective: (S,). alternatives: (S, C), may be left out
-        without choices. Raises UsageError for shapes that do not fit, numbers that are not finite,
-        binaries off 0 and 1 by more than 1e-3 and alternatives that there are not.
+        without choices. labels: (S, L), none if left out. Raises UsageError for shapes that do not
+        fit, numbers that are not finite, binaries off 0 and 1 by more than 1e-3 and alternatives
+        that there are not.
         """
         X = np.array(points, float)
         F, f = np.asarray(features, float), np.asarray(objective, float)
         C = len(frame.options)
         chosen = np.zeros((len(X), 0), np.int64) if alternatives is None else alternatives
         chosen = np.asarray(chosen, np.int64)
-        fits = X.ndim == F.ndim == 2 and f.shape == (len(X),) and len(F) == len(X)
+        tags = np.zeros((len(X), 0), np.int64) if labels is None else np.asarray(labels, np.int64)
+        fits = X.ndim == F.ndim == tags.ndim == 2 and f.shape == (len(X),)
+        fits = fits and len(F) == len(tags) == len(X)
         if not fits or X.shape[1] != len(frame.integer) or chosen.shape != (len(X), C):
             raise UsageError(
                 f"library of {frame.name!r}: features {F.shape}, points {X.shape}, objective "
-                f"{f.shape} and alternatives {chosen.shape} do not fit {len(frame.integer)} "
-                f"variables and {C} choices"
+                f"{f.shape}, alternatives {chosen.shape} and labels {tags.shape} do not fit "
+                f"{len(frame.integer)} variables and {C} choices"
             )
         if not all(np.isfinite(part).all() for part in (X, F, f)):
             raise UsageError(f"library of {frame.name!r}: a number is not finite")
@@ -101,8 +110,8 @@ class Library:
         if ((chosen < 0) | (chosen >= frame.options)).any():
             raise UsageError(f"library of {frame.name!r}: an alternative that there is not")
         X[:, frame.integer] = np.round(bits)
-        labels = np.hstack([np.round(bits).astype(np.int64), chosen])
-        unique, where, strategy = np.unique(labels, axis=0, return_index=True, return_inverse=True)
+        key = np.hstack([np.round(bits).astype(np.int64), chosen, tags])
+        unique, where, strategy = np.unique(key, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(where, kind="stable")
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
@@ -114,8 +123,10 @@ class Library:
             points=X,
             objective=f,
             alternatives=chosen,
+            labels=tags,
             strategies=unique[:, :B].astype(bool),
-            strategy_alternatives=unique[:, B:],
+            strategy_alternatives=unique[:, B : B + C],
+            strategy_labels=unique[:, B + C :],
             strategy=rank[np.ravel(strategy)],
         )
 
@@ -132,6 +143,7 @@ class Library:
             self.points[rows],
             self.objective[rows],
             self.alternatives[rows],
+            self.labels[rows],
         )
 
     def require(self, program: Program, feature_count: int | None = None) -> None:
@@ -162,6 +174,7 @@ def write_library(library: Library, path: Path) -> None:
         write_dataset(file, "points", library.points, _POINTS)
         write_dataset(file, "objective", library.objective, _OBJECTIVE)
         write_dataset(file, "alternatives", library.alternatives, _ALTERNATIVES)
+        write_dataset(file, "labels", library.labels, _LABELS)
 
 
 def read_library(path: Path) -> Library:
@@ -187,12 +200,13 @@ def read_library(path: Path) -> Library:
         points = reader.array("points", _POINTS)
         objective = reader.array("objective", _OBJECTIVE)
         alternatives = reader.array("alternatives", _ALTERNATIVES)
+        labels = reader.array("labels", _LABELS)
         if reader.not_finite:
             raise reader.refuse(f"{', '.join(reader.not_finite)} holds numbers that are not finite")
         if (frame.options < 1).any():
             raise reader.refuse("options holds a choice without alternatives")
     try:
-        return Library.of(frame, features, points, objective, alternatives)
+        return Library.of(frame, features, points, objective, alternatives, labels)
     except PlanFileError:
         raise
     except UsageError as error:

@@ -17,17 +17,19 @@ from climbplan.learning.library import Frame, Library, read_library, write_libra
 
 PROGRAM = small_program(bilinear=True)
 FRAME = Frame.of(PROGRAM)
+ARRAYS = ("features", "points", "objective", "alternatives", "labels")
 
 
-def _library(count: int = 12) -> Library:
+def _library(count: int = 12, labelled: bool = False) -> Library:
     rng = np.random.default_rng(0)
     points = rng.normal(size=(count, len(FRAME.integer)))
     modes = rng.integers(3, size=count)
     points[:, FRAME.integer] = np.eye(3)[modes] + rng.uniform(-1e-4, 1e-4, (count, 3))
     sides = rng.integers(2, size=(count, 1))
+    labels = np.arange(count)[:, None] % 2 if labelled else None
     theta = [random_numbers(rng) for _ in range(count)]
     features = np.array([np.concatenate(list(t.values())) for t in theta])
-    return Library.of(FRAME, features, points, rng.uniform(size=count), sides)
+    return Library.of(FRAME, features, points, rng.uniform(size=count), sides, labels)
 
 
 def test_strategies_are_unique_and_in_order_of_appearance() -> None:
@@ -41,6 +43,12 @@ def test_strategies_are_unique_and_in_order_of_appearance() -> None:
     assert set(np.unique(library.points[:, FRAME.integer])) <= {0.0, 1.0}
 
 
+def test_labels_tell_strategies_apart() -> None:
+    plain, labelled = _library(), _library(labelled=True)
+    assert len(labelled.strategies) > len(plain.strategies)
+    assert (labelled.strategy_labels[labelled.strategy] == labelled.labels).all()
+
+
 def test_subset_keeps_rows() -> None:
     library = _library()
     part = library.subset(np.array([3, 5]))
@@ -49,11 +57,11 @@ def test_subset_keeps_rows() -> None:
 
 
 def test_round_trip(tmp_path: Path) -> None:
-    library = _library()
+    library = _library(labelled=True)
     path = tmp_path / "library.h5"
     write_library(library, path)
     again = read_library(path)
-    for name in ("features", "points", "objective", "alternatives", "strategies", "strategy"):
+    for name in (*ARRAYS, "strategies", "strategy", "strategy_labels"):
         assert (vars(again)[name] == vars(library)[name]).all()
     again.require(PROGRAM, library.features.shape[1])
 

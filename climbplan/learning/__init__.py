@@ -1,0 +1,1 @@
+"""Strategies learned from solved problems: which integers to try first."""

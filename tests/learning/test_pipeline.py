@@ -1,0 +1,179 @@
+"""Candidates to checked answers on the cart-pole, by every local method."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cart_pole_data as data
+import numpy as np
+import pytest
+from cart_pole import random_theta
+
+from climbplan.learning.library import Library
+from climbplan.learning.neighbours import NearestCentroids, NearestProblems
+from climbplan.learning.pipeline import (
+    FALLBACK,
+    Checked,
+    Local,
+    PipelineOptions,
+    PipelineResult,
+    run_pipeline,
+)
+from climbplan.learning.strategy import Candidate, Strategy
+from climbplan.program import Instance
+from climbplan.program.polytope import Array
+from climbplan.solvers.registry import solve
+
+PROGRAM = data.damped()
+TOLERANCE = 1e-5
+
+
+@cache
+def _train() -> Library:
+    return data.library(PROGRAM, 150, 0)[0]
+
+
+@cache
+def _tests() -> tuple[Library, list[dict[str, Array]]]:
+    return data.library(PROGRAM, 30, 1)
+
+
+def _run(theta: dict[str, Array], strategy: Strategy, most: int = 10) -> PipelineResult:
+    options = PipelineOptions(tolerance=TOLERANCE)
+    candidates = strategy.candidates(data.features(theta), most)
+    return run_pipeline(PROGRAM.at(theta), candidates, options)
+
+
+def _solve(local: Local, count: int = 3) -> list[PipelineResult]:
+    near = NearestProblems.of(_train(), "strategies")
+    options = PipelineOptions(local=local, tolerance=TOLERANCE)
+    return [
+        run_pipeline(PROGRAM.at(theta), near.candidates(data.features(theta), 6), options)
+        for theta in _tests()[1][:count]
+    ]
+
+
+def test_neighbours_solve_new_cart_poles() -> None:
+    reference, thetas = _tests()
+    assert len(_train().strategies) > 10
+    near = NearestProblems.of(_train(), "strategies")
+    results = [_run(theta, near) for theta in thetas]
+    assert sum(r.solved for r in results) >= 0.95 * len(thetas)
+    ratio = np.array([r.objective for r in results]) / reference.objective
+    assert (ratio <= 1.01).mean() >= 0.8
+    for theta, result in zip(thetas, results, strict=True):
+        if result.x is not None:
+            report = PROGRAM.check(result.x, theta)
+            assert report.passed(TOLERANCE)
+            assert report.objective == pytest.approx(result.objective)
+            assert result.tried[result.winner].objective == result.objective
+
+
+def test_published_centroids_work_too() -> None:
+    thetas = _tests()[1][:10]
+    results = [_run(theta, NearestCentroids.of(_train())) for theta in thetas]
+    assert sum(r.solved for r in results) >= 6
+
+
+def test_within_one_percent_of_the_optimum() -> None:
+    near = NearestProblems.of(_train(), "strategies")
+    close = 0
+    for theta in _tests()[1][:4]:
+        exact = solve(PROGRAM.at(theta), "minlp-scip", gap=1e-3, time_limit=20.0)
+        assert exact.objective is not None
+        found = _run(theta, near)
+        assert found.objective >= exact.objective * (1 - 2e-3)
+        close += found.objective <= 1.01 * exact.objective
+    assert close >= 3
+
+
+def test_same_answers_twice() -> None:
+    near = NearestProblems.of(_train(), "mixed")
+    for theta in _tests()[1][:3]:
+        first, second = _run(theta, near), _run(theta, near)
+        assert first.winner == second.winner
+        assert first.objective == second.objective
+        assert [t.word for t in first.tried] == [t.word for t in second.tried]
+
+
+def test_local_methods_agree_where_both_hold() -> None:
+    for ours, other in zip(_solve("sqp"), _solve("ipopt"), strict=True):
+        assert ours.solved == other.solved
+        if ours.solved:
+            assert ours.objective == pytest.approx(other.objective, rel=1e-2)
+
+
+def test_envelopes_alone_seldom_hold() -> None:
+    for result in _solve("envelopes"):
+        for tried in result.tried:
+            assert tried.passed or tried.word.split(",")[0] in ("contradiction", "failed", "solved")
+
+
+def _impossible(candidate: Candidate) -> Candidate:
+    """In contact with both walls at once, at every step."""
+    values = candidate.values.copy()
+    touch = PROGRAM.variables["touch"]
+    values[touch.start : touch.stop] = 1.0
+    return Candidate(values, candidate.alternatives, candidate.start)
+
+
+def _good() -> tuple[Instance, list[Candidate]]:
+    reference, thetas = _tests()
+    return PROGRAM.at(thetas[0]), [
+        Candidate(reference.points[0], data.NONE, reference.points[0]),
+    ]
+
+
+def test_candidates_that_cannot_hold_are_dropped_fast() -> None:
+    instance, good = _good()
+    result = run_pipeline(instance, [_impossible(good[0]), *good])
+    assert result.winner == 1
+    assert result.tried[0].word == "contradiction"
+    assert result.tried[0].programs <= 2
+    assert not result.tried[0].passed
+    assert result.endings()["contradiction"] == 1
+
+
+def test_stops_at_the_first_or_after_enough() -> None:
+    instance, good = _good()
+    three = [*good, *good, *good]
+    assert len(run_pipeline(instance, three, PipelineOptions(stop="first")).tried) == 1
+    assert len(run_pipeline(instance, three, PipelineOptions(enough=2)).tried) == 2
+    assert len(run_pipeline(instance, three, PipelineOptions(prune=False)).tried) == 3
+
+
+def test_the_check_has_the_last_word() -> None:
+    instance, good = _good()
+
+    def never(_: Instance, x: Array) -> Checked:
+        return Checked(False, 0.0, x, "refused")
+
+    result = run_pipeline(instance, good, check=never, fallback=lambda _: good[0].start)
+    assert not result.solved
+    assert result.objective == np.inf
+    assert "refused" in result.tried[0].word
+
+
+def test_fallback_is_checked_and_said() -> None:
+    instance, good = _good()
+    bad = [_impossible(good[0])]
+    options = PipelineOptions(tolerance=TOLERANCE)
+    result = run_pipeline(instance, bad, options, fallback=lambda _: good[0].start)
+    assert result.solved
+    assert result.from_fallback
+    assert result.winner == FALLBACK
+    wrong = run_pipeline(instance, bad, options, fallback=lambda _: np.zeros(instance.size))
+    assert not wrong.solved
+    nothing = run_pipeline(instance, bad, options, fallback=lambda _: None)
+    assert not nothing.solved
+
+
+def test_random_problems_never_give_unchecked_answers() -> None:
+    rng = np.random.default_rng(9)
+    near = NearestProblems.of(_train(), "points")
+    for _ in range(10):
+        theta = random_theta(rng)
+        theta["start"] = theta["start"] * rng.uniform(0.5, 2.5)  # beyond what was learned
+        result = _run(theta, near, 4)
+        if result.x is not None:
+            assert PROGRAM.at(theta).violation(result.x) <= TOLERANCE

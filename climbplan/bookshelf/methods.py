@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
-from climbplan.bookshelf.scene import Scene, Shelf
+from climbplan.bookshelf.scene import Shelf
+from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.errors import UsageError
 from climbplan.spec.bookshelf import BookshelfSpec, Meaning, ShelfSolverSpec
 
-
-class SceneMethod(Protocol):
-    """A method that was prepared for one shelf; keeps its space between scenes."""
-
-    def solve(self, scene: Scene) -> SceneAnswer:
-        """The best placement that the method finds, judged by the exact check of the meaning."""
+if TYPE_CHECKING:
+    from climbplan.bookshelf.statement_methods import Budget, Judge
+    from climbplan.solvers.convex import ConvexBackend
 
 
 @dataclass(frozen=True)
@@ -44,8 +41,7 @@ def prepare(setting: MethodSetting, count: int) -> SceneMethod:
     """
     solver = setting.solver
     if solver.method == "exact":
-        limits = ExactLimits(solver.gap_mm2, solver.gap, solver.time_limit, solver.node_limit)
-        return ExactSolver(setting.shelf, limits)
+        return _exact(setting)
     # These load CasADi and their solvers: not before they are needed.
     from climbplan.bookshelf import statement_methods as by_statement
 
@@ -63,4 +59,49 @@ def prepare(setting: MethodSetting, count: int) -> SceneMethod:
         return by_statement.Mpcc(judge, budget, by_statement.zero_start)
     if solver.method == "mpcc" and solver.start == "manual":
         return by_statement.Mpcc(judge, budget, by_statement.manual_start)
-    raise UsageError(f"method {solver.method!r} is not there yet")
+    return _learned(setting, count, judge, budget)
+
+
+def _learned(setting: MethodSetting, count: int, judge: Judge, budget: Budget) -> SceneMethod:
+    from climbplan.bookshelf.learned_methods import Convex, WithFallback, neighbours_start
+    from climbplan.bookshelf.library import read_library
+    from climbplan.bookshelf.statement_methods import Mpcc
+    from climbplan.learning.neighbours import NearestProblems
+
+    solver = setting.solver
+    if solver.library is None:
+        raise UsageError(
+            f"method {solver.method!r} takes candidates from solved scenes: give a plan file of "
+            "`climbplan solve-bookshelf` as solver.library.file"
+        )
+    library = read_library(judge.program, count, solver.library, setting.directory)
+    if solver.method == "mpcc":
+        near = NearestProblems.of(library, "strategies")
+        return Mpcc(judge, budget, neighbours_start(near, solver.candidates or 3))
+    convex = Convex(
+        judge=judge,
+        strategy=NearestProblems.of(library, "mixed"),
+        candidates=solver.candidates or 10,
+        refinements=solver.refinements,
+        backend=_convex_solver(solver.solver),
+        seconds=solver.time_limit,
+    )
+    if solver.method == "convex":
+        return convex
+    return WithFallback(convex, _exact(setting))
+
+
+def _exact(setting: MethodSetting) -> ExactSolver:
+    solver = setting.solver
+    limits = ExactLimits(solver.gap_mm2, solver.gap, solver.time_limit, solver.node_limit)
+    return ExactSolver(setting.shelf, limits)
+
+
+def _convex_solver(name: str | None) -> ConvexBackend:
+    if name in (None, "daqp"):
+        return "daqp"
+    if name == "clarabel":
+        return "clarabel"
+    if name == "osqp":
+        return "osqp"
+    raise UsageError(f"solver {name!r} is none of convex programs: daqp, clarabel, osqp")

@@ -18,11 +18,12 @@ from climbplan.bookshelf.answer import SceneAnswer, Status
 from climbplan.bookshelf.checker import book_names
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
 from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
-from climbplan.bookshelf.methods import MethodSetting, SceneMethod, prepare
+from climbplan.bookshelf.methods import MethodSetting, prepare
 from climbplan.bookshelf.model_file import save_scene_model
 from climbplan.bookshelf.oddities import oddities
 from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 from climbplan.bookshelf.summary import summary_lines
 from climbplan.errors import Conflict, Infeasible, LimitReached

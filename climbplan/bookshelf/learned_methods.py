@@ -1,0 +1,98 @@
+"""Methods that take integers from solved scenes: convex programs at neighbours' integers."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.points import features_of, theta_of
+from climbplan.bookshelf.scene import Array, Scene
+from climbplan.bookshelf.scene_method import SceneMethod
+from climbplan.bookshelf.statement_methods import Judge, Starts
+from climbplan.learning.pipeline import Checked, PipelineOptions, run_pipeline
+from climbplan.learning.strategy import Strategy
+from climbplan.program.instance import Instance
+from climbplan.solvers.convex import ConvexBackend
+from climbplan.solvers.sqp import SqpOptions
+
+
+@dataclass(frozen=True)
+class Convex:
+    """All integers from candidates, then a local SQP each; the best that holds wins.
+
+    refinements: quadratic programs a candidate at most; 0 for the published method, one convex
+    program over the envelopes about the candidate.
+    """
+
+    judge: Judge
+    strategy: Strategy
+    candidates: int
+    refinements: int
+    backend: ConvexBackend
+    seconds: float
+
+    def solve(self, scene: Scene) -> SceneAnswer:
+        """The best placement of all candidates."""
+        begin = time.perf_counter()
+        theta = theta_of(scene)
+        instance = self.judge.program.at(theta)
+        options = PipelineOptions(
+            local="sqp" if self.refinements else "envelopes",
+            sqp=SqpOptions(backend=self.backend, steps=max(self.refinements, 1)),
+        )
+
+        def check(instance: Instance, x: Array) -> Checked:
+            judged = self.judge.judge(scene, x)
+            return Checked(judged.placement is not None, judged.objective, x, judged.word)
+
+        found = run_pipeline(
+            instance,
+            self.strategy.candidates(features_of(theta), self.candidates),
+            options,
+            check,
+        )
+        judged = None if found.x is None else self.judge.judge(scene, found.x)
+        placed = judged is not None and judged.placement is not None
+        return SceneAnswer(
+            status="feasible" if placed else "limit",
+            placement=judged.placement if judged is not None else None,
+            objective=judged.objective if judged is not None else math.inf,
+            bound=-math.inf,
+            seconds=time.perf_counter() - begin,
+            nodes=sum(tried.programs for tried in found.tried),
+            candidates=len(found.tried),
+            word="" if placed else f"none of {len(found.tried)} candidates holds",
+        )
+
+
+@dataclass(frozen=True)
+class WithFallback:
+    """One method, and another for scenes in which it finds no placement."""
+
+    first: Convex
+    other: SceneMethod
+
+    def solve(self, scene: Scene) -> SceneAnswer:
+        """The first method's placement, or whatever the other one says."""
+        answer = self.first.solve(scene)
+        if answer.placement is not None:
+            return answer
+        spare = self.other.solve(scene)
+        return replace(
+            spare,
+            seconds=answer.seconds + spare.seconds,
+            candidates=answer.candidates,
+            word="; ".join(filter(None, (answer.word, "answered by `exact`", spare.word))),
+        )
+
+
+def neighbours_start(strategy: Strategy, most: int) -> Starts:
+    """Points of the nearest solved scenes, each strategy once."""
+
+    def starts(judge: Judge, scene: Scene) -> list[Array]:
+        near = strategy.candidates(features_of(theta_of(scene)), most)
+        return [candidate.start for candidate in near]
+
+    return starts

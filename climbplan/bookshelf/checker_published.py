@@ -22,6 +22,9 @@ from climbplan.bookshelf.checks import NamedResidual, PlacementCheck, worst_of
 from climbplan.bookshelf.rectangles import corners, separation
 from climbplan.bookshelf.scene import Array, Scenes, Shelf, State, States
 
+# What solvers leave on top of a tolerance that they use up [mm], on sines too
+ROUNDING = 1e-4
+
 _TOP_RIGHT, _BOTTOM_RIGHT, _BOTTOM_LEFT, _TOP_LEFT = range(4)
 
 
@@ -45,10 +48,12 @@ def published_states(scenes: Scenes, pose: Array, shelf: Shelf) -> States:
 def check_published(scenes: Scenes, pose: Array, state: States, shelf: Shelf) -> PlacementCheck:
     """Check placements of S scenes: pose (S, n + 1, 3) [m, rad], state (S, n + 1).
 
-    Residuals in mm, of angles as sines; limits are the published tolerances.
+    Residuals in mm, of angles as sines; limits are the published tolerances and a
+    rounding of 1e-4.
     """
     rules, size = shelf.published, scenes.sizes
-    books, limit = book_names(scenes.count), 1e3 * rules.distance
+    books, limit = book_names(scenes.count), 1e3 * rules.distance + ROUNDING
+    sine = rules.sine + ROUNDING
     vertex = corners(pose, size)
     inside = np.maximum(
         np.abs(vertex[..., 0]).max(axis=-1) - rules.half_width,
@@ -59,9 +64,9 @@ def check_published(scenes: Scenes, pose: Array, state: States, shelf: Shelf) ->
         "published",
         (
             worst_of("book.inside", "mm", limit, 1e3 * inside, books),
-            worst_of("book.rotation", "", rules.sine, -np.cos(pose[..., 2]), books),
+            worst_of("book.rotation", "", sine, -np.cos(pose[..., 2]), books),
             _separated(pose, size, limit),
-            worst_of("book.state", "", rules.sine, _off_sine(pose, state), books),
+            worst_of("book.state", "", sine, _off_sine(pose, state), books),
             worst_of("book.ground", "mm", limit, 1e3 * _off_ground(pose, size, state), books),
             worst_of("book.support", "mm", limit, 1e3 * support, books),
             worst_of("book.stability", "mm", limit, 1e3 * stability, books),

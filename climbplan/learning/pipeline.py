@@ -81,6 +81,7 @@ class PipelineOptions:
     local: Local = "sqp"
     stop: Stop = "best"
     enough: int = 10**9  # feasible candidates after which the best of them is taken
+    good_enough: float = -np.inf  # an answer that costs no more ends the search
     tolerance: float = 1e-6  # of the default check, in the unit of the rows
     prune: bool = True  # give a candidate up once it costs more than the best one
     sqp: SqpOptions = field(default_factory=SqpOptions)
@@ -162,6 +163,8 @@ def run_pipeline(
             if best is None or cost < best.objective:
                 best, winner = verdict, place
             if chosen.stop == "first" or passed >= chosen.enough:
+                break
+            if cost <= chosen.good_enough:
                 break
     if best is None and fallback is not None:
         start = time.perf_counter()

@@ -17,8 +17,8 @@ import numpy as np
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.convex import ConvexBackend
-from climbplan.solvers.sqp_model import Curves, ReducedModel, SqpForm
-from climbplan.solvers.sqp_step import Quadratic, Step, StepSolver, step_solver
+from climbplan.solvers.sqp_model import ReducedModel, SqpForm
+from climbplan.solvers.sqp_step import Quadratic, Step, StepSolver, convex_part, step_solver
 
 _HOPELESS = 0.9  # share of the violation that linearised rows leave at least
 _MUCH = 0.3  # a step that leaves no more than this share of the violation is taken
@@ -238,7 +238,7 @@ class _Run:
         if self.options.curvature and self.multipliers.any():
             at = np.ix_(self.bent, self.bent)
             curved = model.curves.curvature(self.multipliers)[at]
-            H[at] += _convex_part(curved, self.scale[self.bent])
+            H[at] += convex_part(curved, self.scale[self.bent])
         H = H * self.scale[:, None] * self.scale / self.weight
         H[np.diag_indices_from(H)] += self.options.proximal
         f = (model.P @ self.y + model.q) * self.scale / self.weight
@@ -303,15 +303,3 @@ class _Run:
 
 def _worst(low: Array, high: Array, values: Array) -> float:
     return float(np.maximum(low - values, values - high).max(initial=0.0))
-
-
-def _convex_part(hessian: Array, scale: Array) -> Array:
-    """The part of a symmetric matrix with positive eigenvalues, in scaled variables."""
-    scaled = hessian * scale[:, None] * scale
-    values, vectors = np.linalg.eigh(scaled)
-    kept = values > 0
-    part = (vectors[:, kept] * values[kept]) @ vectors[:, kept].T
-    return np.asarray(part / scale[:, None] / scale)
-
-
-__all__ = ["Curves", "SqpOptions", "SqpResult", "SqpSolver"]

@@ -82,6 +82,7 @@ class PipelineOptions:
     stop: Stop = "best"
     enough: int = 10**9  # feasible candidates after which the best of them is taken
     good_enough: float = -np.inf  # an answer that costs no more ends the search
+    time_limit: float = np.inf  # [s] after which no further candidate is begun
     tolerance: float = 1e-6  # of the default check, in the unit of the rows
     prune: bool = True  # give a candidate up once it costs more than the best one
     sqp: SqpOptions = field(default_factory=SqpOptions)
@@ -147,6 +148,8 @@ def run_pipeline(
     winner, passed, local, checking, spare = FALLBACK, 0, 0.0, 0.0, 0.0
     for place, candidate in enumerate(candidates):
         start = time.perf_counter()
+        if start - begin > chosen.time_limit:
+            break
         cutoff = best.objective if best is not None and chosen.prune else np.inf
         answer = method.solve(candidate, cutoff)
         solved = time.perf_counter()

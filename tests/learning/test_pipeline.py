@@ -140,6 +140,7 @@ def test_stops_at_the_first_or_after_enough() -> None:
     assert len(run_pipeline(instance, three, PipelineOptions(stop="first")).tried) == 1
     assert len(run_pipeline(instance, three, PipelineOptions(enough=2)).tried) == 2
     assert len(run_pipeline(instance, three, PipelineOptions(prune=False)).tried) == 3
+    assert not run_pipeline(instance, three, PipelineOptions(time_limit=0.0)).tried
     cost = run_pipeline(instance, good).objective
     assert len(run_pipeline(instance, three, PipelineOptions(good_enough=cost * 1.01)).tried) == 1
     assert len(run_pipeline(instance, three, PipelineOptions(good_enough=cost * 0.99)).tried) == 3

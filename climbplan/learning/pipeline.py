@@ -134,6 +134,9 @@ def run_pipeline(
 ) -> PipelineResult:
     """Try candidates in order until enough of them pass the exact check.
 
+    Pruning compares the instance's objective with the check's best one: leave it out where a check
+    counts costs otherwise.
+
     check: default `Instance.violation` within the tolerance of the options; its objective decides
     which candidate is best. fallback: asked for a point if no candidate passes; the point is
     checked like all others.

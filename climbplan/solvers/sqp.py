@@ -41,7 +41,7 @@ class SqpOptions:
     proximal: float = 1e-4  # of the largest curvature
     curvature: bool = True  # of the Lagrangian, its convex part
     restorations: int = 8  # steps that only lessen violations
-    hasty: float = 2.0  # a linearised optimum this many times above the cutoff ends a search
+    hasty: float = 2.0  # a linearised optimum this many times the cutoff ends a search
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,9 @@ class SqpSolver:
         model = self._models[key]
         if model is None:
             return SqpResult(None, "contradiction", np.inf, np.inf, 0, time.perf_counter() - begin)
-        run = _Run(model, self.options, self._steps, cutoff)
-        ending = run.iterate(np.clip(start[model.chosen], model.low, model.high))
+        y = np.clip(start[model.chosen], model.low, model.high)
+        run = _Run(model, self.options, self._steps, cutoff, y)
+        ending = run.iterate()
         return SqpResult(
             x=model.point(run.y),
             ending=ending,
@@ -110,24 +111,25 @@ class _Run:
     """The state of one local search."""
 
     def __init__(
-        self, model: ReducedModel, options: SqpOptions, steps: StepSolver, cutoff: float
+        self, model: ReducedModel, options: SqpOptions, steps: StepSolver, cutoff: float, y: Array
     ) -> None:
         self.model, self.options, self.steps, self.cutoff = model, options, steps, cutoff
         self.programs = 0
-        self.y = np.zeros(len(model.q))
+        self.y = y
         self.violation = np.inf
         self.penalty = 0.0
         width = model.high - model.low
-        self.scale = np.where(np.isfinite(width) & (width > 0), width / 2, 1.0)
+        self.scale = np.where(
+            np.isfinite(width), np.where(width > 0, width / 2, 1.0), np.maximum(np.abs(y), 1.0)
+        )
         largest = float(np.abs(np.diag(model.P) * self.scale**2).max(initial=0.0))
         self.weight = largest if largest > 0 else 1.0
         self.multipliers = np.zeros(model.curves.count)
         self.bent = np.flatnonzero(model.factor)
 
-    def iterate(self, start: Array) -> Ending:
+    def iterate(self) -> Ending:
         """Step until nothing changes."""
         model, options = self.model, self.options
-        self.y = start
         if not self._on_linear_rows():
             return "contradiction"
         reach = np.abs(model.curves.slopes(self.y)) * self.scale
@@ -161,7 +163,7 @@ class _Run:
             else:
                 self.penalty = max(self.penalty, 2.0 * float(np.abs(step.multipliers).sum()))
             trial = self._trial(step.d)
-            limit = options.hasty * self.cutoff + _HASTE * first
+            limit = self.cutoff + (options.hasty - 1) * abs(self.cutoff) + _HASTE * first
             if not restoring and length < 0.99 * radius and trial.cost > limit:
                 return "cutoff"
             if not self._better(trial, restoring) and not restoring:

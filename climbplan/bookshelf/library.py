@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.bookshelf.mirror import Solved, mirrored
 from climbplan.bookshelf.plan_file import read_shelf_plan
 from climbplan.bookshelf.points import features_of, point_of, theta_of
 from climbplan.errors import UsageError
@@ -19,6 +20,7 @@ def read_library(
 ) -> Library:
     """The placements of a plan file, as points of a program with `count` stored books.
 
+    Each scene counts twice, the second time as seen in a mirror: twice the data for nothing.
     The slot of the inserted book is a label: the statement leaves it to the lines.
 
     Raises:
@@ -31,22 +33,23 @@ def read_library(
         raise UsageError(
             f"library {path}: its scenes have {plan.scenes.count} stored books, expected {count}"
         )
-    features, points, slots = [], [], []
+    features, points, slots, cost = [], [], [], []
     for k, scene in enumerate(plan.scenes):
         placement = plan.solutions.placement(k)
         if source.size is not None and k >= source.size:
             break
         if placement is not None:
-            features.append(features_of(theta_of(scene)))
-            points.append(point_of(program, scene, placement))
-            slots.append(placement.slot)
+            for solved in (Solved(scene, placement), mirrored(Solved(scene, placement))):
+                features.append(features_of(theta_of(solved.scene)))
+                points.append(point_of(program, solved.scene, solved.placement))
+                slots.append(solved.placement.slot)
+                cost.append(float(plan.solutions.objective[k]))
     if not points:
         raise UsageError(f"library {path}: no scene in it has a placement")
-    cost = plan.solutions.objective[plan.solutions.placed][: len(points)]
     return Library.of(
         Frame.of(program),
         np.array(features),
         np.array(points),
-        cost,
+        np.array(cost),
         labels=np.array(slots, np.int64)[:, None],
     )

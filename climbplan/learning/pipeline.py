@@ -81,6 +81,8 @@ class PipelineOptions:
     local: Local = "sqp"
     stop: Stop = "best"
     enough: int = 10**9  # feasible candidates after which the best of them is taken
+    good_enough: float = -np.inf  # an answer that costs no more ends the search
+    time_limit: float = np.inf  # [s] after which no further candidate is begun
     tolerance: float = 1e-6  # of the default check, in the unit of the rows
     prune: bool = True  # give a candidate up once it costs more than the best one
     sqp: SqpOptions = field(default_factory=SqpOptions)
@@ -132,6 +134,9 @@ def run_pipeline(
 ) -> PipelineResult:
     """Try candidates in order until enough of them pass the exact check.
 
+    Pruning compares the instance's objective with the check's best one: leave it out where a check
+    counts costs otherwise.
+
     check: default `Instance.violation` within the tolerance of the options; its objective decides
     which candidate is best. fallback: asked for a point if no candidate passes; the point is
     checked like all others.
@@ -146,6 +151,8 @@ def run_pipeline(
     winner, passed, local, checking, spare = FALLBACK, 0, 0.0, 0.0, 0.0
     for place, candidate in enumerate(candidates):
         start = time.perf_counter()
+        if start - begin > chosen.time_limit:
+            break
         cutoff = best.objective if best is not None and chosen.prune else np.inf
         answer = method.solve(candidate, cutoff)
         solved = time.perf_counter()
@@ -162,6 +169,8 @@ def run_pipeline(
             if best is None or cost < best.objective:
                 best, winner = verdict, place
             if chosen.stop == "first" or passed >= chosen.enough:
+                break
+            if cost <= chosen.good_enough:
                 break
     if best is None and fallback is not None:
         start = time.perf_counter()

@@ -17,11 +17,12 @@ import numpy as np
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.convex import ConvexBackend
-from climbplan.solvers.sqp_model import Curves, ReducedModel, SqpForm
-from climbplan.solvers.sqp_step import Quadratic, Step, StepSolver, step_solver
+from climbplan.solvers.sqp_model import ReducedModel, SqpForm
+from climbplan.solvers.sqp_step import Quadratic, Step, StepSolver, convex_part, step_solver
 
 _HOPELESS = 0.9  # share of the violation that linearised rows leave at least
 _MUCH = 0.3  # a step that leaves no more than this share of the violation is taken
+_HASTE = 0.01  # share of the start's cost by which a hasty limit is higher
 _UNIT_COST = 1e-3  # costs below count as this much
 
 Ending = Literal["converged", "contradiction", "stalled", "cutoff", "steps", "failed"]
@@ -39,6 +40,8 @@ class SqpOptions:
     radius: float = 0.5  # first trust region of factors, in their scale
     proximal: float = 1e-4  # of the largest curvature
     curvature: bool = True  # of the Lagrangian, its convex part
+    restorations: int = 8  # steps that only lessen violations
+    hasty: float = 2.0  # a linearised optimum this many times the cutoff ends a search
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class SqpSolver:
         self.options = options or SqpOptions()
         self.form = SqpForm.of(instance)
         self._steps = step_solver(self.options.backend)
+        self._models: dict[bytes, ReducedModel | None] = {}  # of the integers seen so far
 
     def solve(
         self, values: Array, alternatives: Index, start: Array, cutoff: float = np.inf
@@ -75,11 +79,16 @@ class SqpSolver:
         linearisation is above it.
         """
         begin = time.perf_counter()
-        model = self.form.reduced(values, alternatives)
+        integer = self.form.pinned.source.integer
+        key = (values[integer] > 0.5).tobytes() + np.asarray(alternatives, np.int64).tobytes()
+        if key not in self._models:
+            self._models[key] = self.form.reduced(values, alternatives)
+        model = self._models[key]
         if model is None:
             return SqpResult(None, "contradiction", np.inf, np.inf, 0, time.perf_counter() - begin)
-        run = _Run(model, self.options, self._steps, cutoff)
-        ending = run.iterate(np.clip(start[model.chosen], model.low, model.high))
+        y = np.clip(start[model.chosen], model.low, model.high)
+        run = _Run(model, self.options, self._steps, cutoff, y)
+        ending = run.iterate()
         return SqpResult(
             x=model.point(run.y),
             ending=ending,
@@ -102,23 +111,25 @@ class _Run:
     """The state of one local search."""
 
     def __init__(
-        self, model: ReducedModel, options: SqpOptions, steps: StepSolver, cutoff: float
+        self, model: ReducedModel, options: SqpOptions, steps: StepSolver, cutoff: float, y: Array
     ) -> None:
         self.model, self.options, self.steps, self.cutoff = model, options, steps, cutoff
         self.programs = 0
-        self.y = np.zeros(len(model.q))
+        self.y = y
         self.violation = np.inf
         self.penalty = 0.0
         width = model.high - model.low
-        self.scale = np.where(np.isfinite(width) & (width > 0), width / 2, 1.0)
+        self.scale = np.where(
+            np.isfinite(width), np.where(width > 0, width / 2, 1.0), np.maximum(np.abs(y), 1.0)
+        )
         largest = float(np.abs(np.diag(model.P) * self.scale**2).max(initial=0.0))
         self.weight = largest if largest > 0 else 1.0
         self.multipliers = np.zeros(model.curves.count)
+        self.bent = np.flatnonzero(model.factor)
 
-    def iterate(self, start: Array) -> Ending:
+    def iterate(self) -> Ending:
         """Step until nothing changes."""
         model, options = self.model, self.options
-        self.y = start
         if not self._on_linear_rows():
             return "contradiction"
         reach = np.abs(model.curves.slopes(self.y)) * self.scale
@@ -129,7 +140,8 @@ class _Run:
         curves = model.curves
         values = curves.values(self.y)
         self.violation = _worst(self.low, self.high, values)
-        radius = options.radius
+        radius, restored = options.radius, 0
+        first = abs(model.objective(self.y))
         while self.programs < options.steps:
             slopes = curves.slopes(self.y)
             step = self._step(slopes, radius, values)
@@ -137,6 +149,9 @@ class _Run:
             if restoring:
                 if self.violation <= options.tolerance:
                     return "converged"  # rounding: the point itself satisfies the rows
+                restored += 1
+                if restored > options.restorations:
+                    return "stalled"
                 step = self._least_violation(values, slopes, radius)
             if step.d is None:
                 return "failed"
@@ -148,6 +163,9 @@ class _Run:
             else:
                 self.penalty = max(self.penalty, 2.0 * float(np.abs(step.multipliers).sum()))
             trial = self._trial(step.d)
+            limit = self.cutoff + (options.hasty - 1) * abs(self.cutoff) + _HASTE * first
+            if not restoring and length < 0.99 * radius and trial.cost > limit:
+                return "cutoff"
             if not self._better(trial, restoring) and not restoring:
                 # Second-order correction: the same slopes, with the curves where they really are.
                 bent = curves.values(self.y + step.d) - slopes @ step.d
@@ -220,7 +238,9 @@ class _Run:
         model = self.model
         H = model.P.copy()
         if self.options.curvature and self.multipliers.any():
-            H += _convex_part(model.curves.curvature(self.multipliers), self.scale)
+            at = np.ix_(self.bent, self.bent)
+            curved = model.curves.curvature(self.multipliers)[at]
+            H[at] += convex_part(curved, self.scale[self.bent])
         H = H * self.scale[:, None] * self.scale / self.weight
         H[np.diag_indices_from(H)] += self.options.proximal
         f = (model.P @ self.y + model.q) * self.scale / self.weight
@@ -285,15 +305,3 @@ class _Run:
 
 def _worst(low: Array, high: Array, values: Array) -> float:
     return float(np.maximum(low - values, values - high).max(initial=0.0))
-
-
-def _convex_part(hessian: Array, scale: Array) -> Array:
-    """The part of a symmetric matrix with positive eigenvalues, in scaled variables."""
-    scaled = hessian * scale[:, None] * scale
-    values, vectors = np.linalg.eigh(scaled)
-    kept = values > 0
-    part = (vectors[:, kept] * values[kept]) @ vectors[:, kept].T
-    return np.asarray(part / scale[:, None] / scale)
-
-
-__all__ = ["Curves", "SqpOptions", "SqpResult", "SqpSolver"]

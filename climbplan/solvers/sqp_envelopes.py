@@ -33,8 +33,8 @@ class EnvelopeAnswer:
 class EnvelopeSolver:
     """Candidates of one instance, each by one convex program.
 
-    pieces: the box is that piece of each factor's bounds, cut into as many, in which the neighbour
-    is; factors without bounds are refused.
+    pieces: the box reaches one of as many equal pieces of a factor's bounds to either side of the
+    neighbour's value. A fixed grid would put a value on the edge of its piece (sin 0) at one side.
     """
 
     def __init__(
@@ -53,14 +53,11 @@ class EnvelopeSolver:
             return EnvelopeAnswer(None, "contradiction")
         low, high = pinned.lower.copy(), pinned.upper.copy()
         k = self._factors
-        width = (high[k] - low[k]) / self._pieces
-        if not np.isfinite(width).all():
+        reach = (high[k] - low[k]) / self._pieces
+        if not np.isfinite(reach).all():
             raise UsageError(f"{pinned.name}: envelopes need bounds on all factors of products")
-        with np.errstate(invalid="ignore", divide="ignore"):
-            piece = np.floor(np.where(width > 0, (start[k] - low[k]) / width, 0.0))
-        piece = np.clip(piece, 0, self._pieces - 1)
-        high[k] = np.minimum(high[k], low[k] + (piece + 1) * width)
-        low[k] = low[k] + piece * width
+        middle = np.clip(start[k], low[k], high[k])
+        low[k], high[k] = np.maximum(low[k], middle - reach), np.minimum(high[k], middle + reach)
         if not pinned.products.count:
             answer = self._session.solve(pinned)
         else:

@@ -115,7 +115,7 @@ class ReducedModel:
 
     def point(self, y: Array) -> Array:
         """x (n,)."""
-        return np.asarray(self.shift + self.basis @ y)
+        return self.shift + thin_product(self.basis, y[:, None])[:, 0]
 
     def objective(self, y: Array) -> float:
         """Exact objective."""
@@ -180,7 +180,7 @@ class SqpForm:
             Q = Q[:, curved]
             first, second = first[curved], second[curved]
         shift = np.where(fixed, low, 0.0)
-        offset = A @ shift
+        offset = thin_product(A, shift[:, None])[:, 0]
         A = np.where(fixed, 0.0, A)
         lower, upper = lower - offset, upper - offset
         nonlinear = (Q != 0).any(axis=1)
@@ -205,7 +205,7 @@ class SqpForm:
         kept = ~equal & ~nonlinear & several
         held = out[bounded[out]]  # bounds of variables that are now expressions
         L = np.vstack([thin_product(A[kept], basis), basis[held]])
-        move = np.concatenate([A[kept] @ shift, shift[held]])
+        move = np.concatenate([thin_product(A[kept], shift[:, None])[:, 0], shift[held]])
         l_low = np.concatenate([lower[kept], low[held]]) - move
         l_high = np.concatenate([upper[kept], high[held]]) - move
         empty = np.abs(L).max(axis=1, initial=0.0) <= _NOTHING
@@ -216,13 +216,13 @@ class SqpForm:
         curves = self._curves(A, Q, lower, upper, first, second, basis, shift, nonlinear)
         used = np.abs(curves.first).sum(axis=0) + np.abs(curves.second).sum(axis=0)
         used = used + np.abs(curves.ball).sum(axis=(0, 1))
-        half = self.P @ shift
+        half = thin_product(self.P, shift[:, None])[:, 0]
         return ReducedModel(
             shift=shift,
             basis=basis,
             chosen=chosen,
             P=thin_product(basis.T.copy(), thin_product(self.P, basis)),
-            q=basis.T @ (half + source.q),
+            q=thin_product((half + source.q)[None, :], basis)[0],
             constant=float(0.5 * shift @ half + source.q @ shift + source.constant),
             low=low[chosen],
             high=high[chosen],
@@ -255,7 +255,7 @@ class SqpForm:
         bases = [np.pad(b, ((0, 0), (0, widest - b.shape[1]))) for b in bases]
         return Curves(
             N=thin_product(A[nonlinear], basis),
-            base=A[nonlinear] @ shift,
+            base=thin_product(A[nonlinear], shift[:, None])[:, 0],
             Q=Qn[:, used],
             first=basis[i],
             second=basis[j],

@@ -19,6 +19,7 @@ from climbplan.solvers.convex import ConvexBackend, session
 
 _UNBOUNDED = 1e30
 _EQUAL, _INEQUALITY = 5, 0
+_ACTIVE = 1e-6  # rows and variables this near to an end are at it
 _OPTIMAL, _INFEASIBLE = 1, -1
 _PRIMAL_TOLERANCES = (1e-8, 1e-6)  # the second where DAQP cycles at the first
 _ITERATIONS = 500
@@ -85,7 +86,7 @@ class DaqpSteps:
 
 
 class SessionSteps:
-    """Clarabel or OSQP through their sessions; no multipliers, which the method can do without."""
+    """Clarabel or OSQP through their sessions, which keep multipliers to themselves."""
 
     def __init__(self, backend: ConvexBackend) -> None:
         self._session = session(backend)
@@ -117,9 +118,31 @@ class SessionSteps:
         answer = self._session.solve(instance)
         if answer.infeasible or answer.x is None:
             return Step(None, np.zeros(m), answer.infeasible)
-        return Step(answer.x, np.zeros(m), False)
+        return Step(answer.x, _multipliers(quadratic, answer.x), False)
+
+
+def _multipliers(quadratic: Quadratic, d: Array) -> Array:
+    """Of the rows (m,), by least squares over those at their ends."""
+    value = quadratic.G @ d
+    slack = _ACTIVE * (1.0 + np.abs(value))
+    held = (value >= quadratic.upper - slack) | (value <= quadratic.lower + slack)
+    inside = (d < quadratic.high - _ACTIVE) & (d > quadratic.low + _ACTIVE)
+    out = np.zeros(len(value))
+    if held.any() and inside.any():
+        gradient = (quadratic.H @ d + quadratic.f)[inside]
+        out[held] = np.linalg.lstsq(quadratic.G[np.ix_(held, inside)].T, -gradient, rcond=1e-9)[0]
+    return out
 
 
 def step_solver(backend: ConvexBackend) -> StepSolver:
     """The solver of a name."""
     return DaqpSteps() if backend == "daqp" else SessionSteps(backend)
+
+
+def convex_part(hessian: Array, scale: Array) -> Array:
+    """The part of a symmetric matrix with positive eigenvalues, in scaled variables."""
+    scaled = hessian * scale[:, None] * scale
+    values, vectors = np.linalg.eigh(scaled)
+    kept = values > 0
+    part = (vectors[:, kept] * values[kept]) @ vectors[:, kept].T
+    return np.asarray(part / scale[:, None] / scale)

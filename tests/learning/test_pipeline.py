@@ -20,7 +20,7 @@ from climbplan.learning.pipeline import (
     run_pipeline,
 )
 from climbplan.learning.strategy import Candidate, Strategy
-from climbplan.program import Instance
+from climbplan.program import Instance, Program
 from climbplan.program.polytope import Array
 from climbplan.solvers.registry import solve
 
@@ -140,6 +140,38 @@ def test_stops_at_the_first_or_after_enough() -> None:
     assert len(run_pipeline(instance, three, PipelineOptions(stop="first")).tried) == 1
     assert len(run_pipeline(instance, three, PipelineOptions(enough=2)).tried) == 2
     assert len(run_pipeline(instance, three, PipelineOptions(prune=False)).tried) == 3
+    assert not run_pipeline(instance, three, PipelineOptions(time_limit=0.0)).tried
+    cost = run_pipeline(instance, good).objective
+    assert len(run_pipeline(instance, three, PipelineOptions(good_enough=cost * 1.01)).tried) == 1
+    assert len(run_pipeline(instance, three, PipelineOptions(good_enough=cost * 0.99)).tried) == 3
+
+
+def test_pruning_keeps_the_best() -> None:
+    near = NearestProblems.of(_train(), "strategies")
+    for theta in _tests()[1][:8]:
+        instance, found = PROGRAM.at(theta), near.candidates(data.features(theta), 10)
+        results = [
+            run_pipeline(instance, found, PipelineOptions(tolerance=TOLERANCE, prune=prune))
+            for prune in (True, False)
+        ]
+        assert results[0].objective == pytest.approx(results[1].objective, rel=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, -100.0])
+def test_a_candidate_that_costs_more_is_given_up(offset: float) -> None:
+    p = Program("hyperbola")
+    x = p.continuous("x", (2,), 0.1, 9.0)
+    far = p.binary("far", (1,))
+    p.equal("product", x[:1] * x[1:] - 4.0)
+    p.when("far", far[0], x[:1], lower=4.0)
+    p.minimise("cost", np.sum(x**2) + offset)
+    near, away = np.array([3.0, 1.0, 0.0]), np.array([4.0, 1.0, 1.0])
+    candidates = [Candidate(x, data.NONE, x) for x in (near, away)]
+    result = run_pipeline(p.at(), candidates, PipelineOptions())
+    assert result.objective == pytest.approx(8.0 + offset, abs=1e-4)
+    assert [t.word for t in result.tried] == ["converged", "cutoff"]
+    whole = run_pipeline(p.at(), candidates, PipelineOptions(prune=False))
+    assert whole.tried[1].objective == pytest.approx(17.0 + offset, abs=1e-4)
 
 
 def test_the_check_has_the_last_word() -> None:

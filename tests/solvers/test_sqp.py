@@ -11,9 +11,12 @@ from small_programs import random_numbers, small_program
 
 from climbplan.errors import UsageError
 from climbplan.program import Program
+from climbplan.solvers.convex import ConvexBackend
 from climbplan.solvers.ipopt import middle, solve_pinned
 from climbplan.solvers.sqp import SqpOptions, SqpSolver
 from climbplan.solvers.sqp_elimination import eliminated, settled, thin_product
+from climbplan.solvers.sqp_envelopes import EnvelopeSolver
+from climbplan.solvers.sqp_step import DaqpSteps, Quadratic, SessionSteps
 
 TIGHT = 1e-5
 NONE = np.zeros(0, np.int64)
@@ -90,9 +93,9 @@ def test_balls_choices_and_products_together() -> None:
 
 
 @pytest.mark.parametrize("backend", ["daqp", "clarabel", "osqp"])
-def test_backends_agree_where_it_is_convex(backend: str) -> None:
+def test_backends_agree_where_it_is_convex(backend: ConvexBackend) -> None:
     instance = disjunctive(1)
-    options = SqpOptions(backend=backend, tolerance=1e-5)  # type: ignore[arg-type]
+    options = SqpOptions(backend=backend, tolerance=1e-5)
     solver, reference = SqpSolver(instance, options), SqpSolver(instance)
     compared = 0
     for bits in ((1.0, 0, 0), (0.0, 1, 0), (0.0, 0, 1), (1.0, 1, 0)):
@@ -106,6 +109,65 @@ def test_backends_agree_where_it_is_convex(backend: str) -> None:
                 assert found.objective == pytest.approx(best.objective, abs=1e-3)
                 compared += 1
     assert compared
+
+
+@pytest.mark.parametrize("backend", ["clarabel", "osqp"])
+def test_backends_agree_with_products(backend: ConvexBackend) -> None:
+    p = Program("corner")
+    x = p.continuous("x", (3,), 0.1, 4.0)
+    p.equal("product", x[:1] * x[1:2] - 2.0 * x[2:])
+    p.between("sum", np.sum(x, keepdims=True), 4.0, 6.0)
+    p.minimise("cost", np.sum((x - np.array([3.0, 0.5, 1.0])) ** 2) + x[2])
+    instance, start = p.at(), np.array([1.0, 3.0, 1.5])
+    best = SqpSolver(instance).solve(start, NONE, start)
+    found = SqpSolver(instance, SqpOptions(backend=backend)).solve(start, NONE, start)
+    assert best.feasible
+    assert found.feasible
+    assert found.objective == pytest.approx(best.objective, abs=1e-5)
+    reference = instance.objective(solve_pinned(instance, start).v)
+    assert best.objective == pytest.approx(reference, abs=1e-5)
+
+
+def test_multipliers_from_the_gradient_are_those_of_daqp() -> None:
+    rng = np.random.default_rng(3)
+    compared = 0
+    for _ in range(5):
+        half, G = rng.normal(size=(4, 4)), rng.normal(size=(6, 4))
+        width = rng.uniform(0.0, 0.6, 6)
+        problem = Quadratic(
+            half @ half.T + np.eye(4),
+            3 * rng.normal(size=4),
+            np.full(4, -2.0),
+            np.full(4, 2.0),
+            G,
+            -width,
+            width,
+        )
+        exact, other = DaqpSteps().solve(problem), SessionSteps("clarabel").solve(problem)
+        assert exact.d is not None
+        assert other.d == pytest.approx(exact.d, abs=1e-6)
+        assert other.multipliers == pytest.approx(exact.multipliers, abs=1e-4)
+        compared += int((np.abs(exact.multipliers) > 1e-3).sum())
+    assert compared
+
+
+def test_envelopes_hold_products_only_as_well_as_their_box_is_small() -> None:
+    p = Program("unit")
+    x = p.continuous("x", (2,), -1.0, 1.0)
+    z = p.binary("z", (1,))
+    p.equal("circle", x[:1] ** 2 + x[1:] ** 2 - 1.0)
+    p.when("right", z[0], x[:1], lower=0.0)
+    p.minimise("cost", np.sum((x - np.array([1.0, 0.2])) ** 2))
+    instance, start = p.at(), np.array([0.8, 0.6, 1.0])
+    off = []
+    for pieces in (4, 64):
+        found = EnvelopeSolver(instance, "clarabel", pieces).solve(start, NONE, start)
+        assert found.x is not None
+        assert (np.abs(found.x - start) <= 2.0 / pieces + 1e-6).all()
+        off.append(instance.violation(found.x))
+    assert off[0] > off[1] > 0
+    away = EnvelopeSolver(instance, "clarabel", 8).solve(start, NONE, np.array([0.1, 0.1, 1.0]))
+    assert away.word == "contradiction"
 
 
 def test_integers_that_contradict_linear_rows_need_no_step() -> None:

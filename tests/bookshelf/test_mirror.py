@@ -1,0 +1,44 @@
+"""Mirrored scenes: valid where the scene was, at the same cost, and the mirror undoes itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from climbplan.bookshelf.checker import check_contact, slots
+from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.mirror import Solved, mirrored
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
+
+SHELF = Shelf()
+SOLVER = ExactSolver(SHELF)
+
+
+def _scene(rng: np.random.Generator) -> Scene:
+    """Three upright books with gaps that are too narrow for a fourth."""
+    size = np.stack([rng.uniform(0.06, 0.09, 4), rng.uniform(0.02, 0.03, 4)], axis=1)
+    left = SHELF.left + np.cumsum([0.004, size[0, 1] + 0.011, size[1, 1] + 0.012])
+    pose = np.stack([left + size[:3, 1] / 2, size[:3, 0] / 2, np.zeros(3)], axis=1)
+    return Scene(pose, size[:3], size[3])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_mirrored_placements_hold_at_the_same_cost(seed: int) -> None:
+    scene = _scene(np.random.default_rng(seed))
+    placement = SOLVER.solve(scene).placement
+    assert placement is not None
+    there = mirrored(Solved(scene, placement))
+    one = Scenes.of([there.scene])
+    one.require()
+    check = check_contact(one, there.placement.pose[None], there.placement.state[None], SHELF)
+    assert check.passed[0], check.explain(0)
+    cost = movement_cost(Scenes.of([scene]), placement.pose[None])[0]
+    assert movement_cost(one, there.placement.pose[None])[0] == pytest.approx(cost)
+    assert slots(there.placement.pose[None], one.sizes)[0] == there.placement.slot
+    back = mirrored(there)
+    assert back.scene.pose == pytest.approx(scene.pose)
+    assert (back.placement.state == placement.state).all()
+    assert back.placement.slot == placement.slot
+    assert SOLVER.solve(there.scene).objective == pytest.approx(
+        SOLVER.solve(scene).objective, abs=0.02
+    )

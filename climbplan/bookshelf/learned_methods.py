@@ -32,6 +32,7 @@ class Convex:
     refinements: int
     backend: ConvexBackend
     seconds: float
+    gap_mm2: float  # a placement that costs no more ends the search
 
     def solve(self, scene: Scene) -> SceneAnswer:
         """The best placement of all candidates."""
@@ -41,6 +42,8 @@ class Convex:
         options = PipelineOptions(
             local="sqp" if self.refinements else "envelopes",
             sqp=SqpOptions(backend=self.backend, steps=max(self.refinements, 1)),
+            good_enough=self.gap_mm2,
+            time_limit=self.seconds,
         )
 
         def check(instance: Instance, x: Array) -> Checked:

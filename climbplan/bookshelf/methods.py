@@ -81,10 +81,11 @@ def _learned(setting: MethodSetting, count: int, judge: Judge, budget: Budget) -
     convex = Convex(
         judge=judge,
         strategy=NearestProblems.of(library, "mixed"),
-        candidates=solver.candidates or 10,
+        candidates=solver.candidates or 50,
         refinements=solver.refinements,
         backend=_convex_solver(solver.solver),
         seconds=solver.time_limit,
+        gap_mm2=solver.gap_mm2,
     )
     if solver.method == "convex":
         return convex

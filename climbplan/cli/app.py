@@ -6,6 +6,7 @@ so that `--help` answers at once.
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -34,6 +35,11 @@ from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
 from climbplan.errors import ClimbplanError, ExitCode
+
+# Matrices here are small: threads in BLAS cost more than they give, several times more where other
+# processes (the workers of --jobs) use the cores. Read when NumPy is loaded, which comes later.
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 PIPE_CLOSED = 141  # 128 + SIGPIPE

@@ -140,14 +140,15 @@ class ShelfSolverSpec(SpecModel):
     )
     candidates: Count | None = quantity(
         "",
-        "how many neighbours to try: 3 for `mpcc`, 10 for `convex` and `knn` if left out",
+        "how many neighbours to try: 3 for `mpcc`, 50 for `convex` and `knn` if left out",
         default=None,
         ge=1,
     )
     refinements: Count = quantity(
         "",
-        "how often `convex` and `knn` linearise anew about the last point; 0: the published method",
-        default=12,
+        "most quadratic programs a candidate of `convex` and `knn`; 0: the published method, one "
+        "convex program over the envelopes about the neighbour",
+        default=30,
         ge=0,
     )
     library: ShelfLibrarySpec | None = Field(

@@ -18,8 +18,8 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.learning.candidates import Candidate
-from climbplan.learning.pinning import solve_candidate
+from climbplan.learning.pinning import at_point, solve_candidate
+from climbplan.learning.strategy import Candidate
 from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
@@ -92,7 +92,7 @@ def solve_micp(
         log.append(f"round {number + 1}: {found.status}, bound {found.bound:.6g}")
         if found.x is None:
             break
-        guess = relaxed.candidate(instance, found.x, number)
+        guess = relaxed.candidate(instance, found.x)
         better = _polished(instance, guess, gap, time_limit - (time.perf_counter() - begin))
         if better is not None and (best is None or _cost(better) < _cost(best)):
             best = better
@@ -127,10 +127,9 @@ class _Relaxed:
     relaxation: bool
     alternatives: tuple[Index, ...]  # columns of the binaries of each choice
 
-    def candidate(self, source: Instance, x: Array, number: int) -> Candidate:
+    def candidate(self, source: Instance, x: Array) -> Candidate:
         chosen = [int(np.argmax(x[group])) for group in self.alternatives]
-        origin = f"envelopes, round {number + 1}"
-        return Candidate(x[: source.size].copy(), np.array(chosen, np.int64), origin)
+        return at_point(x[: source.size].copy(), np.array(chosen, np.int64))
 
 
 def _relaxed(
@@ -267,8 +266,8 @@ def _polished(
             instance,
             gap,
             max(time_limit, 0.1),
-            start=guess.x,
-            assignment=guess.assignment,
+            start=guess.start,
+            assignment=guess.alternatives,
             homotopy=STRAIGHT,
         )
     return None if found.x is None else found

@@ -7,21 +7,23 @@ comes out that the exact statement has judged, with the candidate or variant tha
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.learning.candidates import Candidate, SolvedLibrary, distinct
 from climbplan.learning.envelope_rounds import (
     MICP_SOLVERS,
     EnvelopeOptions,
     default_partitions,
     solve_micp,
 )
-from climbplan.learning.pinning import PINNED_SOLVERS, solve_candidate
+from climbplan.learning.library import Library
+from climbplan.learning.neighbours import NearestProblems
+from climbplan.learning.pinning import PINNED_SOLVERS, at_point, distinct, solve_candidate
+from climbplan.learning.strategy import Candidate
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
@@ -52,14 +54,14 @@ class MethodSettings:
     `knn`, and of `pinned`.
     """
 
-    solver: str | None = None  # micp, admm: highs, scip, gurobi; pinned, knn: ipopt, clarabel, ...
+    solver: str | None = None  # micp, admm: highs, scip, gurobi; pinned, knn: ipopt, sqp, ...
     gap: float = 1e-4  # relative
     time_limit: float = 60.0  # [s] of one instance
     tolerance: float = 1e-6  # largest violation of any row, in its own unit
     start: Start | None = None  # of mpcc: manual if the problem states a guess, else zero
     neighbours: int | None = None  # sets of integers to try: 10, 3 for mpcc
     fallback: Method | None = "minlp-scip"  # of knn, where no candidate holds
-    library: SolvedLibrary | None = None
+    library: Library | None = None
     candidates: Sequence[Candidate] = ()
     envelopes: EnvelopeOptions = field(default_factory=EnvelopeOptions)
     admm: AdmmOptions = field(default_factory=lambda: AdmmOptions(freeze_after=2))
@@ -103,21 +105,10 @@ class _Task:
                 f"method {method!r} needs solved problems: give a library (a plan file of "
                 f"`climbplan solve` over `sample`)"
             )
-        if library.x.shape[1] != self.instance.size:
-            raise UsageError(
-                f"the library's solutions have {library.x.shape[1]} variables, problem "
-                f"{self.problem.name!r} has {self.instance.size}"
-            )
         features = self.problem.feature_vector(self.theta)
-        if library.features.shape[1] != len(features):
-            raise UsageError(
-                f"the library has {library.features.shape[1]} features, problem "
-                f"{self.problem.name!r} has {len(features)}"
-            )
-        if library.assignment.shape[1] != len(self.instance.choices):
-            raise UsageError(f"the library is not one of problem {self.problem.name!r}")
-        different = distinct(library.nearest(features), self.instance)
-        return different[: count or _NEIGHBOURS.get(method, 10)]
+        library.require(self.problem.program, len(features))
+        near = NearestProblems.of(library, "strategies")
+        return tuple(near.candidates(features, count or _NEIGHBOURS.get(method, 10)))
 
 
 @dataclass(frozen=True)
@@ -186,23 +177,25 @@ def _mpcc(task: _Task) -> _Outcome:
     start = settings.start or ("zero" if guess is None else "manual")
     if start == "knn":
         near = task.neighbours("mpcc")
+        plain = Complementarity()
         tried = [
-            (c.origin, _smoothed(task, c.x, c.assignment, STRAIGHT, Complementarity()))
-            for c in near
+            (_origin(k, c), _smoothed(task, c.start, c.alternatives, STRAIGHT, plain))
+            for k, c in enumerate(near, 1)
         ]
         if all(result.x is None for _, result in tried):
-            wide = _smoothed(task, near[0].x, near[0].assignment, HOMOTOPY, Complementarity())
-            tried.append((f"{near[0].origin}, wide homotopy", wide))
+            first = near[0]
+            wide = _smoothed(task, first.start, first.alternatives, HOMOTOPY, plain)
+            tried.append((f"{_origin(1, first)}, wide homotopy", wide))
         return _best(task, tried)
     if start == "manual" and guess is None:
         raise UsageError(
             f"problem {task.problem.name!r} states no `start`, which `start: manual` needs"
         )
-    first = None if start == "zero" else guess
+    begin = None if start == "zero" else guess
     tried = []
     for kind in ("product", "fischer-burmeister"):
         method = Complementarity("product" if kind == "product" else "fischer-burmeister")
-        result = _smoothed(task, first, None, HOMOTOPY, method)
+        result = _smoothed(task, begin, None, HOMOTOPY, method)
         tried.append((f"start {start}, {kind}", result))
         if result.x is not None:
             break
@@ -264,9 +257,11 @@ def _admm(task: _Task) -> _Outcome:
 def _pinned(task: _Task) -> _Outcome:
     """The integers of given candidates, of the problem's guess and of neighbours; the best."""
     candidates = list(task.settings.candidates)
+    origins = {id(c): f"candidate {k}" for k, c in enumerate(candidates, 1)}
     guess = task.guess()
     if guess is not None:
-        candidates.append(Candidate(guess, task.instance.assignment(guess), "start manual"))
+        candidates.append(at_point(guess, task.instance.assignment(guess)))
+        origins[id(candidates[-1])] = "start manual"
     if task.settings.library is not None:
         candidates += task.neighbours("pinned")
     if not candidates:
@@ -275,8 +270,9 @@ def _pinned(task: _Task) -> _Outcome:
                 "method 'pinned' needs integers to keep: give a library, candidates, or a "
                 f"`start` of problem {task.problem.name!r}"
             )
-        candidates = [Candidate(middle(task.instance), np.zeros(0, np.int64), "no integers")]
-    return _all_pinned(task, distinct(candidates, task.instance))
+        candidates = [at_point(middle(task.instance), np.zeros(0, np.int64))]
+        origins[id(candidates[0])] = "no integers"
+    return _all_pinned(task, distinct(candidates, task.instance), origins)
 
 
 def _knn(task: _Task) -> _Outcome:
@@ -292,21 +288,28 @@ def _knn(task: _Task) -> _Outcome:
     return _Outcome(after.result, f"fallback {fallback}", outcome.tried + after.tried)
 
 
-def _all_pinned(task: _Task, candidates: Sequence[Candidate]) -> _Outcome:
+def _all_pinned(
+    task: _Task, candidates: Sequence[Candidate], origins: Mapping[int, str] | None = None
+) -> _Outcome:
+    """origins: what reports call candidates that are no neighbours, by identity."""
     settings, solver = task.settings, task.settings.solver
     chosen = next((name for name in PINNED_SOLVERS if name == solver), None)
     if solver is not None and chosen is None:
         known = ", ".join(PINNED_SOLVERS)
         raise UsageError(f"pinned integers: no solver {solver!r}, expected one of {known}")
     tried: list[tuple[str, SolverResult]] = []
-    for candidate in candidates:
+    for k, candidate in enumerate(candidates, 1):
         if tried and time.perf_counter() - task.begin > settings.time_limit:
             break
         result = solve_candidate(
             task.instance, candidate, chosen, settings.gap, task.left, settings.tolerance
         )
-        tried.append((candidate.origin, result))
+        tried.append(((origins or {}).get(id(candidate), _origin(k, candidate)), result))
     return _best(task, tried)
+
+
+def _origin(rank: int, candidate: Candidate) -> str:
+    return f"neighbour {rank} (row {candidate.row})"
 
 
 def _best(task: _Task, tried: Sequence[tuple[str, SolverResult]]) -> _Outcome:
@@ -323,7 +326,7 @@ def _polished(task: _Task, found: SolverResult) -> SolverResult:
     """The answer with its integers kept, solved to full accuracy; the bound stays."""
     if found.x is None or found.assignment is None:
         return found
-    candidate = Candidate(found.x, found.assignment, "")
+    candidate = at_point(found.x, found.assignment)
     settings = task.settings
     again = solve_candidate(
         task.instance, candidate, None, settings.gap, task.left, settings.tolerance

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake, UsageError
-from climbplan.learning.candidates import SolvedLibrary
 from climbplan.learning.envelope_rounds import EnvelopeOptions
+from climbplan.learning.library import Frame, Library
 from climbplan.learning.methods import MethodResult, MethodSettings, solve_instance
 from climbplan.plans.program_file import read_program
 from climbplan.plans.program_plan import Layouts, ProgramPlan
@@ -54,7 +54,7 @@ def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array]
     return tuple(thetas)
 
 
-def library_of(problem: Problem, path: Path) -> SolvedLibrary:
+def library_of(problem: Problem, path: Path) -> Library:
     """The answered rows of an earlier plan of the same problem.
 
     Raises PlanFileError for another file, UsageError for another problem's or an empty one.
@@ -70,10 +70,13 @@ def library_of(problem: Problem, path: Path) -> SolvedLibrary:
         raise UsageError(f"{path}: none of its {plan.count} rows has an answer")
     # The features are computed anew, so that a statement may change them after the run.
     features = [problem.feature_vector(problem.split(plan.parameters[row])) for row in found]
-    return SolvedLibrary(np.array(features), plan.x[found], plan.assignment[found])
+    frame = Frame.of(problem.program)
+    return Library.of(
+        frame, np.array(features), plan.x[found], plan.objective[found], plan.assignment[found]
+    )
 
 
-def settings_of(solver: ProgramSolverSpec, library: SolvedLibrary | None) -> MethodSettings:
+def settings_of(solver: ProgramSolverSpec, library: Library | None) -> MethodSettings:
     """A method's settings as a spec has them."""
     shape = solver.envelopes
     return MethodSettings(

@@ -82,10 +82,12 @@ class ProgramSolverSpec(SpecModel):
         "alternating between both; `pinned`: integers from a start or a library; `knn`: `pinned` "
         "from the library, then `fallback`",
     )
-    solver: Literal["highs", "scip", "gurobi", "ipopt", "clarabel", "daqp", "osqp"] | None = Field(
+    solver: (
+        Literal["highs", "scip", "gurobi", "ipopt", "sqp", "clarabel", "daqp", "osqp"] | None
+    ) = Field(
         default=None,
         description="of `micp` and `admm`: highs (default), scip, gurobi; of `pinned` and `knn`: "
-        "clarabel (default without products), ipopt (default with products), daqp, osqp",
+        "clarabel (default without products), ipopt (default with products), sqp, daqp, osqp",
     )
     start: Literal["zero", "manual", "knn"] | None = Field(
         default=None,

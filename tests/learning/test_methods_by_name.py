@@ -9,10 +9,11 @@ import pytest
 from own_problems import enumerated, impossible, islands_problem
 
 from climbplan.errors import UsageError
-from climbplan.learning.candidates import Candidate, SolvedLibrary
 from climbplan.learning.conflicts import conflicting_blocks
 from climbplan.learning.envelope_rounds import EnvelopeOptions
+from climbplan.learning.library import Frame, Library
 from climbplan.learning.methods import METHODS, Method, MethodSettings, solve_instance
+from climbplan.learning.pinning import PinnedSolver, at_point, solve_candidate
 from climbplan.program import Problem, Program
 
 SEEDS = range(5)
@@ -20,14 +21,16 @@ GLOBAL = ("minlp-scip", "micp")
 QUICK: dict[str, MethodSettings] = {"minlp-bonmin": MethodSettings(time_limit=20.0)}
 
 
-def library(problem: Problem, count: int = 16) -> SolvedLibrary:
+def library(problem: Problem, count: int = 16) -> Library:
     rng = np.random.default_rng(99)
     thetas = [problem.drawn(rng) for _ in range(count)]
     results = [solve_instance(problem, theta, "mpcc").result for theta in thetas]
     kept = [(t, r) for t, r in zip(thetas, results, strict=True) if r.x is not None]
-    return SolvedLibrary(
+    return Library.of(
+        Frame.of(problem.program),
         np.array([problem.feature_vector(theta) for theta, _ in kept]),
         np.array([r.x for _, r in kept]),
+        np.array([r.objective for _, r in kept]),
         np.array([r.assignment for _, r in kept]),
     )
 
@@ -95,27 +98,35 @@ def test_mpcc_starts() -> None:
         solve_instance(islands_problem(), theta, "mpcc", MethodSettings(start="manual"))
 
 
+def two_ways() -> Program:
+    """Feasible with the binary at 0 alone."""
+    p = Program("two")
+    least = p.parameter("least", (1,))
+    x, z = p.continuous("x", (1,), 0.0, 2.0), p.binary("z", (1,))
+    p.between("enough", x - least, 0.0, 2.0)
+    p.when("closed", z, x, upper=-0.5)
+    p.minimise("cost", x[0] ** 2)
+    return p
+
+
 def test_pinned_keeps_the_integers_it_is_given() -> None:
     problem = islands_problem()
     theta = {"goal": np.array([1.0, 0.5])}
-    west, east = (
-        Candidate(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k]), name)
-        for k, name in enumerate(("west", "east"))
-    )
+    west, east = (at_point(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
     only = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west]))
     assert only.result.x is not None
     assert only.result.x[0] <= -0.5 + 1e-6
     both = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west, east]))
-    assert (both.winner, both.tried) == ("east", 2)
+    assert (both.winner, both.tried) == ("candidate 2", 2)
     again = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west, west]))
     assert again.tried == 1
 
 
 def test_knn_falls_back_only_where_no_candidate_holds() -> None:
-    problem = islands_problem()
-    # In the west with the sail down the wind asks for y >= 0.2; with an impossible integer, nothing
-    bad = SolvedLibrary(np.zeros((1, 2)), np.array([[0.0, 0.0, 0.0, 2.0]]), np.array([[0]]))
-    theta = {"goal": np.array([1.0, 0.5])}
+    problem = Problem("two", two_ways())
+    frame = Frame.of(problem.program)
+    bad = Library.of(frame, np.zeros((1, 1)), np.array([[1.0, 1.0]]), np.zeros(1))
+    theta = {"least": np.array([0.5])}
     answer = solve_instance(problem, theta, "knn", MethodSettings(library=bad))
     assert answer.winner == "fallback minlp-scip"
     assert answer.result.x is not None
@@ -123,11 +134,16 @@ def test_knn_falls_back_only_where_no_candidate_holds() -> None:
     assert alone.result.status == "limit"
 
 
-def test_nearest_counts_features_in_their_spread() -> None:
-    features = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1000.0]])
-    rows = SolvedLibrary(features, np.zeros((3, 4)), np.zeros((3, 1), np.int64))
-    origins = [c.origin for c in rows.nearest(np.array([0.0, 900.0]))]
-    assert origins[0] == "neighbour 1 (row 2)"
+@pytest.mark.parametrize("solver", ["ipopt", "sqp"])
+def test_pinned_solvers_agree(solver: PinnedSolver) -> None:
+    problem = islands_problem()
+    instance = problem.instance({"goal": np.array([1.5, 0.2])})
+    candidate = at_point(np.array([1.0, 0.3, 0.6, 1.0]), np.array([1]))
+    result = solve_candidate(instance, candidate, solver)
+    other = solve_candidate(instance, candidate, "ipopt")
+    assert result.objective == pytest.approx(other.objective, abs=1e-5)
+    with pytest.raises(UsageError, match="use ipopt or sqp"):
+        solve_candidate(instance, candidate, "daqp")
 
 
 def test_what_cannot_be_asked_for() -> None:
@@ -140,8 +156,9 @@ def test_what_cannot_be_asked_for() -> None:
         solve_instance(problem, theta, "pinned")
     with pytest.raises(UsageError, match="expected one of highs, scip, gurobi"):
         solve_instance(problem, theta, "micp", MethodSettings(solver="daqp"))
-    other = SolvedLibrary(np.zeros((1, 2)), np.zeros((1, 9)), np.zeros((1, 1), np.int64))
-    with pytest.raises(UsageError, match="9 variables"):
+    frame = Frame.of(two_ways())
+    other = Library.of(frame, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1))
+    with pytest.raises(UsageError, match="does not serve"):
         solve_instance(problem, theta, "knn", MethodSettings(library=other))
 
 

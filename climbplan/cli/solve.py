@@ -56,7 +56,8 @@ def solve(
 
     SPEC (kind: program) has the parameters and the method, --problem names the statement. Prints
     the path of the plan file. Exit code 3 if the problem is proved infeasible, 4 if a limit was
-    reached without an answer, 5 if an answer fails the statement's exact check.
+    reached without an answer, 5 if an answer fails the statement's exact check. Of several rows one
+    answer is enough for a plan; those without one are counted in a warning.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress

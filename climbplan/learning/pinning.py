@@ -32,7 +32,7 @@ def solve_candidate(
 ) -> SolverResult:
     """Keep the integers of a candidate and solve what is left; judged on the whole instance.
 
-    solver: Clarabel for a convex rest, IPOPT for one with products if left out; `sqp` for either.
+    solver: Clarabel for a convex rest, local SQP for one with products if left out.
     Status is "feasible" or "limit": the integers are a guess. Raises UsageError for a convex solver
     where products are left.
     """
@@ -40,7 +40,7 @@ def solve_candidate(
     chosen_alternatives = candidate.alternatives
     pinned = PinnedForm.of(instance).at(candidate.values, chosen_alternatives, compact=True)
     bilinear = pinned.products.count > 0
-    chosen: PinnedSolver = solver or ("ipopt" if bilinear else "clarabel")
+    chosen: PinnedSolver = solver or ("sqp" if bilinear else "clarabel")
     integer = instance.integer
     start = np.where(integer, np.round(candidate.values), candidate.start)
     if chosen == "ipopt":

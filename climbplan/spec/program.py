@@ -87,7 +87,7 @@ class ProgramSolverSpec(SpecModel):
     ) = Field(
         default=None,
         description="of `micp` and `admm`: highs (default), scip, gurobi; of `pinned` and `knn`: "
-        "clarabel (default without products), ipopt (default with products), sqp, daqp, osqp",
+        "clarabel (default without products), sqp (default with products), ipopt, daqp, osqp",
     )
     start: Literal["zero", "manual", "knn"] | None = Field(
         default=None,

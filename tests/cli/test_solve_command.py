@@ -81,6 +81,9 @@ def test_the_shipped_line_and_its_verification(run_command: RunCommand, workplac
     assert bare.code == 2
     assert "file.integrality.touch" in bare.out
     assert "need its statement: add --problem" in bare.err
+    page = run_command("report", "outputs/cart_pole")
+    assert page.code == 2
+    assert "report.json is beside them" in page.err
     with h5py.File("outputs/cart_pole/plan.h5", "r+") as file:
         file["x"][0, 5] += 0.01
     assert run_command("verify", "outputs/cart_pole", "--problem", DAMPED).code == 5

@@ -31,6 +31,7 @@ from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
+from climbplan.cli.solve import solve
 from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
@@ -75,6 +76,7 @@ app = typer.Typer(
 for _command in (
     plan_climb,
     solve_bookshelf,
+    solve,
     verify,
     report,
     export,

@@ -24,6 +24,7 @@ def doctor(
 
     findings = examine()
     ready = all(finding.usable or not finding.required for finding in findings)
+    solvers = _solvers() if ready else []  # describing them needs what is required
     if as_json:
         parts: list[dict[str, Any]] = [finding.as_dict() for finding in findings]
         print_json(
@@ -33,6 +34,7 @@ def doctor(
                 "platform": platform.platform(),
                 "ready": ready,
                 "parts": parts,
+                "solvers": solvers,
             }
         )
     else:
@@ -45,9 +47,50 @@ def doctor(
         for row in rows:
             cells = [text.ljust(width) for text, width in zip(row, widths, strict=False)]
             print_result("  ".join([*cells, row[3]]).rstrip())
+        if solvers:
+            _print_solvers(solvers)
         for finding in findings:
             if finding.advice:
                 print_result(f"{finding.name}: {finding.advice}")
         print_result("everything required is here" if ready else "not ready, see above")
     if not ready:
         raise typer.Exit(ExitCode.USAGE)
+
+
+def _solvers() -> list[dict[str, Any]]:
+    """Every solver of stated programs: what it holds and whether it proves anything."""
+    from climbplan.solvers.registry import BACKENDS
+
+    return [
+        {
+            "name": backend.name,
+            "available": backend.available,
+            "version": backend.version,
+            "holds": sorted(backend.accepts),
+            "proves": backend.proves,
+            "purpose": backend.purpose,
+        }
+        for backend in BACKENDS.values()
+    ]
+
+
+def _print_solvers(solvers: list[dict[str, Any]]) -> None:
+    """A table; all of them also hold rows and a convex quadratic cost."""
+    rows = [("solvers of stated programs", "state", "answers", "holds beside rows", "used for")]
+    for solver in solvers:
+        holds = ", ".join(solver["holds"]) if len(solver["holds"]) < 5 else "everything"
+        rows.append(
+            (
+                solver["name"],
+                "present" if solver["available"] else "missing",
+                "proved" if solver["proves"] else "local",
+                holds or "-",
+                solver["purpose"],
+            )
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    print_result("")
+    for row in rows:
+        cells = [text.ljust(width) for text, width in zip(row, widths, strict=False)]
+        print_result("  ".join([*cells, row[4]]).rstrip())
+    print_result("")

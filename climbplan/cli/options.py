@@ -42,15 +42,18 @@ Jobs = Annotated[
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option("--time-limit", metavar="SECONDS", help="Time limit of the posture planner."),
+    typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one problem."),
 ]
 Method = Annotated[
-    str | None, typer.Option("--method", metavar="NAME", help="Planning method (micp, nlp).")
+    str | None,
+    typer.Option("--method", metavar="NAME", help="Method, as `solver.method` of the spec."),
 ]
 Solver = Annotated[
     list[str] | None,
     typer.Option(
-        "--solver", metavar="NAME", help="Solver of the posture or force problem. Repeatable."
+        "--solver",
+        metavar="NAME",
+        help="Solver that the method uses (plan-climb: of postures or forces, repeatable).",
     ),
 ]
 SaveModel = Annotated[

@@ -89,6 +89,11 @@ def plan_kind(path: Path) -> PlanKind:
     from climbplan.plans.plan_format import plan_format
 
     found = plan_format(path)
+    if found == "climbplan/program":
+        raise PlanFileError(
+            f"{path}: answers of `climbplan solve`, which only `climbplan verify --problem` reads; "
+            "report.json is beside them"
+        )
     if found not in _KINDS:
         known = ", ".join(repr(name) for name in _KINDS)
         raise PlanFileError(f"{path}: holds {found!r}, expected one of {known}")

@@ -15,6 +15,7 @@ from climbplan.errors import ExitCode
 if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
 
 
@@ -54,7 +55,7 @@ def validate(
         raise typer.Exit(ExitCode.USAGE)
 
 
-def _kind_looked_into(loaded: LoadedClimb | LoadedShelf | RobotSpec) -> str:
+def _kind_looked_into(loaded: LoadedClimb | LoadedProgram | LoadedShelf | RobotSpec) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
     Raises:
@@ -62,7 +63,10 @@ def _kind_looked_into(loaded: LoadedClimb | LoadedShelf | RobotSpec) -> str:
     """
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.program_loading import LoadedProgram
 
+    if isinstance(loaded, LoadedProgram):
+        return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities
         from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of

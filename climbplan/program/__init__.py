@@ -6,7 +6,18 @@ solvers read, and `Program.check` judges any candidate, whatever made it.
 
 from climbplan.program.instance import Balls, Choice, Instance
 from climbplan.program.polytope import Polytope
+from climbplan.program.problem import Problem, StatementError
 from climbplan.program.residuals import BlockResidual, CheckReport
 from climbplan.program.statement import Program
 
-__all__ = ["Balls", "BlockResidual", "CheckReport", "Choice", "Instance", "Polytope", "Program"]
+__all__ = [
+    "Balls",
+    "BlockResidual",
+    "CheckReport",
+    "Choice",
+    "Instance",
+    "Polytope",
+    "Problem",
+    "Program",
+    "StatementError",
+]

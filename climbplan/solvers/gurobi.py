@@ -41,7 +41,9 @@ def solve_gurobi(
         model.Params.FeasibilityTol = 1e-8
         if np.isfinite(time_limit):
             model.Params.TimeLimit = time_limit
-        x = model.addMVar(instance.size, lb=form.box.lower, ub=form.box.upper, name="x")
+        kind = np.where(instance.integer, GRB.BINARY, GRB.CONTINUOUS)
+        low, high = form.box.lower, form.box.upper
+        x = model.addMVar(instance.size, lb=low, ub=high, vtype=kind, name="x")
         half = 0.5 * instance.P
         model.setMObjective(half, instance.q, instance.constant, x, x, x, GRB.MINIMIZE)
         for bound, sense in ((instance.row_lower, ">"), (instance.row_upper, "<")):

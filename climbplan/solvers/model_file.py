@@ -1,21 +1,32 @@
-"""Writing an instance to a model file that other solvers read."""
+"""Writing an instance to a model file that other solvers read.
+
+Every form is written whole or refused: SCIP's writer of .nl files leaves out indicator constraints
+without a word, so implications and choices are big-M rows there.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
+from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.registry import require
 
-SUFFIXES = (".lp", ".mps", ".cip")
+SUFFIXES = (".lp", ".mps", ".cip", ".nl")
+_SCIP_CONVEX = frozenset({"balls", "choices"})
+_BY_BIG_M = frozenset({"integers", "choices", "implications"})
 
 
 def save_model(instance: Instance, path: Path) -> None:
-    """Write the mixed-integer form: .lp (CPLEX LP), .mps or .cip (SCIP).
+    """Write the program: .lp (CPLEX LP), .mps, .cip (SCIP) or .nl (AMPL, for nonlinear solvers).
 
-    Variables are x0, x1, ... in order of the instance, in<choice>_<alternative> its binaries.
-    Raises UsageError for another suffix or an unwritable place, MissingSolver without PySCIPOpt.
+    Rows, binaries, implications and choices become a mixed-integer linear or quadratic .lp or .mps
+    by big-M; with products or balls these two hold quadratic rows and indicators. Variables are in
+    the order of the instance; SCIP names them x<i>, products w<k>, the binaries of choices
+    in<choice>_<alternative>. An .nl file has its names beside it (.col, .row). Raises UsageError
+    for another suffix, an unwritable place or a missing bound, MissingSolver without PySCIPOpt.
     """
     if path.suffix not in SUFFIXES:
         raise UsageError(
@@ -24,10 +35,35 @@ def save_model(instance: Instance, path: Path) -> None:
         )
     if not path.parent.is_dir():
         raise UsageError(f"--save-model {path}: {path.parent} is not a directory")
-    require("scip")
-    from climbplan.solvers.scip_model import scip_model
+    features = instance.features
+    if path.suffix == ".nl":
+        _write_by_scip(_bilinear(BigM().apply(instance).instance), path)
+    elif features <= _SCIP_CONVEX:
+        require("scip")
+        from climbplan.solvers.scip_model import scip_model
 
+        _write_by_scip(scip_model(instance).model, path)
+    elif features <= _BY_BIG_M and path.suffix != ".cip":
+        from climbplan.solvers.highs import save_highs_model
+
+        save_highs_model(BigM().apply(instance).instance, path)
+    else:
+        _write_by_scip(_bilinear(instance), path)
+
+
+def _bilinear(instance: Instance) -> Any:
+    require("minlp-scip")
+    from climbplan.solvers.scip_bilinear import bilinear_model
+
+    return bilinear_model(instance).model
+
+
+def _write_by_scip(model: Any, path: Path) -> None:
     try:
-        scip_model(instance).model.writeProblem(str(path), verbose=False)
+        model.writeProblem(str(path), verbose=False)
     except OSError as error:
         raise UsageError(f"--save-model {path}: cannot be written: {error}") from error
+    except KeyError as error:  # an older SCIP without a writer for the format
+        raise UsageError(
+            f"--save-model {path}: this SCIP does not write {path.suffix} files: {error}"
+        ) from error

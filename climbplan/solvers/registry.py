@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class Backend:
     accepts: frozenset[str]  # features of instances (`Instance.features`) it can hold
     unbounded_choices: bool  # alternatives without vertices, variables without bounds
     load: Callable[[], Solve]
+    purpose: str  # what it is used for
+    proves: bool = True  # bounds and infeasibility; a local method has neither
 
     @property
     def available(self) -> bool:
@@ -80,6 +82,45 @@ def _minlp_scip() -> Solve:
     return solve_minlp_scip
 
 
+def _ipopt() -> Solve:
+    from climbplan.solvers.ipopt import solve_ipopt
+
+    return solve_ipopt
+
+
+def _mpcc() -> Solve:
+    from climbplan.solvers.mpcc import solve_mpcc
+
+    return solve_mpcc
+
+
+def _bonmin() -> Solve:
+    from climbplan.solvers.bonmin import solve_bonmin
+
+    return solve_bonmin
+
+
+def _admm() -> Solve:
+    from climbplan.solvers.admm_default import solve_admm_default
+
+    return solve_admm_default
+
+
+def _convex(backend: Literal["daqp", "clarabel", "osqp"]) -> Callable[[], Solve]:
+    def load() -> Solve:
+        from climbplan.solvers.convex import solve_convex
+
+        def solve_once(
+            instance: Instance, gap: float = 1e-4, time_limit: float = np.inf
+        ) -> SolverResult:
+            """One convex program: over before a time limit would matter."""
+            return solve_convex(instance, backend, gap)
+
+        return solve_once
+
+    return load
+
+
 _DISJUNCTIVE = frozenset({"balls", "choices"})
 _EVERYTHING = frozenset({"balls", "choices", "integers", "implications", "products"})
 
@@ -94,6 +135,7 @@ BACKENDS = {
             accepts=_DISJUNCTIVE,
             unbounded_choices=True,
             load=_branch_and_bound,
+            purpose="postures: own tree over regions with DAQP nodes",
         ),
         Backend(
             name="scip",
@@ -103,15 +145,17 @@ BACKENDS = {
             accepts=_DISJUNCTIVE,
             unbounded_choices=False,
             load=_scip,
+            purpose="independent oracle of convex programs with choices",
         ),
         Backend(
             name="gurobi",
             module="gurobipy",
             distribution="gurobipy",
             install="pip install 'climbplan[gurobi]'",
-            accepts=_DISJUNCTIVE,
+            accepts=_DISJUNCTIVE | {"integers"},
             unbounded_choices=False,
             load=_gurobi,
+            purpose="optional, of convex programs with choices or binaries, micp and admm",
         ),
         Backend(
             name="highs",
@@ -121,6 +165,7 @@ BACKENDS = {
             accepts=frozenset({"balls", "integers"}),
             unbounded_choices=False,
             load=_highs,
+            purpose="micp and admm; quadratic costs by outer approximation",
         ),
         Backend(
             name="minlp-scip",
@@ -130,6 +175,81 @@ BACKENDS = {
             accepts=_EVERYTHING,
             unbounded_choices=False,
             load=_minlp_scip,
+            purpose="whole statements, products branched on in space; fallback of knn",
+        ),
+        Backend(
+            name="mpcc",
+            module="casadi",
+            distribution="casadi",
+            install="pip install casadi",
+            accepts=_EVERYTHING,
+            unbounded_choices=True,
+            load=_mpcc,
+            purpose="whole statements by complementarity and IPOPT, fast",
+            proves=False,
+        ),
+        Backend(
+            name="admm",
+            module="casadi",
+            distribution="casadi",
+            install="pip install casadi",
+            accepts=_EVERYTHING,
+            unbounded_choices=False,
+            load=_admm,
+            purpose="whole statements between HiGHS and IPOPT",
+            proves=False,
+        ),
+        Backend(
+            name="bonmin",
+            module="casadi",
+            distribution="casadi",
+            install="pip install casadi",
+            accepts=_EVERYTHING,
+            unbounded_choices=False,
+            load=_bonmin,
+            purpose="whole statements by nonlinear branch and bound: a baseline",
+            proves=False,
+        ),
+        Backend(
+            name="ipopt",
+            module="casadi",
+            distribution="casadi",
+            install="pip install casadi",
+            accepts=frozenset({"balls", "products"}),
+            unbounded_choices=True,
+            load=_ipopt,
+            purpose="what is left when integers are pinned, products included",
+            proves=False,
+        ),
+        Backend(
+            name="clarabel",
+            module="clarabel",
+            distribution="clarabel",
+            install="pip install clarabel",
+            accepts=frozenset({"balls"}),
+            unbounded_choices=True,
+            load=_convex("clarabel"),
+            purpose="convex programs with exact cones, pinned programs",
+        ),
+        Backend(
+            name="daqp",
+            module="daqp",
+            distribution="daqp",
+            install="pip install daqp",
+            accepts=frozenset(),
+            unbounded_choices=True,
+            load=_convex("daqp"),
+            purpose="small dense quadratic programs, re-solved warm",
+        ),
+        Backend(
+            name="osqp",
+            module="osqp",
+            distribution="osqp",
+            install="pip install osqp",
+            accepts=frozenset(),
+            unbounded_choices=True,
+            load=_convex("osqp"),
+            purpose="quadratic programs, the published choice",
         ),
     )
 }

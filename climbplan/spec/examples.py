@@ -10,8 +10,14 @@ from climbplan.errors import UsageError
 from climbplan.spec.fields import nearest
 
 # What `climbplan new KIND` writes; the most telling example of each kind.
-FIRST_EXAMPLE = {"climb": "climb_obstacle", "bookshelf": "bookshelf_scene", "robot": "silvia"}
-_DATA = {"bookshelf_file": ("bookshelf_scenes.h5",)}  # files that an example reads
+FIRST_EXAMPLE = {
+    "climb": "climb_obstacle",
+    "bookshelf": "bookshelf_scene",
+    "program": "cart_pole",
+    "robot": "silvia",
+}
+# Files that an example reads, or that state its problem
+_DATA = {"bookshelf_file": ("bookshelf_scenes.h5",), "cart_pole": ("cart_pole.py",)}
 
 
 def example_names(kind: str) -> list[str]:

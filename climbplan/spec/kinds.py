@@ -12,12 +12,14 @@ from climbplan.spec.bookshelf import BookshelfSpec
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
+from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.wording import findings_of, shown
 
 KINDS: dict[str, type[SpecModel]] = {
     "climb": ClimbSpec,
     "bookshelf": BookshelfSpec,
+    "program": ProgramSpec,
     "robot": RobotSpec,
 }
 

@@ -18,6 +18,7 @@ from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.program_loading import LoadedProgram, program_of
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.robot_source import UnknownRobot, load_robot, robot_of
 from climbplan.spec.source import SourceText, read_source
@@ -64,7 +65,7 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedShelf | RobotSpec:
+) -> LoadedClimb | LoadedProgram | LoadedShelf | RobotSpec:
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -77,6 +78,8 @@ def load_spec(
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
     if kind == "robot":
         return robot_of(document)
+    if kind == "program":
+        return program_of(document, text)
     return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)
 
 

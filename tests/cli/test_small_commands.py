@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 import types
 from importlib import metadata
@@ -86,7 +87,8 @@ def test_other_examples(run_command: RunCommand, workplace: Path) -> None:
 def test_schema(run_command: RunCommand) -> None:
     assert json.loads(run_command("schema", "climb").out)["$id"] == "urn:climbplan:spec:climb"
     assert json.loads(run_command("schema", "robot").out)["$id"] == "urn:climbplan:spec:robot"
-    assert set(json.loads(run_command("schema").out)["$defs"]) == {"climb", "bookshelf", "robot"}
+    kinds = {"climb", "bookshelf", "program", "robot"}
+    assert set(json.loads(run_command("schema").out)["$defs"]) == kinds
 
 
 def test_doctor_here(run_command: RunCommand) -> None:
@@ -267,3 +269,12 @@ def test_export(run_command: RunCommand, plan_directory: Path, workplace: Path) 
     assert run_command("export", "outputs", "-o", "x.csv").out == "x.csv\n"
     for target in ("no/x.csv", "outputs"):
         assert run_command("export", "outputs", "-o", target, "--force").code == 2
+
+
+def test_doctor_says_what_each_solver_of_programs_holds(run_command: RunCommand) -> None:
+    listed = {s["name"]: s for s in json.loads(run_command("doctor", "--json").out)["solvers"]}
+    assert listed["ipopt"]["holds"] == ["balls", "products"]
+    assert listed["mpcc"]["proves"] is False
+    assert "implications" in listed["minlp-scip"]["holds"]
+    assert all(solver["purpose"] for solver in listed.values())
+    assert re.search(r"^bonmin +present +local +everything", run_command("doctor").out, re.M)

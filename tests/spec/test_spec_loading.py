@@ -137,7 +137,12 @@ def test_one_mistake_does_not_hide_another(tmp_path: Path, small_climb: str) -> 
         ("robot: silvia", "robot: silvia.urdf", 4, "path of a robot YAML file"),
         ("kind: climb", "kind: clim", 2, "did you mean 'climb'?"),
         ("kind: climb", "kind: robot", 2, "expected a spec of kind `climb`, got a `robot`"),
-        ("kind: climb", "kind: [climb]", 2, "expected one of `climb`, `bookshelf`, `robot`"),
+        (
+            "kind: climb",
+            "kind: [climb]",
+            2,
+            "`bookshelf`, `program`, `robot`",
+        ),
         ("kind: climb\n", "", 2, "kind: missing, expected `kind: climb`"),
         ("name: ledge", "name: left", 12, "names must differ, 'left' is also a wall"),
         ("along: [-1.0, 1.0]", "along: [1.0, 1.0]", 9, "from < to"),

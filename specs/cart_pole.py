@@ -2,7 +2,10 @@
 
 The cart may push its pole's tip against a wall and take the force. One binary a wall and step
 says whether the tip is in contact; the horizon is 10 steps. Dynamics are linear about upright,
-as in arXiv 2310.03344 and 2406.00780. Everything below is stated with `climbplan.program` only.
+as in arXiv 2310.03344 and 2406.00780. Everything below is stated with `climbplan.program` only, and
+every method of `climbplan solve` takes it from there:
+
+    climbplan solve specs/cart_pole.yaml --problem specs/cart_pole.py:problem
 
 States (x, theta, v, omega): cart position to the right [m], pole angle to the left [rad], rates.
 """
@@ -13,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from climbplan.program import Program
+from climbplan.program import Problem, Program
 
 Array = NDArray[np.float64]
 
@@ -96,3 +99,21 @@ def random_theta(rng: np.random.Generator) -> dict[str, Array]:
     theta, v = rng.uniform(-0.3, 0.3), rng.uniform(-0.5, 0.5)
     x = np.clip(tip + LENGTH * theta, -0.9 * REACH, 0.9 * REACH)
     return {"start": np.array([x, theta, v, (v - tip_rate) / LENGTH]), "walls": walls}
+
+
+def contact_features(theta: dict[str, Array]) -> Array:
+    """What decides when the tip is in a wall: its distances, its rate, and how the pole falls."""
+    x, angle, v, rate = theta["start"]
+    tip = x - LENGTH * angle
+    return np.array([*(tip * SIDE - theta["walls"]), v - LENGTH * rate, angle])
+
+
+def problem() -> Problem:
+    """Walls that damp: a mixed-integer bilinear program."""
+    program = cart_pole(damping=0.1)
+    return Problem("cart_pole", program, random_theta, contact_features, {"tip": 4})
+
+
+def springs() -> Problem:
+    """Walls without damping: a mixed-integer quadratic program."""
+    return Problem("cart_pole_springs", cart_pole(), random_theta, contact_features)

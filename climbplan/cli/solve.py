@@ -1,0 +1,192 @@
+"""`climbplan solve`: a problem of one's own, by any method."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.options import (
+    Force,
+    Json,
+    Method,
+    Out,
+    Quiet,
+    SaveModel,
+    Seed,
+    Set,
+    Solver,
+    Spec,
+    TimeLimit,
+    Verbose,
+)
+from climbplan.cli.plan_path import PLAN_FILE
+from climbplan.cli.solve_problem import ProblemName, explained, load_problem
+from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
+
+if TYPE_CHECKING:
+    from climbplan.learning.program_run import SolvedRows
+    from climbplan.plans.program_plan import ProgramPlan
+    from climbplan.plans.verification import Verification
+    from climbplan.program.problem import Problem
+    from climbplan.spec.overrides import Override
+    from climbplan.spec.program_loading import LoadedProgram
+
+
+def solve(
+    context: typer.Context,
+    spec: Spec,
+    problem: ProblemName = None,
+    out: Out = None,
+    assignments: Set = None,
+    seed: Seed = None,
+    time_limit: TimeLimit = None,
+    method: Method = None,
+    solver: Solver = None,
+    save_model: SaveModel = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Solve a problem of your own, stated in Python, by any method.
+
+    SPEC (kind: program) has the parameters and the method, --problem names the statement. Prints
+    the path of the plan file. Exit code 3 if the problem is proved infeasible, 4 if a limit was
+    reached without an answer, 5 if an answer fails the statement's exact check. Of several rows one
+    answer is enough for a plan; those without one are counted in a warning.
+    """
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+    from climbplan.spec.program_loading import load_program
+
+    session = context.ensure_object(Session)
+    loaded = load_program(spec, _overrides(assignments, seed, time_limit, method, solver))
+    if problem is None:
+        named = f"; the spec is written for {loaded.spec.problem}" if loaded.spec.problem else ""
+        raise UsageError(
+            f"a spec alone imports no code: name the statement with --problem MODULE:OBJECT{named}"
+        )
+    with explained(session):
+        stated = load_problem(problem)
+        _compare(loaded, problem, stated)
+        if save_model is not None:
+            _save(stated, loaded, save_model)
+        target = out if out is not None else Path("outputs", loaded.name)
+        with OutputDirectory(target, force=force) as directory:
+            from climbplan.learning.program_run import run
+            from climbplan.plans.program_file import marked, write_program
+            from climbplan.plans.program_verification import verify_program
+            from climbplan.reports.program_report import report_dict, write_report
+
+            with StageProgress(session) as progress:
+                done = run(stated, loaded, progress.report)
+            _refuse_nothing(stated, done)
+            begin = time.perf_counter()
+            verification = verify_program(done.plan, stated)
+            spent = time.perf_counter() - begin
+            plan = marked(done.plan, verification.passed)
+            for line in _summary(plan, verification, spent):
+                session.note(line)
+            write_program(plan, directory.path / PLAN_FILE)
+            report = report_dict(plan, verification)
+            write_report(report, directory.path)
+            directory.publish()
+    missing = plan.count - int(plan.found.sum())
+    if missing:
+        warn(f"{missing} of {plan.count} rows have no answer")
+    if as_json:
+        print_json(report)
+    else:
+        print_result(str(target / PLAN_FILE))
+    if not verification.passed:
+        raise typer.Exit(ExitCode.UNVERIFIED)
+
+
+def _overrides(
+    assignments: list[str] | None,
+    seed: int | None,
+    time_limit: float | None,
+    method: str | None,
+    solvers: list[str] | None,
+) -> list[str | Override]:
+    """`--set` and the options that stand for a key, the latter last and so the stronger."""
+    from climbplan.spec.overrides import Override
+
+    if solvers and len(solvers) > 1:
+        raise UsageError("--solver: one solver expected, methods here use one")
+    given: list[str | Override] = list(assignments or ())
+    for key, option, value in (
+        ("seed", "--seed", seed),
+        ("solver.time_limit", "--time-limit", time_limit),
+        ("solver.method", "--method", method),
+        ("solver.solver", "--solver", solvers[0] if solvers else None),
+    ):
+        if value is not None:
+            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
+            given.append(Override(key, text, f"{option} {value}"))
+    return given
+
+
+def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:
+    """The spec's own name of the problem is only looked at, never followed."""
+    meant = loaded.spec.problem
+    if meant is None or meant in (name, problem.name):
+        return
+    if Path(meant).name != Path(name).name:  # the same file from another directory
+        warn(f"the spec is written for problem {meant!r}, --problem is {name!r}")
+
+
+def _save(problem: Problem, loaded: LoadedProgram, path: Path) -> None:
+    """The first row's program, for other solvers."""
+    from climbplan.learning.program_run import thetas_of
+    from climbplan.solvers.model_file import save_model
+
+    save_model(problem.instance(thetas_of(problem, loaded)[0]), path)
+
+
+def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:
+    """Without any answer there is no plan to write.
+
+    Raises:
+        Infeasible: every row is proved infeasible.
+        LimitReached: a limit was hit first.
+    """
+    plan = done.plan
+    if plan.found.any():
+        return
+    what = f"problem {problem.name!r}" + (f", all {plan.count} rows" if plan.count > 1 else "")
+    last = done.rows[0].result
+    if plan.overall == "infeasible":
+        from climbplan.learning.conflicts import conflicting_blocks
+
+        theta = problem.split(plan.parameters[0])
+        conflicts = conflicting_blocks(problem, theta)
+        raise Infeasible(f"{what}: proved infeasible by {last.solver}", conflicts)
+    log = f" ({last.log[-1]})" if last.log else ""
+    raise LimitReached(f"{what}: no answer by method {done.rows[0].method!r}{log}")
+
+
+def _summary(plan: ProgramPlan, verification: Verification, seconds: float) -> list[str]:
+    """The lines of a run, in the columns that all commands use."""
+    size = plan.sizes
+    head = (
+        f"{plan.problem}   {plan.count} row{'s' if plan.count > 1 else ''}, "
+        f"{size['continuous']} continuous, {size['binary']} binary, {size['products']} products"
+    )
+    method = plan.method[0]
+    if plan.count == 1:
+        bound = f", bound {plan.bound[0]:.6g}" if plan.total_bound is not None else ""
+        figures = f"cost {plan.objective[0]:.6g}{bound}, {plan.winner[0]}"
+    else:
+        answered = int(plan.found.sum())
+        figures = f"{answered} of {plan.count} answered, {1e3 * plan.time.mean():.1f} ms a row"
+    word = "passed" if verification.passed else "FAILED"
+    return [
+        head,
+        f"{method:<9} {plan.overall:<9} {plan.timings['solve']:.2f} s   {figures}",
+        f"{'verify':<9} {word:<9} {seconds:.2f} s   {verification.headline()}",
+    ]

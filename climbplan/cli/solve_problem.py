@@ -1,0 +1,158 @@
+"""The problem that `--problem` names: the one place where a user's code is imported."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from climbplan.cli.console import Session
+from climbplan.errors import UsageError
+
+if TYPE_CHECKING:
+    from climbplan.program.problem import Problem
+
+GROUP = "climbplan.problems"
+
+ProblemName = Annotated[
+    str | None,
+    typer.Option(
+        "--problem",
+        metavar="MODULE:OBJECT",
+        help="The problem's statement: MODULE:OBJECT, FILE.py:OBJECT, or the name of an installed "
+        f"entry point of the group {GROUP}. This code is run.",
+    ),
+]
+
+
+def load_problem(name: str) -> Problem:
+    """Import what a name stands for; the current directory is looked in like `python -m` does.
+
+    Raises:
+        UsageError: there is no such module, object or entry point, or it is no problem.
+        StatementError: the statement raised an exception, which is its cause.
+    """
+    place, colon, attribute = name.rpartition(":")
+    if not colon:
+        return _as_problem(name, _entry_point(name))
+    if not place or not attribute:
+        raise UsageError(f"--problem {name}: expected MODULE:OBJECT, FILE.py:OBJECT or a name")
+    module = _file(name, Path(place)) if place.endswith(".py") else _module(name, place)
+    found: Any = module
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            raise UsageError(f"--problem {name}: {place} has no {attribute!r}{_offers(module)}")
+        found = vars(found)[part] if part in vars(found) else found.__getattribute__(part)
+    return _as_problem(name, found)
+
+
+@contextmanager
+def explained(session: Session) -> Iterator[None]:
+    """With `--verbose`, print the traceback of an exception that a statement raised."""
+    from climbplan.program.problem import StatementError
+
+    try:
+        yield
+    except StatementError as error:
+        if session.verbose and error.__cause__ is not None:
+            traceback.print_exception(error.__cause__)
+        raise
+
+
+@contextmanager
+def _own_code(name: str, doing: str) -> Iterator[None]:
+    """Code of the user's: whatever it raises is the statement's fault, not a bug of ours."""
+    from climbplan.program.problem import StatementError
+
+    try:
+        yield
+    except UsageError as error:
+        raise StatementError(f"--problem {name}: {error}") from (error.__cause__ or error)
+    except (Exception, SystemExit) as error:
+        raise StatementError(
+            f"--problem {name}: {doing} raised {type(error).__name__}: {error}"
+        ) from error
+
+
+def _module(name: str, place: str) -> ModuleType:
+    _look_in(Path.cwd())
+    try:
+        known = importlib.util.find_spec(place) is not None
+    except (ModuleNotFoundError, ValueError, ImportError):
+        known = False  # a parent package is missing, or the name is no module's
+    if not known:
+        raise UsageError(
+            f"--problem {name}: no module {place!r} on the path or in the current directory"
+        )
+    with _own_code(name, f"importing {place}"):
+        return importlib.import_module(place)
+
+
+def _file(name: str, path: Path) -> ModuleType:
+    if not path.is_file():
+        raise UsageError(f"--problem {name}: no such file {str(path)!r}")
+    # Under a name of its own: a file called like an installed module must not take its place.
+    own = f"climbplan_problem_{abs(hash(path.resolve())):x}"
+    spec = importlib.util.spec_from_file_location(own, path.resolve())
+    if spec is None or spec.loader is None:
+        raise UsageError(f"--problem {name}: {str(path)!r} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[own] = module  # dataclasses of the statement look themselves up
+    _look_in(path.resolve().parent)  # what stands beside it can be imported, as when it is run
+    with _own_code(name, f"importing {path}"):
+        spec.loader.exec_module(module)
+    return module
+
+
+def _look_in(directory: Path) -> None:
+    if os.fspath(directory) not in sys.path:
+        sys.path.append(os.fspath(directory))
+
+
+def _entry_point(name: str) -> Any:
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in points:
+        installed = f"installed are {', '.join(sorted(points))}" if points else "none is installed"
+        raise UsageError(
+            f"--problem {name}: no entry point of that name in the group {GROUP} ({installed}); "
+            "a statement in a file is named FILE.py:OBJECT"
+        )
+    with _own_code(name, f"importing {points[name].value}"):
+        return points[name].load()
+
+
+def _as_problem(name: str, found: Any) -> Problem:
+    from climbplan.program.problem import Problem
+
+    if not isinstance(found, Problem) and callable(found):
+        with _own_code(name, "the statement"):
+            found = found()
+    if not isinstance(found, Problem):
+        raise UsageError(
+            f"--problem {name}: expected a climbplan.program.Problem or a function without "
+            f"arguments that returns one, got {type(found).__name__}"
+        )
+    return found
+
+
+def _offers(module: ModuleType) -> str:
+    """The problems and functions that a module does have."""
+    from climbplan.program.problem import Problem
+
+    own = [
+        key
+        for key, value in vars(module).items()
+        if isinstance(value, Problem)
+        or (callable(value) and value.__module__ == module.__name__ and not key.startswith("_"))
+    ]
+    return f" (it has {', '.join(own)})" if own else ""

@@ -1,0 +1,161 @@
+"""Solving the instances that a program spec asks for, into one plan."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.learning.envelope_rounds import EnvelopeOptions
+from climbplan.learning.library import Frame, Library
+from climbplan.learning.methods import MethodResult, MethodSettings, solve_instance
+from climbplan.plans.program_file import read_program
+from climbplan.plans.program_plan import Layouts, ProgramPlan
+from climbplan.program.polytope import Array
+from climbplan.program.problem import Problem, StatementError, Theta
+from climbplan.spec.program import ProgramSolverSpec
+from climbplan.spec.program_loading import LoadedProgram
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class SolvedRows:
+    """The plan and each row's result, in order."""
+
+    plan: ProgramPlan
+    rows: tuple[MethodResult, ...]
+
+
+def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array], ...]:
+    """The parameters that a spec asks for, drawn or written out.
+
+    Raises SpecError for written ones that do not fit, StatementError for what the sampler does.
+    """
+    spec = loaded.spec
+    if spec.sample is not None:
+        rng = np.random.default_rng(spec.seed)
+        return tuple(problem.drawn(rng) for _ in range(spec.sample.count))
+    thetas, mistakes = [], []
+    for k, given in enumerate(spec.thetas):
+        try:
+            thetas.append(problem.numbers({name: np.array(v) for name, v in given.items()}))
+        except StatementError:
+            raise
+        except (UsageError, ValueError) as error:  # ValueError: ragged lists
+            place = f"theta.{k}" if isinstance(spec.theta, list) else "theta"
+            mistakes.append(SpecMistake(place, str(error)))
+    if mistakes:
+        raise loaded.placed(SpecError(loaded.source, mistakes))
+    return tuple(thetas)
+
+
+def library_of(problem: Problem, path: Path) -> Library:
+    """The answered rows of an earlier plan of the same problem.
+
+    Raises PlanFileError for another file, UsageError for another problem's or an empty one.
+    """
+    plan = read_program(path)
+    if not plan.layouts.same_columns(Layouts.of(problem.program)):
+        raise UsageError(
+            f"{path}: made for problem {plan.problem!r}, which has other variables or parameters "
+            f"than {problem.name!r}"
+        )
+    found = np.flatnonzero(plan.found)
+    if not len(found):
+        raise UsageError(f"{path}: none of its {plan.count} rows has an answer")
+    # The features are computed anew, so that a statement may change them after the run.
+    features = [problem.feature_vector(problem.split(plan.parameters[row])) for row in found]
+    frame = Frame.of(problem.program)
+    return Library.of(
+        frame, np.array(features), plan.x[found], plan.objective[found], plan.assignment[found]
+    )
+
+
+def settings_of(solver: ProgramSolverSpec, library: Library | None) -> MethodSettings:
+    """A method's settings as a spec has them."""
+    shape = solver.envelopes
+    return MethodSettings(
+        solver=solver.solver,
+        gap=solver.gap,
+        time_limit=solver.time_limit,
+        tolerance=solver.tolerance,
+        start=solver.start,
+        neighbours=solver.neighbours,
+        fallback=None if solver.fallback == "none" else solver.fallback,
+        library=library,
+        envelopes=EnvelopeOptions(
+            pieces=shape.pieces,
+            rounds=shape.rounds,
+            disjunctions=shape.disjunctions,
+            encoding=shape.encoding,
+        ),
+    )
+
+
+def run(problem: Problem, loaded: LoadedProgram, report: Report | None = None) -> SolvedRows:
+    """Solve every instance of a spec; rows without an answer are kept as such.
+
+    Raises as `thetas_of`, `library_of` and `solve_instance` do.
+    """
+    solver = loaded.spec.solver
+    thetas = thetas_of(problem, loaded)
+    library = None if loaded.library is None else library_of(problem, loaded.library)
+    settings = settings_of(solver, library)
+    results = []
+    for k, theta in enumerate(thetas):
+        if report is not None:
+            report("solve", k / len(thetas))
+        results.append(solve_instance(problem, theta, solver.method, settings))
+    return SolvedRows(_plan(problem, loaded, thetas, results), tuple(results))
+
+
+def _plan(
+    problem: Problem,
+    loaded: LoadedProgram,
+    thetas: Sequence[Theta],
+    results: Sequence[MethodResult],
+) -> ProgramPlan:
+    answers = [r.result for r in results]
+    size, choices = len(answers), _choice_count(problem)
+    width = int(sum(v.lower.size for v in problem.program.variables.values()))
+    x = np.full((size, width), np.nan)
+    assignment = np.full((size, choices), -1, np.int64)
+    for k, answer in enumerate(answers):
+        if answer.x is not None and answer.assignment is not None:
+            x[k], assignment[k] = answer.x, answer.assignment
+    times = np.array([r.time for r in results])
+    counts = problem.program.counts()
+    return ProgramPlan(
+        problem=problem.name,
+        layouts=Layouts.of(problem.program),
+        parameters=np.array([problem.program.theta(theta) for theta in thetas]),
+        features=np.array([problem.feature_vector(theta) for theta in thetas]),
+        x=x,
+        assignment=assignment,
+        found=np.array([answer.x is not None for answer in answers]),
+        status=tuple(answer.status for answer in answers),
+        objective=np.array([np.nan if a.objective is None else a.objective for a in answers]),
+        bound=np.array([answer.bound for answer in answers]),
+        gap=np.array([np.nan if answer.gap is None else answer.gap for answer in answers]),
+        time=times,
+        method=tuple(r.method for r in results),
+        winner=tuple(r.winner for r in results),
+        tried=np.array([r.tried for r in results], np.int64),
+        name=loaded.name,
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        seed=loaded.spec.seed,
+        tolerance=loaded.spec.solver.tolerance,
+        timings={"solve": float(times.sum()), "worst_row": float(times.max())},
+        solvers=dict(Counter(answer.solver for answer in answers)),
+        sizes={key: value for key, value in counts.items() if key != "by_block"},
+    )
+
+
+def _choice_count(problem: Problem) -> int:
+    return int(problem.program.counts()["choices"])

@@ -1,0 +1,179 @@
+"""Every method on small problems: answers pass the exact check, and are as good as they should."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from own_problems import enumerated, impossible, islands_problem
+
+from climbplan.errors import UsageError
+from climbplan.learning.conflicts import conflicting_blocks
+from climbplan.learning.envelope_rounds import EnvelopeOptions
+from climbplan.learning.library import Frame, Library
+from climbplan.learning.methods import METHODS, Method, MethodSettings, solve_instance
+from climbplan.learning.pinning import PinnedSolver, at_point, solve_candidate
+from climbplan.program import Problem, Program
+
+SEEDS = range(5)
+GLOBAL = ("minlp-scip", "micp")
+QUICK: dict[str, MethodSettings] = {"minlp-bonmin": MethodSettings(time_limit=20.0)}
+
+
+def library(problem: Problem, count: int = 16) -> Library:
+    rng = np.random.default_rng(99)
+    thetas = [problem.drawn(rng) for _ in range(count)]
+    results = [solve_instance(problem, theta, "mpcc").result for theta in thetas]
+    kept = [(t, r) for t, r in zip(thetas, results, strict=True) if r.x is not None]
+    return Library.of(
+        Frame.of(problem.program),
+        np.array([problem.feature_vector(theta) for theta, _ in kept]),
+        np.array([r.x for _, r in kept]),
+        np.array([r.objective for _, r in kept]),
+        np.array([r.assignment for _, r in kept]),
+    )
+
+
+@pytest.mark.parametrize("bilinear", [True, False])
+@pytest.mark.parametrize("method", METHODS)
+def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
+    problem = islands_problem(bilinear)
+    settings = replace(QUICK.get(method, MethodSettings()), library=library(problem))
+    near = 0
+    seeds = SEEDS if method != "minlp-bonmin" else range(1)
+    for seed in seeds:
+        theta = problem.drawn(np.random.default_rng(seed))
+        best = enumerated(problem.instance(theta))
+        answer = solve_instance(problem, theta, method, settings)
+        result = answer.result
+        assert answer.method == method
+        assert result.x is not None
+        assert answer.winner
+        check = problem.program.check(result.x, theta, result.assignment)
+        assert check.passed(settings.tolerance)
+        assert result.objective == pytest.approx(check.objective)
+        assert result.objective >= best - 1e-5
+        assert result.bound <= best + 1e-5
+        near += result.objective <= best + 1e-3
+    assert near == len(seeds) if method in GLOBAL else near >= 1
+
+
+def test_micp_proves_and_closes_its_gap() -> None:
+    problem = islands_problem(partitions={"sail": 4})
+    theta = problem.drawn(np.random.default_rng(1))
+    result = solve_instance(problem, theta, "micp", MethodSettings(gap=0.05)).result
+    assert result.status == "optimal"
+    assert result.gap is not None
+    assert result.gap <= 0.05
+
+
+@pytest.mark.parametrize("method", ["minlp-scip", "micp"])
+def test_infeasible_is_proved(method: Method) -> None:
+    result = solve_instance(impossible(), {}, method).result
+    assert (result.status, result.x) == ("infeasible", None)
+
+
+def test_local_methods_claim_nothing() -> None:
+    result = solve_instance(impossible(), {}, "mpcc").result
+    assert result.status == "limit"
+
+
+def test_conflicts_name_the_blocks_that_matter() -> None:
+    (conflict,) = conflicting_blocks(impossible(), {})
+    assert conflict.constraints == ("far", "near")
+    assert conflicting_blocks(islands_problem(), {"goal": [0.0, 0.0]}) == []
+
+
+def test_mpcc_starts() -> None:
+    problem = islands_problem(start=lambda theta: {"x": theta["goal"], "is_set": [0.0]})
+    theta = {"goal": np.array([1.0, 0.5])}
+    manual = solve_instance(problem, theta, "mpcc")
+    assert manual.winner.startswith("start manual")
+    zero = solve_instance(problem, theta, "mpcc", MethodSettings(start="zero"))
+    assert zero.winner.startswith("start zero")
+    near = MethodSettings(start="knn", library=library(problem), neighbours=2)
+    assert solve_instance(problem, theta, "mpcc", near).winner.startswith("neighbour")
+    with pytest.raises(UsageError, match="states no `start`"):
+        solve_instance(islands_problem(), theta, "mpcc", MethodSettings(start="manual"))
+
+
+def two_ways() -> Program:
+    """Feasible with the binary at 0 alone."""
+    p = Program("two")
+    least = p.parameter("least", (1,))
+    x, z = p.continuous("x", (1,), 0.0, 2.0), p.binary("z", (1,))
+    p.between("enough", x - least, 0.0, 2.0)
+    p.when("closed", z, x, upper=-0.5)
+    p.minimise("cost", x[0] ** 2)
+    return p
+
+
+def test_pinned_keeps_the_integers_it_is_given() -> None:
+    problem = islands_problem()
+    theta = {"goal": np.array([1.0, 0.5])}
+    west, east = (at_point(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
+    only = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west]))
+    assert only.result.x is not None
+    assert only.result.x[0] <= -0.5 + 1e-6
+    both = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west, east]))
+    assert (both.winner, both.tried) == ("candidate 2", 2)
+    again = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west, west]))
+    assert again.tried == 1
+
+
+def test_knn_falls_back_only_where_no_candidate_holds() -> None:
+    problem = Problem("two", two_ways())
+    frame = Frame.of(problem.program)
+    bad = Library.of(frame, np.zeros((1, 1)), np.array([[1.0, 1.0]]), np.zeros(1))
+    theta = {"least": np.array([0.5])}
+    answer = solve_instance(problem, theta, "knn", MethodSettings(library=bad))
+    assert answer.winner == "fallback minlp-scip"
+    assert answer.result.x is not None
+    alone = solve_instance(problem, theta, "knn", MethodSettings(library=bad, fallback=None))
+    assert alone.result.status == "limit"
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "sqp"])
+def test_pinned_solvers_agree(solver: PinnedSolver) -> None:
+    problem = islands_problem()
+    instance = problem.instance({"goal": np.array([1.5, 0.2])})
+    candidate = at_point(np.array([1.0, 0.3, 0.6, 1.0]), np.array([1]))
+    result = solve_candidate(instance, candidate, solver)
+    other = solve_candidate(instance, candidate, "ipopt")
+    assert result.objective == pytest.approx(other.objective, abs=1e-5)
+    with pytest.raises(UsageError, match="use ipopt or sqp"):
+        solve_candidate(instance, candidate, "daqp")
+
+
+def test_what_cannot_be_asked_for() -> None:
+    problem, theta = islands_problem(), {"goal": np.zeros(2)}
+    with pytest.raises(UsageError, match="unknown method 'magic'"):
+        solve_instance(problem, theta, "magic")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="needs solved problems"):
+        solve_instance(problem, theta, "knn")
+    with pytest.raises(UsageError, match="needs integers to keep"):
+        solve_instance(problem, theta, "pinned")
+    with pytest.raises(UsageError, match="expected one of highs, scip, gurobi"):
+        solve_instance(problem, theta, "micp", MethodSettings(solver="daqp"))
+    frame = Frame.of(two_ways())
+    other = Library.of(frame, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1))
+    with pytest.raises(UsageError, match="does not serve"):
+        solve_instance(problem, theta, "knn", MethodSettings(library=other))
+
+
+def test_a_factor_without_bounds_is_named() -> None:
+    p = Program("open")
+    x = p.continuous("speed", (2,))
+    p.between("power", x[:1] * x[1:], 1.0, 2.0)
+    p.minimise("cost", np.sum(x**2))
+    with pytest.raises(UsageError, match=r"speed\[0\] is a factor of a product"):
+        solve_instance(Problem("open", p), {}, "micp")
+    knots = Problem("open", p, partitions={"speed": [-2.0, 0.0, 1.0, 2.0]})
+    once = MethodSettings(envelopes=EnvelopeOptions(rounds=1))
+    answer = solve_instance(knots, {}, "micp", once).result
+    assert answer.objective == pytest.approx(2.0, abs=1e-4)
+    assert answer.bound == -np.inf  # the knots vouch for nothing outside them
+    # Within the incumbent's cost nothing lies outside.
+    again = solve_instance(knots, {}, "micp").result
+    assert again.bound == pytest.approx(2.0, abs=1e-3)

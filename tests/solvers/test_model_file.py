@@ -1,0 +1,79 @@
+"""Model files of stated programs: read back by SCIP, they have the same optimum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pyscipopt
+import pytest
+
+from climbplan.errors import UsageError
+from climbplan.program import Instance, Polytope, Program
+from climbplan.solvers.model_file import save_model
+from climbplan.solvers.scip_bilinear import solve_minlp_scip
+
+
+def switched(bilinear: bool, choice: bool = False) -> Instance:
+    """Without its implications the optimum would be 0, with them it is not."""
+    p = Program("switched")
+    x, z = p.continuous("x", (2,), -2.0, 2.0), p.binary("z", (2,))
+    p.exactly_one("one", z)
+    p.when("first", z[0], x[0], lower=1.0)
+    p.when("second", z[1], x[1], lower=1.5)
+    if bilinear:
+        p.between("product", x[0] * x[1], 0.5, 1.0)
+    if choice:
+        low = Polytope.halfspaces("low", np.array([[1.0]]), np.array([-0.5]))
+        high = Polytope.halfspaces("high", np.array([[-1.0]]), np.array([-0.7]))
+        p.one_of("side", x[1:], [[low, high]])
+    p.minimise("cost", np.sum(x**2) + 0.1 * x[0])
+    return p.at()
+
+
+def optimum(path: Path) -> float:
+    model: Any = pyscipopt.Model()
+    model.hideOutput()
+    model.readProblem(str(path))
+    model.optimize()
+    assert model.getStatus() == "optimal"
+    return float(model.getObjVal())
+
+
+@pytest.mark.parametrize("suffix", [".lp", ".mps", ".cip", ".nl"])
+@pytest.mark.parametrize(("bilinear", "choice"), [(False, False), (True, False), (True, True)])
+def test_read_back(tmp_path: Path, suffix: str, bilinear: bool, choice: bool) -> None:
+    instance = switched(bilinear, choice)
+    exact = solve_minlp_scip(instance, gap=1e-7)
+    assert exact.objective is not None
+    assert exact.objective > 0.5
+    path = tmp_path / f"model{suffix}"
+    save_model(instance, path)
+    assert optimum(path) == pytest.approx(exact.objective, abs=1e-4)
+
+
+def test_a_plain_form_needs_no_extension_of_the_format(tmp_path: Path) -> None:
+    """Big-M rows: any mixed-integer quadratic solver reads the file."""
+    save_model(switched(bilinear=False), tmp_path / "model.lp")
+    assert "->" not in (tmp_path / "model.lp").read_text()
+
+
+def test_casadi_reads_the_nl_file(tmp_path: Path) -> None:
+    save_model(switched(bilinear=True), tmp_path / "model.nl")
+    builder = ca.NlpBuilder()
+    builder.import_nl(str(tmp_path / "model.nl"))
+    assert len(builder.x) >= 4
+    assert (tmp_path / "model.col").read_text().split()[0].startswith("x")
+
+
+def test_what_cannot_be_written(tmp_path: Path) -> None:
+    p = Program("open")
+    x, z = p.continuous("x", (1,)), p.binary("z", (1,))
+    p.when("up", z, x, lower=1.0)
+    p.minimise("cost", x[0] ** 2)
+    with pytest.raises(UsageError, match="not bounded"):
+        save_model(p.at(), tmp_path / "model.nl")
+    with pytest.raises(UsageError, match="unknown suffix"):
+        save_model(p.at(), tmp_path / "model.txt")

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from climbplan.climb.benchmarks.force import straight_rounds
-from climbplan.climb.forces import planner as forces_module
+from climbplan.climb.forces import solving as forces_module
 from climbplan.climb.forces.commands import out_of_reach
 from climbplan.climb.forces.literal import literal_problems, solve_cvxpy, solve_literal
-from climbplan.climb.forces.planner import SolvedForces, plan_forces, solve_forces
+from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.forces.solving import SolvedForces, solve_forces
 from climbplan.climb.forces.reduction import ReducedForces
 from climbplan.climb.forces.statement import (
     ForceStatement,

@@ -13,7 +13,8 @@ import pytest
 from climbplan.climb.benchmarks.force import straight_rounds
 from climbplan.climb.forces.cones import FEASIBLE, instant_cones
 from climbplan.climb.forces.conflict import all_members, conflicting_members, relax
-from climbplan.climb.forces.planner import plan_forces, solve_forces
+from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, state_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene

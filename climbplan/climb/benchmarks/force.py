@@ -17,7 +17,8 @@ from climbplan.climb.forces.literal import (
     solve_cvxpy,
     solve_literal,
 )
-from climbplan.climb.forces.planner import plan_forces, solve_forces
+from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import ForceStatement, objective_of, state_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene, build_scene

@@ -35,8 +35,9 @@ def solve_clarabel(group: ReducedForces) -> ConeOptima:
     """Minimise a group's objective and preference over the exact cones, one call an instant."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
     linear = halfspaces(group)
-    # s >= 0 and s <= largest_s, then torque and contact, then (mu n . f, t . f, b . f) in a cone
-    m = 2 + 7 * n
+    # s >= 0 and s <= largest_s, then torque, contact and commands, then (mu n . f, t . f, b . f)
+    # in a cone
+    m = 2 + linear.A.shape[1]
     A, upper = np.zeros((b, m + 3 * n, q + 1)), np.zeros((b, m + 3 * n))
     A[:, 0, 0], A[:, 1, 0] = -1.0, 1.0
     upper[:, 1] = group.largest_s

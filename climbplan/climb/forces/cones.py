@@ -34,6 +34,10 @@ class InstantCones:
     safety_friction: float
     torque: Array  # (n, 3, 3) torque / limit from force
     largest_s: float
+    bending: Array  # (n, 3, 3 n) joint angles less commands by forces [rad]
+    room: Array  # (n, 3, 2) for commands below and above the joint angles [rad]
+    stiffness_lost: Array  # (C, 3 n) by forces, for the body motions found to matter
+    most_lost: float  # share of the elastic stiffness
 
     @property
     def contacts(self) -> int:
@@ -45,8 +49,12 @@ class InstantCones:
         return replace(self, mu=self.mu * factor)
 
 
-def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
-    """The constraints of instant k."""
+def instant_cones(
+    statement: ForceStatement, k: int, stiffness_lost: Array | None = None
+) -> InstantCones:
+    """The constraints of instant k; stiffness_lost: (C, N, 3) cuts that keep it stable."""
+    n = statement.contact.shape[1]
+    cuts = np.zeros((0, n, 3)) if stiffness_lost is None else stiffness_lost
     limb = np.flatnonzero(statement.contact[k])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
     return InstantCones(
@@ -58,6 +66,10 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         safety_friction=statement.safety_friction,
         torque=statement.torque_per_force[k, limb] * statement.unit,
         largest_s=statement.largest_s,
+        bending=statement.bending[k][limb][:, :, limb].reshape(len(limb), 3, -1) * statement.unit,
+        room=np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1),
+        stiffness_lost=cuts[:, limb].reshape(len(cuts), -1) * statement.unit,
+        most_lost=1.0 - statement.stiffness_left,
     )
 
 
@@ -92,7 +104,7 @@ class ConicProgram:
     def forces(
         self, cones: InstantCones, s_column: int | None = None, friction: bool = True
     ) -> None:
-        """Equilibrium, torque, contact and friction on the first 3 n variables.
+        """Equilibrium, torque, contact, friction, commands, stability on the first 3 n variables.
 
         Torque against s in a column of its own, or against the instant's largest s.
         """
@@ -107,6 +119,11 @@ class ConicProgram:
             self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), np.zeros(1))
             if friction:
                 self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
+            for j in range(3):
+                self.below(f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j])
+        if len(cones.stiffness_lost):
+            rows = on_forces(cones.stiffness_lost, self.size)
+            self.below("stability", rows, np.full(len(rows), cones.most_lost))
 
     def minimise(self, cost: Array) -> ConicAnswer | None:
         """The optimum, or None if Clarabel finds none (infeasible or unbounded)."""
@@ -131,6 +148,19 @@ def selector(rows: Array, limb: int, size: int) -> Array:
     out = np.zeros((len(rows), size))
     out[:, 3 * limb : 3 * limb + 3] = rows
     return out
+
+
+def on_forces(rows: Array, size: int) -> Array:
+    """Rows (m, 3 n) on all forces, as rows (m, size) on all variables."""
+    out = np.zeros((len(rows), size))
+    out[:, : rows.shape[1]] = rows
+    return out
+
+
+def command_rows(cones: InstantCones, i: int, joint: int, size: int) -> Array:
+    """Rows A with A x <= room: how far the i-th contact's joint is commanded down and up [rad]."""
+    row = cones.bending[i, joint][None]
+    return on_forces(np.concatenate([row, -row]), size)
 
 
 def friction_rows(cones: InstantCones, i: int, size: int) -> Array:

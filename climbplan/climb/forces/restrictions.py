@@ -1,0 +1,79 @@
+"""Restrictions on forces that few instants come close to: commands within bounds, stability.
+
+They are added where an answer without them does not hold, which leaves optima what they are. Both
+are linear in the forces: a joint command is theta - D f, and for a body motion v of unit elastic
+stiffness what forces leave of the stiffness is 1 - g(v) . f (`stiffness_lost`). The motions that
+matter are found as needed, so that stability, a matrix inequality, is kept by cutting planes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.forces.statement import (
+    COMMAND_RESERVE,
+    ForceStatement,
+    beyond_bounds,
+    kept,
+)
+from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost
+from climbplan.plans.climb_plan import Array, Index
+
+_STIFFNESS_RESERVE = 1e-3  # of the elastic stiffness: cuts ask for this much more than is needed
+_TOLERANCE = 1e-9  # [rad] by which commands may enter their reserve
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows A f <= upper on the forces of some instants."""
+
+    A: Array  # (B, e, N, 3) [1/N]
+    upper: Array  # (B, e)
+
+
+class Restrictions:
+    """The restrictions found to matter so far, instant by instant.
+
+    reserve: [rad] that commands keep from joint bounds, as far as there is room for it.
+    """
+
+    def __init__(self, statement: ForceStatement, reserve: float = COMMAND_RESERVE) -> None:
+        self.statement = statement
+        self.reserve = reserve
+        self._cuts: dict[int, list[Array]] = {}  # (N, 3) share of the stiffness lost per newton
+
+    def broken_by(self, force: Array) -> Index:
+        """Instants whose forces (K, N, 3) break a restriction; its cuts are remembered."""
+        stiffness = loaded_stiffness(self.statement.braced, force)
+        buckling = np.flatnonzero(stiffness.left < self.statement.stiffness_left)
+        if len(buckling):
+            direction = stiffness.direction[buckling]
+            lost = stiffness_lost(self.statement.braced, buckling, direction)
+            for k, row in zip(buckling, lost, strict=True):
+                self._cuts.setdefault(int(k), []).append(row)
+        beyond = beyond_bounds(self.statement, force, self.reserve).max(axis=(1, 2))
+        return np.union1d(buckling, np.flatnonzero(beyond > _TOLERANCE))
+
+    def cuts(self, k: int) -> Array:
+        """(C, N, 3) shares of the stiffness lost per newton, by the motions found for instant k."""
+        limbs = self.statement.contact.shape[1]
+        return np.array(self._cuts.get(k, [])).reshape(-1, limbs, 3)
+
+    def rows(self, instants: Index) -> Rows:
+        """All rows on the forces of some instants; those with fewer cuts repeat an idle row."""
+        b, n = len(instants), self.statement.contact.shape[1]
+        bending = self.statement.bending[instants].reshape(b, 3 * n, n, 3)
+        room = [self.statement.room_below[instants], self.statement.room_above[instants]]
+        upper = kept(np.concatenate(room, axis=1).reshape(b, 6 * n), self.reserve)
+        most = max((len(self._cuts.get(int(k), [])) for k in instants), default=0)
+        cuts = np.zeros((b, most, n, 3))
+        for place, k in enumerate(instants):
+            found = self.cuts(int(k))
+            cuts[place, : len(found)] = found
+        most_lost = 1.0 - self.statement.stiffness_left - _STIFFNESS_RESERVE
+        return Rows(
+            np.concatenate([bending, -bending, cuts], axis=1),
+            np.concatenate([upper, np.full((b, most), most_lost)], axis=1),
+        )

@@ -182,9 +182,7 @@ def _keyframes(scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Fo
         others = ~instants.lifted[k]
         old, new = toes[-1], instants.toes[k + 1]
         normals = instants.normal[[k, k + 1], limb]
-        swing = Swing(
-            limb, instants.com[k], instants.rpy[k], old[limb], new[limb], normals, name
-        )
+        swing = Swing(limb, instants.com[k], instants.rpy[k], old[limb], new[limb], normals, name)
         path = swing_path(scene, swing)
 
         def swung(point: Array, standing: Array = old, limb: int = limb) -> Array:

@@ -120,7 +120,9 @@ class ConicProgram:
             if friction:
                 self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
             for j in range(3):
-                self.below(f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j])
+                self.below(
+                    f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j]
+                )
         if len(cones.stiffness_lost):
             rows = on_forces(cones.stiffness_lost, self.size)
             self.below("stability", rows, np.full(len(rows), cones.most_lost))

@@ -149,7 +149,7 @@ def objective_of(statement: ForceStatement, force: Array) -> Array:
 
 @dataclass(frozen=True)
 class ForceResiduals:
-    """By how much each instant's forces miss a constraint, 0 if they hold (dimensionless, angles in rad)."""
+    """By how much each instant's forces miss a constraint, 0 if they hold (without unit or rad)."""
 
     equilibrium: Array  # (K,) relative to the largest load
     friction: Array  # (K,) relative to the largest load

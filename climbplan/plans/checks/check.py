@@ -50,17 +50,13 @@ LIMITS = {
     "torque.from_angles": Limit(1e-6, "N m", "joint torques are J^T f"),
     "torque.limit": Limit(1e-6, "of limit", "torques within the limit over S_tau"),
     "stiffness.relation": Limit(1e-6, "m", "J k^-1 J^T f / (1 - share) = d_wall - [I P^T] d_com"),
-    "stiffness.joint_command": Limit(
-        1e-6, "m", "J (joint angle - joint command) = wall deflection"
-    ),
-    "stiffness.command": Limit(
-        1e-9, "m", "toe command is where the joint command would put the toe"
-    ),
+    "stiffness.joint_command": Limit(1e-6, "m", "J (joint angles - commands) = d_wall"),
+    "stiffness.command": Limit(1e-9, "m", "toe commands are where joint commands put toes"),
+    "safety.stored": Limit(1e-6, "", "stored safety factors are those of the stored forces"),
     "static.pose": Limit(1e-4, "m, rad", "the joint commands hold the body at its planned pose"),
     "static.torque": Limit(1e-4, "of limit", "torques there within the limit over S_tau"),
     "static.friction": Limit(1e-4, "of weight", "tangential forces there within mu f_n / S_mu"),
     "static.stability": Limit(0, "", "the body does not buckle under the forces that hold it"),
-    "safety.stored": Limit(1e-6, "", "stored safety factors are those of the stored forces"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
@@ -123,6 +119,12 @@ def judge(
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))
+
+
+def unjudged(check: Check, reason: str) -> Check:
+    """A check whose figure is told but decides nothing."""
+    margin = f"not judged ({reason}): {check.margin or f'{check.residual:.1e}'}"
+    return replace(check, residual=0.0, passed=True, used=0.0, margin=margin)
 
 
 def judge_worst(

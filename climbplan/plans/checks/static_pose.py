@@ -32,7 +32,7 @@ class Braced:
     toes: Array  # (K, N, 3) [m]
     contact: Mask  # (K, N)
     command: Array  # (K, N, 3) [rad]
-    bent_as: Array  # (K, N, 3) joint angles that tell which way the limbs bend [rad]
+    alike: Array  # (K, N, 3) joint angles that tell which way the limbs bend [rad]
     load: Array  # (K, 6) force and moment on the body, weight included
 
 
@@ -60,8 +60,7 @@ class Settled:
 def pressed(braced: Braced, com: Array, axes: Array) -> Pressed:
     """Torques and forces for bodies at com (K, 3) with axes (K, 3, 3)."""
     robot = braced.robot
-    reaching = limbs_at(robot, com, axes, braced.bent_as)
-    angles = standing_limbs(robot, com, axes, braced.toes, reaching).angles
+    angles = standing_limbs(robot, com, axes, braced.toes, braced.alike).angles
     limbs = limbs_at(robot, com, axes, angles)
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     torque = spring * (angles - braced.command) * braced.contact[..., None]

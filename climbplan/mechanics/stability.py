@@ -68,13 +68,7 @@ def braced_body(
 
 def loaded_stiffness(body: BracedBody, force: Array) -> LoadedStiffness:
     """What forces (B, N, 3) [N] that balance the load leave of the stiffness."""
-    bent = np.einsum("bnijk,bni->bnjk", body.hessian, force)
-    count = len(force)
-    lost = np.swapaxes(body.turn.reshape(count, -1, 6), 1, 2) @ (bent @ body.turn).reshape(
-        count, -1, 6
-    )
-    loaded = -lost + _turned_with_body(body.arms, force)
-    value, vector = np.linalg.eigh(np.swapaxes(body.whitening, 1, 2) @ loaded @ body.whitening)
+    value, vector = np.linalg.eigh(_relative(body, force))
     direction = (body.whitening @ vector[:, :, :1])[..., 0]
     return LoadedStiffness(1.0 + value[:, 0], direction)
 
@@ -94,6 +88,32 @@ def stiffness_lost(body: BracedBody, rows: NDArray[np.int64], direction: Array) 
     along = (arms * turned).sum(axis=-1, keepdims=True)
     carried = 2 * np.cross(turned, shift) - square * arms + along * turned
     return np.asarray(own - carried)
+
+
+def stiffness_lost_matrices(body: BracedBody, rows: NDArray[np.int64]) -> Array:
+    """(R, N, 3, 6, 6) per newton: M with 1 - sum M f the stiffness left, relative to the elastic.
+
+    Of bodies `rows` (R,). The stiffness left is at least a share t of the elastic one if and only
+    if (1 - t) 1 - sum M f is positive semidefinite.
+    """
+    limbs = body.arms.shape[1]
+    out = np.empty((len(rows), limbs, 3, 6, 6))
+    part = BracedBody(*(value[rows] for value in vars(body).values()))
+    for limb in range(limbs):
+        for axis in range(3):
+            unit = np.zeros_like(part.arms)
+            unit[:, limb, axis] = 1.0
+            out[:, limb, axis] = -_relative(part, unit)
+    return out
+
+
+def _relative(body: BracedBody, force: Array) -> Array:
+    """(B, 6, 6) change of the stiffness by forces, relative to the elastic one."""
+    bent = np.einsum("bnijk,bni->bnjk", body.hessian, force)
+    turn = body.turn.reshape(len(force), -1, 6)
+    lost = np.swapaxes(turn, 1, 2) @ (bent @ body.turn).reshape(turn.shape)
+    loaded = _turned_with_body(body.arms, force) - lost
+    return np.asarray(np.swapaxes(body.whitening, 1, 2) @ loaded @ body.whitening)
 
 
 def _turned_with_body(arms: Array, force: Array) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.climb.forces.clarabel import clarabel_settings
+from climbplan.climb.forces.restrictions import stability_cone
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
@@ -36,8 +37,8 @@ class InstantCones:
     largest_s: float
     bending: Array  # (n, 3, 3 n) joint angles less commands by forces [rad]
     room: Array  # (n, 3, 2) for commands below and above the joint angles [rad]
-    stiffness_lost: Array  # (C, 3 n) by forces, for the body motions found to matter
-    most_lost: float  # share of the elastic stiffness
+    stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
+    stiffness: Array  # (21 or 0,) of what they may take at most
 
     @property
     def contacts(self) -> int:
@@ -49,14 +50,13 @@ class InstantCones:
         return replace(self, mu=self.mu * factor)
 
 
-def instant_cones(
-    statement: ForceStatement, k: int, stiffness_lost: Array | None = None
-) -> InstantCones:
-    """The constraints of instant k; stiffness_lost: (C, N, 3) cuts that keep it stable."""
-    n = statement.contact.shape[1]
-    cuts = np.zeros((0, n, 3)) if stiffness_lost is None else stiffness_lost
+def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
+    """The constraints of instant k."""
     limb = np.flatnonzero(statement.contact[k])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
+    bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), 3, 3 * len(limb))
+    stability = stability_cone(statement, np.array([k]))
+    lost = stability.A[0][:, limb].reshape(-1, 3 * len(limb))
     return InstantCones(
         limb=limb,
         grasp=grasp_matrix(statement.arms[k, limb]) * scale[:, None],
@@ -66,10 +66,10 @@ def instant_cones(
         safety_friction=statement.safety_friction,
         torque=statement.torque_per_force[k, limb] * statement.unit,
         largest_s=statement.largest_s,
-        bending=statement.bending[k][limb][:, :, limb].reshape(len(limb), 3, -1) * statement.unit,
+        bending=bending * statement.unit,
         room=np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1),
-        stiffness_lost=cuts[:, limb].reshape(len(cuts), -1) * statement.unit,
-        most_lost=1.0 - statement.stiffness_left,
+        stiffness_lost=lost * statement.unit,
+        stiffness=stability.upper[0],
     )
 
 
@@ -101,6 +101,10 @@ class ConicProgram:
         """|(b - A x)[1:]| <= (b - A x)[0]."""
         self.blocks.append((name, clarabel.SecondOrderConeT(len(b)), A, b))
 
+    def semidefinite(self, name: str, A: Array, b: Array) -> None:
+        """b - A x is the triangle of a positive semidefinite matrix, 6 by 6."""
+        self.blocks.append((name, clarabel.PSDTriangleConeT(6), A, b))
+
     def forces(
         self, cones: InstantCones, s_column: int | None = None, friction: bool = True
     ) -> None:
@@ -125,7 +129,7 @@ class ConicProgram:
                 )
         if len(cones.stiffness_lost):
             rows = on_forces(cones.stiffness_lost, self.size)
-            self.below("stability", rows, np.full(len(rows), cones.most_lost))
+            self.semidefinite("stability", rows, cones.stiffness)
 
     def minimise(self, cost: Array) -> ConicAnswer | None:
         """The optimum, or None if Clarabel finds none (infeasible or unbounded)."""

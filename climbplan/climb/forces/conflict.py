@@ -84,8 +84,8 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
             program.below(str(index), rows, cones.room[i, member.joint])
         elif member.kind == "stability":
             rows = on_forces(cones.stiffness_lost, program.size)
-            rows[:, slack] = -1.0
-            program.below(str(index), rows, np.full(len(rows), cones.most_lost))
+            rows[:, slack] = -cones.stiffness  # of which more is missing than there is
+            program.semidefinite(str(index), rows, cones.stiffness)
         else:
             rows = -selector(cones.axes[i, :1], i, program.size)
             rows[0, slack] = -1.0

@@ -64,7 +64,7 @@ def explain(
             conflicts.append(Conflict(where, (alone,)))
             worst = Amounts(None, None, None, "mass", None)
             continue
-        cones = instant_cones(statement, int(k), solved.restrictions.cuts(int(k)))
+        cones = instant_cones(statement, int(k))
         load = _load(scene, instants, statement, int(k), cones)
         if len(conflicts) < LISTED:
             members = conflicting_members(cones)

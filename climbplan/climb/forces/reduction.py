@@ -47,6 +47,8 @@ class ReducedForces:
     preference_gradient: Array  # (B, q + 1) its gradient at x = 0
     further: Array  # (B, e, q) further rows A y <= further_upper
     further_upper: Array  # (B, e)
+    stability: Array  # (B, 21 or 0, q) stability_upper - A y is a semidefinite matrix's triangle
+    stability_upper: Array  # (B, 21 or 0)
     largest_s: float
     unit: float  # [N]
 
@@ -67,14 +69,19 @@ class ReducedForces:
 
     def restricted(self, A: Array, upper: Array) -> ReducedForces:
         """The same problem with rows A f <= upper on the forces, (B, e, n, 3) per newton."""
-        A = self.unit * A.reshape(*A.shape[:2], -1)
+        rows, upper = self._on_unknowns(A, upper)
+        return replace(self, further=rows, further_upper=upper)
+
+    def stabilised(self, A: Array, upper: Array) -> ReducedForces:
+        """The same problem with upper - A f, (B, 21, n, 3) per newton, semidefinite."""
+        rows, upper = self._on_unknowns(A, upper)
+        return replace(self, stability=rows, stability_upper=upper)
+
+    def _on_unknowns(self, A: Array, upper: Array) -> tuple[Array, Array]:
+        A = self.unit * A.reshape(*A.shape[:2], 3 * self.contacts)
         b, size = len(A), A.shape[-1]
         particular = (A @ self.particular.reshape(b, size, 1))[..., 0]
-        return replace(
-            self,
-            further=A @ self.null_space.reshape(b, size, -1),
-            further_upper=upper - particular,
-        )
+        return A @ self.null_space.reshape(b, size, -1), upper - particular
 
     def forces(self, y: Array) -> Array:
         """Forces (B, n, 3) [N] for unknowns (B, q), their last rounding taken out of friction.
@@ -159,6 +166,8 @@ def _reduced(
         preference_gradient=preference_gradient,
         further=np.empty((b, 0, q)),
         further_upper=np.empty((b, 0)),
+        stability=np.empty((b, 0, q)),
+        stability_upper=np.empty((b, 0)),
         largest_s=statement.largest_s,
         unit=statement.unit,
     )

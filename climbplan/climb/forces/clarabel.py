@@ -11,6 +11,7 @@ from scipy import sparse
 from climbplan.climb.forces.reduction import ReducedForces, halfspaces
 from climbplan.plans.climb_plan import Array, Mask
 
+_LOOSER, _REGULARISATION = 1e-8, 1e-6
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load
 
 
@@ -22,12 +23,16 @@ class ConeOptima:
     solved: Mask  # (B,)
 
 
-def clarabel_settings() -> clarabel.DefaultSettings:
-    """Quiet, one thread, tight."""
+def clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
+    """Quiet, one thread, tight; or robust: less tight, for what the tight ones give up on."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = _TOLERANCE
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = (
+        _LOOSER if robust else _TOLERANCE
+    )
+    if robust:
+        settings.static_regularization_constant = _REGULARISATION
     return settings
 
 

@@ -20,6 +20,7 @@ from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
 from climbplan.plans.climb_plan import Array, Index
 
+_GAVE_UP = ("NumericalError", "InsufficientProgress", "MaxIterations")
 FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, that counts as none
 
 
@@ -137,10 +138,13 @@ class ConicProgram:
         b = np.concatenate([block[3] for block in self.blocks])
         cones = [block[1] for block in self.blocks]
         P = sparse.csc_matrix((self.size, self.size))
-        solver = clarabel.DefaultSolver(P, cost, A, b, cones, clarabel_settings())
-        solution = solver.solve()
+        for settings in (clarabel_settings(), clarabel_settings(robust=True)):
+            solution = clarabel.DefaultSolver(P, cost, A, b, cones, settings).solve()
+            status = str(solution.status)
+            if status not in _GAVE_UP:
+                break
         # The other "almost" states are as good as none: an amount must hold to three digits.
-        if str(solution.status) not in ("Solved", "AlmostSolved"):
+        if status not in ("Solved", "AlmostSolved"):
             return None
         x, z = np.array(solution.x), np.array(solution.z)
         ends = np.cumsum([len(block[3]) for block in self.blocks])

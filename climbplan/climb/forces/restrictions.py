@@ -33,6 +33,10 @@ class Rows:
     A: Array  # (B, e, N, 3) [1/N]
     upper: Array  # (B, e)
 
+    def of_limbs(self, limb: Index) -> Array:
+        """(B, e, n, 3) columns of the limbs (B, n) in contact."""
+        return np.take_along_axis(self.A, limb[:, None, :, None], axis=2)
+
 
 def triangle(matrices: Array) -> Array:
     """Upper triangles (..., 21) of symmetric (..., 6, 6), as Clarabel's semidefinite cone has them.
@@ -83,19 +87,21 @@ class Restrictions:
             self._cuts.setdefault(int(k), []).append(row)
         return buckling
 
-    def rows(self, instants: Index) -> Rows:
-        """All rows on the forces of some instants; those with fewer cuts repeat an idle row."""
+    def commands(self, instants: Index) -> Rows:
+        """Rows that keep the commands of some instants within bounds, down and up."""
         b, n = len(instants), self.statement.contact.shape[1]
         bending = self.statement.bending[instants].reshape(b, 3 * n, n, 3)
         room = [self.statement.room_below[instants], self.statement.room_above[instants]]
         upper = kept(np.concatenate(room, axis=1).reshape(b, 6 * n), self.reserve)
+        return Rows(np.concatenate([bending, -bending], axis=1), upper)
+
+    def cuts(self, instants: Index) -> Rows:
+        """Cuts found for some instants; those with fewer than others get idle rows."""
+        n = self.statement.contact.shape[1]
         most = max((len(self._cuts.get(int(k), [])) for k in instants), default=0)
-        cuts = np.zeros((b, most, n, 3))
+        A = np.zeros((len(instants), most, n, 3))
         for place, k in enumerate(instants):
             for row, cut in enumerate(self._cuts.get(int(k), [])):
-                cuts[place, row] = cut
+                A[place, row] = cut
         most_lost = 1.0 - self.statement.stiffness_left - _STIFFNESS_RESERVE
-        return Rows(
-            np.concatenate([bending, -bending, cuts], axis=1),
-            np.concatenate([upper, np.full((b, most), most_lost)], axis=1),
-        )
+        return Rows(A, np.full((len(instants), most), most_lost))

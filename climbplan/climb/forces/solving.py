@@ -113,13 +113,16 @@ def _solve_restricted(
         at = np.flatnonzero(np.isin(group.instant, instants))
         if len(at):
             part = group.take(at)
-            rows = restrictions.rows(part.instant)
-            A = np.take_along_axis(rows.A, part.limb[:, None, :, None], axis=2)
-            part = part.restricted(A, rows.upper)
+            rows = restrictions.commands(part.instant)
+            A, upper = rows.of_limbs(part.limb), rows.upper
             if solver == "clarabel":
-                cone = stability_cone(restrictions.statement, part.instant)
-                A = np.take_along_axis(cone.A, part.limb[:, None, :, None], axis=2)
-                part = part.stabilised(A, cone.upper)
+                rows = stability_cone(restrictions.statement, part.instant)
+                part = part.stabilised(rows.of_limbs(part.limb), rows.upper)
+            else:
+                rows = restrictions.cuts(part.instant)
+                A = np.concatenate([A, rows.of_limbs(part.limb)], axis=1)
+                upper = np.concatenate([upper, rows.upper], axis=1)
+            part = part.restricted(A, upper)
             _enter(part, SOLVERS[solver](part, facets), force, solved)
 
 

@@ -7,6 +7,7 @@ so that `--help` answers at once.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -44,6 +45,16 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
+TERMINATED = 143  # 128 + SIGTERM
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end: what is half done is cleared away as after Ctrl-C."""
+
+
+def _terminate(signal_number: int, frame: object) -> NoReturn:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once: clearing away is not to be cut short
+    raise Terminated
 
 
 class _Commands(TyperGroup):
@@ -55,6 +66,9 @@ class _Commands(TyperGroup):
         except ClimbplanError as error:
             print_error(error)
             raise typer.Exit(error.exit_code) from None
+        except Terminated:
+            print("terminated", file=sys.stderr)
+            raise typer.Exit(TERMINATED) from None
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             raise typer.Exit(INTERRUPTED) from None
@@ -144,4 +158,5 @@ def _invoke(arguments: Sequence[str] | None, session: Session) -> int:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
+    signal.signal(signal.SIGTERM, _terminate)
     sys.exit(int(run()))

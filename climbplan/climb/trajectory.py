@@ -1,9 +1,10 @@
 """The playable motion between the planned instants.
 
-A limb's step is: unload (its command returns to the surface while the others take the load),
-lift along the normal, swing clear of the terrain, lower, press (commands go to those of the next
-instant), push (the body moves on). Toe commands are held in the world frame, so that the planned
-penetration and with it the planned force stay while the body moves.
+A limb's step is: unload (the others take its load), lift along the normal, swing clear of the
+terrain, lower, press (it takes load again), push (the body moves on). Joints are commanded beyond
+the angles of the moving body by what the contact forces bend them. Forces go straight from one
+balanced set to the next while the body goes straight from pose to pose, so that they balance the
+load all the way, and friction cones, being convex, hold them all the way.
 """
 
 from __future__ import annotations
@@ -13,12 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.forces.solving import solve_forces
+from climbplan.climb.forces.statement import state_forces
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import Swing, swing_path
 from climbplan.errors import Infeasible, ReachFailure, UsageError
+from climbplan.mechanics.stiffness import deflections_for_forces, joint_softness, rigid_motion
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
-from climbplan.robots.kinematics import inverse, require_reachable, to_body
+from climbplan.robots.kinematics import (
+    JOINTS,
+    inverse,
+    jacobian_world,
+    require_reachable,
+    to_body,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 
@@ -26,7 +35,16 @@ from climbplan.robots.rotations import Array
 _UNLOAD, _LIFT, _SWING, _LOWER, _PRESS, _PUSH = 0.15, 0.1, 0.25, 0.15, 0.15, 0.2
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
+_BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
 _MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
+
+
+@dataclass(frozen=True)
+class _Load:
+    """What commands add to the joint angles: forces, and toes carried along by a body that sags."""
+
+    force: Array  # (N, 3) [N]
+    carried: Array  # (N, 3) toe displacement by the body's own deflection, zero in the air [m]
 
 
 @dataclass(frozen=True)
@@ -35,31 +53,74 @@ class _Keyframes:
 
     com: Array  # (F, 3)
     rpy: Array  # (F, 3)
-    command: Array  # (F, N, 3) commanded toe positions, world
+    toes: Array  # (F, N, 3) where the toes are, world
+    force: Array  # (F, N, 3) on the toes [N]
+    carried: Array  # (F, N, 3) as in _Load
     contact: Mask  # (F-1, N) toes on their surface during each segment
     share: Array  # (F-1,) nominal part of one limb step's time
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
 
 
-def start_commands(scene: ClimbScene, rounds: Rounds) -> Array:
-    """Commanded toe positions (N, 3) of the start posture with all limbs on the surface.
+def _start_load(scene: ClimbScene, rounds: Rounds, instants: Instants) -> _Load:
+    """Forces of the start posture with all limbs on the surface.
 
     Raises Infeasible if the start posture cannot hold itself.
     """
-    standing = Rounds(
-        com=np.repeat(rounds.com[:1], 2, axis=0),
-        rpy=np.repeat(rounds.rpy[:1], 2, axis=0),
-        toes=np.repeat(rounds.toes[:1], 2, axis=0),
-        region=np.repeat(rounds.region[:1], 2, axis=0),
-    )
-    instants = plan_instants(scene, standing)
-    everyone = np.flatnonzero(instants.contact.all(axis=1))[:1]
-    one = replace(instants, **{name: value[everyone] for name, value in vars(instants).items()})
+    first = np.zeros(1, np.int64)
+    standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
     try:
-        return plan_forces(scene, one).toe_command[0]
+        forces = plan_forces(scene, standing)
     except Infeasible as error:
         conflicts = [replace(c, where="start posture") for c in error.conflicts]
         raise Infeasible("the start posture cannot hold itself", conflicts) from error
+    return _loads(standing, forces.force, forces.com_deflection)[0]
+
+
+def _placing_loads(scene: ClimbScene, instants: Instants, lifted: list[_Load]) -> list[_Load]:
+    """Forces of all limbs before each push, when the body is where the limb was lifted.
+
+    Those of the lift would do, with the placed limb idle; they stay where nothing better is found.
+    """
+    lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
+    standing = _all_standing(scene, instants, lift, push, instants.toes[push])
+    statement = state_forces(scene, standing)
+    solved = solve_forces(statement, scene.spec.solver.force, scene.spec.force.facets)
+    com = deflections_for_forces(
+        statement.compliance,
+        statement.arms,
+        solved.force,
+        standing.contact,
+        scene.spec.force.sag == "compensated",
+    ).com
+    loads = _loads(standing, solved.force, com)
+    for place in np.concatenate([solved.missing, solved.unbalanced]):
+        loads[place] = lifted[2 * int(place)]
+    return loads
+
+
+def _all_standing(
+    scene: ClimbScene, instants: Instants, pose: Index, ground: Index, toes: Array
+) -> Instants:
+    """Instants with all limbs in contact: body poses of some, surfaces under the toes of others."""
+    angles = inverse(scene.robot, to_body(instants.com[pose], instants.rpy[pose], toes)).best()
+    rows = {name: value[pose] for name, value in vars(instants).items()}
+    surface = {name: value[ground] for name, value in vars(instants).items()}
+    return Instants(
+        **rows
+        | {name: surface[name] for name in ("normal", "mu", "region")}
+        | {
+            "lifted": np.zeros_like(rows["lifted"]),
+            "contact": np.ones_like(rows["contact"]),
+            "toes": toes,
+            "joint_angles": angles,
+        }
+    )
+
+
+def _loads(instants: Instants, force: Array, com_deflection: Array) -> list[_Load]:
+    motion = rigid_motion(instants.toes - instants.com[:, None]) * instants.contact[..., None, None]
+    carried = np.einsum("kniv,kv->kni", motion, com_deflection)
+    return [_Load(f, c) for f, c in zip(force, carried, strict=True)]
 
 
 def plan_trajectory(
@@ -69,8 +130,8 @@ def plan_trajectory(
 
     The mean speed of the body is the spec's unless joint speeds ask for more time. Every segment
     takes a whole number of samples, so that the samples meet every instant. Raises ReachFailure
-    where a command leaves a limb's reach, Infeasible where a swing is blocked, and UsageError for
-    a motion of more samples than a plan holds.
+    where a limb cannot follow or its command leaves the joint bounds, Infeasible where a swing is
+    blocked, and UsageError for a motion of more samples than a plan holds.
     """
     robot = scene.robot
     frames = _keyframes(scene, rounds, instants, forces)
@@ -90,55 +151,59 @@ def plan_trajectory(
     sample = np.arange(ends[-1] + 1)
     segment = np.clip(np.searchsorted(ends, sample, side="right") - 1, 0, len(count) - 1)
     share = (sample - ends[segment]) / count[segment]
-    com, rpy, command = _between(frames, segment, _ease(share))
-    angles = _joint_commands(robot, com, rpy, command, [frames.label[s] for s in segment])
-    return Trajectory(sample / rate, com, rpy, angles, frames.contact[segment])
+    moving = _between(frames, segment, _ease(share))
+    command = _joint_commands(robot, moving, [frames.label[s] for s in segment])
+    return Trajectory(sample / rate, moving.com, moving.rpy, command, frames.contact[segment])
 
 
 def _keyframes(scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Forces) -> _Keyframes:
     names = scene.robot.limb_names
-    com, rpy, command = [rounds.com[0]], [rounds.rpy[0]], [start_commands(scene, rounds)]
+    held = _loads(instants, forces.force, forces.com_deflection)
+    placed = _placing_loads(scene, instants, held)
+    com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
+    load = [_start_load(scene, rounds, instants)]
     contact: list[Mask] = []
     share: list[float] = []
     label: list[str] = []
 
-    def to(toes: Array, body: int | None, touching: Mask, part: float, where: str) -> None:
-        com.append(com[-1] if body is None else instants.com[body])
-        rpy.append(rpy[-1] if body is None else instants.rpy[body])
-        command.append(toes)
+    def to(where: Array, pressing: _Load, touching: Mask, part: float, name: str) -> None:
+        com.append(com[-1])
+        rpy.append(rpy[-1])
+        toes.append(where)
+        load.append(pressing)
         contact.append(touching)
         share.append(part)
-        label.append(where)
+        label.append(name)
 
     for k in range(0, instants.count, 2):
         limb = int(np.flatnonzero(instants.lifted[k])[0])
-        where = instants.label(k, names)
+        name = instants.label(k, names)
         everyone = np.ones(len(names), bool)
         others = ~instants.lifted[k]
-        old = rounds.toes[instants.round[k] - 1, limb]
-        new = instants.toes[k + 1, limb]
+        old, new = toes[-1], instants.toes[k + 1]
         normals = instants.normal[[k, k + 1], limb]
-        swing = Swing(limb, instants.com[k], instants.rpy[k], old, new, normals, where)
+        swing = Swing(limb, instants.com[k], instants.rpy[k], old[limb], new[limb], normals, name)
         path = swing_path(scene, swing)
 
-        def moved(point: Array, base: Array, limb: int = limb) -> Array:
-            out = base.copy()
+        def swung(point: Array, standing: Array = old, limb: int = limb) -> Array:
+            out = standing.copy()
             out[limb] = point
             return out
 
-        held = forces.toe_command[k]
-        to(moved(old, held), None, everyone, _UNLOAD, where)
-        to(moved(path[0], held), None, others, _LIFT, where)
+        to(old, held[k], everyone, _UNLOAD, name)
+        to(swung(path[0]), held[k], others, _LIFT, name)
         for point in path[1:]:
-            to(moved(point, held), None, others, _SWING / (len(path) - 1), where)
-        to(moved(new, held), None, others, _LOWER, where)
-        pressed = forces.toe_command[k + 1]
-        to(pressed, None, everyone, _PRESS, where)
-        to(pressed, k + 1, everyone, _PUSH, instants.label(k + 1, names))
+            to(swung(point), held[k], others, _SWING / (len(path) - 1), name)
+        to(new, held[k], others, _LOWER, name)
+        to(new, placed[k // 2], everyone, _PRESS, name)
+        to(new, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))
+        com[-1], rpy[-1] = instants.com[k + 1], instants.rpy[k + 1]
     return _Keyframes(
         np.array(com),
         np.array(rpy),
-        np.array(command),
+        np.array(toes),
+        np.array([one.force for one in load]),
+        np.array([one.carried for one in load]),
         np.array(contact),
         np.array(share),
         tuple(label),
@@ -150,13 +215,27 @@ def _ease(share: Array) -> Array:
     return share**2 * (3.0 - 2.0 * share)
 
 
-def _between(frames: _Keyframes, segment: Index, share: Array) -> tuple[Array, Array, Array]:
-    """Body poses and commands at shares (S,) of segments (S,)."""
-    s = share[:, None]
-    com = (1 - s) * frames.com[segment] + s * frames.com[segment + 1]
-    rpy = (1 - s) * frames.rpy[segment] + s * frames.rpy[segment + 1]
-    s = s[..., None]
-    return com, rpy, (1 - s) * frames.command[segment] + s * frames.command[segment + 1]
+@dataclass(frozen=True)
+class _Moving:
+    """S states of the motion."""
+
+    com: Array  # (S, 3)
+    rpy: Array  # (S, 3)
+    toes: Array  # (S, N, 3)
+    force: Array  # (S, N, 3)
+    carried: Array  # (S, N, 3)
+
+
+def _between(frames: _Keyframes, segment: Index, share: Array) -> _Moving:
+    """States at shares (S,) of segments (S,)."""
+
+    def mix(values: Array) -> Array:
+        s = share.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray((1 - s) * values[segment] + s * values[segment + 1])
+
+    return _Moving(
+        mix(frames.com), mix(frames.rpy), mix(frames.toes), mix(frames.force), mix(frames.carried)
+    )
 
 
 def _least_durations(robot: Robot, frames: _Keyframes) -> Array:
@@ -164,24 +243,29 @@ def _least_durations(robot: Robot, frames: _Keyframes) -> Array:
     count = len(frames.share)
     segment = np.repeat(np.arange(count), _PROBES)
     share = np.tile(np.linspace(0.0, 1.0, _PROBES), count)
-    com, rpy, command = _between(frames, segment, _ease(share))
-    angles = _joint_commands(robot, com, rpy, command, [frames.label[s] for s in segment])
+    moving = _between(frames, segment, _ease(share))
+    angles = _joint_commands(robot, moving, [frames.label[s] for s in segment])
     turned = np.abs(np.diff(angles.reshape(count, _PROBES, *angles.shape[1:]), axis=1))
     fastest = (turned * (_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
     return _SPEED_MARGIN * fastest + 1e-3
 
 
-def _joint_commands(
-    robot: Robot, com: Array, rpy: Array, command: Array, where: list[str]
-) -> Array:
-    """Joint angles (S, N, 3) that put the toes at their commands; raises ReachFailure."""
-    toes_body = to_body(com, rpy, command)
+def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
+    """Joint commands (S, N, 3) that hold toes and forces; raises ReachFailure."""
+    toes_body = to_body(moving.com, moving.rpy, moving.toes)
     solution = inverse(robot, toes_body)
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
-        try:
-            require_reachable(robot, toes_body[s], where[s])
-        except ReachFailure as error:
-            raise ReachFailure(
-                error.limb, f"commanded position {error.reason}", error.missing, error.where
-            ) from error
-    return solution.best()
+        require_reachable(robot, toes_body[s], where[s])
+    angles = solution.best()
+    jacobian = jacobian_world(robot, moving.rpy, angles)
+    torques = np.einsum("snij,sni->snj", jacobian, moving.force)
+    command = angles - joint_softness(robot) * torques
+    if moving.carried.any():
+        command -= (np.linalg.pinv(jacobian) @ moving.carried[..., None])[..., 0]
+    beyond = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
+    if beyond.max() > _BOUND_SLACK:
+        s, limb, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+        over = f"{np.rad2deg(beyond.max()):.2g} deg past its bound"
+        reason = f"toe with the planned force: commanded {JOINTS[joint]} {over}"
+        raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
+    return command

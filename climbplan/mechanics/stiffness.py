@@ -106,8 +106,8 @@ def deflections_for_forces(
 
     compliance: (..., N, 3, 3) [m/N]; arms, force: (..., N, 3); contact: (..., N) bool. The six
     degrees of freedom that the forces leave open are delta_com: zero if `compensated`, so that
-    toe commands carry the body back to its planned pose, else those of the least sum of squared
-    wall deflections, so that toes are commanded no deeper than the forces need and the body sags.
+    commands carry the body back to its planned pose, else those of the least sum of squared
+    wall deflections, so that the forces take no more deflection than they need and the body sags.
     """
     own = np.einsum("...nij,...nj->...ni", compliance, force) * contact[..., None]
     if compensated:
@@ -123,3 +123,53 @@ def deflections_for_forces(
     right = -np.einsum("...nki,...nk->...i", motion, own)
     com = np.linalg.solve(normal_matrix, right[..., None])[..., 0]
     return Deflections(own + np.einsum("...nij,...j->...ni", motion, com), com)
+
+
+def joint_softness(robot: Robot) -> Array:
+    """(N, 3) angle by which a joint gives way under torque, structure included [rad/(N m)].
+
+    The structure's share of the compliance is counted to the joints, as in `limb_compliance`.
+    """
+    return np.asarray(1 / (robot.joint_stiffness * (1 - robot.structural_compliance_share)))
+
+
+def joint_bending(
+    robot: Robot, jacobian: Array, arms: Array, contact: NDArray[np.bool_], compensated: bool
+) -> Array:
+    """D with joint command = joint angles - D f: by how much contact forces bend the joints.
+
+    jacobian: (..., N, 3, 3), world frame [m/rad]; arms: (..., N, 3) [m]; contact: (..., N).
+    Returns (..., N, 3, N, 3) [rad/N], zero for limbs in the air. A position-controlled joint under
+    tau = J^T f settles tau / (k (1 - share)) from its command: with `compensated` D is just that,
+    and commands hold the planned pose exactly. Else the body's own deflection, linear in the forces
+    by `deflections_for_forces`, turns the joints as well, to first order.
+    """
+    n = contact.shape[-1]
+    limbs = np.arange(n)
+    there = contact[..., None, None]
+    own = joint_softness(robot)[..., None] * np.swapaxes(jacobian, -1, -2) * there
+    bending = np.zeros((*contact.shape, 3, n, 3))
+    bending[..., limbs, :, limbs, :] = np.moveaxis(own, -3, 0)
+    if compensated:
+        return bending
+    compliance = limb_compliance(robot, jacobian)
+    per_force = np.moveaxis(
+        np.stack(
+            [
+                deflections_for_forces(compliance, arms, unit, contact, compensated).com
+                for unit in _unit_forces(contact.shape)
+            ]
+        ),
+        0,
+        -1,
+    )  # (..., 6, 3 N)
+    turned = np.linalg.pinv(jacobian) @ rigid_motion(arms) * there  # (..., N, 3, 6)
+    carried = turned @ per_force[..., None, :, :]
+    return bending + carried.reshape(bending.shape)
+
+
+def _unit_forces(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """(3 N, ..., N, 3): one newton along one axis of one limb each."""
+    n = shape[-1]
+    units = np.eye(3 * n).reshape(3 * n, *[1] * (len(shape) - 1), n, 3)
+    return np.broadcast_to(units, (3 * n, *shape, 3))

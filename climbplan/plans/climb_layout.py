@@ -61,6 +61,7 @@ FORCES = {
     "joint_torques": Layout(("K", "N", 3), "N m"),
     "wall_deflection": Layout(("K", "N", 3), "m", "world"),
     "com_deflection": Layout(("K", 6), "m, rad", "world"),
+    "joint_command": Layout(("K", "N", 3), "rad"),
     "toe_command": Layout(("K", "N", 3), "m", "world"),
     "safety_torque": Layout(("K",), may_be_infinite=True),
     "safety_friction": Layout(("K",), may_be_infinite=True),

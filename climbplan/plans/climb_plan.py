@@ -74,7 +74,8 @@ class Forces:
     joint_torques: Array  # (K, N, 3) J^T force [N m]
     wall_deflection: Array  # (K, N, 3) imposed toe deflection [m]
     com_deflection: Array  # (K, 6) sag and small rotation of the body [m, rad]
-    toe_command: Array  # (K, N, 3) toe position sent to the joints [m]
+    joint_command: Array  # (K, N, 3) angles sent to the joints, which press with the forces [rad]
+    toe_command: Array  # (K, N, 3) where the joint commands would put the toes in free space [m]
     safety_torque: Array  # (K,) least max_torque / |torque|
     safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
     mu_critical: Array  # (K, N) friction coefficient at which the limb would slip, 0 if lifted

@@ -30,6 +30,7 @@ from climbplan.plans.checks.file_checks import (
 from climbplan.plans.checks.force_checks import force_checks
 from climbplan.plans.checks.posture_checks import posture_checks
 from climbplan.plans.checks.spec_checks import spec_checks
+from climbplan.plans.checks.static_checks import static_checks
 from climbplan.plans.checks.subject import subject_of
 from climbplan.plans.checks.trajectory_checks import trajectory_checks
 from climbplan.plans.climb_file import Reading, read_as_found
@@ -132,6 +133,7 @@ def _checks(reading: Reading) -> Iterator[Check]:
     subject = subject_of(plan)
     yield from posture_checks(subject)
     yield from force_checks(subject)
+    yield from static_checks(subject)
     yield from clearance_checks(subject)
     yield from trajectory_checks(subject)
 

@@ -65,6 +65,30 @@ def jacobian_body(robot: Robot, angles: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
+def toe_hessian(robot: Robot, angles: Array) -> Array:
+    """Second derivatives of toe_body by the angles of its limb, (..., N, 3, 3, 3) [m/rad^2].
+
+    The first of the last three axes is the toe's, body frame.
+    """
+    l1, l2, l3 = robot.link_lengths.T
+    psi = robot.mount_yaw + angles[..., 0]
+    tilt = angles[..., 1] + angles[..., 2]
+    tibia_r, tibia_z = l3 * np.sin(tilt), -l3 * np.cos(tilt)
+    femur_r, femur_z = l2 * np.cos(angles[..., 1]), l2 * np.sin(angles[..., 1])
+    zero = np.zeros_like(psi)
+    along = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
+    across = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    bent = -tibia_r[..., None] * along - tibia_z[..., None] * up  # towards the joint that turns
+    out = np.empty((*psi.shape, 3, 3, 3))
+    out[..., 0, 0] = -(l1 + femur_r + tibia_r)[..., None] * along
+    out[..., 0, 1] = out[..., 1, 0] = -(tibia_z + femur_z)[..., None] * across
+    out[..., 0, 2] = out[..., 2, 0] = -tibia_z[..., None] * across
+    out[..., 1, 1] = bent - femur_r[..., None] * along - femur_z[..., None] * up
+    out[..., 1, 2] = out[..., 2, 1] = out[..., 2, 2] = bent
+    return out
+
+
 def toe_world(robot: Robot, com: Array, rpy: Array, angles: Array) -> Array:
     """Toe positions (..., N, 3) in the world for body poses (..., 3) and angles (..., N, 3)."""
     rotation = rotation_world_body(rpy)

@@ -146,8 +146,16 @@ class ForcePlannerSpec(SpecModel):
     )
     sag: Literal["predicted", "compensated"] = Field(
         default="compensated",
-        description="`compensated`: toe commands keep the body at its planned pose; `predicted`: "
-        "least commanded penetration, the body moves as reported",
+        description="`compensated`: joint commands hold the body at its planned pose; `predicted`: "
+        "least commanded penetration, the body moves about as reported (a linear estimate)",
+    )
+    stiffness_left: Number = quantity(
+        "",
+        "share of the body's stiffness that the forces leave at least; at 0 a robot that braces "
+        "itself buckles",
+        default=0.02,
+        ge=0,
+        lt=1,
     )
 
 

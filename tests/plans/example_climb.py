@@ -25,7 +25,7 @@ from climbplan.plans.climb_plan import (
     StepLimits,
     Trajectory,
 )
-from climbplan.robots.kinematics import inverse, jacobian_world, to_body
+from climbplan.robots.kinematics import inverse, jacobian_world, to_body, toe_world
 from climbplan.robots.rotations import skew
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.robot import RobotSpec
@@ -124,22 +124,13 @@ def example_climb(rounds: int = 2, spec_text: str | None = None, per_segment: in
 
 
 def balanced_forces(scene: ClimbScene, instants: Instants) -> Forces:
-    """Forces of least elastic energy in an inscribed pyramid, and deflections to match."""
+    """Forces of least elastic energy in an inscribed pyramid, and commands to match."""
     robot, k = scene.robot, instants.count
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
-    compliance = np.einsum("knij,nj,knlj->knil", jacobian, 1 / robot.joint_stiffness, jacobian)
-    compliance /= 1 - robot.structural_compliance_share
-    force = np.stack([_least_energy(scene, instants, i, compliance[i]) for i in range(k)])
+    force = least_energy(scene, instants)
     torques = np.einsum("knij,kni->knj", jacobian, force)
-    bending = np.einsum("knij,knj->kni", compliance, force)
-    arms = np.swapaxes(skew(instants.toes - instants.com[:, None, :]), -1, -2)
-    carry = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
-    sag = np.empty((k, 6))  # of all bodies that fit the forces, the one with least penetration
-    for i, contact in enumerate(instants.contact):
-        rows = carry[i, contact].reshape(-1, 6)
-        sag[i] = np.linalg.lstsq(rows, -bending[i, contact].ravel(), rcond=None)[0]
-    deflection = bending + np.einsum("knij,kj->kni", carry, sag)
-    deflection[instants.lifted] = 0.0
+    bent = torques / (robot.joint_stiffness * (1 - robot.structural_compliance_share))
+    command = instants.joint_angles - bent
 
     normal = np.einsum("kni,kni->kn", force, instants.normal)
     tangent = np.linalg.norm(force - normal[..., None] * instants.normal, axis=-1)
@@ -147,12 +138,24 @@ def balanced_forces(scene: ClimbScene, instants: Instants) -> Forces:
     return Forces(
         force=force,
         joint_torques=torques,
-        wall_deflection=deflection,
-        com_deflection=sag,
-        toe_command=instants.toes - deflection,
+        wall_deflection=np.einsum("knij,knj->kni", jacobian, bent),
+        com_deflection=np.zeros((k, 6)),
+        joint_command=command,
+        toe_command=toe_world(robot, instants.com, instants.rpy, command),
         safety_torque=1 / (np.abs(torques) / robot.max_torque).max(axis=(1, 2)),
         safety_friction=1 / (critical / instants.mu).max(axis=1),
         mu_critical=critical,
+    )
+
+
+def least_energy(scene: ClimbScene, instants: Instants) -> Array:
+    """Forces (K, N, 3) for which the joints store least energy."""
+    robot = scene.robot
+    jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
+    compliance = np.einsum("knij,nj,knlj->knil", jacobian, 1 / robot.joint_stiffness, jacobian)
+    compliance /= 1 - robot.structural_compliance_share
+    return np.stack(
+        [_least_energy(scene, instants, i, compliance[i]) for i in range(instants.count)]
     )
 
 
@@ -189,15 +192,26 @@ def _least_energy(scene: ClimbScene, instants: Instants, i: int, compliance: Arr
     return (edges @ weights).reshape(-1, 3)
 
 
+def _start_forces(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Array:
+    """Forces (N, 3) with all limbs standing at the start."""
+    toes = rounds.toes[:1]
+    row = {name: value[:1] for name, value in vars(instants).items()}
+    angles = inverse(scene.robot, to_body(row["com"], row["rpy"], toes)).best()
+    everyone = np.ones_like(row["contact"])
+    standing = {**row, "toes": toes, "contact": everyone, "joint_angles": angles}
+    return least_energy(scene, Instants(**standing))[0]
+
+
 def _trajectory(
     scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Forces, per_segment: int
 ) -> Trajectory:
-    """Unload, lift, swing, lower, press and push, `per_segment` samples each."""
-    names = ("com", "rpy", "command", "contact")
+    """Unload, lift, swing, lower, wait and push, `per_segment` samples each."""
+    names = ("com", "rpy", "toes", "force", "contact")
     stop: dict[str, Any] = {
         "com": rounds.com[0],
         "rpy": rounds.rpy[0],
-        "command": rounds.toes[0],
+        "toes": rounds.toes[0],
+        "force": _start_forces(scene, rounds, instants),
         "contact": np.ones(scene.robot.limb_count, bool),
     }
     samples: dict[str, list[Any]] = {name: [] for name in names}
@@ -206,7 +220,7 @@ def _trajectory(
         nonlocal stop
         target = {**stop, **changes}
         for share in np.arange(per_segment) / per_segment:
-            for name in ("com", "rpy", "command"):
+            for name in ("com", "rpy", "toes", "force"):
                 samples[name].append((1 - share) * stop[name] + share * target[name])
             samples["contact"].append(target["contact"])
         stop = target
@@ -214,32 +228,33 @@ def _trajectory(
     for k in range(0, instants.count, 2):
         limb = int(np.flatnonzero(instants.lifted[k])[0])
         everyone, others = np.ones(scene.robot.limb_count, bool), ~instants.lifted[k]
+        before, after = stop["toes"], instants.toes[k + 1]
 
-        def with_toe(toe: Array, k: int = k, limb: int = limb) -> Array:
-            command = forces.toe_command[k].copy()
-            command[limb] = toe
-            return command
+        def swung(toe: Array, limb: int = limb, before: Array = before) -> Array:
+            toes = before.copy()
+            toes[limb] = toe
+            return toes
 
-        new = instants.toes[k + 1, limb]
-        above = new + scene.spec.trajectory.lift * instants.normal[k + 1, limb]
-        old = rounds.toes[instants.round[k] - 1, limb]
-        go(command=with_toe(old), contact=everyone)
-        go(command=with_toe(instants.toes[k, limb]), contact=others)
-        go(command=with_toe(above), contact=others)
-        go(command=with_toe(new), contact=others)
-        go(command=forces.toe_command[k + 1], contact=everyone)
-        go(com=instants.com[k + 1], rpy=instants.rpy[k + 1])
+        above = after[limb] + scene.spec.trajectory.lift * instants.normal[k + 1, limb]
+        go(force=forces.force[k], contact=everyone)
+        go(toes=swung(instants.toes[k, limb]), contact=others)
+        go(toes=swung(above), contact=others)
+        go(toes=after, contact=others)
+        go(contact=everyone)
+        go(com=instants.com[k + 1], rpy=instants.rpy[k + 1], force=forces.force[k + 1])
     go()
-    arrays = {name: np.array(values) for name, values in samples.items()}
-    toes_body = to_body(arrays["com"], arrays["rpy"], arrays["command"])
-    solution = inverse(scene.robot, toes_body)
+    robot, arrays = scene.robot, {name: np.array(values) for name, values in samples.items()}
+    solution = inverse(robot, to_body(arrays["com"], arrays["rpy"], arrays["toes"]))
     assert solution.valid.all()
-    rate = scene.spec.trajectory.rate
+    angles = solution.best()
+    jacobian = jacobian_world(robot, arrays["rpy"], angles)
+    torques = np.einsum("tnij,tni->tnj", jacobian, arrays["force"])
+    bent = torques / (robot.joint_stiffness * (1 - robot.structural_compliance_share))
     return Trajectory(
-        time=np.arange(len(toes_body)) / rate,
+        time=np.arange(len(angles)) / scene.spec.trajectory.rate,
         com=arrays["com"],
         rpy=arrays["rpy"],
-        joint_command=solution.best(),
+        joint_command=angles - bent,
         contact=arrays["contact"],
     )
 

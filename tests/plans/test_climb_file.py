@@ -117,6 +117,7 @@ LAYOUT = {
     "instants/mu": ((K, N), ""),
     "instants/joint_angles": ((K, N, 3), "rad"),
     "instants/joint_torques": ((K, N, 3), "N m"),
+    "instants/joint_command": ((K, N, 3), "rad"),
     "instants/toe_command": ((K, N, 3), "m"),
     "instants/wall_deflection": ((K, N, 3), "m"),
     "instants/com_deflection": ((K, 6), "m, rad"),

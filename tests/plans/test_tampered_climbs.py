@@ -115,11 +115,20 @@ def swapped_flags(file: h5py.File) -> None:
 
 def tight_bound(file: h5py.File) -> None:
     """A joint bound between what the instants and what the motion between them needs."""
-    at_instants = file["instants/joint_angles"][()].max(axis=0)
+    at_instants = file["instants/joint_command"][()].max(axis=0)
+    at_instants = np.maximum(at_instants, file["instants/joint_angles"][()].max(axis=0))
     moving = file["trajectory/joint_command"][()].max(axis=0)
     limb, joint = np.unravel_index(int(np.argmax(moving - at_instants)), moving.shape)
     bound = (moving[limb, joint] + at_instants[limb, joint]) / 2
     file["robot/joint_upper"][limb, joint] = bound
+
+
+def soften(file: h5py.File) -> None:
+    """Joints a tenth as stiff, commanded so much further that they push as planned."""
+    factor = 10.0
+    scale("robot/joint_stiffness", 1 / factor)(file)
+    angles, commands = file["instants/joint_angles"], file["instants/joint_command"]
+    commands[...] = angles[()] + factor * (commands[()] - angles[()])
 
 
 FIRST_STAND = (1, RF)  # instant, limb
@@ -198,21 +207,32 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
         {"gait.sequence", "contact.region", "contact.allowed", "contact.normal"},
     ),
     "normal": (scale("instants/normal", 1 + 5e-6, (0, RF)), {"contact.normal"}),
-    "friction of a lifted limb": (put("instants/mu", (0, RF), 0.5), {"contact.friction"}),
+    "friction of a lifted limb": (
+        put("instants/mu", (0, RF), 0.5),
+        {"contact.friction", "trajectory.friction"},
+    ),
     "friction of all": (scale("instants/mu", 2.0), {"contact.friction", "safety.stored"}),
     "joint angle of a lifted limb": (
         add("instants/joint_angles", (0, RF, 1), 1e-3),
-        {"kinematics.toes"},
+        {"kinematics.toes", "stiffness.joint_command"},
     ),
     "joint angle": (
         add("instants/joint_angles", (1, RF, 1), 1e-3),
-        {"kinematics.toes", "torque.from_angles", "stiffness.relation"},
+        {
+            "kinematics.toes",
+            "torque.from_angles",
+            "stiffness.relation",
+            "stiffness.joint_command",
+        },
     ),
     "joint bound": (
         put("robot/joint_upper", (RM, 1), 0.1),
         {"kinematics.joint_bounds", "trajectory.joint_bounds"},
     ),
-    "heavier robot": (attribute("robot", "mass", 10.001), {"force.equilibrium"}),
+    "heavier robot": (
+        attribute("robot", "mass", 10.001),
+        {"force.equilibrium", "trajectory.command"},
+    ),
     "another load": (
         add("instants/external_wrench", (3, 4), 0.01),
         {"force.equilibrium", "file.spec_values"},
@@ -234,27 +254,47 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     ),
     "more friction margin": (
         asking("force: {safety_friction: 2.0}\n", limit("safety_friction", 2.0)),
-        {"force.friction"},
+        {"force.friction", "static.friction"},
     ),
     "lifted limb pushes": (put("instants/force", (0, RF, 0), 1e-6), {"force.lifted_unloaded"}),
     "torque": (add("instants/joint_torques", (3, RM, 2), 0.01), {"torque.from_angles"}),
     "more torque margin": (
         asking("force: {safety_torque: 4}\n", limit("safety_torque", 4.0)),
-        {"torque.limit"},
+        {"torque.limit", "static.torque"},
     ),
-    "softer joints": (scale("robot/joint_stiffness", 0.9), {"stiffness.relation"}),
+    "softer joints": (
+        scale("robot/joint_stiffness", 0.9),
+        {"stiffness.relation", "static.pose", "static.friction", "trajectory.command"},
+    ),
+    "soft joints": (scale("robot/joint_stiffness", 0.1), {"stiffness.relation", "static.pose"}),
+    "buckling joints": (soften, {"stiffness.relation", "static.stability"}),
     "stiffer structure": (
         attribute("robot", "structural_compliance_share", 0.2),
-        {"stiffness.relation"},
+        {
+            "stiffness.relation",
+            "static.pose",
+            "static.friction",
+            "trajectory.command",
+            "trajectory.friction",
+        },
     ),
-    "sag": (add("instants/com_deflection", (2, 5), 1e-4), {"stiffness.relation"}),
+    "sag": (
+        add("instants/com_deflection", (2, 5), 1e-4),
+        {"stiffness.relation", "file.spec_values"},
+    ),
     "toe command": (add("instants/toe_command", (3, RM, 2), 1e-7), {"stiffness.command"}),
-    "toe command and deflection": (
-        lambda file: (
-            add("instants/toe_command", (3, RM, 2), 1e-4)(file),
-            add("instants/wall_deflection", (3, RM, 2), -1e-4)(file),
-        )[0],
-        {"stiffness.relation", "trajectory.command"},
+    "joint command of an instant": (
+        add("instants/joint_command", (3, RM, 2), 2e-3),
+        {
+            "stiffness.joint_command",
+            "stiffness.command",
+            "static.pose",
+            "trajectory.instants",
+        },
+    ),
+    "deflection": (
+        add("instants/wall_deflection", (3, RM, 2), -1e-4),
+        {"stiffness.relation", "stiffness.joint_command"},
     ),
     "torque safety": (scale("instants/safety_torque", 1.01, 4), {"safety.stored"}),
     "friction safety": (scale("instants/safety_friction", 1.01, 4), {"safety.stored"}),
@@ -268,11 +308,12 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     "motion skips an instant": (leave_out_an_instant, {"trajectory.instants"}),
     "two limbs in the air": (two_at_once, {"trajectory.sequence"}),
     "limbs lift out of turn": (swapped_flags, {"trajectory.sequence"}),
-    "body off its path": (
-        add("trajectory/com", (100, 0), 1e-5),
-        {"trajectory.body", "trajectory.command"},
+    "body off its path": (add("trajectory/com", (100, 0), 1e-5), {"trajectory.body"}),
+    "joint command": (add("trajectory/joint_command", (3, RM, 1), 1e-3), {"trajectory.command"}),
+    "strained joint": (
+        add("trajectory/joint_command", (3, RM, slice(None)), 3.0),
+        {"trajectory.command", "trajectory.friction", "trajectory.torque"},
     ),
-    "joint command": (add("trajectory/joint_command", (3, RM, 1), 1e-4), {"trajectory.command"}),
     "tight joint bound": (tight_bound, {"trajectory.joint_bounds"}),
     "slow joints": (scale("robot/max_joint_speed", 0.2), {"trajectory.joint_speed"}),
     "short shins": (
@@ -287,7 +328,15 @@ def scale_attribute(file: h5py.File, name: str, factor: float) -> None:
 
 
 # Where one change has many consequences, those named must be among them.
-AT_LEAST = {"short shins", "limbs lift out of turn", "two limbs in the air", "no contact"}
+AT_LEAST = {
+    "soft joints",
+    "buckling joints",
+    "strained joint",
+    "short shins",
+    "limbs lift out of turn",
+    "two limbs in the air",
+    "no contact",
+}
 
 
 @pytest.mark.parametrize("name", TAMPERED)

@@ -78,6 +78,7 @@ def _forces(robot: Robot, instants: Instants, asked: float) -> Forces:
         joint_torques=torques,
         wall_deflection=-0.03 * instants.normal * contact,
         com_deflection=sag,
+        joint_command=instants.joint_angles,
         toe_command=instants.toes - 0.03 * instants.normal * contact,
         safety_torque=load,
         safety_friction=slack.min(axis=1),

@@ -16,6 +16,7 @@ from climbplan.robots.kinematics import (
     require_reachable,
     to_body,
     toe_body,
+    toe_hessian,
     toe_world,
 )
 from climbplan.robots.model import Robot
@@ -64,6 +65,16 @@ def test_jacobian_matches_finite_differences(silvia: Robot) -> None:
             2 * step
         )
         np.testing.assert_allclose(jacobian[..., joint], difference, atol=1e-8)
+
+
+def test_hessian_is_the_slope_of_the_jacobian(silvia: Robot) -> None:
+    angles = np.random.default_rng(4).uniform(-1, 1, (20, 6, 3))
+    hessian, step = toe_hessian(silvia, angles), 1e-6
+    np.testing.assert_array_equal(hessian, np.swapaxes(hessian, -1, -2))
+    for joint in range(3):
+        shift = step * np.eye(3)[joint]
+        ahead, behind = (jacobian_body(silvia, angles + s * shift) for s in (1, -1))
+        np.testing.assert_allclose(hessian[..., joint], (ahead - behind) / (2 * step), atol=1e-8)
 
 
 def test_world_jacobian_turns_with_the_body(silvia: Robot) -> None:

@@ -21,6 +21,7 @@ from climbplan.plans.climb_plan import Array
 
 LARGEST_MU = 5.0  # beyond any dry contact: friction is no remedy there
 LARGEST_TORQUE_FACTOR = 100.0
+LARGEST_STIFFNESS_FACTOR = 100.0
 LEAST_SHARE = 1e-3  # of the present mass: a weightless robot is no remedy
 _BISECTIONS = 40
 _PRECISION = 1e-6  # relative, of the friction factor
@@ -92,6 +93,27 @@ def least_torque_factor(cones: InstantCones) -> float | None:
         return None
     factor = answer.value / cones.largest_s
     return factor if factor <= LARGEST_TORQUE_FACTOR else None
+
+
+def least_stiffness_factor(cones: InstantCones) -> float | None:
+    """Least factor on all joint stiffnesses; None if giving way is not what is missing.
+
+    Stiffer joints bend less and lose less of their stiffness to the same forces, in proportion.
+    """
+    program = ConicProgram(3 * cones.contacts + 1)
+    program.forces(cones)
+    scaled = []
+    for name, cone, A, b in program.blocks:
+        rows = A.copy()
+        if name.startswith(("command", "stability")):
+            rows[:, -1], b = -b, np.zeros(len(b))
+        scaled.append((name, cone, rows, b))
+    program.blocks = scaled
+    cost = np.zeros(program.size)
+    cost[-1] = 1.0
+    program.below("least", -cost[None], np.zeros(1))
+    answer = program.minimise(cost)
+    return answer.value if answer and answer.value <= LARGEST_STIFFNESS_FACTOR else None
 
 
 def feasible_masses(cones: InstantCones, load: LoadDirection) -> Interval | None:

@@ -11,6 +11,7 @@ from scipy import sparse
 from climbplan.climb.forces.reduction import ReducedForces, halfspaces
 from climbplan.plans.climb_plan import Array, Mask
 
+_LOOSER, _REGULARISATION = 1e-8, 1e-6
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load
 
 
@@ -22,12 +23,16 @@ class ConeOptima:
     solved: Mask  # (B,)
 
 
-def clarabel_settings() -> clarabel.DefaultSettings:
-    """Quiet, one thread, tight."""
+def clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
+    """Quiet, one thread, tight; or robust: less tight, for what the tight ones give up on."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = _TOLERANCE
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = (
+        _LOOSER if robust else _TOLERANCE
+    )
+    if robust:
+        settings.static_regularization_constant = _REGULARISATION
     return settings
 
 
@@ -35,27 +40,33 @@ def solve_clarabel(group: ReducedForces) -> ConeOptima:
     """Minimise a group's objective and preference over the exact cones, one call an instant."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
     linear = halfspaces(group)
-    # s >= 0 and s <= largest_s, then torque and contact, then (mu n . f, t . f, b . f) in a cone
-    m = 2 + 7 * n
-    A, upper = np.zeros((b, m + 3 * n, q + 1)), np.zeros((b, m + 3 * n))
+    # s >= 0 and s <= largest_s, then torque, contact and commands, then (mu n . f, t . f, b . f)
+    # in a cone, and what the forces leave of the stiffness
+    m = 2 + linear.A.shape[1]
+    end = m + 3 * n
+    size = end + group.stability.shape[1]
+    A, upper = np.zeros((b, size, q + 1)), np.zeros((b, size))
     A[:, 0, 0], A[:, 1, 0] = -1.0, 1.0
     upper[:, 1] = group.largest_s
     A[:, 2:m], upper[:, 2:m] = linear.A, linear.upper
     steep = np.ones((b, n, 3))
     steep[..., 0] = group.usable_mu
-    A[:, m:, 1:] = -(steep[..., None] * group.frame_null_space).reshape(b, 3 * n, q)
-    upper[:, m:] = (steep * group.frame_particular).reshape(b, 3 * n)
+    A[:, m:end, 1:] = -(steep[..., None] * group.frame_null_space).reshape(b, 3 * n, q)
+    upper[:, m:end] = (steep * group.frame_particular).reshape(b, 3 * n)
+    A[:, end:, 1:], upper[:, end:] = group.stability, group.stability_upper
 
     cones = [clarabel.NonnegativeConeT(m), *[clarabel.SecondOrderConeT(3)] * n]
+    if size > end:
+        cones.append(clarabel.PSDTriangleConeT(6))
     gradient = group.gradient + group.preference_gradient
     settings = clarabel_settings()
     # All entries are stored, zeros as well: one sparsity pattern for the whole batch.
-    indptr = np.arange(q + 2) * (m + 3 * n)
-    indices = np.tile(np.arange(m + 3 * n), q + 1)
+    indptr = np.arange(q + 2) * size
+    indices = np.tile(np.arange(size), q + 1)
     values = np.ascontiguousarray(np.swapaxes(A, 1, 2)).reshape(b, -1)
     x, solved = np.zeros((b, q + 1)), np.zeros(b, bool)
     for k in range(b):
-        matrix = sparse.csc_matrix((values[k], indices, indptr), shape=(m + 3 * n, q + 1))
+        matrix = sparse.csc_matrix((values[k], indices, indptr), shape=(size, q + 1))
         P = sparse.csc_matrix(np.triu(group.preference[k]))
         solver = clarabel.DefaultSolver(P, gradient[k], matrix, upper[k], cones, settings)
         solution = solver.solve()

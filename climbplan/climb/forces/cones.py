@@ -14,11 +14,13 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.climb.forces.clarabel import clarabel_settings
+from climbplan.climb.forces.restrictions import stability_cone
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
 from climbplan.plans.climb_plan import Array, Index
 
+_GAVE_UP = ("NumericalError", "InsufficientProgress", "MaxIterations")
 FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, that counts as none
 
 
@@ -34,6 +36,10 @@ class InstantCones:
     safety_friction: float
     torque: Array  # (n, 3, 3) torque / limit from force
     largest_s: float
+    bending: Array  # (n, 3, 3 n) joint angles less commands by forces [rad]
+    room: Array  # (n, 3, 2) for commands below and above the joint angles [rad]
+    stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
+    stiffness: Array  # (21 or 0,) of what they may take at most
 
     @property
     def contacts(self) -> int:
@@ -49,6 +55,9 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
     """The constraints of instant k."""
     limb = np.flatnonzero(statement.contact[k])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
+    bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), 3, 3 * len(limb))
+    stability = stability_cone(statement, np.array([k]))
+    lost = stability.A[0][:, limb].reshape(-1, 3 * len(limb))
     return InstantCones(
         limb=limb,
         grasp=grasp_matrix(statement.arms[k, limb]) * scale[:, None],
@@ -58,6 +67,10 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         safety_friction=statement.safety_friction,
         torque=statement.torque_per_force[k, limb] * statement.unit,
         largest_s=statement.largest_s,
+        bending=bending * statement.unit,
+        room=np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1),
+        stiffness_lost=lost * statement.unit,
+        stiffness=stability.upper[0],
     )
 
 
@@ -89,10 +102,14 @@ class ConicProgram:
         """|(b - A x)[1:]| <= (b - A x)[0]."""
         self.blocks.append((name, clarabel.SecondOrderConeT(len(b)), A, b))
 
+    def semidefinite(self, name: str, A: Array, b: Array) -> None:
+        """b - A x is the triangle of a positive semidefinite matrix, 6 by 6."""
+        self.blocks.append((name, clarabel.PSDTriangleConeT(6), A, b))
+
     def forces(
         self, cones: InstantCones, s_column: int | None = None, friction: bool = True
     ) -> None:
-        """Equilibrium, torque, contact and friction on the first 3 n variables.
+        """Equilibrium, torque, contact, friction, commands, stability on the first 3 n variables.
 
         Torque against s in a column of its own, or against the instant's largest s.
         """
@@ -107,6 +124,13 @@ class ConicProgram:
             self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), np.zeros(1))
             if friction:
                 self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
+            for j in range(3):
+                self.below(
+                    f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j]
+                )
+        if len(cones.stiffness_lost):
+            rows = on_forces(cones.stiffness_lost, self.size)
+            self.semidefinite("stability", rows, cones.stiffness)
 
     def minimise(self, cost: Array) -> ConicAnswer | None:
         """The optimum, or None if Clarabel finds none (infeasible or unbounded)."""
@@ -114,10 +138,13 @@ class ConicProgram:
         b = np.concatenate([block[3] for block in self.blocks])
         cones = [block[1] for block in self.blocks]
         P = sparse.csc_matrix((self.size, self.size))
-        solver = clarabel.DefaultSolver(P, cost, A, b, cones, clarabel_settings())
-        solution = solver.solve()
+        for settings in (clarabel_settings(), clarabel_settings(robust=True)):
+            solution = clarabel.DefaultSolver(P, cost, A, b, cones, settings).solve()
+            status = str(solution.status)
+            if status not in _GAVE_UP:
+                break
         # The other "almost" states are as good as none: an amount must hold to three digits.
-        if str(solution.status) not in ("Solved", "AlmostSolved"):
+        if status not in ("Solved", "AlmostSolved"):
             return None
         x, z = np.array(solution.x), np.array(solution.z)
         ends = np.cumsum([len(block[3]) for block in self.blocks])
@@ -131,6 +158,19 @@ def selector(rows: Array, limb: int, size: int) -> Array:
     out = np.zeros((len(rows), size))
     out[:, 3 * limb : 3 * limb + 3] = rows
     return out
+
+
+def on_forces(rows: Array, size: int) -> Array:
+    """Rows (m, 3 n) on all forces, as rows (m, size) on all variables."""
+    out = np.zeros((len(rows), size))
+    out[:, : rows.shape[1]] = rows
+    return out
+
+
+def command_rows(cones: InstantCones, i: int, joint: int, size: int) -> Array:
+    """Rows A with A x <= room: how far the i-th contact's joint is commanded down and up [rad]."""
+    row = cones.bending[i, joint][None]
+    return on_forces(np.concatenate([row, -row]), size)
 
 
 def friction_rows(cones: InstantCones, i: int, size: int) -> Array:

@@ -1,7 +1,7 @@
 """Which constraints of an infeasible instant cannot hold together.
 
-The elastic relaxation lets friction, torque and contact constraints be missed and minimises the sum
-of what is missed. Its multipliers are those of the constraints that take part in the conflict.
+The elastic relaxation lets all constraints but equilibrium be missed and minimises the sum of what
+is missed. Its multipliers are those of the constraints that take part in the conflict.
 From them a deletion filter keeps an irreducible set: leave out any one of its members and
 the others can be met.
 """
@@ -17,7 +17,9 @@ from climbplan.climb.forces.cones import (
     FEASIBLE,
     ConicProgram,
     InstantCones,
+    command_rows,
     friction_rows,
+    on_forces,
     selector,
 )
 
@@ -26,11 +28,14 @@ _TAKES_PART = 1e-6  # multiplier relative to the largest
 
 @dataclass(frozen=True)
 class Member:
-    """One constraint of an instant: friction or contact of a limb, torque of a joint."""
+    """One constraint of an instant.
 
-    kind: Literal["friction", "torque", "contact"]
-    contact: int  # position among the limbs in contact
-    joint: int = -1  # for torque
+    Friction or contact of a limb, torque or command of a joint, stability of the whole.
+    """
+
+    kind: Literal["friction", "torque", "contact", "command", "stability"]
+    contact: int = -1  # position among the limbs in contact
+    joint: int = -1  # for torque and command
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,8 @@ def all_members(cones: InstantCones) -> list[Member]:
         *(Member("friction", i) for i in limbs),
         *(Member("torque", i, j) for i in limbs for j in range(3)),
         *(Member("contact", i) for i in limbs),
+        *(Member("command", i, j) for i in limbs for j in range(3)),
+        *([Member("stability")] if len(cones.stiffness_lost) else []),
     ]
 
 
@@ -71,6 +78,14 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
             rows = selector(np.vstack([one, -one]), i, program.size)
             rows[:, slack] = -1.0
             program.below(str(index), rows, np.full(2, cones.largest_s))
+        elif member.kind == "command":
+            rows = command_rows(cones, i, member.joint, program.size)
+            rows[:, slack] = -1.0
+            program.below(str(index), rows, cones.room[i, member.joint])
+        elif member.kind == "stability":
+            rows = on_forces(cones.stiffness_lost, program.size)
+            rows[:, slack] = -cones.stiffness  # of which more is missing than there is
+            program.semidefinite(str(index), rows, cones.stiffness)
         else:
             rows = -selector(cones.axes[i, :1], i, program.size)
             rows[0, slack] = -1.0

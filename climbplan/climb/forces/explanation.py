@@ -12,14 +12,16 @@ from climbplan.climb.forces.amounts import (
     LoadDirection,
     feasible_masses,
     least_friction_factor,
+    least_stiffness_factor,
     least_torque_factor,
 )
 from climbplan.climb.forces.cones import InstantCones, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
+from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Conflict, Infeasible, LimitReached
-from climbplan.plans.climb_plan import Index, Instants
+from climbplan.plans.climb_plan import Instants
 from climbplan.robots.kinematics import JOINTS
 from climbplan.robots.rotations import rotation_world_body
 
@@ -34,6 +36,7 @@ class Amounts:
 
     friction_factor: float | None
     torque_factor: float | None
+    stiffness_factor: float | None
     load_name: str
     masses: Interval | None
 
@@ -42,15 +45,14 @@ def explain(
     scene: ClimbScene,
     instants: Instants,
     statement: ForceStatement,
-    infeasible: Index,
-    unbalanced: Index,
+    solved: SolvedForces,
 ) -> Infeasible:
     """The error that says which constraints of which instants conflict and what would help.
 
-    infeasible: instants without admissible forces; unbalanced: instants whose contacts cannot
-    resist the load at all. Raises LimitReached if an instant turns out feasible after all, which
-    means that no solver could be trusted with it.
+    Raises LimitReached if an instant turns out feasible after all, which means that no solver could
+    be trusted with it.
     """
+    infeasible, unbalanced = solved.missing, solved.unbalanced
     names = scene.robot.limb_names
     conflicts: list[Conflict] = []
     worst: Amounts | None = None
@@ -60,7 +62,7 @@ def explain(
             limbs = [names[i] for i in np.flatnonzero(statement.contact[k])]
             alone = f"balance on {_listed(limbs, len(limbs))} alone" if limbs else "balance"
             conflicts.append(Conflict(where, (alone,)))
-            worst = Amounts(None, None, "mass", None)
+            worst = Amounts(None, None, None, "mass", None)
             continue
         cones = instant_cones(statement, int(k))
         load = _load(scene, instants, statement, int(k), cones)
@@ -109,7 +111,8 @@ def _amounts(cones: InstantCones, load: LoadDirection, worst: Amounts | None) ->
         friction = None
     else:
         friction = least_friction_factor(cones, worst.friction_factor)
-    return Amounts(friction, least_torque_factor(cones), load.name, feasible_masses(cones, load))
+    torque, stiffness = least_torque_factor(cones), least_stiffness_factor(cones)
+    return Amounts(friction, torque, stiffness, load.name, feasible_masses(cones, load))
 
 
 def _worse(a: Amounts | None, b: Amounts) -> Amounts:
@@ -127,6 +130,7 @@ def _worse(a: Amounts | None, b: Amounts) -> Amounts:
     return Amounts(
         larger(a.friction_factor, b.friction_factor),
         larger(a.torque_factor, b.torque_factor),
+        larger(a.stiffness_factor, b.stiffness_factor),
         b.load_name,
         masses,
     )
@@ -172,6 +176,8 @@ def _remedies(scene: ClimbScene, statement: ForceStatement, amounts: Amounts) ->
         )
         if (safety := statement.least_safety_torque / factor_up) * (1 - _SAFE) >= 1:
             out.append(f"S_tau <= {_down(safety):.4g}")
+    if amounts.stiffness_factor is not None:
+        out.append(f"{_up(amounts.stiffness_factor):.4g} times the joint stiffness")
     if factor is not None and (safety := statement.safety_friction / factor) * (1 - _SAFE) >= 1:
         out.append(f"S_mu <= {_down(safety):.4g}")
     return tuple(out)
@@ -187,11 +193,16 @@ def _constraints(
         ("friction", "friction at"),
         ("torque", "torque of"),
         ("contact", "push-only contact at"),
+        ("command", "command within bounds of"),
+        ("stability", "stability of the braced body"),
     ):
         chosen = [m for m in members if m.kind == kind]
         if not chosen:
             continue
-        if kind == "torque":
+        if kind == "stability":
+            phrases.append(words)
+            continue
+        if kind in ("torque", "command"):
             listed = _listed([f"{limb[m.contact]} {JOINTS[m.joint]}" for m in chosen], _NAMED)
         elif len(chosen) == len(limb) > _NAMED:
             listed = f"all {len(limb)} limbs"

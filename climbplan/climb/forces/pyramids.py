@@ -45,7 +45,7 @@ def solve_pyramids(group: ReducedForces, facets: int, solver: RowSolver) -> Opti
     rows = halfspaces(group, corners)
     first = solver(group, rows)
     set_friction(group, rows, _refined(_shear_direction(group, first.x[:, 1:]), facets))
-    second = solver(group, rows, _carried_over(first.active, n, facets))
+    second = solver(group, rows, _carried_over(first.active, rows))
     return Optima(second.x, second.active, first.solved & second.solved)
 
 
@@ -66,13 +66,14 @@ def _refined(direction: Array, facets: int) -> Array:
     return np.asarray(direction[..., None] + np.concatenate([near, far]))
 
 
-def _carried_over(active: Mask, n: int, facets: int) -> Mask:
+def _carried_over(active: Mask, rows: Halfspaces) -> Mask:
     """Rows to start the second pass from: the same joints and contacts, and the facet that begins
     at the middle corner wherever friction was active."""
-    start = active.copy()
-    friction = start[:, 7 * n :].reshape(-1, n, facets)
-    sliding = friction.any(axis=-1)
-    friction[:] = False
+    n, facets = rows.contacts, rows.facets
+    sliding = active[:, rows.friction].reshape(-1, n, facets).any(axis=-1)
+    friction = np.zeros((len(active), n, facets), bool)
     fine = max(1, facets - _COARSE)
     friction[:, :, (fine - (1 - fine % 2)) // 2] = sliding
+    start = active.copy()
+    start[:, rows.friction] = friction.reshape(len(active), -1)
     return start

@@ -6,7 +6,7 @@ contacts in a line. Everything is assembled for all instants of equally many con
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,10 @@ class ReducedForces:
     gradient: Array  # (B, q + 1) of s - w sum n . f
     preference: Array  # (B, q + 1, q + 1) Hessian of the preference for small deflections
     preference_gradient: Array  # (B, q + 1) its gradient at x = 0
+    further: Array  # (B, e, q) further rows A y <= further_upper
+    further_upper: Array  # (B, e)
+    stability: Array  # (B, 21 or 0, q) stability_upper - A y is a semidefinite matrix's triangle
+    stability_upper: Array  # (B, 21 or 0)
     largest_s: float
     unit: float  # [N]
 
@@ -60,23 +64,24 @@ class ReducedForces:
 
     def take(self, rows: Index) -> ReducedForces:
         """The same problem for some of the instants."""
-        return ReducedForces(
-            self.instant[rows],
-            self.limb[rows],
-            self.particular[rows],
-            self.null_space[rows],
-            self.torque_particular[rows],
-            self.torque_null_space[rows],
-            self.normal[rows],
-            self.frame_particular[rows],
-            self.frame_null_space[rows],
-            self.usable_mu[rows],
-            self.gradient[rows],
-            self.preference[rows],
-            self.preference_gradient[rows],
-            self.largest_s,
-            self.unit,
-        )
+        arrays = {name: value[rows] for name, value in vars(self).items() if np.ndim(value)}
+        return replace(self, **arrays)
+
+    def restricted(self, A: Array, upper: Array) -> ReducedForces:
+        """The same problem with rows A f <= upper on the forces, (B, e, n, 3) per newton."""
+        rows, upper = self._on_unknowns(A, upper)
+        return replace(self, further=rows, further_upper=upper)
+
+    def stabilised(self, A: Array, upper: Array) -> ReducedForces:
+        """The same problem with upper - A f, (B, 21, n, 3) per newton, semidefinite."""
+        rows, upper = self._on_unknowns(A, upper)
+        return replace(self, stability=rows, stability_upper=upper)
+
+    def _on_unknowns(self, A: Array, upper: Array) -> tuple[Array, Array]:
+        A = self.unit * A.reshape(*A.shape[:2], 3 * self.contacts)
+        b, size = len(A), A.shape[-1]
+        particular = (A @ self.particular.reshape(b, size, 1))[..., 0]
+        return A @ self.null_space.reshape(b, size, -1), upper - particular
 
     def forces(self, y: Array) -> Array:
         """Forces (B, n, 3) [N] for unknowns (B, q), their last rounding taken out of friction.
@@ -136,15 +141,15 @@ def _reduced(
     gradient = np.ones((b, q + 1))
     gradient[:, 1:] = frame_null_space[:, :, 0].sum(axis=1)
     gradient[:, 1:] *= -statement.normal_force_weight * statement.unit
-    bent = statement.compliance[at] * (statement.unit / BEND)
-    bent_particular = (bent @ particular[..., None]).reshape(b, 3 * n, 1)
-    bent_null_space = (bent @ null_space).reshape(b, 3 * n, q)
-    transposed = PREFERENCE * np.swapaxes(bent_null_space, 1, 2)
+    deflected = statement.compliance[at] * (statement.unit / BEND)
+    deflected_particular = (deflected @ particular[..., None]).reshape(b, 3 * n, 1)
+    deflected_null_space = (deflected @ null_space).reshape(b, 3 * n, q)
+    transposed = PREFERENCE * np.swapaxes(deflected_null_space, 1, 2)
     preference = np.zeros((b, q + 1, q + 1))
-    preference[:, 1:, 1:] = transposed @ bent_null_space
+    preference[:, 1:, 1:] = transposed @ deflected_null_space
     preference += PREFERENCE * _DEFINITE * np.eye(q + 1)
     preference_gradient = np.zeros((b, q + 1))
-    preference_gradient[:, 1:] = (transposed @ bent_particular)[..., 0]
+    preference_gradient[:, 1:] = (transposed @ deflected_particular)[..., 0]
     return ReducedForces(
         instant=rows,
         limb=limbs,
@@ -159,6 +164,10 @@ def _reduced(
         gradient=gradient,
         preference=preference,
         preference_gradient=preference_gradient,
+        further=np.empty((b, 0, q)),
+        further_upper=np.empty((b, 0)),
+        stability=np.empty((b, 0, q)),
+        stability_upper=np.empty((b, 0)),
         largest_s=statement.largest_s,
         unit=statement.unit,
     )
@@ -168,12 +177,20 @@ def _reduced(
 class Halfspaces:
     """Linear rows A x <= upper of B instants, beside 0 <= s <= largest_s.
 
-    Rows: 6 n of torque (positive, then negative), n of contact, n F of friction.
+    Rows: 6 n of torque (positive, then negative), n of contact, n F of friction, and what further
+    rows the group has.
     """
 
     A: Array  # (B, m, q + 1)
     upper: Array  # (B, m)
+    contacts: int  # n
     facets: int  # F
+
+    @property
+    def friction(self) -> slice:
+        """The friction rows: those after the 7 n of torque and contact."""
+        start = 7 * self.contacts
+        return slice(start, start + self.contacts * self.facets)
 
 
 def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int = 0) -> Halfspaces:
@@ -183,8 +200,9 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     """
     b, n, q = len(group.instant), group.contacts, group.unknowns
     facets = facets if corners is None else corners.shape[-1]
-    A = np.zeros((b, n * (7 + facets), q + 1))
-    upper = np.zeros((b, n * (7 + facets)))
+    m = n * (7 + facets)
+    A = np.zeros((b, m + group.further.shape[1], q + 1))
+    upper = np.zeros((b, m + group.further.shape[1]))
     # Torque: +-(T f0 + T Z y) - s <= 0
     A[:, : 6 * n, 0] = -1.0
     A[:, : 3 * n, 1:] = group.torque_null_space.reshape(b, 3 * n, q)
@@ -194,7 +212,8 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     # Contact: -n . (f0 + Z y) <= 0
     np.negative(group.frame_null_space[:, :, 0], out=A[:, 6 * n : 7 * n, 1:])
     upper[:, 6 * n : 7 * n] = group.frame_particular[:, :, 0]
-    rows = Halfspaces(A, upper, facets)
+    A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
+    rows = Halfspaces(A, upper, n, facets)
     if corners is not None:
         set_friction(group, rows, corners)
     return rows
@@ -204,5 +223,5 @@ def set_friction(group: ReducedForces, rows: Halfspaces, corners: Array) -> None
     """Write the friction rows of polygons with `corners` (B, n, F) into `rows`."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
     facet = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)
-    rows.A[:, 7 * n :, 1:] = (facet @ group.frame_null_space).reshape(b, n * rows.facets, q)
-    rows.upper[:, 7 * n :] = -(facet @ group.frame_particular[..., None]).reshape(b, -1)
+    rows.A[:, rows.friction, 1:] = (facet @ group.frame_null_space).reshape(b, n * rows.facets, q)
+    rows.upper[:, rows.friction] = -(facet @ group.frame_particular[..., None]).reshape(b, -1)

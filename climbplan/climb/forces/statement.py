@@ -6,26 +6,35 @@
                 0 <= s <= 1 / (least S_tau)
                 n_i . f_i >= 0                            contact: a surface cannot pull
                 |f_t,i| <= (mu_i / S_mu) n_i . f_i        friction
+                lower <= theta - D f <= upper             command
+                A(f) >= share A_0                         stability
 
 Deflections drop out: the limb stiffness is invertible, so any forces in equilibrium have wall
 deflections that produce them, and eqs. (4.14) and (4.17) together say no more than equilibrium.
+Joints are commanded by as much beyond their angles theta as the forces bend them (`joint_bending`),
+which is linear in the forces, as is the stiffness A that they leave the braced body.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from climbplan.climb.scene import ClimbScene
 from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
-from climbplan.mechanics.stiffness import limb_compliance
+from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
+from climbplan.mechanics.stiffness import joint_bending, limb_compliance
 from climbplan.plans.climb_plan import Array, Instants, Mask
 from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
 TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met as asked
+COMMAND_RESERVE = 2e-3  # [rad] kept from joint bounds where possible: between two instants joints
+# move on curves, and need some room beside the straight lines between commands
 
 
 @dataclass(frozen=True)
@@ -38,13 +47,32 @@ class ForceStatement:
     mu: Array  # (K, N)
     jacobian: Array  # (K, N, 3, 3) world frame [m/rad]
     compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
+    joint_angles: Array  # (K, N, 3) [rad]
+    bending: Array  # (K, N, 3, N, 3) D, joint angles less commands by forces [rad/N]
+    room_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
+    room_above: Array  # (K, N, 3) from the joint angle to the upper bound [rad]
     max_torque: Array  # (N, 3) [N m]
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
     least_safety_torque: float  # lower bound on S_tau
+    stiffness_left: float  # least share of the elastic stiffness that forces leave
     normal_force_weight: float  # w [1/N]
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
+    robot: Robot
+    rpy: Array  # (K, 3) [rad]
+
+    @cached_property
+    def braced(self) -> BracedBody:
+        """What the stiffness of the K bodies depends on beside the forces."""
+        return braced_body(
+            self.robot, self.rpy, self.joint_angles, self.jacobian, self.arms, self.contact
+        )
+
+    def as_published(self) -> ForceStatement:
+        """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
+        free = np.full(self.arms.shape, np.inf)
+        return replace(self, room_below=free, room_above=free, stiffness_left=-np.inf)
 
     @property
     def usable_mu(self) -> Array:
@@ -75,6 +103,7 @@ def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
     # Without any load the torque limits set the scale.
     unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
+    compensated = force.sag == "compensated"
     return ForceStatement(
         contact=instants.contact,
         arms=arms,
@@ -82,19 +111,56 @@ def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
         mu=instants.mu,
         jacobian=jacobian,
         compliance=limb_compliance(robot, jacobian),
+        joint_angles=instants.joint_angles,
+        bending=joint_bending(robot, jacobian, arms, instants.contact, compensated),
+        room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
+        room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
         load=load,
         safety_friction=force.safety_friction,
         least_safety_torque=force.safety_torque,
+        stiffness_left=force.stiffness_left,
         normal_force_weight=force.normal_force_weight,
         unit=unit,
         length=length,
+        robot=robot,
+        rpy=instants.rpy,
     )
 
 
 def torques_of(statement: ForceStatement, force: Array) -> Array:
     """Joint torques J^T f (K, N, 3) [N m] of forces (K, N, 3)."""
     return np.einsum("knij,kni->knj", statement.jacobian, force)
+
+
+def commands_of(statement: ForceStatement, force: Array) -> Array:
+    """Joint commands theta - D f (K, N, 3) [rad] that press with forces (K, N, 3)."""
+    return np.asarray(statement.joint_angles - _bent(statement, force))
+
+
+def _bent(statement: ForceStatement, force: Array) -> Array:
+    return np.einsum("knjml,kml->knj", statement.bending, force, optimize=True)
+
+
+def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0) -> Array:
+    """(K, N, 3) by how much commands leave the joint bounds, or a reserve within them [rad]."""
+    bent = _bent(statement, force)
+    low, high = (kept(room, reserve) for room in (statement.room_below, statement.room_above))
+    return np.maximum(np.maximum(bent - low, -bent - high), 0.0)
+
+
+def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
+    """(K,) share of the elastic stiffness that forces take beyond what they may."""
+    if statement.stiffness_left == -np.inf:
+        return np.zeros(len(force))
+    return np.maximum(
+        statement.stiffness_left - loaded_stiffness(statement.braced, force).left, 0.0
+    )
+
+
+def kept(room: Array, reserve: float) -> Array:
+    """Rooms [rad] less a reserve, as far as there is room for it: no force bends no joint."""
+    return np.maximum(room - reserve, 0.0)
 
 
 def objective_of(statement: ForceStatement, force: Array) -> Array:
@@ -106,17 +172,19 @@ def objective_of(statement: ForceStatement, force: Array) -> Array:
 
 @dataclass(frozen=True)
 class ForceResiduals:
-    """By how much each instant's forces miss a constraint, 0 if they hold (all dimensionless)."""
+    """By how much each instant's forces miss a constraint, 0 if they hold (without unit or rad)."""
 
     equilibrium: Array  # (K,) relative to the largest load
     friction: Array  # (K,) relative to the largest load
     contact: Array  # (K,) pull on a surface or force on a lifted limb, relative to the largest load
     torque: Array  # (K,) relative to the torque limit
+    command: Array  # (K,) of joint commands beyond their bounds [rad]
+    stability: Array  # (K,) share of the elastic stiffness missing
 
     @property
     def worst(self) -> Array:
-        """(K,) largest of the four."""
-        return np.max([self.equilibrium, self.friction, self.contact, self.torque], axis=0)
+        """(K,) largest of the six."""
+        return np.max(list(vars(self).values()), axis=0)
 
 
 def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
@@ -132,4 +200,6 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
         friction=np.maximum(excess, 0.0).max(axis=1) / statement.unit,
         contact=np.maximum(np.maximum(-parts.normal, stray), 0.0).max(axis=1) / statement.unit,
         torque=np.maximum(use * statement.least_safety_torque - 1.0, 0.0),
+        command=beyond_bounds(statement, force).max(axis=(1, 2)),
+        stability=_stiffness_missing(statement, force),
     )

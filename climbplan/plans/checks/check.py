@@ -42,7 +42,7 @@ LIMITS = {
     "contact.normal": Limit(1e-6, "", "normals are those of the surfaces"),
     "contact.friction": Limit(1e-9, "", "friction coefficients are those of the surfaces"),
     "kinematics.toes": Limit(1e-6, "m", "forward kinematics of the joint angles give the toes"),
-    "kinematics.joint_bounds": Limit(1e-6, "rad", "joint angles within their bounds"),
+    "kinematics.joint_bounds": Limit(1e-6, "rad", "joint angles and commands within their bounds"),
     "force.equilibrium": Limit(1e-6, "of weight", "forces and moments balance (moments at 1 m)"),
     "force.unilateral": Limit(1e-6, "of weight", "no limb pulls"),
     "force.friction": Limit(1e-6, "of weight", "tangential force within mu f_n / S_mu"),
@@ -50,8 +50,13 @@ LIMITS = {
     "torque.from_angles": Limit(1e-6, "N m", "joint torques are J^T f"),
     "torque.limit": Limit(1e-6, "of limit", "torques within the limit over S_tau"),
     "stiffness.relation": Limit(1e-6, "m", "J k^-1 J^T f / (1 - share) = d_wall - [I P^T] d_com"),
-    "stiffness.command": Limit(1e-9, "m", "toe command = toe - wall deflection"),
+    "stiffness.joint_command": Limit(1e-6, "m", "J (joint angles - commands) = d_wall"),
+    "stiffness.command": Limit(1e-9, "m", "toe commands are where joint commands put toes"),
     "safety.stored": Limit(1e-6, "", "stored safety factors are those of the stored forces"),
+    "static.pose": Limit(1e-4, "m, rad", "the joint commands hold the body at its planned pose"),
+    "static.torque": Limit(1e-4, "of limit", "torques there within the limit over S_tau"),
+    "static.friction": Limit(1e-4, "of weight", "tangential forces there within mu f_n / S_mu"),
+    "static.stability": Limit(0, "", "the body does not buckle under the forces that hold it"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
@@ -59,8 +64,10 @@ LIMITS = {
     "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),
     "trajectory.sequence": Limit(0, "", "limbs lift one at a time in the order of the instants"),
     "trajectory.body": Limit(1e-6, "m", "the body keeps to its path and to the gait"),
-    "trajectory.command": Limit(1e-6, "m", "commanded toes lie between planned toe commands"),
-    "trajectory.instants": Limit(1e-3, "m", "body and toe commands pass every instant"),
+    "trajectory.command": Limit(1e-5, "m, rad", "joint commands hold the body on its path"),
+    "trajectory.friction": Limit(1e-4, "of weight", "tangential forces on the way within mu f_n"),
+    "trajectory.torque": Limit(1e-4, "of limit", "torques on the way within the limit"),
+    "trajectory.instants": Limit(1e-3, "m, rad", "body and joint commands pass every instant"),
     "trajectory.joint_bounds": Limit(1e-6, "rad", "commanded and standing angles within bounds"),
     "trajectory.joint_speed": Limit(1e-6, "rad/s", "joint speeds within their limits"),
     "trajectory.reach": Limit(1e-6, "m", "standing toes stay within reach of the moving body"),
@@ -112,6 +119,12 @@ def judge(
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))
+
+
+def unjudged(check: Check, reason: str) -> Check:
+    """A check whose figure is told but decides nothing."""
+    margin = f"not judged ({reason}): {check.margin or f'{check.residual:.1e}'}"
+    return replace(check, residual=0.0, passed=True, used=0.0, margin=margin)
 
 
 def judge_worst(

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst
+from climbplan.plans.checks.kinematics_anew import limbs_at
 from climbplan.plans.checks.subject import Subject
 
 
@@ -80,7 +81,10 @@ def _torques(subject: Subject) -> Iterator[Check]:
 
 
 def _stiffness(subject: Subject) -> Iterator[Check]:
-    """Eq. (4.14) with the limb compliance instead of its inverse, and the commanded toes."""
+    """Eq. (4.14) with the limb compliance instead of its inverse, and the commands.
+
+    Joints are commanded beyond their angles by what would move the toes by the wall deflection.
+    """
     plan = subject.plan
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     # J k^-1 J^T f is J applied to the joints' own deflections under tau = J^T f.
@@ -94,10 +98,13 @@ def _stiffness(subject: Subject) -> Iterator[Check]:
     )
     miss = np.linalg.norm(given + carried - forces.wall_deflection, axis=-1)
     yield judge_worst("stiffness.relation", np.where(instants.contact, miss, 0.0), subject.at)
-    command = instants.toes - forces.wall_deflection
-    yield judge_worst(
-        "stiffness.command", np.linalg.norm(forces.toe_command - command, axis=-1), subject.at
-    )
+    turned = instants.joint_angles - forces.joint_command
+    imposed = np.einsum("knij,knj->kni", subject.limbs.jacobian(), turned)
+    miss = np.linalg.norm(imposed - forces.wall_deflection, axis=-1)
+    yield judge_worst("stiffness.joint_command", miss, subject.at)
+    commanded = limbs_at(robot, instants.com, subject.axes, forces.joint_command)
+    miss = np.linalg.norm(forces.toe_command - commanded.toe, axis=-1)
+    yield judge_worst("stiffness.command", miss, subject.at)
 
 
 def _stored_factors(subject: Subject) -> Check:

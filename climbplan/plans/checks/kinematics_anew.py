@@ -82,19 +82,21 @@ class StandingLimbs:
 
 
 def standing_limbs(
-    robot: Robot, com: Array, axes: Array, toes: Array, commanded: Limbs
+    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array
 ) -> StandingLimbs:
-    """Limbs that reach for toes (..., N, 3), bent to the same side as the commanded ones.
+    """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, 3).
 
-    The knee is where the circles of femur and tibia meet in the limb's plane.
+    Angles are those within half a turn of `alike`. The knee is where the circles of femur and tibia
+    meet in the limb's plane.
     """
+    model = limbs_at(robot, com, axes, alike)
     shoulder = placed(com, axes, robot.shoulder_body)
     up = axes[..., 2:3, :]
     reach = toes - shoulder
     level = reach - _dot(reach, up) * up
     out = level / np.maximum(_length(level), 1e-12)
-    commanded_out = commanded.joints[..., 1, :] - commanded.joints[..., 0, :]
-    out = out * np.where(_dot(out, commanded_out) < 0, -1.0, 1.0)
+    model_out = model.joints[..., 1, :] - model.joints[..., 0, :]
+    out = out * np.where(_dot(out, model_out) < 0, -1.0, 1.0)
     hinge = np.cross(out, np.broadcast_to(up, out.shape))
 
     coxa, femur, tibia = (robot.link_lengths[:, j, None] for j in range(3))
@@ -107,10 +109,10 @@ def standing_limbs(
     off = np.sqrt(np.maximum(femur**2 - along**2, 0.0))
     side = np.cross(hinge, toward)
     bent = np.cross(
-        commanded.toe - commanded.joints[..., 1, :],
-        commanded.joints[..., 2, :] - commanded.joints[..., 1, :],
+        model.toe - model.joints[..., 1, :],
+        model.joints[..., 2, :] - model.joints[..., 1, :],
     )
-    sign = np.where(_dot(bent, commanded.axes[..., 1, :]) < 0, -1.0, 1.0)
+    sign = np.where(_dot(bent, model.axes[..., 1, :]) < 0, -1.0, 1.0)
     knee = hip + along * toward + sign * off * side
 
     thigh, shin = knee - hip, toes - knee
@@ -120,9 +122,7 @@ def standing_limbs(
     femur_angle = np.arctan2(_dot(thigh, up), _dot(thigh, out))[..., 0]
     shin_angle = np.arctan2(_dot(shin, out), -_dot(shin, up))[..., 0]
     angles = np.stack([heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1)
-    # Angles are given up to full turns: the one nearest the middle of the joint's range.
-    middle = (robot.joint_lower + robot.joint_upper) / 2
-    angles = angles - 2 * np.pi * np.round((angles - middle) / (2 * np.pi))
+    angles = angles - 2 * np.pi * np.round((angles - alike) / (2 * np.pi))
     return StandingLimbs(
         points=np.stack([shoulder, hip, knee, toes], axis=-2),
         angles=angles,

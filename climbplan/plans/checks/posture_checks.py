@@ -137,13 +137,15 @@ def _contacts(subject: Subject) -> Iterator[Check]:
 
 
 def _kinematics(subject: Subject) -> Iterator[Check]:
-    """Constraint E: the joint angles put the toes where they are, within the joints' bounds."""
+    """Constraint E: the joint angles put the toes where they are; bounds, also of the commands."""
     plan = subject.plan
     robot, instants = plan.robot, plan.instants
     miss = np.linalg.norm(subject.limbs.toe - instants.toes, axis=-1)
     yield judge_worst("kinematics.toes", miss, subject.at)
-    angles = instants.joint_angles
-    over = np.maximum(robot.joint_lower - angles, angles - robot.joint_upper)
+    over = np.full(instants.joint_angles.shape, -np.inf)
+    for angles in (instants.joint_angles, plan.forces.joint_command):
+        outside = np.maximum(robot.joint_lower - angles, angles - robot.joint_upper)
+        over = np.maximum(over, outside)
     margin = f"{np.rad2deg(-over.max()):.1f} deg"
     span = (robot.joint_upper - robot.joint_lower) / 2
     yield judge_worst("kinematics.joint_bounds", over, subject.at, margin, used=1 + over / span)

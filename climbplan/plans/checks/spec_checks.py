@@ -124,6 +124,8 @@ def _limits(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
         "force.safety_friction": (limits.safety_friction, spec.force.safety_friction),
         "force.safety_torque": (limits.safety_torque, spec.force.safety_torque),
     }
+    sag = plan.forces.com_deflection
+    yield _same("force.sag", spec.force.sag == "predicted" or not sag.any())
     for key, (stored, asked) in pairs.items():
         yield _apart(key, stored, asked)
 

@@ -45,6 +45,18 @@ class Subject:
         return f"end of round {j}" if j else "start"
 
     @property
+    def sags(self) -> bool:
+        """Whether the plan moves the body from its planned pose (`force.sag: predicted`)."""
+        return bool(self.plan.forces.com_deflection.any())
+
+    @property
+    def load(self) -> Array:
+        """(K, 6) weight and external wrench on the body [N, N m]."""
+        load = self.plan.instants.external_wrench.copy()
+        load[:, 2] -= self.plan.robot.mass * self.plan.robot.gravity
+        return load
+
+    @property
     def contact_force(self) -> Array:
         """(K, N) force along the surface normal [N]."""
         return np.einsum("kni,kni->kn", self.plan.forces.force, self.plan.instants.normal)

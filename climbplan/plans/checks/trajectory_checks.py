@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.plans.checks.check import Array, Check, judge, judge_worst
+from climbplan.plans.checks.check import Array, Check, judge, judge_worst, unjudged
 from climbplan.plans.checks.clearance_checks import judge_link_depths, link_depths
 from climbplan.plans.checks.gait_anew import Gait, body_stations, gait_of
 from climbplan.plans.checks.kinematics_anew import (
@@ -22,6 +22,8 @@ from climbplan.plans.checks.kinematics_anew import (
     limbs_at,
     standing_limbs,
 )
+from climbplan.plans.checks.motion_forces import motion_forces
+from climbplan.plans.checks.static_checks import LINEAR
 from climbplan.plans.checks.subject import Subject
 from climbplan.plans.climb_plan import Index, Mask
 
@@ -58,7 +60,8 @@ def trajectory_checks(subject: Subject) -> Iterator[Check]:
     motion = _motion_of(subject)
     yield _sequence(motion)
     yield _body(motion)
-    yield _commands(motion)
+    for check in _forces(motion):
+        yield unjudged(check, LINEAR) if subject.sags else check
     yield _instants(motion)
     yield from _joints(motion)
     yield _clearance(motion)
@@ -94,6 +97,9 @@ def _motion_of(subject: Subject) -> _Motion:
     ground = rounds.toes[placements, np.arange(robot.limb_count)]
     axes = body_axes(trajectory.rpy)
     commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
+    # Commands may lie beyond full stretch: the planned angles tell which way a limb bends.
+    k = np.clip(2 * counted.sum(axis=1), 0, plan.instants.count - 1)
+    planned = plan.instants.joint_angles[k]
     return _Motion(
         subject=subject,
         gait=gait_of(plan.instants, rounds),
@@ -102,7 +108,7 @@ def _motion_of(subject: Subject) -> _Motion:
         placements=placements,
         ground=ground,
         commanded=commanded,
-        standing=standing_limbs(robot, trajectory.com, axes, ground, commanded),
+        standing=standing_limbs(robot, trajectory.com, axes, ground, planned),
     )
 
 
@@ -146,28 +152,72 @@ def _body(motion: _Motion) -> Check:
     return judge_worst("trajectory.body", off, motion.at)
 
 
-def _commands(motion: _Motion) -> Check:
-    """Commands of standing limbs lie on straight lines between those of neighbouring instants.
-
-    A limb presses from its place on the surface and returns to it before it lifts. What the
-    motion starts with is its own first command.
-    """
+def _forces(motion: _Motion) -> Iterator[Check]:
+    """The commands hold the body on its path, and no limb slips or is overloaded on the way."""
     plan = motion.subject.plan
-    instants = plan.instants
-    window = 2 * motion.done[:, None] + np.array([-2, -1, 0, 1])  # (T, 4) instants around
-    inside = (window >= 0) & (window < instants.count)
-    k = np.clip(window, 0, instants.count - 1)
-    stands = instants.contact[k] & (motion.gait.placements[k] == motion.placements[:, None, :])
-    stands &= inside[..., None]
-    stops = np.where(
-        stands[..., None], plan.forces.toe_command[k], motion.ground[:, None]
-    )  # (T, 4, N, 3)
-    first = np.broadcast_to(motion.commanded.toe[0], stops.shape)
-    stops = np.where((window < 0)[..., None, None], first, stops)
-    toe = motion.commanded.toe
-    pieces = [_off_segment(toe, stops[:, w], stops[:, w + 1]) for w in range(3)]
-    off = np.where(motion.lifted, 0.0, np.min(pieces, axis=0))
-    return judge_worst("trajectory.command", off, motion.at)
+    robot, trajectory = plan.robot, plan.trajectory
+    found = motion_forces(
+        robot,
+        trajectory.com,
+        body_axes(trajectory.rpy),
+        motion.standing,
+        trajectory.joint_command,
+        ~motion.lifted,
+        _load(motion),
+    )
+    off = _lengths(found.deflection)
+    yield judge_worst(
+        "trajectory.command",
+        np.where(np.isnan(off), np.inf, off),
+        lambda sample, row: f"{motion.at(sample)}, {('shifted', 'turned')[row]}",
+    )
+
+    k = np.clip(2 * motion.done - 1, 0, plan.instants.count - 1)
+    pressing = np.where(motion.lifted.any(axis=1), np.minimum(k + 1, plan.instants.count - 1), k)
+    k = np.where(motion.done == 0, 0, pressing)
+    normal, mu = plan.instants.normal[k], plan.instants.mu[k]
+    pressure = np.einsum("tni,tni->tn", found.force, normal)
+    shear = np.linalg.norm(found.force - pressure[..., None] * normal, axis=-1)
+    loaded = ~motion.lifted & (shear > 1e-6 * motion.subject.weight)
+    ratio = np.full(shear.shape, np.inf)
+    np.divide(mu * pressure, shear, out=ratio, where=loaded)
+    excess = np.where(motion.lifted, -np.inf, shear - mu * pressure) / motion.subject.weight
+    yield judge_worst(
+        "trajectory.friction",
+        excess,
+        motion.at,
+        margin=f"S_mu {ratio.min():.2f}",
+        used=1 / np.maximum(ratio, 1e-300),
+    )
+    use = np.abs(found.torque) / robot.max_torque
+    most = float(np.abs(found.torque).max())
+    yield judge_worst(
+        "trajectory.torque", use - 1.0, motion.at, margin=f"at most {most:.1f} N m", used=use
+    )
+
+
+def _lengths(deflection: Array) -> Array:
+    """(T, 2) shift [m] and turn [rad] of body deflections (T, 6)."""
+    parts = (deflection[:, :3], deflection[:, 3:])
+    return np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
+
+
+def _load(motion: _Motion) -> Array:
+    """(T, 6) load on the body: that of the pose it waits in, or on its way between two."""
+    plan = motion.subject.plan
+    com, rpy = body_stations(plan.rounds, plan.robot.limb_count)
+    stations = np.hstack([com, rpy])
+    # Instants 2 s and 2 s - 1 both have the body at station s.
+    count = len(stations)
+    at_station = motion.subject.load[np.minimum(2 * np.arange(count), plan.instants.count - 1)]
+    last = motion.done
+    first = np.maximum(last - 1, 0)
+    pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
+    along = stations[last] - stations[first]
+    square = (along**2).sum(axis=1)
+    share = ((pose - stations[first]) * along).sum(axis=1)
+    share = np.clip(np.divide(share, square, out=np.ones_like(share), where=square > 0), 0, 1)
+    return (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
 
 
 def _instants(motion: _Motion) -> Check:
@@ -178,8 +228,8 @@ def _instants(motion: _Motion) -> Check:
     off = np.full(instants.count, np.inf)
     samples = np.flatnonzero((k >= 0) & (k < instants.count))
     k = k[samples]
-    command = motion.commanded.toe[samples] - plan.forces.toe_command[k]
-    miss = np.where(instants.contact[k], np.linalg.norm(command, axis=-1), 0.0).max(axis=1)
+    command = np.abs(trajectory.joint_command[samples] - plan.forces.joint_command[k])
+    miss = np.where(instants.contact[k], command.max(axis=-1), 0.0).max(axis=1)
     body = np.linalg.norm(trajectory.com[samples] - instants.com[k], axis=-1)
     turn = np.abs(trajectory.rpy[samples] - instants.rpy[k]).max(axis=-1)
     np.minimum.at(off, k, np.maximum(np.maximum(miss, body), turn))

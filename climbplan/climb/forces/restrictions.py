@@ -1,0 +1,107 @@
+"""Restrictions on forces that few instants come close to: commands within bounds, stability.
+
+They are added where an answer without them does not hold, which leaves optima what they are. Both
+are linear in the forces: a joint command is theta - D f, and for a body motion v of unit elastic
+stiffness what forces leave of the stiffness is 1 - g(v) . f (`stiffness_lost`). The motions that
+matter are found as needed, so that stability, a matrix inequality, is kept by cutting planes;
+Clarabel takes it as it is (`stability_cone`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.forces.statement import (
+    COMMAND_RESERVE,
+    ForceStatement,
+    beyond_bounds,
+    kept,
+)
+from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost, stiffness_lost_matrices
+from climbplan.plans.climb_plan import Array, Index
+
+_STIFFNESS_RESERVE = 1e-3  # of the elastic stiffness: cuts ask for this much more than is needed
+_TOLERANCE = 1e-9  # [rad] by which commands may enter their reserve
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows A f <= upper on the forces of some instants."""
+
+    A: Array  # (B, e, N, 3) [1/N]
+    upper: Array  # (B, e)
+
+    def of_limbs(self, limb: Index) -> Array:
+        """(B, e, n, 3) columns of the limbs (B, n) in contact."""
+        return np.take_along_axis(self.A, limb[:, None, :, None], axis=2)
+
+
+def triangle(matrices: Array) -> Array:
+    """Upper triangles (..., 21) of symmetric (..., 6, 6), as Clarabel's semidefinite cone has them.
+
+    Column by column, with a factor that keeps inner products.
+    """
+    column, row = np.tril_indices(6)
+    factor = np.where(column == row, 1.0, np.sqrt(2.0))
+    return np.asarray(matrices[..., row, column] * factor)
+
+
+def stability_cone(statement: ForceStatement, instants: Index) -> Rows:
+    """Rows (B, 21, N, 3) for which upper - A f is a positive semidefinite matrix: stability."""
+    if statement.stiffness_left == -np.inf:
+        shape = (len(instants), 0, *statement.contact.shape[1:], 3)
+        return Rows(np.zeros(shape), np.zeros(shape[:2]))
+    lost = triangle(stiffness_lost_matrices(statement.braced, instants))  # (B, N, 3, 21)
+    kept_part = (1.0 - statement.stiffness_left) * triangle(np.eye(6))
+    return Rows(np.moveaxis(lost, -1, 1), np.tile(kept_part, (len(instants), 1)))
+
+
+class Restrictions:
+    """The restrictions found to matter so far, instant by instant.
+
+    reserve: [rad] that commands keep from joint bounds, as far as there is room for it.
+    """
+
+    def __init__(self, statement: ForceStatement, reserve: float = COMMAND_RESERVE) -> None:
+        self.statement = statement
+        self.reserve = reserve
+        self._cuts: dict[int, list[Array]] = {}  # (N, 3) share of the stiffness lost per newton
+
+    def broken_by(self, force: Array) -> Index:
+        """Instants whose forces (K, N, 3) break a restriction; its cuts are remembered."""
+        buckling = self._cut(force)
+        beyond = beyond_bounds(self.statement, force, self.reserve).max(axis=(1, 2))
+        return np.union1d(buckling, np.flatnonzero(beyond > _TOLERANCE))
+
+    def _cut(self, force: Array) -> Index:
+        """Instants that forces leave too little stiffness; the motions that tell are kept."""
+        if self.statement.stiffness_left == -np.inf:
+            return np.empty(0, np.int64)
+        stiffness = loaded_stiffness(self.statement.braced, force)
+        buckling = np.flatnonzero(stiffness.left < self.statement.stiffness_left)
+        direction = stiffness.direction[buckling]
+        lost = stiffness_lost(self.statement.braced, buckling, direction)
+        for k, row in zip(buckling, lost, strict=True):
+            self._cuts.setdefault(int(k), []).append(row)
+        return buckling
+
+    def commands(self, instants: Index) -> Rows:
+        """Rows that keep the commands of some instants within bounds, down and up."""
+        b, n = len(instants), self.statement.contact.shape[1]
+        bending = self.statement.bending[instants].reshape(b, 3 * n, n, 3)
+        room = [self.statement.room_below[instants], self.statement.room_above[instants]]
+        upper = kept(np.concatenate(room, axis=1).reshape(b, 6 * n), self.reserve)
+        return Rows(np.concatenate([bending, -bending], axis=1), upper)
+
+    def cuts(self, instants: Index) -> Rows:
+        """Cuts found for some instants; those with fewer than others get idle rows."""
+        n = self.statement.contact.shape[1]
+        most = max((len(self._cuts.get(int(k), [])) for k in instants), default=0)
+        A = np.zeros((len(instants), most, n, 3))
+        for place, k in enumerate(instants):
+            for row, cut in enumerate(self._cuts.get(int(k), [])):
+                A[place, row] = cut
+        most_lost = 1.0 - self.statement.stiffness_left - _STIFFNESS_RESERVE
+        return Rows(A, np.full((len(instants), most), most_lost))

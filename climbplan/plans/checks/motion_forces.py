@@ -1,0 +1,56 @@
+"""What the joint commands of a motion press with, sample by sample.
+
+Joints are springs about their commands. Where the forces of limbs that reach for their footholds
+balance the load, the body is where the motion has it; what is left over moves it, by eq. (4.17).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.plans.checks.check import Array
+from climbplan.plans.checks.kinematics_anew import StandingLimbs, limbs_at
+from climbplan.plans.checks.static_pose import body_motion, force_of, joints_by_body
+from climbplan.plans.climb_plan import Mask
+from climbplan.robots.model import Robot
+
+
+@dataclass(frozen=True)
+class MotionForces:
+    """T samples, N limbs."""
+
+    deflection: Array  # (T, 6) of the body from its path, linear [m, rad]
+    force: Array  # (T, N, 3) there, zero in the air [N]
+    torque: Array  # (T, N, 3) [N m]
+
+
+def motion_forces(
+    robot: Robot,
+    com: Array,
+    axes: Array,
+    standing: StandingLimbs,
+    command: Array,
+    contact: Mask,
+    load: Array,
+) -> MotionForces:
+    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, 3)."""
+    spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    touching = contact[..., None]
+    torque = np.where(touching, spring * (standing.angles - command), 0.0)
+    jacobian = limbs_at(robot, com, axes, standing.angles).jacobian()
+    motion = body_motion(standing.points[..., 3, :] - com[:, None, :])
+    bend = joints_by_body(jacobian, motion) * touching[..., None]  # joints turn by -bend dx
+    torque_flat, bend_flat = torque.reshape(len(com), -1), bend.reshape(len(com), -1, 6)
+    firm = bend * spring[..., None]
+    stiffness = np.swapaxes(bend_flat, 1, 2) @ firm.reshape(bend_flat.shape)
+    # B^T J^-T tau: the wrench of the forces about the body origin.
+    wrench = (np.swapaxes(bend_flat, 1, 2) @ torque_flat[..., None])[..., 0] + load
+    deflection = np.full((len(com), 6), np.nan)
+    fine = np.isfinite(stiffness).all(axis=(1, 2))
+    inverse = np.linalg.pinv(stiffness[fine], rcond=1e-10, hermitian=True)
+    deflection[fine] = (inverse @ wrench[fine][..., None])[..., 0]
+    torque = torque - (firm @ deflection[:, None, :, None])[..., 0]
+    force = np.where(touching, force_of(jacobian, torque), 0.0)
+    return MotionForces(deflection, force, torque)

@@ -1,0 +1,94 @@
+"""What the joint commands do: the pose, forces and stability of the nonlinear static equilibrium.
+
+Commands that hold the body at its planned pose must do so exactly. Where the body is to sag
+(`force.sag: predicted`), plan and commands follow the linear model of eq. (4.14), of which the
+equilibrium is no consequence: it is looked for and told, but not judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from climbplan.plans.checks.check import Array, Check, judge_worst, unjudged
+from climbplan.plans.checks.kinematics_anew import turned
+from climbplan.plans.checks.static_pose import Braced, settle
+from climbplan.plans.checks.subject import Subject
+
+LINEAR = "force.sag: predicted is a linear model"
+
+
+def static_checks(subject: Subject) -> Iterator[Check]:
+    """Pose, torques, friction and stability at every instant."""
+    for check in _checks(subject):
+        yield unjudged(check, LINEAR) if subject.sags else check
+
+
+def _checks(subject: Subject) -> Iterator[Check]:
+    plan = subject.plan
+    robot, instants, forces = plan.robot, plan.instants, plan.forces
+    sag = forces.com_deflection
+    angle = np.linalg.norm(sag[:, 3:], axis=1)
+    axis = sag[:, 3:] / np.maximum(angle, 1e-300)[:, None]
+    axes = turned(subject.axes, axis[:, None, :], angle[:, None])
+    braced = Braced(
+        robot,
+        instants.toes,
+        instants.contact,
+        forces.joint_command,
+        instants.joint_angles,
+        subject.load,
+    )
+    settled = settle(braced, instants.com + sag[:, :3], axes)
+
+    shift = np.linalg.norm(settled.shift, axis=1)
+    turn = np.linalg.norm(settled.turn, axis=1)
+    lost = np.isnan(shift)
+    off = np.stack([shift, turn], axis=1)
+    names = ("shifted", "turned")
+    yield judge_worst(
+        "static.pose",
+        np.where(np.isnan(off), np.inf, off),
+        lambda k, row: f"{subject.at(k)}, {names[row]}",
+        margin=f"{1e3 * _largest(shift):.3f} mm, {np.rad2deg(_largest(turn)):.3f} deg"
+        + (f", none at {int(lost.sum())} instants" if lost.any() else ""),
+    )
+
+    asked = plan.limits.safety_torque
+    use = np.abs(settled.torque) / robot.max_torque
+    yield judge_worst(
+        "static.torque",
+        use - 1 / asked,
+        subject.at,
+        margin=f"at most {_largest(np.abs(settled.torque)):.1f} N m",
+        used=use * asked,
+    )
+
+    asked = plan.limits.safety_friction
+    normal = np.einsum("kni,kni->kn", settled.force, instants.normal)
+    tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
+    excess = np.where(instants.contact, tangent - instants.mu * normal / asked, -np.inf)
+    ratio = np.full(normal.shape, np.inf)
+    np.divide(instants.mu * normal, tangent, out=ratio, where=instants.contact & (tangent > 0))
+    yield judge_worst(
+        "static.friction",
+        excess / subject.weight,
+        subject.at,
+        margin=f"S_mu {np.min(ratio, initial=np.inf, where=~np.isnan(ratio)):.2f}",
+        used=np.where(instants.contact, asked / np.maximum(ratio, 1e-300), 0.0),
+    )
+    left = settled.stiffness_left
+    least = float(np.min(left, initial=1.0, where=np.isfinite(left)))
+    yield judge_worst(
+        "static.stability",
+        -left,
+        subject.at,
+        margin=f"{100 * least:.0f} % of the stiffness left",
+        used=1.0 - left,
+    )
+
+
+def _largest(values: Array) -> float:
+    """Largest of what is there."""
+    return float(np.max(values, initial=0.0, where=np.isfinite(values)))

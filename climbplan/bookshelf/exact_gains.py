@@ -25,7 +25,7 @@ from climbplan.bookshelf.exact_problem import (
     Problem,
     side_of,
 )
-from climbplan.bookshelf.exact_relax import cheapest_state, turn_cost, turn_model
+from climbplan.bookshelf.exact_relax import cheapest_state, least_turn, turn_cost
 from climbplan.bookshelf.exact_rows import (
     ALONE,
     APART,
@@ -74,10 +74,13 @@ def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
         seat[k, STATE_GAIN] = seat[k, TILT_GAIN] = 0.0
         _complete(problem, sheet, mask, k)
         if role[k, COLUMN] >= 0:
+            # What the Lagrangian falls short of by the book's turn cost.
+            price = 0.0
+            for r in range(sheet.rows[0]):
+                price += sheet.side[r, PRICE] * sheet.C[r, role[k, COLUMN]]
             exact = turn_cost(problem, k, seat[k, POINT + 2], seat[k, POINT + 3])
-            linear, square, rest = turn_model(problem, seat[k], k)
-            d = seat[k, TILT] - seat[k, MIDDLE]
-            seat[k, TILT_GAIN] = max(0.0, exact - rest - linear * d - square * d * d)
+            exact -= price * (seat[k, TILT] - seat[k, MIDDLE])
+            seat[k, TILT_GAIN] = max(0.0, exact - least_turn(problem, seat[k], k, price))
     for r in range(sheet.rows[0]):
         kind, i, j = sheet.side[r, KIND], sheet.pair[r, FIRST], sheet.pair[r, SECOND]
         if kind == BOX or kind == ALONE or kind == ORDER:

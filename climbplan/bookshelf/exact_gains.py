@@ -220,7 +220,8 @@ def choose(problem: Problem, sheet: Sheet, mask: Whole) -> int:
     for k in range(n):
         if role[k, STATE] < 0 and seat[k, STATE_GAIN] > gain:
             best, gain = k, seat[k, STATE_GAIN]
-        if role[k, COLUMN] >= 0 and _TILT_SHARE * seat[k, TILT_GAIN] > gain:
+        wide = role[k, COLUMN] >= 0 and 2 * seat[k, 6] > _NARROW
+        if wide and _TILT_SHARE * seat[k, TILT_GAIN] > gain:
             best, gain = n + k, _TILT_SHARE * seat[k, TILT_GAIN]
     if best >= 0:
         return best

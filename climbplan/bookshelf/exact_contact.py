@@ -27,6 +27,7 @@ from climbplan.bookshelf.exact_pairs import (
 )
 from climbplan.bookshelf.scene import Array
 
+_TINY = 1e-6  # of a direction's x component, below which it bounds nothing
 _ON_FACE = 1e-9  # [mm] a corner this far past a face's end counts as in front of it
 
 
@@ -231,11 +232,15 @@ def pair_ceiling(
         most = _turning_most(
             which, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
         )
-    if feature < 4 or nx < 0.1:  # any direction will do
-        nx, ny = 1.0, 0.0
-    p_i, g = _reach_ceiling(nx, ny, side_i, width_i, height_i, box_i)
-    p_j, h = _reach_ceiling(nx, -ny, -side_j, width_j, height_j, box_j)
-    p, g, h = (p_i + p_j + gap) / nx, g / nx, h / nx
+    # Any direction will do: the horizontal one, or the one from corner to corner.
+    p_i, g = _reach_ceiling(1.0, 0.0, side_i, width_i, height_i, box_i)
+    p_j, h = _reach_ceiling(1.0, 0.0, -side_j, width_j, height_j, box_j)
+    p = p_i + p_j + gap
+    if feature == 4 and nx > _TINY:
+        p_i, own = _reach_ceiling(nx, ny, side_i, width_i, height_i, box_i)
+        p_j, other = _reach_ceiling(nx, -ny, -side_j, width_j, height_j, box_j)
+        if p_i + p_j + gap < p * nx:
+            p, g, h = (p_i + p_j + gap) / nx, own / nx, other / nx
     if most < p:
         return most, 0.0, 0.0
     return p, g, h

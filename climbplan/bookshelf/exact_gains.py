@@ -26,7 +26,7 @@ from climbplan.bookshelf.exact_problem import (
     side_of,
 )
 from climbplan.bookshelf.exact_relax import cheapest_state, least_turn, turn_cost
-from climbplan.bookshelf.exact_rows import (
+from climbplan.bookshelf.exact_sheet import (
     ALONE,
     APART,
     APART_BY_INSERTED,

@@ -30,7 +30,8 @@ from climbplan.bookshelf.exact_problem import (
     Problem,
 )
 from climbplan.bookshelf.exact_qp import CUT_OFF, EMPTY, SOLVED, STUCK, solve_least_distance
-from climbplan.bookshelf.exact_rows import (
+from climbplan.bookshelf.exact_rows import write_rows
+from climbplan.bookshelf.exact_sheet import (
     COLUMN,
     MIDDLE,
     PRICE,
@@ -43,7 +44,6 @@ from climbplan.bookshelf.exact_rows import (
     Whole,
     X,
     prepare,
-    write_rows,
 )
 from climbplan.bookshelf.scene import Array
 

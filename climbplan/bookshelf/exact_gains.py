@@ -58,7 +58,7 @@ from climbplan.bookshelf.exact_sheet import (
 )
 from climbplan.bookshelf.scene import Array
 
-_TILT_SHARE = 0.25  # states multiply the work on tilts, not the other way round
+_TILT_SHARE = 2.0  # halving makes two nodes of one, splitting by state up to four
 _NARROW = 1e-7  # [rad] intervals are not halved below this
 
 

@@ -30,17 +30,15 @@ from climbplan.bookshelf.exact_problem import (
     build_problem,
     side_of,
 )
-from climbplan.bookshelf.exact_rows import Sheet, new_sheet
+from climbplan.bookshelf.exact_search import FINISHED, FULL, advance
+from climbplan.bookshelf.exact_sheet import Sheet, new_sheet
 from climbplan.bookshelf.exact_tree import (
     BEST_SLOT,
     COST,
-    FINISHED,
-    FULL,
     NODES,
     PLACE,
     PLACEMENTS,
     Tree,
-    advance,
     grown,
     least_bound,
     new_tree,

@@ -27,6 +27,7 @@ from climbplan.bookshelf.exact_pairs import (
 )
 from climbplan.bookshelf.scene import Array
 
+_TINY = 1e-6  # of a direction's x component, below which it bounds nothing
 _ON_FACE = 1e-9  # [mm] a corner this far past a face's end counts as in front of it
 
 
@@ -153,6 +154,32 @@ def _turning_ceiling(
 
 
 @compiled
+def _turning_most(
+    which: int,
+    side: float,
+    width: float,
+    height: float,
+    box: Array,
+    other_side: float,
+    other_width: float,
+    other_height: float,
+    other_box: Array,
+    gap: float,
+) -> float:
+    """Constant above E + gap / nx, for normals too near the vertical for planes."""
+    sec, tan, foot, face, turn, _ = axis_numbers(which, side, width, height, box, gap)
+    # Both are monotone; their sum need not be, as the gap is part of the face's distance.
+    own = face * max(sec[0], sec[2]) + max(foot[0], foot[2])
+    slope = max(turn * tan[0], turn * tan[2])
+    most = -np.inf
+    for v in range(4):
+        p, q, u, w = corner_numbers(v, other_side, other_width, other_height)
+        # Y_v >= 0, so that B_v + T Y_v is largest at the largest T.
+        most = max(most, own + highest(p + slope * u, q + slope * w, other_box))
+    return most
+
+
+@compiled
 def _reach_ceiling(
     nx: float, ny: float, side: float, width: float, height: float, box: Array
 ) -> tuple[float, float]:
@@ -186,19 +213,34 @@ def pair_ceiling(
     )
     if box_i[6] == 0.0 and box_j[6] == 0.0:
         return end, 0.0, 0.0
-    if feature < 2 and not is_steep(axis_numbers(feature, side_i, width_i, height_i, box_i, gap)):
-        return _turning_ceiling(
+    most = np.inf
+    if feature < 2:
+        if not is_steep(axis_numbers(feature, side_i, width_i, height_i, box_i, gap)):
+            return _turning_ceiling(
+                feature, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, gap
+            )
+        most = _turning_most(
             feature, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, gap
         )
-    if 2 <= feature < 4 and not is_steep(
-        axis_numbers(feature - 2, side_j, width_j, height_j, box_j, gap)
-    ):
-        p, h, g = _turning_ceiling(
-            feature - 2, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
+    elif feature < 4:
+        which = feature - 2
+        if not is_steep(axis_numbers(which, side_j, width_j, height_j, box_j, gap)):
+            p, h, g = _turning_ceiling(
+                which, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
+            )
+            return p, g, h
+        most = _turning_most(
+            which, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
         )
-        return p, g, h
-    if feature < 4 or nx < 0.1:  # any direction will do
-        nx, ny = 1.0, 0.0
-    p_i, g = _reach_ceiling(nx, ny, side_i, width_i, height_i, box_i)
-    p_j, h = _reach_ceiling(nx, -ny, -side_j, width_j, height_j, box_j)
-    return (p_i + p_j + gap) / nx, g / nx, h / nx
+    # Any direction will do: the horizontal one, or the one from corner to corner.
+    p_i, g = _reach_ceiling(1.0, 0.0, side_i, width_i, height_i, box_i)
+    p_j, h = _reach_ceiling(1.0, 0.0, -side_j, width_j, height_j, box_j)
+    p = p_i + p_j + gap
+    if feature == 4 and nx > _TINY:
+        p_i, own = _reach_ceiling(nx, ny, side_i, width_i, height_i, box_i)
+        p_j, other = _reach_ceiling(nx, -ny, -side_j, width_j, height_j, box_j)
+        if p_i + p_j + gap < p * nx:
+            p, g, h = (p_i + p_j + gap) / nx, own / nx, other / nx
+    if most < p:
+        return most, 0.0, 0.0
+    return p, g, h

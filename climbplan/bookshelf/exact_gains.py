@@ -25,8 +25,8 @@ from climbplan.bookshelf.exact_problem import (
     Problem,
     side_of,
 )
-from climbplan.bookshelf.exact_relax import cheapest_state, turn_cost, turn_model
-from climbplan.bookshelf.exact_rows import (
+from climbplan.bookshelf.exact_relax import cheapest_state, least_turn, turn_cost
+from climbplan.bookshelf.exact_sheet import (
     ALONE,
     APART,
     APART_BY_INSERTED,
@@ -58,7 +58,7 @@ from climbplan.bookshelf.exact_rows import (
 )
 from climbplan.bookshelf.scene import Array
 
-_TILT_SHARE = 0.25  # states multiply the work on tilts, not the other way round
+_TILT_SHARE = 2.0  # halving makes two nodes of one, splitting by state up to four
 _NARROW = 1e-7  # [rad] intervals are not halved below this
 
 
@@ -74,10 +74,13 @@ def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
         seat[k, STATE_GAIN] = seat[k, TILT_GAIN] = 0.0
         _complete(problem, sheet, mask, k)
         if role[k, COLUMN] >= 0:
+            # What the Lagrangian falls short of by the book's turn cost.
+            price = 0.0
+            for r in range(sheet.rows[0]):
+                price += sheet.side[r, PRICE] * sheet.C[r, role[k, COLUMN]]
             exact = turn_cost(problem, k, seat[k, POINT + 2], seat[k, POINT + 3])
-            linear, square, rest = turn_model(problem, seat[k], k)
-            d = seat[k, TILT] - seat[k, MIDDLE]
-            seat[k, TILT_GAIN] = max(0.0, exact - rest - linear * d - square * d * d)
+            exact -= price * (seat[k, TILT] - seat[k, MIDDLE])
+            seat[k, TILT_GAIN] = max(0.0, exact - least_turn(problem, seat[k], k, price))
     for r in range(sheet.rows[0]):
         kind, i, j = sheet.side[r, KIND], sheet.pair[r, FIRST], sheet.pair[r, SECOND]
         if kind == BOX or kind == ALONE or kind == ORDER:
@@ -217,7 +220,8 @@ def choose(problem: Problem, sheet: Sheet, mask: Whole) -> int:
     for k in range(n):
         if role[k, STATE] < 0 and seat[k, STATE_GAIN] > gain:
             best, gain = k, seat[k, STATE_GAIN]
-        if role[k, COLUMN] >= 0 and _TILT_SHARE * seat[k, TILT_GAIN] > gain:
+        wide = role[k, COLUMN] >= 0 and 2 * seat[k, 6] > _NARROW
+        if wide and _TILT_SHARE * seat[k, TILT_GAIN] > gain:
             best, gain = n + k, _TILT_SHARE * seat[k, TILT_GAIN]
     if best >= 0:
         return best

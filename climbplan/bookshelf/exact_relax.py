@@ -30,7 +30,8 @@ from climbplan.bookshelf.exact_problem import (
     Problem,
 )
 from climbplan.bookshelf.exact_qp import CUT_OFF, EMPTY, SOLVED, STUCK, solve_least_distance
-from climbplan.bookshelf.exact_rows import (
+from climbplan.bookshelf.exact_rows import write_rows
+from climbplan.bookshelf.exact_sheet import (
     COLUMN,
     MIDDLE,
     PRICE,
@@ -43,7 +44,6 @@ from climbplan.bookshelf.exact_rows import (
     Whole,
     X,
     prepare,
-    write_rows,
 )
 from climbplan.bookshelf.scene import Array
 
@@ -199,7 +199,7 @@ def turn_model(problem: Problem, box: Array, k: int) -> tuple[float, float, floa
 
 
 @compiled
-def _least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
+def least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
     """Lower bound of turn cost - price d over an interval, d from its middle.
 
     y and cos are above their secants and below their tangents, which makes the turn cost at least
@@ -245,5 +245,5 @@ def _lagrangian(problem: Problem, sheet: Sheet, mask: Whole) -> float:
         if column < 0:
             bound += _given_turn(problem, sheet, mask, k)
         else:
-            bound += _least_turn(problem, sheet.seat[k], k, total[column])
+            bound += least_turn(problem, sheet.seat[k], k, total[column])
     return bound

@@ -27,54 +27,70 @@ class Rules:
     wall_gap: float = 1.5
 
 
-def outline(angle: float, h: float, w: float) -> np.ndarray:
-    """Corners (4, 2) around the centre's x, lowest point at 0."""
+Point = tuple[float, float]
+Outline = list[Point]
+
+
+def outline(angle: float, h: float, w: float) -> Outline:
+    """Corners (x, y) around the centre's x, lowest point at 0; plain floats, which are faster."""
     c, s = math.cos(angle), math.sin(angle)
-    base = np.array([[-w / 2, -h / 2], [w / 2, -h / 2], [w / 2, h / 2], [-w / 2, h / 2]])
-    points = base @ np.array([[c, s], [-s, c]])
-    points[:, 1] -= points[:, 1].min()
-    return points
+    base = [(-w / 2, -h / 2), (w / 2, -h / 2), (w / 2, h / 2), (-w / 2, h / 2)]
+    points = [(c * x - s * y, s * x + c * y) for x, y in base]
+    ground = min(y for _, y in points)
+    return [(x, y - ground) for x, y in points]
 
 
-def slice_ends(points: np.ndarray, height: float) -> tuple[float, float]:
+def reach(points: Outline) -> float:
+    """Half the width over the ground."""
+    return max(x for x, _ in points)
+
+
+def slice_ends(points: Outline, height: float) -> tuple[float, float]:
     """Leftmost and rightmost x of a convex polygon at a height."""
-    xs = []
-    for k in range(4):
-        (xa, ya), (xb, yb) = points[k], points[(k + 1) % 4]
+    low, high = math.inf, -math.inf
+    xa, ya = points[3]
+    for xb, yb in points:
         if min(ya, yb) - 1e-12 <= height <= max(ya, yb) + 1e-12:
             if abs(yb - ya) < 1e-12:
-                xs += [xa, xb]
+                low, high = min(low, xa, xb), max(high, xa, xb)
             else:
-                xs.append(xa + (height - ya) / (yb - ya) * (xb - xa))
-    return min(xs), max(xs)
+                x = xa + (height - ya) / (yb - ya) * (xb - xa)
+                low, high = min(low, x), max(high, x)
+        xa, ya = xb, yb
+    return low, high
 
 
-def apart(a: np.ndarray, b: np.ndarray) -> float:
+def apart(a: Outline, b: Outline) -> float:
     """Least x_b - x_a with b right of a: the widest slice at one of the corners' heights."""
-    top = min(a[:, 1].max(), b[:, 1].max())
-    heights = {0.0, top} | {y for y in (*a[:, 1], *b[:, 1]) if 0 <= y <= top}
+    top = min(max(y for _, y in a), max(y for _, y in b))
+    heights = {0.0, top} | {y for _, y in (*a, *b) if 0 <= y <= top}
     return max(slice_ends(a, y)[1] - slice_ends(b, y)[0] for y in heights)
 
 
-def polygon_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Distance of two convex polygons that do not overlap."""
+def polygon_distance(a: Outline, b: Outline, shift: float) -> float:
+    """Distance of two convex polygons that do not overlap, b moved to the right by `shift`."""
     best = math.inf
-    for p, q in ((a, b), (b, a)):
-        for k in range(4):
-            start, edge = q[k], q[(k + 1) % 4] - q[k]
-            along = np.clip((p - start) @ edge / (edge @ edge), 0, 1)
-            gap = p - start - along[:, None] * edge
-            best = min(best, float(np.sqrt((gap**2).sum(axis=1)).min()))
-    return best
+    for p, q, move in ((a, b, -shift), (b, a, shift)):
+        xa, ya = q[3]
+        for xb, yb in q:
+            ex, ey = xb - xa, yb - ya
+            length = ex * ex + ey * ey
+            for x, y in p:
+                dx, dy = x + move - xa, y - ya
+                along = min(max((dx * ex + dy * ey) / length, 0.0), 1.0)
+                dx, dy = dx - along * ex, dy - along * ey
+                best = min(best, dx * dx + dy * dy)
+            xa, ya = xb, yb
+    return math.sqrt(best)
 
 
-def farthest(a: np.ndarray, b: np.ndarray, gap: float) -> float:
+def farthest(a: Outline, b: Outline, gap: float) -> float:
     """Largest x_b - x_a with b right of a and within the gap."""
     low = apart(a, b)
     high = low + 60 * gap + 200
-    for _ in range(60):
+    for _ in range(50):
         middle = (low + high) / 2
-        if polygon_distance(a, b + np.array([middle, 0.0])) <= gap:
+        if polygon_distance(a, b, middle) <= gap:
             low = middle
         else:
             high = middle
@@ -90,11 +106,11 @@ class Oracle:
         self.x0, self.y0, self.a0 = rows[:, 0], rows[:, 1], rows[:, 2]
         self.size = [(h, w) for h, w in rows[:, 3:]] + [(theta[-2], theta[-1])]
 
-        self._bodies: dict[tuple[int, float], np.ndarray] = {}
+        self._bodies: dict[tuple[int, float], Outline] = {}
         self._aparts: dict[tuple[int, float, int, float], float] = {}
         self._farthests: dict[tuple[int, float, int, float], float] = {}
 
-    def _body(self, k: int, angle: float) -> np.ndarray:
+    def _body(self, k: int, angle: float) -> Outline:
         if (k, angle) not in self._bodies:
             self._bodies[k, angle] = outline(angle, *self.size[k])
         return self._bodies[k, angle]
@@ -147,12 +163,12 @@ class Oracle:
                 most = self._farthest(first, angles[first], second, angles[second])
             row(second, first, least, most)
         for k in range(n + 1):
-            reach = self._body(k, angles[k])[:, 0].max()
-            least, most = rules.left + reach, rules.right - reach
+            half = reach(self._body(k, angles[k]))
+            least, most = rules.left + half, rules.right - half
             if k == 0 and n > 0 and states[0] == LEFT:
                 most = min(most, least + rules.wall_gap)
             if k == n - 1 and states[k] == RIGHT:
-                least = max(least, rules.right - reach - rules.wall_gap)
+                least = max(least, rules.right - half - rules.wall_gap)
             if least > most:
                 return math.inf
             row(k, None, least, most)
@@ -226,12 +242,12 @@ class Oracle:
         n, rules = self.n, self.rules
         angles = [-t if s == RIGHT else t for s, t in zip(states, tilts, strict=True)]
         order = [*range(slot), n, *range(slot, n)]
-        at = rules.left + self._body(order[0], angles[order[0]])[:, 0].max()
+        at = rules.left + reach(self._body(order[0], angles[order[0]]))
         where = {order[0]: at}
         for i, j in itertools.pairwise(order):
             at += self._apart(i, angles[i], j, angles[j])
             where[j] = at
-        over = at + self._body(order[-1], angles[order[-1]])[:, 0].max() - rules.right
+        over = at + reach(self._body(order[-1], angles[order[-1]])) - rules.right
         return over > 1e-9 or any(
             max(0.0, where[k] - self.x0[k]) ** 2 > best + 40 for k in range(n)
         )

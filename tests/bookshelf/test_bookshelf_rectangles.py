@@ -97,4 +97,6 @@ def test_distance_is_that_of_the_polygons() -> None:
     assert (found[~apart] == 0).all()
     a, b = corners(pose_a, size_a), corners(pose_b, size_b)
     for k in np.nonzero(apart)[0]:
-        assert found[k] == pytest.approx(polygon_distance(a[k], b[k]), abs=1e-9)
+        assert found[k] == pytest.approx(
+            polygon_distance(a[k].tolist(), b[k].tolist(), 0.0), abs=1e-9
+        )

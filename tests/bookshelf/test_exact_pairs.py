@@ -125,6 +125,25 @@ def test_planes_on_both_sides_of_a_crease() -> None:
         assert gaps[0] > 0.5
 
 
+@pytest.mark.parametrize(
+    ("tilt", "gap", "feature"), [(1.5448, 0.5, 2), (1.55, 0.5, 2), (1.5408, 4.1, 4), (1.2, 0.7, 2)]
+)
+def test_contact_with_a_nearly_flat_book_is_bounded_ever_closer(
+    tilt: float, gap: float, feature: int
+) -> None:
+    # It leans to the left over a flat book: the face that touches is too steep for planes.
+    flat, leaning = (1.0, 1.143, 33.0), (1.0, 2.159, 125.6)
+    under = _box(RIGHT_ANGLE, RIGHT_ANGLE)
+    exact, found, _, _ = contact_end(*flat, under, *leaning, _box(tilt, tilt), gap)
+    assert found == feature
+    errors = []
+    for r in (1e-3, 1e-4, 1e-5, 1e-6):
+        ceiling, _, h = pair_ceiling(*flat, under, *leaning, _box(tilt - r, tilt + r), gap)
+        errors.append(ceiling + abs(h) * r - exact)
+    assert min(errors) >= -1e-9
+    assert errors[3] < 0.02 * errors[1] + 1e-6
+
+
 def test_ranges_of_harmonics() -> None:
     rng = np.random.default_rng(1)
     for _ in range(200):

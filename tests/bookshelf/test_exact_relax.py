@@ -12,7 +12,7 @@ from bookshelf_scenes import HALF_MM, random_theta
 from climbplan.bookshelf.exact_problem import ALLOWED, LEAN_FROM, build_problem
 from climbplan.bookshelf.exact_qp import SOLVED
 from climbplan.bookshelf.exact_relax import relax
-from climbplan.bookshelf.exact_rows import new_sheet
+from climbplan.bookshelf.exact_sheet import new_sheet
 from climbplan.bookshelf.scene import Scenes, Shelf
 
 

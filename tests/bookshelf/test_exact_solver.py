@@ -1,4 +1,4 @@
-"""Least movement: agreement with brute force, limits, proofs that nothing fits, odd scenes."""
+"""Least movement: known optima, limits, proofs that nothing fits."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from bookshelf_oracle import Oracle, Rules
-from bookshelf_scenes import HALF_MM, PUBLISHED, random_theta
+from bookshelf_scenes import PUBLISHED, random_theta
+from exact_cases import non_trivial, require_valid
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.checker import check_contact
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
 from climbplan.errors import UsageError
@@ -18,75 +17,8 @@ from climbplan.errors import UsageError
 SHELF = Shelf()
 
 
-def _shelf(n: int) -> Shelf:
-    return Shelf(left=-1e-3 * HALF_MM[n], right=1e-3 * HALF_MM[n])
-
-
-def _require_valid(scene: Scene, answer: SceneAnswer, shelf: Shelf) -> None:
-    assert answer.placement is not None
-    scenes = Scenes.of([scene])
-    check = check_contact(
-        scenes, answer.placement.pose[None], answer.placement.state[None], shelf, 1e-6
-    )
-    assert check.passed.all(), check.explain(0)
-    assert answer.bound <= answer.objective
-    if answer.status == "optimal":
-        assert answer.gap <= max(0.01, 1e-4 * answer.objective) * (1 + 1e-6)
-
-
-def _non_trivial(n: int, count: int, seed: int) -> list[tuple[np.ndarray, Scene, SceneAnswer]]:
-    """Random scenes whose optimum moves books."""
-    rng, solver = np.random.default_rng(seed), ExactSolver(_shelf(n))
-    found = []
-    while len(found) < count:
-        theta = random_theta(rng, n, HALF_MM[n])
-        scene = Scenes.from_theta(theta[None], "mm")[0]
-        answer = solver.solve(scene)
-        if answer.objective > 1:
-            found.append((theta, scene, answer))
-    return found
-
-
-def _require_agreement(theta: np.ndarray, scene: Scene, answer: SceneAnswer, n: int) -> None:
-    assert answer.status == "optimal"
-    _require_valid(scene, answer, _shelf(n))
-    best = Oracle(theta, Rules(-HALF_MM[n], HALF_MM[n])).solve()
-    assert answer.bound <= best + 1e-3, "the bound cuts off what brute force found"
-    assert answer.objective <= best + max(0.01, 1e-4 * best) + 1e-3
-    assert best <= answer.objective + max(0.2, 0.01 * answer.objective), "a blunt oracle"
-
-
-def test_brute_force_agrees_on_single_books() -> None:
-    for theta, scene, answer in _non_trivial(1, 40, seed=1):
-        _require_agreement(theta, scene, answer, 1)
-
-
-def test_brute_force_agrees_on_two_books() -> None:
-    for theta, scene, answer in _non_trivial(2, 4, seed=3):
-        _require_agreement(theta, scene, answer, 2)
-
-
-@pytest.mark.slow
-def test_brute_force_agrees_on_more_pairs() -> None:
-    for theta, scene, answer in _non_trivial(2, 40, seed=4):
-        _require_agreement(theta, scene, answer, 2)
-
-
-@pytest.mark.slow
-def test_brute_force_agrees_on_three_books() -> None:
-    for theta, scene, answer in _non_trivial(3, 60, seed=5):
-        _require_agreement(theta, scene, answer, 3)
-
-
-@pytest.mark.slow
-def test_brute_force_agrees_on_published_scenes() -> None:
-    solver = ExactSolver(SHELF)
-    for theta, scene in zip(PUBLISHED, Scenes.from_theta(PUBLISHED, "mm"), strict=True):
-        _require_agreement(theta, scene, solver.solve(scene), 3)
-
-
 def test_published_scenes() -> None:
-    # Costs that the brute-force test above confirms.
+    # Costs that the brute-force tests confirm.
     expected = (63.912, 103.52, 147.59, 41.01)
     answers = ExactSolver(SHELF).solve_all(Scenes.from_theta(PUBLISHED, "mm"))
     for answer, cost in zip(answers, expected, strict=True):
@@ -121,7 +53,7 @@ def test_a_book_slides_no_farther_than_needed() -> None:
     assert answer.status == "optimal"
     # Book 1 slides by half the difference from the middle of its free way: all room on one side.
     assert answer.objective == pytest.approx((42 - (gap / 2)) ** 2, abs=0.02)
-    _require_valid(scene, answer, SHELF)
+    require_valid(scene, answer, SHELF)
 
 
 @pytest.mark.parametrize("width", [42.3, 43.0, 60.0, 200.0])
@@ -159,17 +91,17 @@ def test_leaning_can_save_what_standing_cannot() -> None:
         State.FLAT_LEFT,
         State.FLAT_RIGHT,
     }
-    _require_valid(scene, answer, shelf)
+    require_valid(scene, answer, shelf)
 
 
 def test_limits_keep_the_incumbent_and_a_valid_bound() -> None:
-    hard = max(_non_trivial(3, 30, seed=8), key=lambda item: item[2].nodes)
-    theta, scene, answer = hard
+    hard = max(non_trivial(3, 30, seed=8), key=lambda case: case.answer.nodes)
+    theta, scene, answer = hard.theta, hard.scene, hard.answer
     assert answer.nodes > 200
     _, stopped = _solve(theta, nodes=1)
     assert stopped.nodes < answer.nodes
     assert stopped.status == "feasible"
-    _require_valid(scene, stopped, SHELF)
+    require_valid(scene, stopped, SHELF)
     assert stopped.bound <= answer.objective + 1e-9
     assert stopped.gap > 0.01
 
@@ -183,7 +115,7 @@ def test_a_tighter_gap_is_kept() -> None:
 def test_books_that_overlap_at_the_start_are_parted() -> None:
     theta = np.array([0, 40, 0, 80, 20, 5, 40, 0, 80, 20, 8, 40, 0, 80, 20, 80, 20.0])
     scene, answer = _solve(theta)
-    _require_valid(scene, answer, SHELF)
+    require_valid(scene, answer, SHELF)
     # Centres 20 apart about their mean: the least squares of a rigid row.
     row = np.array([-20, 0, 20]) + (0 + 5 + 8) / 3
     assert answer.objective == pytest.approx(((row - [0, 5, 8]) ** 2).sum(), abs=0.02)
@@ -203,7 +135,7 @@ def test_odd_scenes_have_answers() -> None:
     for name, row in rows.items():
         scene, answer = _solve(np.array(row, float))
         assert answer.status == "optimal", name
-        _require_valid(scene, answer, SHELF)
+        require_valid(scene, answer, SHELF)
 
 
 def test_a_stored_book_that_fits_nowhere() -> None:
@@ -232,7 +164,7 @@ def test_five_books() -> None:
         scene = Scenes.from_theta(theta[None], "mm")[0]
         answer = solver.solve(scene)
         assert answer.status == "optimal"
-        _require_valid(scene, answer, shelf)
+        require_valid(scene, answer, shelf)
 
 
 def test_one_solver_solves_shelves_of_all_sizes_again_and_again() -> None:

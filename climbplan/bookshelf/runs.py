@@ -16,7 +16,7 @@ from joblib import Parallel, delayed
 
 from climbplan.bookshelf.answer import SceneAnswer, Status
 from climbplan.bookshelf.checker import book_names
-from climbplan.bookshelf.exact import ExactLimits, ExactSolver
+from climbplan.bookshelf.exact import compile_once
 from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
 from climbplan.bookshelf.methods import MethodSetting, prepare
 from climbplan.bookshelf.model_file import save_scene_model
@@ -64,7 +64,7 @@ def run_shelf(
         save_scene_model(setting, scenes[0], save_model)
     start = time.perf_counter()
     report("prepare", 0.0)
-    compile_first(setting, scenes.count)
+    compile_first(setting)
     ready = time.perf_counter()
     answers = solve_scenes(scenes, setting, jobs, report)
     solved = time.perf_counter()
@@ -171,16 +171,10 @@ def _priced(answer: SceneAnswer, cost: float, setting: MethodSetting) -> SceneAn
     return replace(answer, status=status, objective=cost, bound=bound, word=word)
 
 
-def compile_first(setting: MethodSetting, count: int) -> None:
+def compile_first(setting: MethodSetting) -> None:
     """Compile what a method needs, or read it from the cache, before any clock of a scene runs."""
-    if setting.solver.method not in _COMPILED:
-        return
-    width = setting.shelf.width / (4 * (count + 1))
-    x = setting.shelf.left + width * (2 * np.arange(count) + 1)
-    tall = setting.shelf.height / 2
-    pose = np.stack([x, np.full(count, tall / 2), np.zeros(count)], axis=1)
-    book = np.array([tall, width])
-    ExactSolver(setting.shelf, ExactLimits()).solve(Scene(pose, np.tile(book, (count, 1)), book))
+    if setting.solver.method in _COMPILED:
+        compile_once()
 
 
 def _parts(scenes: Scenes, setting: MethodSetting, jobs: int) -> Iterator[list[SceneAnswer]]:
@@ -203,7 +197,7 @@ def _solve_part(scenes: list[Scene], setting: MethodSetting) -> list[SceneAnswer
 
 @lru_cache(maxsize=1)
 def _prepared(setting: MethodSetting, count: int) -> SceneMethod:
-    compile_first(setting, count)
+    compile_first(setting)
     return prepare(setting, count)
 
 

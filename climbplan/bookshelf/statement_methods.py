@@ -85,7 +85,7 @@ class Judge:
 
     def answer(self, scene: Scene, result: SolverResult, begin: float) -> SceneAnswer:
         """What a solver says of a scene's instance, judged; begin: `time.perf_counter` seconds."""
-        judged = Judged(None, math.inf, result.log[-1] if result.log else "")
+        judged = Judged(None, math.inf, _why(result))
         if result.x is not None:
             judged = self.judge(scene, result.x)
         return SceneAnswer(
@@ -106,6 +106,11 @@ def _status(result: SolverResult, judged: Judged) -> Status:
     return "infeasible" if result.status == "infeasible" else "limit"
 
 
+def _why(result: SolverResult) -> str:
+    said = f" ({'; '.join(result.log)})" if result.log else ""
+    return f"{result.solver} found none in {result.time:.1f} s{said}"
+
+
 @dataclass(frozen=True)
 class Budget:
     """When a method ends."""
@@ -122,7 +127,7 @@ class MinlpScip:
         registry.require("minlp-scip")
 
     def solve(self, scene: Scene) -> SceneAnswer:
-        """From the scene as it is, where that is a placement."""
+        """Without a start: an oracle that owes nothing to the other methods."""
         from climbplan.solvers.scip_bilinear import solve_minlp_scip
 
         begin = time.perf_counter()

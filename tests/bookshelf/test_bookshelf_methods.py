@@ -1,0 +1,168 @@
+"""Every method by name: what it answers holds, what it cannot do it says."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.methods import MethodSetting, prepare
+from climbplan.bookshelf.plan_file import write_shelf_plan
+from climbplan.bookshelf.runs import checked, run_shelf
+from climbplan.bookshelf.scene import Scenes, Shelf
+from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.errors import UsageError
+from climbplan.spec.bookshelf import Meaning, ShelfSolverSpec
+from climbplan.spec.bookshelf_loading import load_shelf
+
+SPECS = Path(__file__).parents[2] / "specs"
+
+
+@pytest.fixture(scope="module")
+def scenes() -> Scenes:
+    return read_scenes(SPECS / "bookshelf_scenes.h5")
+
+
+@pytest.fixture(scope="module")
+def optima(scenes: Scenes) -> list[SceneAnswer]:
+    return solved(scenes, range(len(scenes)), {})
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All forty scenes solved by `exact`."""
+    path = tmp_path_factory.mktemp("library") / "plan.h5"
+    write_shelf_plan(run_shelf(load_shelf(str(SPECS / "bookshelf_file.yaml"))), path)
+    return path
+
+
+def solved(
+    scenes: Scenes, which: Any, solver: dict[str, Any], meaning: Meaning = "contact"
+) -> list[SceneAnswer]:
+    """Answers by a method, each through the exact check."""
+    setting = MethodSetting(Shelf(), meaning, ShelfSolverSpec(**solver), SPECS)
+    method = prepare(setting, scenes.count)
+    chosen = Scenes.of([scenes[int(k)] for k in which])
+    return checked(chosen, [method.solve(scene) for scene in chosen], setting)
+
+
+def test_mpcc_from_the_scene_as_it_is(scenes: Scenes, optima: list[SceneAnswer]) -> None:
+    """Most scenes are solved, none at less than the optimum."""
+    which = range(16)
+    answers = solved(scenes, which, {"method": "mpcc", "start": "manual"})
+    placed = [a.placement is not None for a in answers]
+    assert sum(placed) >= 10
+    for k, answer in zip(which, answers, strict=True):
+        assert answer.objective >= optima[k].bound - 1e-3
+        assert answer.bound == -math.inf
+        if answer.placement is None:
+            assert answer.word
+
+
+def test_mpcc_from_zero_says_that_it_found_nothing(scenes: Scenes) -> None:
+    (answer,) = solved(scenes, [9], {"method": "mpcc", "start": "zero"})
+    assert answer.status == "limit"
+    assert "found none" in answer.word
+
+
+@pytest.mark.parametrize("method", ["mpcc", "convex", "knn"])
+def test_neighbours_solve_what_the_library_holds(
+    scenes: Scenes, optima: list[SceneAnswer], library: Path, method: str
+) -> None:
+    """Its own scenes are in the library: the first candidate is the optimum."""
+    source = {"file": str(library)}
+    which = [9, 30, 33, 0]
+    solver = {"method": method, "start": "knn", "library": source}
+    for k, answer in zip(which, solved(scenes, which, solver), strict=True):
+        assert answer.placement is not None
+        assert answer.objective == pytest.approx(optima[k].objective, rel=1e-3, abs=2e-2)
+
+
+@pytest.mark.parametrize("backend", ["daqp", "clarabel", "osqp"])
+def test_neighbours_of_other_scenes(
+    scenes: Scenes, optima: list[SceneAnswer], library: Path, backend: str
+) -> None:
+    """A library without the scene itself: placements hold and cost no less than the optimum."""
+    source = {"file": str(library), "size": 30}
+    which = range(31, 35)
+    options = {"method": "convex", "library": source, "solver": backend, "candidates": 8}
+    answers = solved(scenes, which, options)
+    assert sum(a.placement is not None for a in answers) >= 3
+    for k, answer in zip(which, answers, strict=True):
+        assert answer.objective >= optima[k].bound - 1e-3
+
+
+def test_the_published_convex_program_answers_or_says_so(scenes: Scenes, library: Path) -> None:
+    options = {"method": "convex", "library": {"file": str(library)}, "refinements": 0}
+    (answer,) = solved(scenes, [0], {**options, "candidates": 2})
+    assert answer.placement is not None or "candidates" in answer.word
+
+
+def test_knn_falls_back_to_exact(scenes: Scenes, library: Path) -> None:
+    """One quadratic program about another scene leads nowhere in most."""
+    options = {"library": {"file": str(library), "size": 1}, "candidates": 1, "refinements": 1}
+    which = range(9, 17)
+    alone = solved(scenes, which, {**options, "method": "convex"})
+    both = solved(scenes, which, {**options, "method": "knn"})
+    assert any(a.placement is None for a in alone)
+    for first, second in zip(alone, both, strict=True):
+        assert second.placement is not None
+        assert ("exact" in second.word) == (first.placement is None)
+
+
+@pytest.mark.parametrize("meaning", ["contact", "published"])
+def test_admm(scenes: Scenes, optima: list[SceneAnswer], meaning: Meaning) -> None:
+    which = [1, 3, 4]
+    answers = solved(scenes, which, {"method": "admm"}, meaning)
+    assert sum(a.placement is not None for a in answers) >= 2
+    if meaning == "contact":
+        for k, answer in zip(which, answers, strict=True):
+            assert answer.objective >= optima[k].bound - 1e-3
+
+
+def test_bounds_of_the_statement_hold(scenes: Scenes, optima: list[SceneAnswer]) -> None:
+    """SCIP's and the envelopes' bounds are below the optimum that branch and bound proved."""
+    for method in ("minlp-scip", "micp"):
+        (answer,) = solved(scenes, [9], {"method": method, "time_limit": 4.0})
+        assert answer.bound <= optima[9].objective + 1e-6, method
+        assert answer.objective >= optima[9].bound - 1e-3, method
+
+
+def test_bonmin_finds_a_placement(scenes: Scenes, optima: list[SceneAnswer]) -> None:
+    (answer,) = solved(scenes, [9], {"method": "minlp-bonmin", "time_limit": 20.0})
+    assert answer.bound == -math.inf
+    assert answer.objective >= optima[9].bound - 1e-3
+
+
+def test_published_meaning_is_cheaper_than_contact(
+    scenes: Scenes, optima: list[SceneAnswer], library: Path
+) -> None:
+    """Its tolerances let books overlap, so that its optima cost less in nearly all scenes."""
+    options = {"method": "convex", "library": {"file": str(library)}, "candidates": 12}
+    which = [9, 30, 35, 11]
+    answers = solved(scenes, which, options, "published")
+    cheaper = [a.objective < optima[k].objective for k, a in zip(which, answers, strict=True)]
+    assert np.mean(cheaper) >= 0.75
+
+
+def test_what_does_not_go_together(scenes: Scenes, library: Path) -> None:
+    with pytest.raises(UsageError, match=r"solver\.library"):
+        solved(scenes, [0], {"method": "convex"})
+    with pytest.raises(UsageError, match="none of convex programs"):
+        solved(
+            scenes,
+            [0],
+            {"method": "convex", "library": {"file": str(library)}, "solver": "highs"},
+        )
+    setting = MethodSetting(
+        Shelf(),
+        "contact",
+        ShelfSolverSpec(method="convex", library={"file": str(library)}),  # type: ignore[arg-type]
+        SPECS,
+    )
+    with pytest.raises(UsageError, match="3 stored books, expected 4"):
+        prepare(setting, 4)

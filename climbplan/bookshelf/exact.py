@@ -75,8 +75,11 @@ def compile_once() -> None:
 class ExactSolver:
     """Solves scenes one after the other, keeping its space; not for several threads at once."""
 
-    def __init__(self, shelf: Shelf, limits: ExactLimits | None = None) -> None:
+    def __init__(self, shelf: Shelf, limits: ExactLimits | None = None, depth: float = 0.0) -> None:
+        """depth: by which books may penetrate each other [m], for comparisons with placements that
+        do; then the check of the meaning has to be given as much."""
         self.shelf = shelf
+        self.depth = depth
         self.limits = limits or ExactLimits()
         self._sheets: dict[int, Sheet] = {}
         self._trees: dict[int, Tree] = {}
@@ -94,7 +97,7 @@ class ExactSolver:
         start = time.perf_counter()
         scenes, limits = Scenes.of([scene]), self.limits
         scenes.require()
-        problem = build_problem(scene, self.shelf)
+        problem = build_problem(scene, self.shelf, self.depth)
         status: Status = "infeasible"
         objective = bound = math.inf
         placement = shortage = None
@@ -177,7 +180,7 @@ class ExactSolver:
         enough = 1e-3 * float(np.minimum(flat, upright).sum()) - shelf.width
         short, trial = 0.0, enough - _WIDTH_STEP
         while enough - short > 1.001 * _WIDTH_STEP:
-            wider = build_problem(scene, replace(shelf, right=shelf.right + trial))
+            wider = build_problem(scene, replace(shelf, right=shelf.right + trial), self.depth)
             tree, finished = self._search(wider, math.inf, 0.0, end)  # any placement will do
             if math.isfinite(tree.best[COST]):
                 enough = trial
@@ -224,6 +227,7 @@ def _free_middle(problem: Problem, slot: int, x: Array, side: Array, tilt: Array
         apart = pair_floor(
             side[i], book[i, WIDTH], book[i, HEIGHT], boxes[i],
             side[j], book[j, WIDTH], book[j, HEIGHT], boxes[j], 0.0,
+            problem.depth,
         )[0]  # fmt: skip
         if k < slot:
             low = max(low, x[k] + apart)

@@ -151,7 +151,7 @@ def _apart(problem: Problem, seat: Array, i: int, j: int) -> float:
     return pair_floor(
         seat[i, POINT_SIDE], book[i, WIDTH], book[i, HEIGHT], seat[i, POINT : POINT + 7],
         seat[j, POINT_SIDE], book[j, WIDTH], book[j, HEIGHT], seat[j, POINT : POINT + 7],
-        0.0,
+        0.0, problem.depth,
     )[0]  # fmt: skip
 
 

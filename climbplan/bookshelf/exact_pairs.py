@@ -16,6 +16,7 @@ both books mirrored.
 On a box of angles every part of (*) is monotone or of the form p sin + q cos, so that its range is
 exact at the end points; sums and products of ranges give the constant bounds, and a Taylor
 polynomial of degree one with the range of the second derivatives over the box gives the planes.
+Books that may penetrate each other by `depth` are held off by faces that lie so much farther in.
 Nothing is sampled; arithmetic is in double precision without directed rounding.
 
 An angle box is the row (sin, cos at its lower end, its middle, its upper end, half width).
@@ -164,6 +165,7 @@ def axis_floor(
     other_height: float,
     other_box: Array,
     aim: float,
+    depth: float,
 ) -> tuple[float, float, float, float]:
     """Constant and plane below E of one face normal: E >= k, E >= p + g da + h db on the boxes.
 
@@ -171,9 +173,11 @@ def axis_floor(
     is that of one corner v: the one with the largest P_v in the middle of the boxes, or for `aim`
     1 or -1 where the own tilt is largest and the other least, or the other way round.
     """
-    axis = axis_numbers(which, side, width, height, box, 0.0)
+    axis = axis_numbers(which, side, width, height, box, -depth)
     sec, tan, foot, face, turn, _ = axis
     own = min(face * sec[0] + foot[0], face * sec[2] + foot[2])  # A + s c is monotone
+    if face < 0:  # only A and s c each are
+        own = min(face * sec[0], face * sec[2]) + min(foot[0], foot[2])
     slope = min(turn * tan[0], turn * tan[2])
     at, s, c = turn * tan[1], other_box[2], other_box[3]
     if aim > 0:
@@ -184,7 +188,11 @@ def axis_floor(
     for v in range(4):
         p, q, u, w = corner_numbers(v, other_side, other_width, other_height)
         # Y_v >= 0, so that B_v + T Y_v is least at the least T.
-        constant = max(constant, own + lowest(p + slope * u, q + slope * w, other_box))
+        start = own
+        if turn > 0 and depth > 0 and lowest(u, w, other_box) >= depth:
+            # The face goes through the foot: A + T Y_v = |T| Y_v - depth / nx grows with |T|.
+            start = -depth * min(sec[0], sec[2]) + min(foot[0], foot[2])
+        constant = max(constant, start + lowest(p + slope * u, q + slope * w, other_box))
         here = (p + at * u) * s + (q + at * w) * c
         if here > value:
             best, value = v, here
@@ -197,8 +205,13 @@ def axis_floor(
     low = min(sec[0], sec[2]), min(tan[0], tan[2])
     high = max(sec[0], sec[2]), max(tan[0], tan[2])
     # Least second derivatives: T'' = 2 turn |T| / nx^2, Y_v'' = -Y_v, (s c)'' = -s c.
-    bend = face * low[0] * (low[0] * low[0] + low[1] * low[1]) - max(foot[0], foot[2])
-    if turn > 0:
+    end = low if face >= 0 else high
+    bend = face * end[0] * (end[0] * end[0] + end[1] * end[1]) - max(foot[0], foot[2])
+    if turn > 0 and depth > 0 and lowest(u, w, other_box) >= depth:
+        # T'' (Y_v - depth) and, of T'' depth + A'', - depth / nx / (1 / nx + |T|)^2
+        bend = -depth * low[0] / (low[0] + low[1]) ** 2 - max(foot[0], foot[2])
+        bend += 2 * low[1] * low[0] * low[0] * (lowest(u, w, other_box) - depth)
+    elif turn > 0:
         bend += 2 * low[1] * low[0] * low[0] * lowest(u, w, other_box)
     else:
         bend -= 2 * high[1] * high[0] * high[0] * highest(u, w, other_box)
@@ -220,12 +233,13 @@ def pair_floor(
     height_j: float,
     box_j: Array,
     aim: float,
+    depth: float = 0.0,
 ) -> tuple[float, float, float, float]:
     """Constant and plane below D for book i left of book j: D >= k, D >= p + g da_i + h da_j.
 
     With boxes of no width both are D itself. Where two books lean on each other face to face, D has
     a crease: planes with `aim` 1 (i tilted more) and -1 (i tilted less) are those of its two sides,
-    with 0 that of the middle of the boxes.
+    with 0 that of the middle of the boxes. depth: by which the books may penetrate each other.
     """
     least = np.inf
     corner_00 = corner_01 = corner_10 = corner_11 = np.inf
@@ -233,12 +247,14 @@ def pair_floor(
     for axis in range(4):
         if axis < 2:
             k, p, g, h = axis_floor(
-                axis, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, aim
-            )
+                axis, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, aim,
+                depth,
+            )  # fmt: skip
         else:
             k, p, h, g = axis_floor(
-                axis - 2, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, -aim
-            )
+                axis - 2, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i,
+                -aim, depth,
+            )  # fmt: skip
         least = min(least, k)
         if p < k:
             p, g, h = k, 0.0, 0.0

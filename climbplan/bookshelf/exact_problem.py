@@ -43,10 +43,14 @@ class Problem(NamedTuple):
     book_gap: float
     wall_gap: float
     ceiling: float  # no placement on the shelf costs more
+    depth: float  # by which books may penetrate each other; 0 but for comparisons
 
 
-def build_problem(scene: Scene, shelf: Shelf) -> Problem:
-    """The problem of inserting the scene's book with least movement."""
+def build_problem(scene: Scene, shelf: Shelf, depth: float = 0.0) -> Problem:
+    """The problem of inserting the scene's book with least movement.
+
+    depth: by which books may penetrate each other [m].
+    """
     n = scene.count
     book = np.zeros((n + 1, _COLUMNS))
     book[:, :2] = 1e3 * scene.sizes
@@ -63,6 +67,7 @@ def build_problem(scene: Scene, shelf: Shelf) -> Problem:
         book_gap=1e3 * shelf.book_gap,
         wall_gap=1e3 * shelf.wall_gap,
         ceiling=0.0,
+        depth=1e3 * depth,
     )
     fill_problem(problem, 1e3 * shelf.height, shelf.lean_margin)
     return problem._replace(ceiling=_ceiling(problem))
@@ -119,7 +124,7 @@ def fill_problem(problem: Problem, clear: float, margin: float) -> None:
                 for pair in range(16):
                     a, b = pair // 4, pair % 4
                     if int(book[i, ALLOWED]) >> a & 1 and int(book[j, ALLOWED]) >> b & 1:
-                        problem.floor[i, j, a, b] = _state_floor(book, i, a, j, b, box, other)
+                        problem.floor[i, j, a, b] = _state_floor(problem, i, a, j, b, box, other)
 
 
 @compiled
@@ -133,8 +138,11 @@ def _tilt(book: Array, k: int, state: int, share: float) -> float:
 
 
 @compiled
-def _state_floor(book: Array, i: int, a: int, j: int, b: int, box: Array, other: Array) -> float:
+def _state_floor(
+    problem: Problem, i: int, a: int, j: int, b: int, box: Array, other: Array
+) -> float:
     """Least D over all tilts of two states."""
+    book = problem.book
     parts_i = _PIECES if a == LEAN_LEFT or a == LEAN_RIGHT else 1
     parts_j = _PIECES if b == LEAN_LEFT or b == LEAN_RIGHT else 1
     least = np.inf
@@ -145,6 +153,7 @@ def _state_floor(book: Array, i: int, a: int, j: int, b: int, box: Array, other:
             constant, plane, g, h = pair_floor(
                 side_of(a), book[i, WIDTH], book[i, HEIGHT], box,
                 side_of(b), book[j, WIDTH], book[j, HEIGHT], other, 0.0,
+                problem.depth,
             )  # fmt: skip
             least = min(least, max(constant, plane - abs(g) * box[6] - abs(h) * other[6]))
     return least

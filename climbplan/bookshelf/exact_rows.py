@@ -75,6 +75,7 @@ def _floor(
     constant, plane, g, h = pair_floor(
         seat[i, SIDE], book[i, WIDTH], book[i, HEIGHT], seat[i],
         seat[j, SIDE], book[j, WIDTH], book[j, HEIGHT], seat[j], 0.0,
+        problem.depth,
     )  # fmt: skip
     if plane < constant:
         return constant, constant, 0.0, 0.0
@@ -129,6 +130,7 @@ def _add_creases(problem: Problem, sheet: Sheet, i: int, j: int) -> None:
         _, p, g, h = pair_floor(
             seat[i, SIDE], book[i, WIDTH], book[i, HEIGHT], seat[i],
             seat[j, SIDE], book[j, WIDTH], book[j, HEIGHT], seat[j], aim,
+            problem.depth,
         )  # fmt: skip
         same_i = abs(g + sheet.C[r, sheet.role[i, COLUMN]]) < 1e-6
         same_j = abs(h + sheet.C[r, sheet.role[j, COLUMN]]) < 1e-6

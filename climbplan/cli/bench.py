@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
-from climbplan.cli.console import Session, print_result, standard_output
-from climbplan.cli.options import Quiet, Verbose
+from climbplan.cli.console import Session, print_json, print_result, standard_output
+from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
 
 BENCHMARKS = {
@@ -15,7 +17,10 @@ BENCHMARKS = {
     "force": "force planner against CVXPY and Clarabel on the same instants",
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
+    "bookshelf": "all methods on the same bookshelf scenes, and published placements",
 }
+_QUICK = {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100}
+_PANEL = "bench bookshelf"
 
 
 def bench(
@@ -26,20 +31,168 @@ def bench(
     show_list: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Smaller instances, fewer runs.")] = False,
     seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed.")] = 0,
+    scenes: Annotated[
+        str | None,
+        typer.Option(
+            "--scenes",
+            metavar="FILE[:GROUP]",
+            help="Scenes to solve [default: generated, with pymunk].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            "--library",
+            metavar="PLAN",
+            help="Solved scenes for methods that learn [default: generated].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    published: Annotated[
+        str | None,
+        typer.Option(
+            "--published",
+            metavar="FILE[:GROUP]",
+            help="Published placements (theta, X) to check and compare.",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            "--methods", metavar="NAMES", help="Methods, by commas.", rich_help_panel=_PANEL
+        ),
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(
+            "--count",
+            metavar="N",
+            min=0,
+            help="Scenes [40]; 0: only --published.",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    some: Annotated[
+        int | None,
+        typer.Option(
+            "--some",
+            metavar="N",
+            min=1,
+            help="Scenes of methods that take about a second [20].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    few: Annotated[
+        int | None,
+        typer.Option(
+            "--few",
+            metavar="N",
+            min=1,
+            help="Scenes of the slowest methods [4].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--time-limit",
+            metavar="SECONDS",
+            min=0.1,
+            help="Of one scene of the slowest methods [5].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    library_size: Annotated[
+        int | None,
+        typer.Option(
+            "--library-size",
+            metavar="N",
+            min=1,
+            help="Generated scenes in the library [1000].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Also write tables, JSON and plots there.",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print one JSON object instead.", rich_help_panel=_PANEL),
+    ] = False,
+    force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Compare the planners with named alternatives on the same instances."""
+    """Compare the planners with named alternatives on the same instances.
+
+    Options from --scenes to --json are those of `bench bookshelf`.
+    """
     if show_list:
         for known, meaning in BENCHMARKS.items():
             print_result(f"{known:<9} {meaning}")
         return
     if name is not None and name not in BENCHMARKS:
         raise UsageError(f"no benchmark {name!r}, known are {', '.join(BENCHMARKS)}")
-    from climbplan.climb.benchmarks.run import run
-
+    given: dict[str, Any] = {
+        "scenes": scenes,
+        "library": library,
+        "published": published,
+        "methods": methods,
+        "count": count,
+        "some": some,
+        "few": few,
+        "seconds": time_limit,
+        "library_size": library_size,
+    }
+    given = {key: value for key, value in given.items() if value is not None}
+    if name != "bookshelf" and (given or out is not None or as_json):
+        raise UsageError("options from --scenes to --json go with `bench bookshelf`")
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
+        if chosen == "bookshelf":
+            given = {**(_QUICK if quick else {}), **given, "seed": seed}
+            _bench_bookshelf(session, given, out, force, as_json)
+            continue
+        from climbplan.climb.benchmarks.run import run
+
         with standard_output() as stream:
             run(chosen, seed, quick, stream)
+
+
+def _bench_bookshelf(
+    session: Session, given: dict[str, Any], out: Path | None, force: bool, as_json: bool
+) -> None:
+    """Run it; a directory that is taken is refused before."""
+    from climbplan.bookshelf.benchmarks.run import (
+        BenchOptions,
+        bench_bookshelf,
+        write_files,
+        write_text,
+    )
+    from climbplan.bookshelf.benchmarks.run import as_json as plain
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+
+    options = BenchOptions(**given)
+    with ExitStack() as stack:
+        directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
+        with StageProgress(session) as progress:
+            result = bench_bookshelf(options, progress.report)
+        if directory is not None:
+            write_files(result, options, directory.path)
+            directory.publish()
+    if as_json:
+        print_json(plain(result, options))
+        return
+    with standard_output() as stream:
+        write_text(result, stream)

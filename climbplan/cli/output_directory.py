@@ -20,7 +20,8 @@ from typing import Self
 
 from climbplan.errors import UsageError
 
-RESULTS = ("plan.h5", "dataset.h5", "envelopes.h5", "model.h5")  # one marks a finished directory
+# One of these marks a finished directory.
+RESULTS = ("plan.h5", "dataset.h5", "envelopes.h5", "model.h5", "bench.json")
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 _ENVIRONMENT = (

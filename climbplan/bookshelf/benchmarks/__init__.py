@@ -1,0 +1,1 @@
+"""`climbplan bench bookshelf`: all methods on the same scenes, and published placements."""

@@ -1,0 +1,97 @@
+"""Which methods compete, with which settings and on how many of the scenes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from climbplan.bookshelf.methods import MethodSetting
+from climbplan.bookshelf.scene import Shelf
+from climbplan.errors import UsageError
+from climbplan.spec.bookshelf import Meaning, ShelfSolverSpec
+
+Effort = Literal["all", "some", "few"]
+MEANINGS: tuple[Meaning, ...] = ("contact", "published")
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One method with its settings."""
+
+    key: str  # as `--methods` takes it
+    label: str
+    options: dict[str, Any]  # of `ShelfSolverSpec`
+    effort: Effort = "all"  # on how many scenes it runs, by its speed
+    learns: bool = False  # needs a library
+    meanings: tuple[Meaning, ...] = field(default=MEANINGS)
+
+    def setting(
+        self, shelf: Shelf, meaning: Meaning, library: Path | None, seconds: float
+    ) -> MethodSetting:
+        """What the method is made of; seconds: limit of one scene for the slow ones."""
+        options = dict(self.options)
+        if self.learns:
+            options["library"] = {"file": str(library)}
+        if self.effort == "few":
+            options["time_limit"] = seconds
+        spec = ShelfSolverSpec.model_validate(options)
+        return MethodSetting(shelf, meaning, spec, Path())
+
+
+CONTENDERS = (
+    Contender("exact", "exact", {"method": "exact"}, meanings=("contact",)),
+    Contender(
+        "convex-qp",
+        "convex, 10 candidates, one QP each (OSQP)",
+        {"method": "convex", "candidates": 10, "refinements": 0, "solver": "osqp"},
+        learns=True,
+    ),
+    Contender(
+        "convex-10",
+        "convex, 10 candidates, local SQP",
+        {"method": "convex", "candidates": 10},
+        learns=True,
+    ),
+    Contender(
+        "convex-50",
+        "convex, 50 candidates, local SQP",
+        {"method": "convex", "candidates": 50},
+        effort="some",
+        learns=True,
+    ),
+    Contender(
+        "knn",
+        "knn, 10 candidates, then exact",
+        {"method": "knn", "candidates": 10},
+        learns=True,
+        meanings=("contact",),  # `exact` answers in this meaning only
+    ),
+    Contender(
+        "mpcc-knn",
+        "mpcc, 3 neighbours",
+        {"method": "mpcc", "start": "knn", "candidates": 3},
+        learns=True,
+    ),
+    Contender("mpcc-manual", "mpcc, manual start", {"method": "mpcc", "start": "manual"}),
+    Contender("mpcc-zero", "mpcc, zero start", {"method": "mpcc", "start": "zero"}, effort="some"),
+    Contender("admm", "admm, manual start", {"method": "admm"}, effort="few"),
+    Contender("micp", "micp, 130 binaries (HiGHS)", {"method": "micp"}, effort="few"),
+    Contender("minlp-scip", "minlp (SCIP)", {"method": "minlp-scip"}, effort="few"),
+    Contender("minlp-bonmin", "minlp (Bonmin)", {"method": "minlp-bonmin"}, effort="few"),
+)
+
+
+def chosen(names: str | None) -> tuple[Contender, ...]:
+    """Contenders by comma-separated keys, all of them without any.
+
+    Raises:
+        UsageError: a key that is not known.
+    """
+    if names is None:
+        return CONTENDERS
+    known = {contender.key: contender for contender in CONTENDERS}
+    keys = [key.strip() for key in names.split(",") if key.strip()]
+    if unknown := [key for key in keys if key not in known]:
+        raise UsageError(f"no method {unknown[0]!r} to compare, known are {', '.join(known)}")
+    return tuple(contender for contender in CONTENDERS if contender.key in keys)

@@ -45,6 +45,7 @@ CONTENDERS = (
         "convex-qp",
         "convex, 10 candidates, one QP each (OSQP)",
         {"method": "convex", "candidates": 10, "refinements": 0, "solver": "osqp"},
+        effort="some",
         learns=True,
     ),
     Contender(
@@ -57,7 +58,6 @@ CONTENDERS = (
         "convex-50",
         "convex, 50 candidates, local SQP",
         {"method": "convex", "candidates": 50},
-        effort="some",
         learns=True,
     ),
     Contender(

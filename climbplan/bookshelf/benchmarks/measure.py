@@ -103,7 +103,7 @@ def run_contender(
     on its clock. Raises as `prepare`.
     """
     begin = time.perf_counter()
-    compile_first(setting, scenes.count)
+    compile_first(setting)
     method = prepare(setting, scenes.count)
     prepared = time.perf_counter() - begin
     if contender.effort != "few":

@@ -83,12 +83,14 @@ def _cost(ax: Axes, runs: Sequence[Run], rows: Sequence[Figures], best: Array) -
         excess = np.maximum(cost[use] / known[use] - 1, _LEAST_EXCESS)
         if len(excess):
             _spread(ax, k, excess, rng)
+        else:
+            ax.text(2 * _LEAST_EXCESS, k, "none solved", va="center", fontsize=7.5, color=_MUTED)
     ax.axvline(0.01, color=_MUTED, linewidth=1, linestyle=":")
     ax.set_xscale("log")
     ax.set_xlim(0.7 * _LEAST_EXCESS, None)
     ax.set_xlabel(
-        "cost above the reference, as a share of it (> 1 mm² scenes solved; dots at the left end: "
-        "equal)", fontsize=8.5, color=_INK,
+        "cost above the reference / reference, scenes above 1 mm² (left end: equal)",
+        fontsize=8.5, color=_INK,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.bookshelf.benchmarks.context import NOTES, ROWS
 from climbplan.bookshelf.benchmarks.measure import Figures
 from climbplan.bookshelf.benchmarks.published import ALLOWANCES, GRANTED, PublishedReport
+from climbplan.bookshelf.summary import TRIVIAL
 
 _REFERENCE = {
     "contact": "the optimum of `exact`",
@@ -24,14 +25,14 @@ def write_methods(rows: Sequence[Figures], meaning: str, out: TextIO) -> None:
         return
     out.write(f"\nmeaning {meaning}; cost against {_REFERENCE[meaning]}\n")
     out.write(
-        f"{'':<43}{'scenes':>7}{'success, 95 %':>22}{'cost':>8}"
+        f"{'':<43}{'scenes':>7}{'success, 95 %':>22}{'cost':>10}"
         f"{'> 1 mm^2':>10}{'in 1 %':>8}{'mean':>8}{'median':>8}{'tried':>7}{'proved':>8}\n"
     )
     for row in rows:
         interval = f"{_percent(row.success)} "
         interval += f"[{100 * row.success_low:.1f}, {100 * row.success_high:.1f}]"
         out.write(
-            f"{row.label:<43}{row.scenes:>7}{interval:>22}{_ratio(row.cost_ratio):>8}"
+            f"{row.label:<43}{row.scenes:>7}{interval:>22}{_ratio(row.cost_ratio):>10}"
             f"{row.nontrivial:>10}{_percent(row.within_1_percent):>8}{_ratio(row.mean_ratio):>8}"
             f"{_ratio(row.median_ratio):>8}{row.candidates:>7.1f}{row.proved:>8}\n"
         )
@@ -72,7 +73,8 @@ def write_published(found: PublishedReport, out: TextIO) -> None:
         "\npublished placements cheaper than our optimum, by the constraint they break most\n"
     )
     out.write(
-        f"{'':<43}{'scenes':>8}{'cheaper by: median':>20}{'max mm^2':>10}{'broken by: median':>19}"
+        f"{'':<43}{'scenes':>8}{'> 1 mm^2':>10}{'cheaper by: median':>20}{'max mm^2':>10}"
+        f"{'broken by: median':>19}"
         f"{'max':>9}\n"
     )
     for allowance in ALLOWANCES:
@@ -81,13 +83,18 @@ def write_published(found: PublishedReport, out: TextIO) -> None:
         less = np.array([row.ours_mm2 - row.published_mm2 for row in cheaper])
         granted = ", ".join(name.removeprefix("book.") for name in sorted(GRANTED[allowance]))
         head = f"equal {granted}" if granted else "ours without any allowance"
-        out.write(f"{head:<43}{len(cheaper):>8}{_spread(less, 20, 10)}\n")
+        out.write(
+            f"{head:<43}{len(cheaper):>8}{(less > TRIVIAL).sum():>10}{_spread(less, 20, 10)}\n"
+        )
         for name in sorted({row.breaks for row in cheaper}):
             part = [row for row in cheaper if row.breaks == name]
             less = np.array([row.ours_mm2 - row.published_mm2 for row in part])
             by = np.array([row.by for row in part])
             label = f"  {name} [{part[0].unit}]" if name else "  nothing that was not granted"
-            out.write(f"{label:<43}{len(part):>8}{_spread(less, 20, 10)}{_spread(by, 19, 9)}\n")
+            out.write(
+                f"{label:<43}{len(part):>8}{(less > TRIVIAL).sum():>10}{_spread(less, 20, 10)}"
+                f"{_spread(by, 19, 9)}\n"
+            )
         solved = [row for row in rows if math.isfinite(row.ours_mm2)]
         ours = sum(row.ours_mm2 for row in solved) / max(len(solved), 1)
         theirs = sum(row.published_mm2 for row in solved) / max(len(solved), 1)

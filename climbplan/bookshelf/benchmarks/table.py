@@ -105,6 +105,11 @@ def write_published(found: PublishedReport, out: TextIO) -> None:
         )
     wrong = sum(row.cheaper and not row.breaks for row in found.rows)
     out.write(f"cheaper without breaking anything that was not granted: {wrong} (must be 0)\n")
+    out.write(
+        f"brought to their states' angles and the ground, {found.brought.comparable} of them take "
+        f"only what can be granted: {found.brought.cheaper} cost less than the bound of `exact` "
+        "(must be 0)\n"
+    )
 
 
 def write_context(out: TextIO) -> None:

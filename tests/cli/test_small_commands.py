@@ -148,7 +148,22 @@ def test_doctor_covers_every_dependency() -> None:
 
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
-    assert [line.split()[0] for line in listed] == ["posture", "force", "plan", "growth"]
+    names = ["posture", "force", "plan", "growth", "bookshelf"]
+    assert [line.split()[0] for line in listed] == names
+
+
+def test_bench_options_of_another_benchmark(run_command: RunCommand) -> None:
+    outcome = run_command("bench", "plan", "--count", "3")
+    assert outcome.code == 2
+    assert "go with `bench bookshelf`" in outcome.err
+
+
+def test_bench_bookshelf_as_json(run_command: RunCommand) -> None:
+    outcome = run_command("bench", "bookshelf", "--methods", "exact", "--count", "2", "--json")
+    assert outcome.code == 0, outcome.err
+    read = json.loads(outcome.out)
+    assert [row["method"] for row in read["methods"]] == ["exact"]
+    assert read["methods"][0]["success"] == 1.0
 
 
 @pytest.mark.parametrize("command", ["verify", "report", "export"])

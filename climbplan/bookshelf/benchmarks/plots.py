@@ -34,7 +34,7 @@ def write_plots(
         size = (5.2 * len(meanings) + 2.6, 0.36 * most + 1.5)
         figure = Figure(figsize=size, dpi=_DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(1, len(meanings), squeeze=False)[0]
+        axes = figure.subplots(1, len(meanings), squeeze=False, sharex=name == "time")[0]
         for ax, meaning in zip(axes, meanings, strict=True):
             pairs = [
                 (run, row) for run, row in zip(runs, figures, strict=True) if run.meaning == meaning

@@ -89,7 +89,7 @@ def _cost(ax: Axes, runs: Sequence[Run], rows: Sequence[Figures], best: Array) -
     ax.set_xscale("log")
     ax.set_xlim(0.7 * _LEAST_EXCESS, None)
     ax.set_xlabel(
-        "cost above the reference / reference, scenes above 1 mm² (left end: equal)",
+        "cost / reference - 1, scenes above 1 mm² (left end: equal)",
         fontsize=8.5, color=_INK,
     )  # fmt: skip
 

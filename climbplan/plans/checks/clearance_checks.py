@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst
 from climbplan.plans.checks.convex import body_clearance, chain_separation
+from climbplan.plans.checks.distances import chain_distance
 from climbplan.plans.checks.kinematics_anew import body_axes, placed
 from climbplan.plans.checks.subject import JOINT_NAMES, Subject
 from climbplan.terrain.surfaces import Tube
@@ -21,6 +22,7 @@ def clearance_checks(subject: Subject) -> Iterator[Check]:
     yield _body(subject)
     yield _free_regions(subject)
     yield _limbs(subject)
+    yield judge_capsules("limbs.capsules", subject, subject.limbs.points, subject.at)
 
 
 def _body(subject: Subject) -> Check:
@@ -127,3 +129,30 @@ def judge_link_depths(
         return f"{moment(p)}, {link_name} and {names[solid]}"
 
     return judge_worst(name, depth, where, margin)
+
+
+def judge_capsules(
+    name: str, subject: Subject, points: Array, moment: Callable[[int], str]
+) -> Check:
+    """A check that links as capsules of the robot's limb radius miss all obstacles.
+
+    points: (P, N, 4, 3) joints and toes; `moment` describes the first index. Walls are left out:
+    a tibia comes as close to its wall as its toe.
+    """
+    radius = subject.plan.robot.limb_radius
+    solids = subject.solids[: len(subject.plan.terrain.obstacles)]
+    if not solids:
+        return judge_worst(name, np.zeros(1), lambda _: "", margin="no obstacles")
+    clear = np.stack([chain_distance(points, solid, radius) for solid in solids], axis=-1)
+
+    def where(p: int, limb: int, link: int, solid: int) -> str:
+        link_name = subject.limb(limb, link)
+        return f"{moment(p)}, {link_name} and {solids[solid].name}"
+
+    least = float(clear.min()) - radius
+    words = f"at least {1e3 * least:.1f} mm clear"
+    if not least >= 0:
+        words = f"{-1e3 * least:.1f} mm too close"
+    margin = f"links of radius {1e3 * radius:.0f} mm {words}"
+    used = radius / np.maximum(clear, 1e-9)
+    return judge_worst(name, radius - clear, where, margin, used)

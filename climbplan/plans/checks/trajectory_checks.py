@@ -13,7 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge, judge_worst, unjudged
-from climbplan.plans.checks.clearance_checks import judge_link_depths, link_depths
+from climbplan.plans.checks.clearance_checks import (
+    judge_capsules,
+    judge_link_depths,
+    link_depths,
+)
 from climbplan.plans.checks.gait_anew import Gait, body_stations, gait_of
 from climbplan.plans.checks.kinematics_anew import (
     Limbs,
@@ -64,7 +68,7 @@ def trajectory_checks(subject: Subject) -> Iterator[Check]:
         yield unjudged(check, LINEAR) if subject.sags else check
     yield _instants(motion)
     yield from _joints(motion)
-    yield _clearance(motion)
+    yield from _clearance(motion)
 
 
 def _rate(subject: Subject) -> Check:
@@ -258,7 +262,7 @@ def _joints(motion: _Motion) -> Iterator[Check]:
     yield judge_worst("trajectory.reach", missing, motion.at)
 
 
-def _clearance(motion: _Motion) -> Check:
+def _clearance(motion: _Motion) -> Iterator[Check]:
     """Links of standing and of swinging limbs keep out of solids, between samples too."""
     points = np.where(
         motion.lifted[..., None, None], motion.commanded.points, motion.standing.points
@@ -272,14 +276,16 @@ def _clearance(motion: _Motion) -> Check:
     for piece in range(1, pieces):
         steps.append(_swinging_between(motion, points, coarse, piece / pieces))
     rows = np.concatenate([np.arange(len(points)), *[coarse] * (len(steps) - 1)])
-    depth = link_depths(motion.subject, np.concatenate(steps), 0.0)
+    chains = np.concatenate(steps)
+    depth = link_depths(motion.subject, chains, 0.0)
     worst = float(depth.max())
     margin = f"{1e3 * worst:.1f} mm deep" if worst > 1e-6 else "no link inside a solid"
 
     def moment(row: int) -> str:
         return motion.at(int(rows[row]))
 
-    return judge_link_depths("trajectory.clearance", motion.subject, depth, moment, margin)
+    yield judge_link_depths("trajectory.clearance", motion.subject, depth, moment, margin)
+    yield judge_capsules("trajectory.capsules", motion.subject, chains, moment)
 
 
 def _swinging_between(motion: _Motion, points: Array, samples: Index, share: float) -> Array:

@@ -1,21 +1,25 @@
 """Swing paths: how a toe moves clear of the terrain from one contact to the next.
 
-The straight way between two hover points is tried first, then ways over one point aside, nearest
-first. A way counts if the toe keeps its clearance, the limb reaches every point of it within its
-joint bounds, and, where possible, the links miss the obstacles too.
+The straight way between two hover points is tried first, then ways over one point aside and ways
+drawn aside as a whole, nearest first. A way counts if the toe keeps its clearance, the limb reaches
+every point of it within its joint bounds, and its links, as thick as they are, miss the obstacles
+from lifting off to setting down.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.climb.limb_clearance import LimbShortfall, closest_link, least_room
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Conflict, Infeasible
+from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
@@ -26,7 +30,7 @@ _DETOURS = (0.06, 0.12, 0.18, 0.26)  # [m] how far aside the via points lie
 _DIRECTIONS = np.array(
     [d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float
 )  # towards faces, edges and corners of a cube
-_LINK_SHARES = np.linspace(0.0, 0.95, 8)  # points along a link, short of the toe
+_ASIDE = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 
 
 @dataclass(frozen=True)
@@ -42,32 +46,66 @@ class Swing:
     where: str  # "round 3, LM lifted"
 
 
+class SwingBlocked(Infeasible):
+    """No way was found on which a limb misses the obstacles; says what is missing at least."""
+
+    def __init__(self, shortfall: LimbShortfall, words: str) -> None:
+        self.shortfall = shortfall
+        conflict = Conflict(shortfall.where, (words,), in_words=True)
+        super().__init__("no clear swing path", [conflict])
+
+
+def swings_of(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
+    """All limb moves of a posture sequence in their order."""
+    names, toes, found = scene.robot.limb_names, rounds.toes[0], []
+    for k in range(0, instants.count, 2):
+        limb = int(np.flatnonzero(instants.lifted[k])[0])
+        normals = instants.normal[[k, k + 1], limb]
+        new = instants.toes[k + 1]
+        pose = instants.com[k], instants.rpy[k]
+        where = instants.label(k, names)
+        found.append(Swing(limb, *pose, toes[limb], new[limb], normals, where))
+        toes = new
+    return tuple(found)
+
+
 def swing_path(scene: ClimbScene, swing: Swing) -> Array:
     """Way points (P, 3) from above the old contact to above the new one [m].
 
-    Raises Infeasible naming what blocks the way.
+    Raises SwingBlocked where the limb's links cannot miss the obstacles, and Infeasible naming
+    what blocks the toe.
     """
-    solids = scene.terrain.solids
-    lift = scene.spec.trajectory.lift
+    solids, obstacles = scene.terrain.solids, scene.terrain.obstacles
+    lift, room = scene.spec.trajectory.lift, least_room(scene)
     hover = _hover(swing, lift)
+    robot = _one_limb(scene.robot, swing.limb)
     blocker: Solid | None = None
-    second_best: Array | None = None
+    nearest: LimbShortfall | None = None
+    tried = 0
     for path in _candidates(swing, lift):
         points = _sampled(path)
-        near = _nearest(points, solids)
+        near = _too_near(points, solids)
         if near is not None:
             blocker = blocker or near
             continue
-        links = _links(scene, swing, points)
+        whole = path if np.array_equal(path[[0, -1]], hover) else _joined(hover, path)
+        contacts = np.stack([swing.old, *whole, swing.new])
+        links = _links(robot, swing, _sampled(contacts) if obstacles else points)
         if links is None:
             continue
-        whole = path if np.array_equal(path[[0, -1]], hover) else _joined(hover, path)
-        if _nearest(links, scene.terrain.obstacles, scene.robot.limb_radius) is None:
+        if not obstacles:
             return whole
-        if second_best is None:
-            second_best = whole
-    if second_best is not None:  # the exact limb check of the verification has the last word
-        return second_best
+        found = closest_link(obstacles, links, room)
+        if found.distance >= room - 1e-9:
+            return whole
+        tried += 1
+        missing = room - found.distance
+        if nearest is None or missing < nearest.missing:
+            name = obstacles[found.obstacle].name
+            nearest = LimbShortfall(missing, swing.where, swing.limb, found.link, name)
+    if nearest is not None:
+        words = f"{nearest.words(scene)} on the clearest of {tried} ways"
+        raise SwingBlocked(nearest, words)
     name = f"past {blocker.name!r}" if blocker is not None else "within the limb's reach"
     raise Infeasible(
         "no clear swing path",
@@ -89,10 +127,14 @@ def _candidates(swing: Swing, lift: float) -> Iterator[Array]:
         yield ends
         middle = ends.mean(axis=0)
         for aside in _DETOURS:
-            vias = middle + aside * _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+            vias = middle + aside * _ASIDE
             length = np.linalg.norm(vias[:, None] - ends, axis=2).sum(axis=1)
             for via in vias[np.argsort(length, kind="stable")]:
                 yield np.stack([ends[0], via, ends[1]])
+    ends = _hover(swing, lift)
+    for aside in _DETOURS:
+        for away in aside * _ASIDE:
+            yield np.stack([ends[0], ends[0] + away, ends[1] + away, ends[1]])
 
 
 def _sampled(path: Array) -> Array:
@@ -104,30 +146,41 @@ def _sampled(path: Array) -> Array:
     return np.concatenate(pieces)
 
 
-def _nearest(
-    points: Array, solids: tuple[Solid, ...], clearance: float = TOE_CLEARANCE
-) -> Solid | None:
-    """The solid that points (S, 3) come too close to, if any.
+def _too_near(points: Array, solids: tuple[Solid, ...]) -> Solid | None:
+    """The solid that toes at points (S, 3) come too close to, if any.
 
     The face distance never exceeds the true distance, so what passes here is really clear.
     """
     for solid in solids:
-        if solid.face_distance(points).min() < clearance - 1e-9:
+        if solid.face_distance(points).min() < TOE_CLEARANCE - 1e-9:
             return solid
     return None
 
 
-def _links(scene: ClimbScene, swing: Swing, toes: Array) -> Array | None:
-    """Points (Q, 3) on femur and tibia along a way, or None if a point is out of reach."""
-    robot = scene.robot
-    stance = np.broadcast_to(robot.stance_body, (len(toes), robot.limb_count, 3)).copy()
+def _one_limb(robot: Robot, limb: int) -> Robot:
+    """The robot with one limb alone, whose kinematics are done six times as fast."""
+    keep = slice(limb, limb + 1)
+    return replace(
+        robot,
+        limb_names=robot.limb_names[keep],
+        sides=robot.sides[keep],
+        shoulder_body=robot.shoulder_body[keep],
+        mount_yaw=robot.mount_yaw[keep],
+        link_lengths=robot.link_lengths[keep],
+        max_torque=robot.max_torque[keep],
+        joint_stiffness=robot.joint_stiffness[keep],
+        joint_lower=robot.joint_lower[keep],
+        joint_upper=robot.joint_upper[keep],
+        max_joint_speed=robot.max_joint_speed[keep],
+        stance_body=robot.stance_body[keep],
+    )
+
+
+def _links(robot: Robot, swing: Swing, toes: Array) -> Array | None:
+    """Joints and toe (S, 4, 3) of the limb along a way, or None if a point is out of reach."""
     pose = np.broadcast_to(swing.com, toes.shape), np.broadcast_to(swing.rpy, toes.shape)
-    stance[:, swing.limb] = to_body(*pose, toes[:, None])[:, 0]
-    solution = inverse(robot, stance)
-    if not solution.valid[:, swing.limb].all():
+    solution = inverse(robot, to_body(*pose, toes[:, None]))
+    if not solution.valid.all():
         return None
-    angles = np.nan_to_num(solution.best())
-    joints = joint_points_body(robot, angles)[:, swing.limb, 1:]  # (S, 3, 3) femur, knee, toe
-    share = _LINK_SHARES[:, None, None, None]
-    links = (1 - share) * joints[:, :-1] + share * joints[:, 1:]
-    return swing.com + links.reshape(-1, 3) @ rotation_world_body(swing.rpy).T
+    joints = joint_points_body(robot, solution.best())[:, 0]  # (S, 4, 3)
+    return np.asarray(swing.com + joints @ rotation_world_body(swing.rpy).T)

@@ -1,0 +1,166 @@
+"""Room between links and obstacles: standing limbs along the whole motion, exact kinematics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.scene import ClimbScene
+from climbplan.plans.climb_plan import Instants, Rounds
+from climbplan.robots.kinematics import JOINTS, inverse, joint_points_body, to_body
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.terrain.solids import Solid
+
+BETWEEN = 1e-3  # [m] kept beyond the links' radius: what a link may lose between checked poses
+_STEPS = 6  # poses checked along a push
+_TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
+
+
+def least_room(scene: ClimbScene) -> float:
+    """Distance [m] that link axes have to keep from obstacles at every checked pose."""
+    return scene.robot.limb_radius + BETWEEN
+
+
+def standing_room(scene: ClimbScene) -> float:
+    """Distance [m] that postures are planned with, which leaves the spec's clearance."""
+    return scene.robot.limb_radius + max(scene.spec.posture.limb_clearance, BETWEEN)
+
+
+@dataclass(frozen=True)
+class LimbShortfall:
+    """The link that comes closest to an obstacle."""
+
+    missing: float  # [m] of the room asked for, <= 0 if it is kept
+    where: str  # "round 3, LM lifted"
+    limb: int
+    link: int
+    obstacle: str
+
+    def words(self, scene: ClimbScene) -> str:
+        """Limb, link, obstacle and missing room in the robot's terms."""
+        radius = scene.robot.limb_radius
+        name = f"{scene.robot.limb_names[self.limb]}'s {JOINTS[self.link]}"
+        return (
+            f"{name}, {1e3 * radius:.0f} mm in radius, comes {1e3 * self.missing:.1f} mm too close "
+            f"to {self.obstacle!r}"
+        )
+
+
+def limb_shortfall(scene: ClimbScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
+    """Where standing limbs come closest to an obstacle, None where there is no obstacle.
+
+    Looked at along every push, from the placing of a limb to the next lift, and at the start.
+    """
+    if not scene.terrain.obstacles:
+        return None
+    lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
+    share = np.linspace(0.0, 1.0, _STEPS)[:, None]
+    com, rpy = (
+        x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
+    )  # (P, S, 3)
+    toes = np.broadcast_to(
+        instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3)
+    )
+    start = instants.com[:1], instants.rpy[:1], rounds.toes[:1]
+    flat = (x.reshape(-1, *x.shape[2:]) for x in (com, rpy, toes))
+    points = limb_points(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
+    room, obstacles = least_room(scene), scene.terrain.obstacles
+    found = closest_link(obstacles, points, room)
+    pose, limb = found.index
+    where = "start posture"
+    if pose > 0:
+        where = instants.label(int(push[(pose - 1) // _STEPS]), scene.robot.limb_names)
+    name = obstacles[found.obstacle].name
+    return LimbShortfall(room - found.distance, where, limb, found.link, name)
+
+
+def limb_points(scene: ClimbScene, com: Array, rpy: Array, toes: Array) -> Array:
+    """Joints and toes (P, N, 4, 3) of limbs with toes (P, N, 3) in the world, NaN out of reach."""
+    robot = scene.robot
+    angles = inverse(robot, to_body(com, rpy, toes)).best()
+    points = joint_points_body(robot, angles)
+    return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The link closest to an obstacle among many."""
+
+    distance: float  # [m]
+    index: tuple[int, ...]  # of limb and pose
+    link: int
+    obstacle: int
+
+
+def closest_link(obstacles: tuple[Solid, ...], points: Array, enough: float) -> Closest:
+    """The least distance of links from obstacles; links with NaN are left out.
+
+    points: (..., 4, 3) joints and toe [m].
+    """
+    distance = np.stack(
+        [link_distances(s, points[..., :-1, :], points[..., 1:, :], enough) for s in obstacles],
+        axis=-1,
+    )
+    distance = np.where(np.isnan(distance), np.inf, distance)
+    *index, link, obstacle = (
+        int(i) for i in np.unravel_index(int(np.argmin(distance)), distance.shape)
+    )
+    return Closest(float(distance.min()), tuple(index), link, obstacle)
+
+
+def link_distances(solid: Solid, starts: Array, ends: Array, enough: float = np.inf) -> Array:
+    """Distances (...) of segments (..., 3) from a convex solid; at most 0 where they meet it.
+
+    A segment that a face parts from the solid by `enough` [m] gets that lower bound instead.
+    """
+    flat = np.stack([starts.reshape(-1, 3), ends.reshape(-1, 3)])
+    faces = flat @ solid.A.T - solid.b  # (2, S, F)
+    distance = faces.min(axis=0).max(axis=1)
+    near = distance < enough
+    if near.any():
+        distance[near] = _near_distances(solid, flat[:, near], faces[:, near], distance[near])
+    return np.asarray(distance.reshape(starts.shape[:-1]))
+
+
+def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Array:
+    """Exact distances (S,) of segments with ends (2, S, 3), face distances (2, S, F) of their ends.
+
+    Apart, the nearest points lie on an edge of the solid or at an end of the segment before a face.
+    """
+    best = _edge_distances(solid, *flat)
+    for end, distance in zip(flat, faces, strict=True):
+        foot = end[:, None] - distance[..., None] * solid.A  # (S, F, 3)
+        on_face = (foot @ solid.A.T - solid.b).max(axis=-1) <= _TOUCHING
+        best = np.minimum(best, np.where(on_face & (distance > 0), distance, np.inf).min(axis=1))
+    return np.where((bound < 0) & _meets(faces), bound, best)
+
+
+def _meets(faces: Array) -> Array:
+    """Whether segments with face distances (2, S, F) at their ends pass through the solid (S,)."""
+    first, last = faces
+    slope = last - first
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = -first / slope
+    enter = np.where(slope < 0, crossing, -np.inf).max(axis=1)
+    leave = np.where(slope > 0, crossing, np.inf).min(axis=1)
+    beside = ((slope == 0) & (first > 0)).any(axis=1)
+    return np.asarray(~beside & (np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)))
+
+
+def _edge_distances(solid: Solid, starts: Array, ends: Array) -> Array:
+    """Least distance (S,) of segments from all edges of a solid."""
+    on = np.abs(solid.vertices @ solid.A.T - solid.b) < 1e3 * _TOUCHING
+    first, last = np.nonzero(np.triu(on.astype(int) @ on.T.astype(int) >= 2, k=1))
+    origin, edge = solid.vertices[first], solid.vertices[last] - solid.vertices[first]
+    link, apart = (ends - starts)[:, None], starts[:, None] - origin
+    # Least |apart + s link - t edge| over the unit square: s inside for the best t, and back
+    a = np.maximum((link**2).sum(axis=-1), np.finfo(float).tiny)
+    e = (edge**2).sum(axis=-1)
+    b, c, f = (link * edge).sum(-1), (link * apart).sum(-1), (apart * edge).sum(-1)
+    det = a * e - b * b
+    s = np.clip(np.where(det > 1e-12 * a * e, b * f - c * e, 0.0) / np.maximum(det, 1e-300), 0, 1)
+    t = np.clip((b * s + f) / e, 0.0, 1.0)
+    s = np.clip((b * t - c) / a, 0.0, 1.0)
+    gap = apart + s[..., None] * link - t[..., None] * edge
+    return np.asarray(np.sqrt((gap**2).sum(axis=-1)).min(axis=1))

@@ -76,41 +76,50 @@ def swing_path(scene: ClimbScene, swing: Swing) -> Array:
     what blocks the toe.
     """
     solids, obstacles = scene.terrain.solids, scene.terrain.obstacles
-    lift, room = scene.spec.trajectory.lift, least_room(scene)
+    lift = scene.spec.trajectory.lift
     hover = _hover(swing, lift)
     robot = _one_limb(scene.robot, swing.limb)
     blocker: Solid | None = None
-    nearest: LimbShortfall | None = None
+    # Lifting off and setting down are parts of every way
+    ends = [_sampled(np.stack(leg)) for leg in ((swing.old, hover[0]), (swing.new, hover[1]))]
+    closest = _links_too_near(scene, swing, _links(robot, swing, np.concatenate(ends)))
+    if closest is not None:
+        raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
     tried = 0
     for path in _candidates(swing, lift):
-        points = _sampled(path)
-        near = _too_near(points, solids)
+        near = _too_near(_sampled(path), solids)
         if near is not None:
             blocker = blocker or near
             continue
         whole = path if np.array_equal(path[[0, -1]], hover) else _joined(hover, path)
-        contacts = np.stack([swing.old, *whole, swing.new])
-        links = _links(robot, swing, _sampled(contacts) if obstacles else points)
+        links = _links(robot, swing, _sampled(whole))
         if links is None:
             continue
-        if not obstacles:
-            return whole
-        found = closest_link(obstacles, links, room)
-        if found.distance >= room - 1e-9:
+        found = _links_too_near(scene, swing, links)
+        if found is None:
             return whole
         tried += 1
-        missing = room - found.distance
-        if nearest is None or missing < nearest.missing:
-            name = obstacles[found.obstacle].name
-            nearest = LimbShortfall(missing, swing.where, swing.limb, found.link, name)
-    if nearest is not None:
-        words = f"{nearest.words(scene)} on the clearest of {tried} ways"
-        raise SwingBlocked(nearest, words)
+        if closest is None or found.missing < closest.missing:
+            closest = found
+    if closest is not None:
+        raise SwingBlocked(closest, f"{closest.words(scene)} on the clearest of {tried} ways")
     name = f"past {blocker.name!r}" if blocker is not None else "within the limb's reach"
     raise Infeasible(
         "no clear swing path",
         [Conflict(swing.where, (f"swing path of the toe {name}",))],
     )
+
+
+def _links_too_near(scene: ClimbScene, swing: Swing, links: Array | None) -> LimbShortfall | None:
+    """The link that comes closest to an obstacle, if that is closer than links may come."""
+    obstacles, room = scene.terrain.obstacles, least_room(scene)
+    if links is None or not obstacles:
+        return None
+    found = closest_link(obstacles, links, room)
+    if found.distance >= room - 1e-9:
+        return None
+    name = obstacles[found.obstacle].name
+    return LimbShortfall(room - found.distance, swing.where, swing.limb, found.link, name)
 
 
 def _hover(swing: Swing, height: float) -> Array:

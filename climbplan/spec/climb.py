@@ -126,7 +126,11 @@ class PosturePlannerSpec(SpecModel):
         default=True, description="also keep every toe near its nominal stance (second ball)"
     )
     limb_clearance: Number = quantity(
-        "m", "distance the limbs' axes keep from obstacles while they stand", default=0.03, ge=0
+        "m",
+        "distance that limbs, as thick as limb_radius, are planned to keep from obstacles while "
+        "they stand; no link ever touches one",
+        default=0.005,
+        ge=0,
     )
     body_clearance: Number = quantity(
         "m", "distance the body hull keeps from obstacles and walls", default=0.02, ge=0

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.climb.limb_clearance import standing_room
+from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
 from climbplan.climb.scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.polytope import Array
@@ -23,6 +25,8 @@ from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
+_KNEE_ERROR = 3e-3  # [m] room for what the knee to first order is off, some mm at most
+
 
 @dataclass(frozen=True)
 class PostureMargins:
@@ -30,6 +34,7 @@ class PostureMargins:
 
     stance_radius: Array | None = None  # (N,) [m], the robot's own if None
     clearance: float = 0.0  # [m] beyond the spec's body clearance
+    limbs: float = 0.0  # [m] beyond the spec's limb clearance
 
 
 @dataclass(frozen=True)
@@ -92,38 +97,53 @@ def body_polytope(
 
 
 def limb_polytopes(
-    solid: Solid, shoulder: Array, femur: float, keep: float, rotation: LinearRotation
+    solid: Solid, limb: LimbShape, keep: float, rotation: LinearRotation
 ) -> list[Polytope]:
     """Toes and body poses before and after a round for which a limb stays beyond one face.
 
-    Points are (toe, com, Theta) of both postures, in R^18. A limb lies in the upright plane of
-    shoulder and toe, so a level face has both ends beyond it or, from below, needs room for the
-    knee, which stands at most a femur above the shoulder.
+    Points are (toe, com, Theta) of both postures, in R^18. Toe, shoulder and knee are beyond the
+    face, the knee to first order about the nominal stance and lifted too. Below a level face there
+    is room for the knee anywhere, at most a femur above the shoulder.
     """
     faces = []
+    zero = np.zeros(3)
     for k, (normal, offset) in enumerate(zip(solid.A, solid.b, strict=True)):
-        # Beyond the face: normal . p >= offset + keep for toe and shoulder
+        # Beyond the face: normal . p >= offset + keep for toe, shoulder and knee
         turned = rotation.reference.T @ normal
+        shoulder = limb.shoulder
         arm = np.cross(shoulder, turned)
-        knee = femur * max(0.0, -float(normal[2]))
-        zero = np.zeros(3)
-        rows = np.array([[*-normal, *zero, *zero], [*zero, *-normal, *-arm]])
-        bound = shoulder @ turned - arm @ rotation.level - offset - keep - knee
-        bounds = np.array([-offset - keep, bound])
-        both = np.kron(np.eye(2), rows)
+        up = limb.femur * max(0.0, -float(normal[2]))
+        rows = [[*-normal, *zero, *zero], [*zero, *-normal, *-arm]]
+        bounds = [-keep, shoulder @ turned - arm @ rotation.level - keep - up]
+        if limb.knee is not None:
+            # knee = com + R k + G (toe - com - R s), G = Rz J Rz'
+            follow = limb.knee.by_toe.T @ turned
+            with_toe = rotation.reference @ follow
+            arm = np.cross(limb.knee.at, turned) - np.cross(limb.knee.stance, follow)
+            lifted = float((limb.knee.lifted @ turned).min(initial=0.0))
+            rows.append([*-with_toe, *(with_toe - normal), *-arm])
+            still = limb.knee.at @ turned - limb.knee.stance @ follow
+            bounds.append(still - arm @ rotation.level - keep - _KNEE_ERROR + lifted)
+        both = np.kron(np.eye(2), np.array(rows))
         name = f"{solid.name} face {k}"
-        faces.append(Polytope.halfspaces(name, both, np.concatenate([bounds, bounds])))
+        bound = np.tile(np.array(bounds) - offset, 2)
+        faces.append(Polytope.halfspaces(name, both, bound))
     return faces
 
 
-def _limb_free(p: Program, scene: ClimbScene, postures: Expression) -> None:
+def _limb_free(
+    p: Program, scene: ClimbScene, postures: Expression, margins: PostureMargins
+) -> None:
     """Standing limbs stay beyond one face of every obstacle during a round.
 
     postures: (M, N, 18) toe, com and Theta before and after each round.
     """
     robot, terrain = scene.robot, scene.terrain
-    keep = scene.spec.posture.limb_clearance
+    keep = standing_room(scene) + margins.limbs
     rotation = LinearRotation(float(scene.start.rpy[2]))
+    if not terrain.obstacles:
+        return
+    shapes = [limb_shape(scene, i) for i in range(robot.limb_count)]
     for index, solid in enumerate(terrain.obstacles):
         per_limb = []
         for i in range(robot.limb_count):
@@ -131,9 +151,7 @@ def _limb_free(p: Program, scene: ClimbScene, postures: Expression) -> None:
                 [terrain.regions[r].vertices for r in np.flatnonzero(terrain.allowed[i])]
             )
             beyond = (corners @ solid.A.T - solid.b).max(axis=0) >= keep  # a toe may stand there
-            faces = limb_polytopes(
-                solid, robot.shoulder_body[i], float(robot.link_lengths[i, 1]), keep, rotation
-            )
+            faces = limb_polytopes(solid, shapes[i], keep, rotation)
             per_limb.append([f for f, usable in zip(faces, beyond, strict=True) if usable])
         p.one_of(f"posture.limb_free_{index}", postures, per_limb * len(postures), unit="m")
 
@@ -214,7 +232,7 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
         ],
         axis=-1,
     )
-    _limb_free(p, scene, postures)
+    _limb_free(p, scene, postures, margins)
 
     # Goal: within tolerance, and as close as the weights say
     goal = scene.goal

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.scene import ClimbScene
-from climbplan.plans.climb_plan import Instants, Rounds
+from climbplan.plans.climb_plan import Instants, Mask, Rounds
 from climbplan.robots.kinematics import JOINTS, inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
@@ -59,9 +59,7 @@ def limb_shortfall(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Lim
     com, rpy = (
         x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
     )  # (P, S, 3)
-    toes = np.broadcast_to(
-        instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3)
-    )
+    toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3))
     start = instants.com[:1], instants.rpy[:1], rounds.toes[:1]
     flat = (x.reshape(-1, *x.shape[2:]) for x in (com, rpy, toes))
     points = limb_points(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
@@ -136,7 +134,7 @@ def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Ar
     return np.where((bound < 0) & _meets(faces), bound, best)
 
 
-def _meets(faces: Array) -> Array:
+def _meets(faces: Array) -> Mask:
     """Whether segments with face distances (2, S, F) at their ends pass through the solid (S,)."""
     first, last = faces
     slope = last - first

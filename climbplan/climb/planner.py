@@ -13,19 +13,23 @@ import numpy as np
 from climbplan.climb.clearance import body_shortfall
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.limb_clearance import limb_shortfall
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.summary import summary_lines
+from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
-from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, StepLimits
+from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
+from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, StepLimits
+from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
 
 Progress = Callable[[str, float], None]
 
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
+_LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
 
 
@@ -55,14 +59,16 @@ class Motion:
     posture: PostureResult
     instants: Instants
     tightenings: tuple[str, ...]
+    swings: tuple[Array, ...] | None  # way points of every limb move, if they were looked for
 
 
 def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = None) -> Motion:
-    """Postures whose every instant can be reached and whose body keeps clear.
+    """Postures whose every instant can be reached and whose body and limbs keep clear.
 
-    The convex statement knows workspaces as balls and rotations to first order. Where the exact
-    check finds a joint bound or clearance missed, the limb's ball or the clearance is tightened
-    and the postures are planned again. Raises Infeasible if the statement is, and LimitReached if
+    The convex statement knows workspaces as balls, rotations and knees to first order. Where the
+    exact check finds a joint bound or clearance missed, or a limb cannot swing past an obstacle,
+    the limb's ball or the clearance is tightened and the postures are planned again. Raises
+    Infeasible if the statement is, SwingBlocked if a swing stays blocked, and LimitReached if
     tightening does not lead to a plan.
     """
     if save_model is not None and scene.spec.solver.method == "nlp":
@@ -70,7 +76,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
     margins = PostureMargins()
     bound: float | None = None
     notes: list[str] = []
-    failure: ReachFailure | None = None
+    failure: ReachFailure | SwingBlocked | None = None
     for _ in range(_TIGHTENINGS):
         with clock.stage("posture"):
             if scene.spec.solver.method == "nlp":
@@ -99,12 +105,52 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 margins = _shrunk(scene, margins, error)
                 notes.append(f"workspace of {error.limb} tightened: {error}")
                 continue
-        return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes))
+            try:
+                swings = _clear_of_obstacles(scene, posture.rounds, instants)
+            except _LimbsTooNear as near:
+                if scene.spec.solver.method == "nlp":  # its own exact check is the same
+                    raise near.blocked or LimitReached(f"posture planner: {near}") from None
+                failure = near.blocked
+                margins = replace(
+                    margins, limbs=margins.limbs + max(1.2 * near.missing, _LEAST_WIDENING)
+                )
+                notes.append(f"limb clearance asked {1e3 * margins.limbs:.1f} mm wider: {near}")
+                continue
+        return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
     raise _not_found(notes, failure)
 
 
-def _not_found(notes: list[str], failure: ReachFailure | None) -> LimitReached:
+class _LimbsTooNear(Exception):
+    """Links closer to an obstacle than they are thick, standing or on every way of a swing."""
+
+    def __init__(self, words: str, missing: float, blocked: SwingBlocked | None) -> None:
+        self.missing = missing
+        self.blocked = blocked
+        super().__init__(words)
+
+
+def _clear_of_obstacles(
+    scene: ClimbScene, rounds: Rounds, instants: Instants
+) -> tuple[Array, ...] | None:
+    """Swing paths past the obstacles, None where there are none; raises _LimbsTooNear."""
+    standing = limb_shortfall(scene, rounds, instants)
+    if standing is None:
+        return None
+    if standing.missing > 1e-9:
+        words = f"{standing.where}, {standing.words(scene)}"
+        raise _LimbsTooNear(words, standing.missing, None)
+    try:
+        return swing_paths(scene, rounds, instants)
+    except SwingBlocked as blocked:
+        short = blocked.shortfall
+        words = f"{short.where}, swinging, {short.words(scene)}"
+        raise _LimbsTooNear(words, short.missing, blocked) from blocked
+
+
+def _not_found(notes: list[str], failure: ReachFailure | SwingBlocked | None) -> NoPlanFound:
     """What to raise when tightening did not lead to a plan, which proves nothing."""
+    if isinstance(failure, SwingBlocked):
+        return failure
     last = str(failure) if failure is not None else notes[-1]
     return LimitReached(
         f"method micp found no postures that pass the exact checks ({len(notes)} tightenings); "
@@ -151,7 +197,7 @@ def plan_climb(
     with clock.stage("force"):
         forces = plan_forces(scene, instants)
     with clock.stage("trajectory"):
-        trajectory = plan_trajectory(scene, rounds, instants, forces)
+        trajectory = plan_trajectory(scene, rounds, instants, forces, motion.swings)
     study = None
     if spec.study is not None:
         with clock.stage("study"):

@@ -31,7 +31,7 @@ def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
         return _NO_POSTURE, str(error).splitlines()[0]
     try:
         forces = plan_forces(scene, motion.instants)
-        plan_trajectory(scene, motion.posture.rounds, motion.instants, forces)
+        plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
     except (Infeasible, ReachFailure, LimitReached) as error:
         conflicts = error.conflicts if isinstance(error, Infeasible) else []
         return _NO_FORCE, str(conflicts[0]) if conflicts else str(error)

@@ -69,13 +69,18 @@ def swings_of(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Sw
     return tuple(found)
 
 
+def swing_paths(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
+    """Way points of all limb moves of a posture sequence; raises as `swing_path`."""
+    return tuple(swing_path(scene, swing) for swing in swings_of(scene, rounds, instants))
+
+
 def swing_path(scene: ClimbScene, swing: Swing) -> Array:
     """Way points (P, 3) from above the old contact to above the new one [m].
 
     Raises SwingBlocked where the limb's links cannot miss the obstacles, and Infeasible naming
     what blocks the toe.
     """
-    solids, obstacles = scene.terrain.solids, scene.terrain.obstacles
+    solids = scene.terrain.solids
     lift = scene.spec.trajectory.lift
     hover = _hover(swing, lift)
     robot = _one_limb(scene.robot, swing.limb)

@@ -17,7 +17,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import state_forces
 from climbplan.climb.scene import ClimbScene
-from climbplan.climb.swing import Swing, swing_path
+from climbplan.climb.swing import swing_paths
 from climbplan.errors import Infeasible, ReachFailure, UsageError
 from climbplan.mechanics.stiffness import deflections_for_forces, joint_softness, rigid_motion
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
@@ -124,17 +124,23 @@ def _loads(instants: Instants, force: Array, com_deflection: Array) -> list[_Loa
 
 
 def plan_trajectory(
-    scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Forces
+    scene: ClimbScene,
+    rounds: Rounds,
+    instants: Instants,
+    forces: Forces,
+    swings: tuple[Array, ...] | None = None,
 ) -> Trajectory:
     """Body poses and joint commands at a fixed rate, within joint bounds and speeds.
 
     The mean speed of the body is the spec's unless joint speeds ask for more time. Every segment
-    takes a whole number of samples, so that the samples meet every instant. Raises ReachFailure
+    takes a whole number of samples, so that the samples meet every instant. swings: way points of
+    every limb move, looked for if not given. Raises ReachFailure
     where a limb cannot follow or its command leaves the joint bounds, Infeasible where a swing is
     blocked, and UsageError for a motion of more samples than a plan holds.
     """
     robot = scene.robot
-    frames = _keyframes(scene, rounds, instants, forces)
+    paths = swing_paths(scene, rounds, instants) if swings is None else swings
+    frames = _keyframes(scene, rounds, instants, forces, paths)
     travel = float(np.linalg.norm(np.diff(rounds.com, axis=0), axis=1).sum())
     steps = rounds.count * robot.limb_count
     nominal = travel / scene.spec.trajectory.speed / steps  # [s] one limb step
@@ -156,7 +162,13 @@ def plan_trajectory(
     return Trajectory(sample / rate, moving.com, moving.rpy, command, frames.contact[segment])
 
 
-def _keyframes(scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Forces) -> _Keyframes:
+def _keyframes(
+    scene: ClimbScene,
+    rounds: Rounds,
+    instants: Instants,
+    forces: Forces,
+    paths: tuple[Array, ...],
+) -> _Keyframes:
     names = scene.robot.limb_names
     held = _loads(instants, forces.force, forces.com_deflection)
     placed = _placing_loads(scene, instants, held)
@@ -181,9 +193,7 @@ def _keyframes(scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Fo
         everyone = np.ones(len(names), bool)
         others = ~instants.lifted[k]
         old, new = toes[-1], instants.toes[k + 1]
-        normals = instants.normal[[k, k + 1], limb]
-        swing = Swing(limb, instants.com[k], instants.rpy[k], old[limb], new[limb], normals, name)
-        path = swing_path(scene, swing)
+        path = paths[k // 2]
 
         def swung(point: Array, standing: Array = old, limb: int = limb) -> Array:
             out = standing.copy()

@@ -35,7 +35,7 @@ def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
             forces = plan_forces(scene, motion.instants)
         planned = time.perf_counter() - begin
         with clock.stage("trajectory"):
-            plan_trajectory(scene, motion.posture.rounds, motion.instants, forces)
+            plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
         for stage, seconds in {**clock.seconds, "plan": planned}.items():
             stages.setdefault(stage, []).append(seconds)
     rounds = loaded.spec.task.rounds

@@ -6,22 +6,28 @@ and the terrain, evaluated in NumPy, and the body is followed along its whole wa
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.limb_clearance import (
+    closest_link,
+    least_room,
+    limb_points,
+    limb_shortfall,
+)
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import ReachFailure
+from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
+from climbplan.errors import Infeasible, ReachFailure
 from climbplan.plans.climb_plan import Instants, Rounds
-from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.surfaces import Tube
 
 TOLERANCE = 1e-6  # [m] or [rad]
 _POSES = 13  # poses along a round at which the body must be inside a tube
-_LINK_SHARES = np.linspace(0.0, 1.0, 41)  # points along each link, at most 10 mm apart
 
 
 @dataclass(frozen=True)
@@ -121,25 +127,37 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         where = f"{error.where}, limb {error.limb} ({error.reason})"
         findings.found.append(Violation("posture.kinematics", amount, "m", where))
     else:
-        depth = _link_depths(scene, instants)  # (K, N)
-        k, limb = np.unravel_index(int(np.argmax(depth)), depth.shape)
-        where = f"{instants.label(int(k), scene.robot.limb_names)}, limb "
-        where += scene.robot.limb_names[limb]
-        findings.found.append(Violation("posture.limb_free", depth.max(), "m", where))
+        findings.found.extend(_limbs_free(scene, rounds, instants))
     return tuple(findings.found)
 
 
-def _link_depths(scene: ClimbScene, instants: Instants) -> Array:
-    """How deep link axes are in the obstacles at the instants (K, N) [m], negative outside."""
-    points = joint_points_body(scene.robot, instants.joint_angles)  # (K, N, 4, 3)
-    rotation = rotation_world_body(instants.rpy)
-    points = instants.com[:, None, None] + np.einsum("kab,knjb->knja", rotation, points)
-    share = _LINK_SHARES[:, None, None]
-    axes = (1 - share) * points[..., None, :-1, :] + share * points[..., None, 1:, :]
-    depth = np.full(points.shape[:2], -np.inf)
-    for solid in scene.terrain.obstacles:
-        depth = np.maximum(depth, -solid.face_distance(axes).min(axis=(-2, -1)))
-    return depth
+def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterator[Violation]:
+    """Room of links beside obstacles: standing and lifted, then on the ways of the swings."""
+    obstacles, room = scene.terrain.obstacles, least_room(scene)
+    standing = limb_shortfall(scene, rounds, instants)
+    if standing is None:
+        yield Violation("posture.limb_free", -np.inf, "m", "no obstacles")
+        return
+    found = closest_link(
+        obstacles, limb_points(scene, instants.com, instants.rpy, instants.toes), room
+    )
+    k, limb = found.index
+    name, where = standing.limb, standing.where
+    if room - found.distance > standing.missing:
+        name, where = limb, instants.label(k, scene.robot.limb_names)
+    amount = max(standing.missing, room - found.distance)
+    where += f", limb {scene.robot.limb_names[name]}"
+    yield Violation("posture.limb_free", amount, "m", where)
+    if amount > TOLERANCE:
+        return  # no need to look at the ways between
+    try:
+        swing_paths(scene, rounds, instants)
+    except SwingBlocked as error:
+        short = error.shortfall
+        where = f"{short.where}, {short.words(scene)}"
+        yield Violation("swing.limb_free", short.missing, "m", where)
+    except Infeasible as error:
+        yield Violation("swing.toe_free", TOE_CLEARANCE, "m", str(error.conflicts[0]))
 
 
 def _add_steps(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:

@@ -127,7 +127,7 @@ def number_layout(shape: Shape) -> Layout:
     n = shape.limbs
     per_limb = ("shoulder", "stance", "links")
     scalars = (
-        *("reach", "stance_radius", "lift", "clearance", "hull_radius", "limb_clearance"),
+        *("reach", "stance_radius", "lift", "clearance", "hull_radius", "limb_room"),
         *("com_max", "com_min", "toe_max", "toe_min", "rotation_max", "tolerance"),
         "rotation_tolerance",
         *("w_goal", "w_goal_com", "w_goal_rotation", "w_com", "w_toe", "w_rotation"),

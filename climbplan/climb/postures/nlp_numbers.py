@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.limb_clearance import standing_room
 from climbplan.climb.postures.nlp_layout import (
     MOMENTS,
     Moment,
@@ -92,7 +93,7 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
         "stance_radius": robot.stance_radius,
         "lift": scene.spec.trajectory.lift,
         "clearance": spec.body_clearance,
-        "limb_clearance": spec.limb_clearance,
+        "limb_room": standing_room(scene),
         "hull_radius": np.linalg.norm(robot.body_hull, axis=1).max(),
         "com_max": steps.com_max,
         "com_min": steps.com_min,

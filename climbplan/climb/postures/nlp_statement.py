@@ -131,7 +131,7 @@ def _round_function(shape: Shape) -> _RoundFunction:
             ties.append(points[-1] - target)
             for obstacle, link in itertools.product(range(shape.obstacles), range(LINKS)):
                 plane = planes[:, (obstacle * n + i) * LINKS + link]
-                least = plane[3] + c["limb_clearance"]
+                least = plane[3] + c["limb_room"]
                 parted += [least - ca.dot(plane[:3], at) for at in points[link : link + 2]]
         rows.add(f"posture.kinematics_{moment.name}", ties, equality=True)
         rows.add(f"posture.limb_free_{moment.name}", parted)

@@ -126,8 +126,8 @@ def limb_polytopes(
             bounds.append(still - arm @ rotation.level - keep - _KNEE_ERROR + lifted)
         both = np.kron(np.eye(2), np.array(rows))
         name = f"{solid.name} face {k}"
-        bound = np.tile(np.array(bounds) - offset, 2)
-        faces.append(Polytope.halfspaces(name, both, bound))
+        bound = np.array(bounds, np.float64) - offset
+        faces.append(Polytope.halfspaces(name, both, np.concatenate([bound, bound])))
     return faces
 
 

@@ -60,7 +60,7 @@ LIMITS = {
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
-    "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles at the instants"),
+    "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles"),
     "trajectory.rate": Limit(1e-9, "s", "samples at a fixed rate"),
     "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),
     "trajectory.sequence": Limit(0, "", "limbs lift one at a time in the order of the instants"),
@@ -73,7 +73,7 @@ LIMITS = {
     "trajectory.joint_speed": Limit(1e-6, "rad/s", "joint speeds within their limits"),
     "trajectory.reach": Limit(1e-6, "m", "standing toes stay within reach of the moving body"),
     "trajectory.clearance": Limit(1e-3, "m", "depth of link axes inside solids on the way"),
-    "trajectory.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles on the way"),
+    "trajectory.capsules": Limit(1e-6, "m", "and so they do on the way, swings included"),
 }
 
 

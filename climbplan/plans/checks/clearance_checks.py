@@ -14,6 +14,7 @@ from climbplan.plans.checks.subject import JOINT_NAMES, Subject
 from climbplan.terrain.surfaces import Tube
 
 _MEASURED = 0.05  # [m] link distances below this are measured, beyond it a bound is enough
+_TOLD = 5e-3  # [m] room beside links up to which it is measured, not bounded
 _TOE_STRETCH = 0.05  # [m] last part of the tibia, which has to come close to its surface
 
 
@@ -143,7 +144,7 @@ def judge_capsules(
     solids = subject.solids[: len(subject.plan.terrain.obstacles)]
     if not solids:
         return judge_worst(name, np.zeros(1), lambda _: "", margin="no obstacles")
-    clear = np.stack([chain_distance(points, solid, radius) for solid in solids], axis=-1)
+    clear = np.stack([chain_distance(points, solid, radius + _TOLD) for solid in solids], axis=-1)
 
     def where(p: int, limb: int, link: int, solid: int) -> str:
         link_name = subject.limb(limb, link)

@@ -108,9 +108,10 @@ def closest_link(obstacles: tuple[Solid, ...], points: Array, enough: float) -> 
 
 
 def link_distances(solid: Solid, starts: Array, ends: Array, enough: float = np.inf) -> Array:
-    """Distances (...) of segments (..., 3) from a convex solid; at most 0 where they meet it.
+    """Distances (...) of segments (..., 3) from a convex solid, negative where they meet it.
 
-    A segment that a face parts from the solid by `enough` [m] gets that lower bound instead.
+    A segment that a face parts from the solid by `enough` [m] gets that lower bound instead. Where
+    they meet, the value is minus the way out across a face.
     """
     flat = np.stack([starts.reshape(-1, 3), ends.reshape(-1, 3)])
     faces = flat @ solid.A.T - solid.b  # (2, S, F)

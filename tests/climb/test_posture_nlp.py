@@ -13,6 +13,7 @@ import yaml
 
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.limb_clearance import least_room, limb_points
 from climbplan.climb.postures.nlp import plan_postures_nlp, refined, solve_from
 from climbplan.climb.postures.nlp_check import check_postures, posture_cost
 from climbplan.climb.postures.nlp_layout import Layout, variable_layout
@@ -142,7 +143,7 @@ def test_way_round_the_obstacle() -> None:
     assert all(attempt.accepted for attempt in attempts)
     for attempt in attempts:
         assert body_shortfall(scene, attempt.rounds).max() <= 1e-6
-        assert link_room(scene, attempt.rounds).min() >= -1e-6
+        assert link_room(scene, attempt.rounds).min() >= 0.8 * scene.robot.limb_radius
         assert (attempt.rounds.region[1:-1] != attempt.rounds.region[0]).any()
     # Starts differ in what they pin, so they end in different plans
     assert len({round(attempt.objective, 6) for attempt in attempts}) > 1
@@ -181,7 +182,24 @@ def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
     failing = [v for v in check_postures(blocked, free.rounds) if not v.holds]
     assert [violation.name for violation in failing] == ["posture.limb_free"]
     assert "RF" in str(failing[0]) or "LF" in str(failing[0])
-    assert failing[0].amount == pytest.approx(-link_room(blocked, free.rounds).min(), abs=2e-3)
+    # The way out is no shorter than the links are deep
+    assert failing[0].amount >= least_room(blocked) - link_room(blocked, free.rounds).min() - 1e-3
+
+
+def test_links_beside_a_bar_need_room_for_their_radius() -> None:
+    scene = shipped("climb_tube")
+    free = solve_from(scene, straight_guess(scene, 0, 0.0), FOREVER)
+    instants = plan_instants(scene, free.rounds)
+    points = limb_points(scene, instants.com, instants.rpy, instants.toes)
+    highest = points[..., 2].max()
+    for gap, holds in ((0.020, False), (0.026, True)):
+        lower = np.array([-0.6, -0.6, highest + gap])
+        lid = Solid.from_box("lid", lower, lower + np.array([1.2, 1.2, 0.1]))
+        under = replace(scene, terrain=replace(scene.terrain, obstacles=(lid,)))
+        found = {v.name: v for v in check_postures(under, free.rounds)}["posture.limb_free"]
+        # Between the instants, too, the highest point may rise a little
+        assert found.holds == holds or found.amount < 1e-4
+        assert found.amount == pytest.approx(least_room(scene) - gap, abs=1e-3)
 
 
 def test_parting_planes_touch_the_solid_and_part_what_is_apart() -> None:

@@ -375,14 +375,17 @@ TERRAINS: dict[str, tuple[dict[str, Any], set[str]]] = {
         {"contact.region"},
     ),
     "body in a post": (post((-0.01, 0.01), (-0.01, 0.01), (-0.5, 0.3)), {"body.clearance"}),
-    "post beside the body": (post((0.14, 0.16), (0.21, 0.25), (-0.1, 0.1)), {"body.clearance"}),
+    "post beside body and coxa": (
+        post((0.14, 0.16), (0.21, 0.25), (-0.1, 0.1)),
+        {"body.clearance", "limbs.capsules", "trajectory.capsules"},
+    ),
     "links through a post": (
         post((0.40, 0.45), (-0.05, 0.05), (-0.5, 1.0)),
-        {"limbs.clearance", "trajectory.clearance"},
+        {"limbs.clearance", "trajectory.clearance", "limbs.capsules", "trajectory.capsules"},
     ),
     "swing through a bolt": (
         post((0.56, 0.572), (0.32, 0.34), (-0.08, -0.065)),
-        {"trajectory.clearance"},
+        {"trajectory.clearance", "trajectory.capsules", "limbs.capsules"},
     ),
     "body leaves the free space": (
         {

@@ -124,9 +124,9 @@ def limb_polytopes(
             rows.append([*-with_toe, *(with_toe - normal), *-arm])
             still = limb.knee.at @ turned - limb.knee.stance @ follow
             bounds.append(still - arm @ rotation.level - keep - _KNEE_ERROR + lifted)
-        both = np.kron(np.eye(2), np.array(rows))
+        both = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
         name = f"{solid.name} face {k}"
-        bound = np.array(bounds, np.float64) - offset
+        bound = np.array(bounds) - offset
         faces.append(Polytope.halfspaces(name, both, np.concatenate([bound, bound])))
     return faces
 

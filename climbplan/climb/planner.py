@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.climb.clearance import body_shortfall
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.limb_clearance import limb_shortfall
+from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
@@ -23,6 +23,7 @@ from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, StepLimits
+from climbplan.robots.kinematics import JOINTS
 from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
 
@@ -111,20 +112,28 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 if scene.spec.solver.method == "nlp":  # its own exact check is the same
                     raise near.blocked or LimitReached(f"posture planner: {near}") from None
                 failure = near.blocked
-                margins = replace(
-                    margins, limbs=margins.limbs + max(1.2 * near.missing, _LEAST_WIDENING)
-                )
-                notes.append(f"limb clearance asked {1e3 * margins.limbs:.1f} mm wider: {near}")
+                margins, wider = _widened(margins, near)
+                notes.append(f"{wider}: {near}")
                 continue
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
     raise _not_found(notes, failure)
 
 
+def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:
+    """More room for the knees, or for the whole limb where a coxa is what comes too close."""
+    more = max(1.2 * near.short.missing, _LEAST_WIDENING)
+    if JOINTS[near.short.link] == "coxa":
+        margins = replace(margins, limbs=margins.limbs + more)
+        return margins, f"limb clearance asked {1e3 * margins.limbs:.1f} mm wider"
+    margins = replace(margins, knees=margins.knees + more)
+    return margins, f"knee clearance asked {1e3 * margins.knees:.1f} mm wider"
+
+
 class _LimbsTooNear(Exception):
     """Links closer to an obstacle than they are thick, standing or on every way of a swing."""
 
-    def __init__(self, words: str, missing: float, blocked: SwingBlocked | None) -> None:
-        self.missing = missing
+    def __init__(self, words: str, short: LimbShortfall, blocked: SwingBlocked | None) -> None:
+        self.short = short
         self.blocked = blocked
         super().__init__(words)
 
@@ -138,13 +147,13 @@ def _clear_of_obstacles(
         return None
     if standing.missing > 1e-9:
         words = f"{standing.where}, {standing.words(scene)}"
-        raise _LimbsTooNear(words, standing.missing, None)
+        raise _LimbsTooNear(words, standing, None)
     try:
         return swing_paths(scene, rounds, instants)
     except SwingBlocked as blocked:
         short = blocked.shortfall
         words = f"{short.where}, swinging, {short.words(scene)}"
-        raise _LimbsTooNear(words, short.missing, blocked) from blocked
+        raise _LimbsTooNear(words, short, blocked) from blocked
 
 
 def _not_found(notes: list[str], failure: ReachFailure | SwingBlocked | None) -> NoPlanFound:

@@ -70,8 +70,21 @@ def swings_of(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Sw
 
 
 def swing_paths(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
-    """Way points of all limb moves of a posture sequence; raises as `swing_path`."""
-    return tuple(swing_path(scene, swing) for swing in swings_of(scene, rounds, instants))
+    """Way points of all limb moves of a posture sequence.
+
+    Raises as `swing_path`; of several swings that links block, for the one that misses most.
+    """
+    paths: list[Array] = []
+    worst: SwingBlocked | None = None
+    for swing in swings_of(scene, rounds, instants):
+        try:
+            paths.append(swing_path(scene, swing))
+        except SwingBlocked as blocked:
+            if worst is None or blocked.shortfall.missing > worst.shortfall.missing:
+                worst = blocked
+    if worst is not None:
+        raise worst
+    return tuple(paths)
 
 
 def swing_path(scene: ClimbScene, swing: Swing) -> Array:

@@ -35,6 +35,7 @@ class PostureMargins:
     stance_radius: Array | None = None  # (N,) [m], the robot's own if None
     clearance: float = 0.0  # [m] beyond the spec's body clearance
     limbs: float = 0.0  # [m] beyond the spec's limb clearance
+    knees: float = 0.0  # [m] the same for knees alone
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def body_polytope(
 
 
 def limb_polytopes(
-    solid: Solid, limb: LimbShape, keep: float, rotation: LinearRotation
+    solid: Solid, limb: LimbShape, keep: float, knee_keep: float, rotation: LinearRotation
 ) -> list[Polytope]:
     """Toes and body poses before and after a round for which a limb stays beyond one face.
 
@@ -123,7 +124,7 @@ def limb_polytopes(
             lifted = float((limb.knee.lifted @ turned).min(initial=0.0))
             rows.append([*-with_toe, *(with_toe - normal), *-arm])
             still = limb.knee.at @ turned - limb.knee.stance @ follow
-            bounds.append(still - arm @ rotation.level - keep - _KNEE_ERROR + lifted)
+            bounds.append(still - arm @ rotation.level - knee_keep + lifted)
         both = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
         name = f"{solid.name} face {k}"
         bound = np.array(bounds) - offset
@@ -140,6 +141,7 @@ def _limb_free(
     """
     robot, terrain = scene.robot, scene.terrain
     keep = standing_room(scene) + margins.limbs
+    knee_keep = keep + _KNEE_ERROR + margins.knees
     rotation = LinearRotation(float(scene.start.rpy[2]))
     if not terrain.obstacles:
         return
@@ -151,7 +153,7 @@ def _limb_free(
                 [terrain.regions[r].vertices for r in np.flatnonzero(terrain.allowed[i])]
             )
             beyond = (corners @ solid.A.T - solid.b).max(axis=0) >= keep  # a toe may stand there
-            faces = limb_polytopes(solid, shapes[i], keep, rotation)
+            faces = limb_polytopes(solid, shapes[i], keep, knee_keep, rotation)
             per_limb.append([f for f, usable in zip(faces, beyond, strict=True) if usable])
         p.one_of(f"posture.limb_free_{index}", postures, per_limb * len(postures), unit="m")
 

@@ -88,7 +88,7 @@ def scaled(data: Data, factor: float, folder: Path) -> Data:
         "steps": {"com_max": factor * 0.15, "toe_max": factor * 0.24},
         "weights": {"rotation": factor**2 * 1e-3, "goal_rotation": factor**2 * 0.1},
         "body_clearance": factor * 0.02,
-        "limb_clearance": factor * 0.03,
+        "limb_clearance": factor * 0.005,
     }
     out["trajectory"] = {"lift": factor * 0.05, "speed": factor * 0.2 / 60}
     return out

@@ -24,7 +24,7 @@ LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by over 3
 
 # The bound is one of the statement: a method with exact rotations may find a lower cost.
 BOUND_SCOPE = (
-    "rotations linearised, workspaces as balls, body and standing limbs beyond one face of every "
+    "rotations and knees linearised, workspaces as balls, body and limbs beyond one face of every "
     "obstacle in each round"
 )
 

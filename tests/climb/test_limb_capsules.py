@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SceneMaker
 
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import (
@@ -30,6 +30,8 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import load_text
 from climbplan.terrain.solids import Solid
+
+SceneMaker = Callable[..., ClimbScene]
 
 
 def beam_scene() -> ClimbScene:

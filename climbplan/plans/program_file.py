@@ -21,7 +21,13 @@ from climbplan.errors import PlanFileError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
-from climbplan.plans.program_plan import Layouts, ParameterBlock, ProgramPlan, VariableBlock
+from climbplan.plans.program_plan import (
+    Layouts,
+    ParameterBlock,
+    ProgramPlan,
+    ProgramTotals,
+    VariableBlock,
+)
 
 FORMAT = "climbplan/program"
 FORMAT_VERSION = 1
@@ -44,6 +50,7 @@ _BOUNDS = {
     "upper": Layout(("N",), may_be_infinite=True),
 }
 _TEXTS = {name: Layout(("n",), kind="text") for name in ("status", "method", "winner")}
+_OPTIONAL = ("objective", "bound", "gap")  # of all rows, left out where a row has none
 _NAN_WITHOUT_ANSWER = ("x", "objective", "gap")
 
 
@@ -66,12 +73,10 @@ def write_program(plan: ProgramPlan, path: Path) -> None:
         file.attrs["seed"] = plan.seed
         file.attrs["verified"] = np.bool_(plan.verified)
         file.attrs["tolerance"] = plan.tolerance
-        if plan.total is not None:
-            file.attrs["objective"] = plan.total
-        if plan.total is not None and plan.total_bound is not None:
-            file.attrs["bound"] = plan.total_bound
-            spread = plan.total - plan.total_bound
-            file.attrs["gap"] = max(0.0, spread) / max(abs(plan.total), 1e-9)
+        for name in _OPTIONAL:
+            value = vars(plan.totals)[name]
+            if value is not None:
+                file.attrs[name] = value
         write_json(file, "timings", dict(plan.timings))
         write_json(file, "solvers", dict(plan.solvers))
         write_json(file, "sizes", dict(plan.sizes))
@@ -132,7 +137,16 @@ def _read(reader: Reader) -> ProgramPlan:
         verified=reader.flag("", "verified"),
         created=reader.text("", "created"),
         climbplan_version=reader.text("", "climbplan_version"),
+        stored_totals=_totals(reader),
     )
+
+
+def _totals(reader: Reader) -> ProgramTotals:
+    numbers = {
+        name: reader.number("", name) if reader.has_attribute("", name) else None
+        for name in _OPTIONAL
+    }
+    return ProgramTotals(reader.text("", "status"), **numbers)
 
 
 def marked(plan: ProgramPlan, verified: bool) -> ProgramPlan:

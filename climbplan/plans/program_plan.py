@@ -65,6 +65,16 @@ class Layouts:
 
 
 @dataclass(frozen=True)
+class ProgramTotals:
+    """All rows together."""
+
+    status: str
+    objective: float | None  # None where a row has none
+    bound: float | None
+    gap: float | None  # relative
+
+
+@dataclass(frozen=True)
 class ProgramPlan:
     """n solved instances of one problem; a row without an answer has NaN and `found` false."""
 
@@ -94,6 +104,7 @@ class ProgramPlan:
     verified: bool = False
     created: str = ""
     climbplan_version: str = ""
+    stored_totals: ProgramTotals | None = field(default=None, compare=False)  # found when reading
 
     @property
     def count(self) -> int:
@@ -115,6 +126,15 @@ class ProgramPlan:
         """The bound of all rows together, None where a row has none."""
         whole = float(self.bound.sum()) if self.found.all() else np.nan
         return whole if np.isfinite(whole) else None
+
+    @property
+    def totals(self) -> ProgramTotals:
+        """Status, objective, bound and gap of all rows together."""
+        total, bound = self.total, self.total_bound
+        if total is None or bound is None:
+            return ProgramTotals(self.overall, total, None, None)
+        gap = max(0.0, total - bound) / max(abs(total), 1e-9)
+        return ProgramTotals(self.overall, total, bound, gap)
 
 
 def overall_status(rows: Sequence[str]) -> str:

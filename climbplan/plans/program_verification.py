@@ -7,17 +7,21 @@ integrality, status and gap. With it every named block is computed again.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from climbplan.errors import UsageError
+from climbplan.errors import SpecError, UsageError
 from climbplan.plans.checks.check import Check
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.plans.verification import Verification
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
+from climbplan.solvers.result import relative_gap
+from climbplan.spec.kinds import validate
+from climbplan.spec.program import ProgramSpec, Values
+from climbplan.spec.yaml_source import parse_yaml
 
 _OBJECTIVE = 1e-6  # relative
 _INTEGRALITY = 1e-6
@@ -38,12 +42,16 @@ def verify_program(plan: ProgramPlan, problem: Problem) -> Verification:
             f"problem {problem.name!r} does not have the variables and parameters of the plan "
             f"(made for {plan.problem!r})"
         )
-    return Verification((*_file_checks(plan), *_block_checks(plan, problem)))
+    checks = (*_file_checks(plan), *_problem_checks(plan, problem), *_block_checks(plan, problem))
+    return Verification(checks)
 
 
 def _file_checks(plan: ProgramPlan) -> Iterator[Check]:
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     yield _check("file.spec_hash", float(digest != plan.spec_sha256), 0.0)
+    spec = _spec_of(plan)
+    yield _spec_values(plan, spec)
+    yield _totals(plan)
     found = np.flatnonzero(plan.found)
     for block in plan.layouts.variables:
         here = slice(block.start, block.stop)
@@ -57,6 +65,69 @@ def _file_checks(plan: ProgramPlan) -> Iterator[Check]:
     objective, bound = plan.objective[found], plan.bound[found]
     above = np.maximum(bound - objective, 0.0) / np.maximum(np.abs(objective), 1.0)
     yield _worst("file.bound", above, _OBJECTIVE, "relative", found)
+    reached = np.array([relative_gap(f, b) for f, b in zip(objective, bound, strict=True)])
+    same = np.isclose(plan.gap[found], reached, 1e-6, 1e-9)
+    yield _worst("file.gap", np.where(same, 0.0, np.inf), 0.0, "", found)
+    if isinstance(spec, ProgramSpec):
+        proved = np.array([plan.status[row] == "optimal" for row in found], bool)
+        most = spec.solver.gap + 1e-9
+        yield _worst("file.optimal", reached[proved], most, "relative", found[proved])
+
+
+def _spec_of(plan: ProgramPlan) -> ProgramSpec | str:
+    """The validated spec, or what is wrong with it."""
+    try:
+        spec, findings = validate(parse_yaml(plan.spec_text, "spec"), ProgramSpec)
+    except SpecError as error:
+        return str(error).splitlines()[0]
+    return findings[0].message if spec is None else spec
+
+
+def _spec_values(plan: ProgramPlan, spec: ProgramSpec | str) -> Check:
+    """What the answers are judged by is what the spec says."""
+    if isinstance(spec, str):
+        return _check("file.spec_values", np.inf, 0.0, "", spec)
+    asked = spec.sample.count if spec.sample is not None else len(spec.thetas)
+    pairs = {
+        "seed": (plan.seed, spec.seed),
+        "solver.tolerance": (plan.tolerance, spec.solver.tolerance),
+        "rows": (plan.count, asked),
+    }
+    wrong = [name for name, (stored, meant) in pairs.items() if stored != meant]
+    return _check("file.spec_values", float(len(wrong)), 0.0, "", ", ".join(wrong))
+
+
+def _totals(plan: ProgramPlan) -> Check:
+    """What the file says of all rows together follows from the rows."""
+    stored, wrong = plan.stored_totals, []
+    if stored is not None:
+        for name, meant in vars(plan.totals).items():
+            value = vars(stored)[name]
+            numbers = isinstance(value, float) and isinstance(meant, float)
+            if not (np.isclose(value, meant, 1e-9, 1e-12) if numbers else value == meant):
+                wrong.append(name)
+    return _check("file.totals", float(len(wrong)), 0.0, "", ", ".join(wrong))
+
+
+def _problem_checks(plan: ProgramPlan, problem: Problem) -> Iterator[Check]:
+    """Bounds of x and parameters are those of the statement and the spec."""
+    meant = Layouts.of(problem.program)
+    same = np.array_equal(plan.layouts.lower, meant.lower)
+    same = same and np.array_equal(plan.layouts.upper, meant.upper)
+    yield _check("file.layouts", float(not same), 0.0)
+    spec = _spec_of(plan)
+    if isinstance(spec, ProgramSpec) and spec.theta is not None:
+        pairs = zip(spec.thetas, plan.parameters, strict=False)  # file.spec_values counts rows
+        off = [float(not _same_numbers(problem, given, stored)) for given, stored in pairs]
+        yield _worst("file.parameters", np.array(off), 0.0, "", np.arange(len(off)))
+
+
+def _same_numbers(problem: Problem, given: Mapping[str, Values], stored: Array) -> bool:
+    try:
+        written = problem.numbers({name: np.array(value) for name, value in given.items()})
+    except (UsageError, ValueError):  # ValueError: ragged lists
+        return False
+    return bool(np.array_equal(problem.program.theta(written), stored))
 
 
 def _block_checks(plan: ProgramPlan, problem: Problem) -> Iterator[Check]:

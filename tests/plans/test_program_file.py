@@ -18,6 +18,11 @@ from climbplan.plans.program_plan import Layouts, ProgramPlan, overall_status
 from climbplan.plans.program_verification import verify_file, verify_program
 from climbplan.program import Problem, Program
 
+SPEC = """kind: program
+theta: [{at: [1.0, 0.75]}, {at: [9.0, 0.0]}]
+seed: 3
+"""
+
 
 def stated() -> Problem:
     p = Program("line")
@@ -49,8 +54,8 @@ def example() -> ProgramPlan:
         winner=("envelopes (highs)", ""),
         tried=np.array([1, 1]),
         name="line",
-        spec_text="kind: program\n",
-        spec_sha256=hashlib.sha256(b"kind: program\n").hexdigest(),
+        spec_text=SPEC,
+        spec_sha256=hashlib.sha256(SPEC.encode()).hexdigest(),
         seed=3,
         tolerance=1e-6,
         created="2025-01-01T00:00:00+00:00",
@@ -66,7 +71,7 @@ def test_round_trip(tmp_path: Path) -> None:
     for name, value in vars(plan).items():
         if isinstance(value, np.ndarray):
             np.testing.assert_array_equal(vars(back)[name], value, err_msg=name)
-        elif name != "layouts":
+        elif name not in ("layouts", "stored_totals"):
             assert vars(back)[name] == value, name
     assert back.layouts.same_columns(plan.layouts)
     with h5py.File(path) as file:
@@ -100,7 +105,19 @@ def test_verification_with_and_without_the_statement() -> None:
         (lambda p: replace(p, objective=p.objective + 1), {"objective"}),
         (lambda p: replace(p, bound=p.bound + 1), {"file.bound"}),
         (lambda p: replace(p, parameters=p.parameters - 0.5), {"place"}),
-        (lambda p: replace(p, spec_text="kind: other\n"), {"file.spec_hash"}),
+        (lambda p: replace(p, spec_text="kind: other\n"), {"file.spec_hash", "file.spec_values"}),
+        (lambda p: replace(p, tolerance=0.1), {"file.spec_values"}),
+        (lambda p: replace(p, seed=4), {"file.spec_values"}),
+        (lambda p: replace(p, bound=p.bound - 1), {"file.gap", "file.optimal"}),
+        (lambda p: replace(p, gap=p.gap + 0.1), {"file.gap"}),
+        (
+            lambda p: replace(p, parameters=p.parameters + np.array([[0.0], [1.0]])),
+            {"file.parameters"},
+        ),
+        (
+            lambda p: replace(p, layouts=replace(p.layouts, upper=p.layouts.upper + 1)),
+            {"file.layouts"},
+        ),
     ],
 )
 def test_tampered_plans_fail(
@@ -108,6 +125,19 @@ def test_tampered_plans_fail(
 ) -> None:
     verification = verify_program(change(example()), stated())
     assert failed <= {check.name for check in verification.failed}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("status", "optimal"), ("objective", 2.0), ("bound", 1.0), ("gap", 0.5)]
+)
+def test_tampered_totals_fail(tmp_path: Path, name: str, value: float | str) -> None:
+    path = tmp_path / "plan.h5"
+    write_program(example(), path)
+    assert verify_file(read_program(path)).passed
+    with h5py.File(path, "r+") as file:
+        file.attrs[name] = value
+    failed = verify_file(read_program(path)).failed
+    assert [check.name for check in failed] == ["file.totals"]
 
 
 def test_another_statement_is_refused() -> None:

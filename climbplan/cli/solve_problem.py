@@ -8,7 +8,7 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -58,11 +58,15 @@ def load_problem(name: str) -> Problem:
 
 @contextmanager
 def explained(session: Session) -> Iterator[None]:
-    """With `--verbose`, print the traceback of an exception that a statement raised."""
+    """Run code of the user's: what it prints is no result, and goes to standard error.
+
+    With `--verbose`, print the traceback of an exception that a statement raised.
+    """
     from climbplan.program.problem import StatementError
 
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     except StatementError as error:
         if session.verbose and error.__cause__ is not None:
             traceback.print_exception(error.__cause__)

@@ -72,9 +72,12 @@ class Problem:
         """
         self.numbers(theta)
         try:
-            return self.program.at(theta)
+            instance = self.program.at(theta)
         except (ValueError, TypeError, RuntimeError) as error:  # RuntimeError: CasADi's only one
             raise StatementError(f"problem {self.name!r}: {error}") from error
+        if not np.isfinite([*instance.q, *instance.P.data, instance.constant]).all():
+            raise StatementError(f"problem {self.name!r}: a number of its cost is not finite")
+        return instance
 
     def numbers(self, theta: Theta) -> dict[str, Array]:
         """Parameters as arrays; raises UsageError if they are missing, unknown or misshapen."""
@@ -159,7 +162,7 @@ class Problem:
         """What a function of the statement returns; its exceptions are named."""
         try:
             return function(argument)
-        except Exception as error:  # the statement is not ours: any exception is its message
+        except (Exception, SystemExit) as error:  # not ours: whatever it raises is its message
             raise StatementError(
                 f"problem {self.name!r}: `{role}` raised {type(error).__name__}: {error}"
             ) from error

@@ -62,6 +62,8 @@ class Program:
         self._fresh(name, self.variables)
         low = np.broadcast_to(np.asarray(lower, float), shape)
         high = np.broadcast_to(np.asarray(upper, float), shape)
+        if np.isnan(low).any() or np.isnan(high).any():
+            raise ValueError(f"{self.name}: a bound of {name!r} is NaN")
         self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
         return self._symbols(name, shape, self._x)
 

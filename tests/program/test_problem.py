@@ -85,6 +85,23 @@ def test_wrong_parameters(theta: dict[str, Any], fragment: str) -> None:
         Problem("pond", program()).instance(theta)
 
 
+def test_numbers_that_are_none() -> None:
+    p = Program("bounds")
+    with pytest.raises(ValueError, match="a bound of 'x' is NaN"):
+        p.continuous("x", (2,), [0.0, np.nan], 1.0)
+    x = p.continuous("y", (1,), 0.0, 1.0)
+    weight = p.parameter("weight", ())
+    p.minimise("cost", x[0] / weight[()])
+    problem = Problem("bounds", p)
+    assert problem.instance({"weight": 2.0}).q[0] == pytest.approx(0.5)
+    with pytest.raises(StatementError, match="a number of its cost is not finite"):
+        problem.instance({"weight": 0.0})
+
+
+def leaving(argument: Any) -> Any:
+    raise SystemExit(0)
+
+
 def raising(argument: Any) -> Any:
     raise ZeroDivisionError("by zero")
 
@@ -95,6 +112,7 @@ def raising(argument: Any) -> Any:
         ("sample", raising, "`sample` raised ZeroDivisionError: by zero"),
         ("sample", lambda rng: 3, "must return a mapping, got int"),
         ("sample", lambda rng: {"goal": [0, 0]}, "from `sample`"),
+        ("sample", leaving, "`sample` raised SystemExit: 0"),
         ("features", raising, "`features` raised ZeroDivisionError"),
         ("features", lambda theta: [np.inf], "not finite"),
         ("features", lambda theta: "far", "`features`"),

@@ -211,7 +211,7 @@ def _build(structure: Structure, manner: Manner) -> NlpForm:
     x = ca.SX.sym("x", n)
     d = ca.SX.sym("d", 0 if pinned else sum(structure.choices))
     v = ca.vertcat(x, d)
-    w = x[list(structure.first)] * x[list(structure.second)]
+    w = _pick(x, structure.first) * _pick(x, structure.second)
     P, q = numbers.matrix("P", structure.P), numbers.vector("q", n)
     cost = ca.dot(x, P @ x) / 2 + ca.dot(q, x) + numbers.vector("constant", 1)
     row = numbers.matrix("A", structure.A) @ x + numbers.matrix("Q", structure.Q) @ w
@@ -248,7 +248,7 @@ def _build(structure: Structure, manner: Manner) -> NlpForm:
         ends = np.cumsum([0, *structure.choices])
         groups = [ca.sum1(d[int(a) : int(b)]) for a, b in pairwise(ends)]
         g += groups
-        z = ca.vertcat(x[list(structure.integer)], d)
+        z = ca.vertcat(_pick(x, structure.integer), d)
         g.append(_distance(z, manner.gap))
     weight, target = numbers.vector("weight", n), numbers.vector("target", n)
     f = numbers.vector("share", 1) * cost + ca.dot(weight, (x - target) ** 2)
@@ -269,7 +269,8 @@ def _ends(structure: Structure, kept: Index) -> tuple[Index, Index, Index]:
     return kept[bounded[:, 0]], kept[bounded[:, 1]], kept[bounded[:, 2]]
 
 
-def _pick(expression: Any, index: Index) -> Any:
+def _pick(expression: Any, index: Index | tuple[int, ...]) -> Any:
+    """Entries as a column, also none of them: of one variable CasADi takes nothing as a row."""
     return expression[[int(i) for i in index]] if len(index) else ca.SX(0, 1)
 
 

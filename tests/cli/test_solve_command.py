@@ -184,6 +184,33 @@ def test_problems_that_cannot_be_used(
     assert not (pond / "outputs").exists()
 
 
+def test_what_a_statement_prints_is_no_result(run_command: RunCommand, pond: Path) -> None:
+    (pond / "loud.py").write_text(
+        "from own_pond import problem as quiet\nprint('loading')\n"
+        "def problem():\n    print('stating')\n    return quiet()\n"
+    )
+    done = run_command("solve", "pond.yaml", "--problem", "loud.py:problem")
+    assert (done.code, done.out) == (0, "outputs/pond/plan.h5\n")
+    assert "loading\nstating\n" in done.err
+    again = run_command("verify", "outputs/pond", "--problem", "loud.py:problem")
+    assert again.code == 0
+    assert "stating" not in again.out
+
+
+@pytest.mark.parametrize("method", ["micp", "mpcc", "minlp-bonmin", "admm", "pinned"])
+def test_one_variable_alone(run_command: RunCommand, pond: Path, method: str) -> None:
+    (pond / "one.py").write_text(
+        "from climbplan.program import Problem, Program\n"
+        "p = Program('one')\nx = p.continuous('x', (1,), -1.0, 1.0)\n"
+        "p.minimise('cost', (x[0] - 3) ** 2)\nproblem = Problem('one', p)\n"
+    )
+    (pond / "one.yaml").write_text("kind: program\n")
+    done = run_command("solve", "one.yaml", "--problem", "one.py:problem", "--method", method)
+    assert done.code == 0, done.err
+    with h5py.File("outputs/one/plan.h5") as file:
+        assert file.attrs["objective"] == pytest.approx(4.0, rel=1e-6)
+
+
 def test_traceback_of_the_statement_when_asked_for(run_command: RunCommand, pond: Path) -> None:
     done = run_command("solve", "pond.yaml", "--problem", "own_pond.py:broken", "-v")
     assert done.code == 2

@@ -33,13 +33,16 @@ def read_library(
         raise UsageError(
             f"library {path}: its scenes have {plan.scenes.count} stored books, expected {count}"
         )
+    # The published frame lies about x = 0 wherever the walls are
+    middle = (plan.shelf.left + plan.shelf.right) / 2 if plan.meaning == "contact" else 0.0
     features, points, slots, cost = [], [], [], []
     for k, scene in enumerate(plan.scenes):
         placement = plan.solutions.placement(k)
         if source.size is not None and k >= source.size:
             break
         if placement is not None:
-            for solved in (Solved(scene, placement), mirrored(Solved(scene, placement))):
+            here = Solved(scene, placement)
+            for solved in (here, mirrored(here, middle)):
                 features.append(features_of(theta_of(solved.scene)))
                 points.append(point_of(program, solved.scene, solved.placement))
                 slots.append(solved.placement.slot)

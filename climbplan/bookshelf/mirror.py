@@ -10,6 +10,7 @@ from climbplan.bookshelf.answer import Placement
 from climbplan.bookshelf.scene import Scene, State
 
 _FLIP = np.array([-1.0, 1.0, -1.0])  # x, y, angle
+_ACROSS = np.array([1.0, 0.0, 0.0])
 _SWAPPED = np.zeros(len(State), np.int64)
 for _one, _other in (
     (State.FLAT_LEFT, State.FLAT_RIGHT),
@@ -27,18 +28,21 @@ class Solved:
     placement: Placement
 
 
-def mirrored(solved: Solved) -> Solved:
-    """The same on a shelf that is mirrored about x = 0; books are again counted from the left.
+def mirrored(solved: Solved, middle: float = 0.0) -> Solved:
+    """The same on a shelf that is mirrored about x = middle [m]; books are again counted from the
+    left.
 
     On a shelf that is its own mirror image costs and checks stay what they were.
     """
     scene, placement = solved.scene, solved.placement
     n = scene.count
     back = np.arange(n)[::-1]
-    books = np.append(back, n)
+    books, shift = np.append(back, n), 2 * middle * _ACROSS
     return Solved(
-        Scene(scene.pose[back] * _FLIP, scene.size[back], scene.inserted),
+        Scene(scene.pose[back] * _FLIP + shift, scene.size[back], scene.inserted),
         Placement(
-            placement.pose[books] * _FLIP, _SWAPPED[placement.state[books]], n - placement.slot
+            placement.pose[books] * _FLIP + shift,
+            _SWAPPED[placement.state[books]],
+            n - placement.slot,
         ),
     )

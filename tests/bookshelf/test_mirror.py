@@ -22,6 +22,20 @@ def _scene(rng: np.random.Generator) -> Scene:
     return Scene(pose, size[:3], size[3])
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_shelf_that_is_not_about_zero(seed: int) -> None:
+    """Mirrored about its own middle a placement holds; about zero it would be beyond a wall."""
+    scene, shift = _scene(np.random.default_rng(seed)), np.array([0.03, 0.0, 0.0])
+    scene = Scene(scene.pose + shift, scene.size, scene.inserted)
+    shelf = Shelf(left=SHELF.left + 0.03, right=SHELF.right + 0.03)
+    placement = ExactSolver(shelf).solve(scene).placement
+    assert placement is not None
+    for middle, holds in ((0.03, True), (0.0, False)):
+        there = mirrored(Solved(scene, placement), middle)
+        pose, state = there.placement.pose[None], there.placement.state[None]
+        assert check_contact(Scenes.of([there.scene]), pose, state, shelf).passed[0] == holds
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_mirrored_placements_hold_at_the_same_cost(seed: int) -> None:
     scene = _scene(np.random.default_rng(seed))

@@ -61,7 +61,9 @@ def scenes_of(spec: BookshelfSpec, directory: Path) -> Scenes:
         PlanFileError: a file that is missing, damaged or of another kind.
     """
     if spec.scene is not None:
-        return scenes_of_inline(spec.scene)
+        scenes = scenes_of_inline(spec.scene)
+        scenes.require()
+        return scenes
     if spec.scenes is None:
         raise ValueError("a bookshelf spec has a scene or scenes")
     return read_scenes(directory / spec.scenes.file, spec.scenes.group)

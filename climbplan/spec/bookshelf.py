@@ -104,6 +104,15 @@ ShelfMethod = Literal[
 ]
 
 
+_MIXED_INTEGER, _CONVEX = ("highs", "scip", "gurobi"), ("daqp", "clarabel", "osqp")
+_SOLVERS: dict[str, tuple[str, ...]] = {
+    "micp": _MIXED_INTEGER,
+    "admm": _MIXED_INTEGER,
+    "convex": _CONVEX,
+    "knn": _CONVEX,
+}
+
+
 class ShelfLibrarySpec(SpecModel):
     """Solved scenes from which methods that learn take their candidates."""
 
@@ -188,4 +197,9 @@ class BookshelfSpec(SpecModel):
         if self.meaning == "published" and self.solver.method == "exact":
             message = "`exact` solves the meaning `contact` only"
             refuse([Fault("meaning", message)])
+        method, solver = self.solver.method, self.solver.solver
+        known = _SOLVERS.get(method, ())
+        if solver is not None and solver not in known:
+            expected = f"expected one of {', '.join(known)}" if known else "it takes no solver"
+            refuse([Fault("solver.solver", f"method `{method}`: {expected}, got {solver!r}")])
         return self

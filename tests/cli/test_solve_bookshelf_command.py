@@ -273,6 +273,8 @@ def test_saved_model(run_command: RunCommand, workplace: Path) -> None:
         ([SCENE, "--save-model", "no/x.lp"], "no such directory 'no'"),
         ([SCENE, "--save-model", "x.txt"], "x.txt: expected .lp, .mps or .cip"),
         ([SCENE, "-s", "scene.insert.width_mm=0"], "--set scene.insert.width_mm=0: scene.insert"),
+        ([SCENE, "-s", "scene.insert.height_mm=1e5", "-s", "scene.books.0.x_mm=-2e5"], "scene: "),
+        ([SCENE, "--method", "mpcc", "--solver", "daqp"], "--solver daqp: solver.solver: method"),
         ([SCENE, "-s", "scene.books.0.x_mm=.nan"], "expected a number in mm, got .nan"),
         ([SCENE, "--method", "exakt"], "--method exakt: solver.method: expected one of"),
         ([SCENE, "--solver", "cplex"], "--solver cplex: solver.solver: expected one of"),

@@ -14,6 +14,7 @@ FIRST_EXAMPLE = {
     "climb": "climb_obstacle",
     "bookshelf": "bookshelf_scene",
     "program": "cart_pole",
+    "dataset": "dataset_bookshelf",
     "robot": "silvia",
 }
 # Files that an example reads, or that state its problem

@@ -13,7 +13,7 @@ from dataclasses import asdict
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Bits, Frame, Library
 from climbplan.learning.methods import Method, MethodSettings, solve_instance
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
@@ -56,12 +56,12 @@ class ProgramRows:
         if found.x is None or found.assignment is None or found.objective is None:
             status = "limit" if found.status in ("optimal", "feasible") else found.status
             return RowAnswer(status, word, bound=_plain(found.bound), time=done.time)
-        x = np.where(self._integer, np.round(found.x), found.x)
-        integers = np.concatenate([x[self._integer], found.assignment]).astype(np.int64)
+        binaries = np.round(found.x[self._integer])
+        integers = np.concatenate([binaries, found.assignment]).astype(np.int64)
         return RowAnswer(
             status=found.status,
             message=word,
-            solution={"x": x, "assignment": np.asarray(found.assignment, np.int64)},
+            solution={"x": found.x, "assignment": np.asarray(found.assignment, np.int64)},
             integers=integers,
             objective=found.objective,
             bound=_plain(found.bound),
@@ -102,6 +102,11 @@ def frame_of(problem: Problem) -> DatasetFrame:
             "assignment": solution_layout((choices,), kind="int"),
         },
     )
+
+
+def integer_variables(problem: Problem) -> Bits:
+    """Which variables (N,) the column `integers` holds first."""
+    return Frame.of(problem.program).integer
 
 
 def library_of_dataset(problem: Problem, data: Dataset) -> Library:

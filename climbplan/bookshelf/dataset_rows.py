@@ -129,7 +129,7 @@ def shelf_dataset(data: Dataset) -> ShelfDataset:
     if data.frame.kind != KIND:
         raise UsageError(f"a dataset of problem {data.frame.problem!r}, expected {KIND!r}")
     count, shelf, meaning = _facts(data.frame)
-    rows = np.flatnonzero(np.isfinite(data.parameters).all(axis=1))
+    rows = np.flatnonzero(data.drawn)
     if not len(rows):
         raise UsageError("no scene in the dataset")
     try:

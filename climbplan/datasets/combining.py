@@ -1,4 +1,4 @@
-"""Datasets put together and taken apart, by problem: a problem is never on both sides of a split."""
+"""Datasets put together and taken apart; a problem is never on both sides of a split."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
 
     test_share: of the problems. Raises UsageError if one side would be empty.
     """
-    drawn: Bits = np.isfinite(data.parameters).all(axis=1)
+    drawn = data.drawn
     hashes = np.array(data.hashes())
     problems = np.unique(hashes[drawn])
     number = round(test_share * len(problems))
@@ -78,7 +78,7 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
 
 def _again(data: Dataset) -> Bits:
     """Rows (n,) whose problem an earlier row holds; those without a problem are none."""
-    drawn = np.isfinite(data.parameters).all(axis=1)
+    drawn = data.drawn
     again = np.zeros(data.count, bool)
     seen: set[str] = set()
     for k, text in enumerate(data.hashes()):

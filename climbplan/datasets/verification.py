@@ -70,7 +70,7 @@ def _file_checks(data: Dataset) -> Iterator[Check]:
     if data.train is not None and data.test is not None:
         shared = np.isin(hashes[data.train], hashes[data.test])
         yield _count("split.shared", int(shared.sum()))
-    drawn = np.isfinite(data.parameters).all(axis=1)
+    drawn = data.drawn
     pairs = {(int(s), h) for s, h in zip(data.seed[drawn], hashes[drawn], strict=True)}
     seeds = {int(s) for s in data.seed[drawn]}
     yield _count("rows.seeds", len(pairs) - len(seeds))

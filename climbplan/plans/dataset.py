@@ -84,6 +84,11 @@ class Dataset:
         return len(self.feasible)
 
     @property
+    def drawn(self) -> Bits:
+        """Rows (n,) that hold a problem; the sampler failed in the others."""
+        return np.asarray(np.isfinite(self.parameters).all(axis=1), bool)
+
+    @property
     def statuses(self) -> dict[str, int]:
         """How many rows ended how."""
         found = Counter(self.status)

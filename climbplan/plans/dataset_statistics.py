@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.plans.dataset import Array, Bits, Dataset
+from climbplan.plans.dataset import Array, Dataset
 
 _MOST_REASONS = 12
 _COST_SHARES = (0, 25, 50, 75, 90, 99, 100)
@@ -39,7 +39,7 @@ class Amount:
 
 def statistics(data: Dataset) -> dict[str, Any]:
     """Plain values, NaN where nothing is known."""
-    drawn: Bits = np.isfinite(data.parameters).all(axis=1)
+    drawn = data.drawn
     cost = data.objective[data.feasible]
     strategies = Counter(tuple(row) for row in data.integers[data.feasible].tolist())
     hashes = [text for text, there in zip(data.hashes(), drawn, strict=True) if there]

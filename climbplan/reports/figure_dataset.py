@@ -39,7 +39,7 @@ _BINS = 30
 def figure_functions(data: Dataset) -> Mapping[str, Callable[[], Figure]]:
     """The figures of a dataset by file name."""
     figures: dict[str, Callable[[], Figure]] = {"statistics": partial(statistics, data)}
-    if data.frame.kind == KIND and np.isfinite(data.parameters).all(axis=1).any():
+    if data.frame.kind == KIND and data.drawn.any():
         plan = shelf_dataset(data).plan
         figures["states"] = partial(states, plan)
         figures |= {

@@ -161,14 +161,18 @@ def _statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
 
 def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
     """What workers are told; files by their full path, as they may start elsewhere."""
-    from climbplan.datasets.recipe import Recipe, program_source, shelf_source
+    from climbplan.datasets.recipe import Recipe
 
     spec = loaded.spec
     problem = spec.problem
     directory = loaded.directory.absolute()
     if problem.kind == "bookshelf":
+        from climbplan.datasets.shelf_source import shelf_source
+
         source = functools.partial(shelf_source, problem, directory, spec.seed)
         return Recipe(source, spec.seed, spec.row_seconds, loaded.sha256)
+    from climbplan.datasets.program_source import program_source
+
     load = functools.partial(load_problem, _full(name or ""))
     library = problem.solver.library
     path = directory / library if library is not None else None

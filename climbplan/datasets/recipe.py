@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from climbplan.bookshelf.dataset_rows import ShelfRows
-from climbplan.learning.dataset_rows import ProgramRows
-from climbplan.learning.program_run import library_of, settings_of
 from climbplan.plans.dataset_row import RowSource
-from climbplan.program.problem import Problem
-from climbplan.spec.dataset import BookshelfProblemSpec, ProgramProblemSpec
 
 
 @dataclass(frozen=True)
@@ -32,17 +26,3 @@ class Chunk:
     rows: tuple[int, ...]
     attempt: int = 0
     only_draw: bool = False  # after the solver has killed two workers
-
-
-def shelf_source(spec: BookshelfProblemSpec, directory: Path, seed: int) -> ShelfRows:
-    """Bookshelf scenes as a spec describes them."""
-    return ShelfRows(spec, directory, seed)
-
-
-def program_source(
-    load: Callable[[], Problem], spec: ProgramProblemSpec, library: Path | None
-) -> ProgramRows:
-    """A stated problem; `load` imports it. `library`: solved rows for methods that need them."""
-    problem = load()
-    solved = None if library is None else library_of(problem, library)
-    return ProgramRows(problem, spec.solver.method, settings_of(spec.solver, solved))

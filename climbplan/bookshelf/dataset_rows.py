@@ -37,7 +37,7 @@ class ShelfRows:
         self._count = spec.books
         shelf = shelf_for(spec.books, self._rules) if spec.shelf is None else shelf_of(spec.shelf)
         self._setting = MethodSetting(shelf, spec.meaning, spec.solver, directory, seed)
-        compile_first(self._setting, spec.books)
+        compile_first(self._setting)
         self._method = prepare(self._setting, spec.books)
         self._frame = frame_of(spec.books, shelf, spec.meaning)
 

@@ -148,7 +148,7 @@ def test_kill_at_a_random_moment(folder: Path, undisturbed: Path, moment: float)
     wait_for(lambda: some_shards(folder, wanted) or run.poll() is not None)
     time.sleep(0.05 * moment)
     run.kill()
-    run.wait()
+    run.communicate()  # until its orphaned workers have ended too
     if (folder / "out").exists():  # it was through already
         return
     assert (folder / ".out.rows").exists()
@@ -163,7 +163,7 @@ def test_workers_of_a_killed_run_end(folder: Path) -> None:
     workers = workers_of(run)
     assert len(workers) == 2
     run.kill()
-    run.wait()
+    run.communicate()  # until its orphaned workers have ended too
     wait_for(lambda: not any(Path("/proc", str(pid)).exists() for pid in workers), 20.0)
 
 

@@ -32,12 +32,16 @@ class DropRules:
 
     width_mm: tuple[int, int] = (10, 40)  # whole numbers, both ends included
     height_mm: tuple[int, int] = (50, 90)
-    gap_mm: tuple[int, int] = (5, 38)  # between neighbours at the start
+    gap_mm: tuple[int, int] = (5, 38)  # of four books: see `starts`
+    gap_less_mm: float = 1.5  # by which the largest gap shrinks with each book beyond four
     step_mm: int = 20  # largest difference in height between neighbours at the start
     tilt: float = 1.2  # [rad] largest at the start
     most_upright: float = 0.2  # [rad] a book that tilts more is not taken out
     nearly_upright: float = 0.05  # [rad] scenes with less tilt everywhere ...
-    upright_share: float = 0.2  # ... are kept with this probability
+    # ... are kept with this probability. As published they may be a fifth of all: a third of what
+    # comes to rest with four books is like that.
+    upright_kept: float = 0.49
+    room_mm: float | None = None  # between the frame's sides: 44 (176 in all) a book if left out
     book_friction: float = 0.1
     wall_friction: float = 1.0
     wall_elasticity: float = 0.5
@@ -50,9 +54,9 @@ class DropRules:
 
 
 def shelf_for(count: int, rules: DropRules | None = None) -> Shelf:
-    """The shelf of the published size for `count` stored books: room for one more of the widest."""
+    """The shelf that `count` stored books are dropped onto: room for one more of the widest."""
     rules = rules or DropRules()
-    half = (rules.width_mm[1] + 4) * (count + 1) / 2
+    half = _half_room(count + 1, rules)
     inner, clear = 1e-3 * (half - WALL - SKIN + _SLOP), 1e-3 * (rules.height_mm[1] + 20)
     published = PublishedTolerances(half_width=1e-3 * half, height=clear)
     return Shelf(left=-inner, right=inner, height=clear, published=published)
@@ -65,16 +69,23 @@ def generate_scene(seed: int, index: int, count: int, rules: DropRules | None = 
         MissingSolver: pymunk is not installed.
         LimitReached: no drop came to rest as wanted within the attempts.
     """
+    return draw_scene(np.random.default_rng([seed, count, index]), count, rules)
+
+
+def draw_scene(rng: np.random.Generator, count: int, rules: DropRules | None = None) -> Scene:
+    """A scene with `count` stored books, by dropping until one comes to rest as wanted.
+
+    Raises as `generate_scene`.
+    """
     rules = rules or DropRules()
     pymunk = _pymunk()
-    rng = np.random.default_rng([seed, count, index])
     for _ in range(rules.attempts):
         scene = _drop(pymunk, rng, count, rules)
         if scene is not None:
             return scene
     raise LimitReached(
-        f"no scene of {count} books came to rest in {rules.attempts} drops (seed {seed}, "
-        f"scene {index}); larger shelves or fewer books come to rest more often"
+        f"no scene of {count} books came to rest in {rules.attempts} drops; larger shelves or "
+        "fewer books come to rest more often"
     )
 
 
@@ -94,6 +105,12 @@ def generate_scenes(
     return Scenes.of(made)
 
 
+def _half_room(books: int, rules: DropRules) -> float:
+    """From the middle of the frame to its sides [mm]."""
+    room = (rules.width_mm[1] + 4) * books if rules.room_mm is None else rules.room_mm
+    return room / 2
+
+
 def _pymunk() -> ModuleType:
     try:
         import pymunk
@@ -110,20 +127,22 @@ def _drop(
 ) -> Scene | None:
     """One drop; None if it does not come to rest as wanted."""
     books = count + 1
-    half = (rules.width_mm[1] + 4) * books / 2
+    half = _half_room(books, rules)
     width = rng.integers(rules.width_mm[0], rules.width_mm[1], books, endpoint=True).astype(float)
     height = rng.integers(rules.height_mm[0], rules.height_mm[1], books, endpoint=True).astype(
         float
     )
-    gap = rng.integers(rules.gap_mm[0], rules.gap_mm[1], books, endpoint=True)
+    least, most = rules.gap_mm
+    most = max(least, math.floor(most - rules.gap_less_mm * (books - 4)))
+    gap = rng.integers(least, most, books, endpoint=True)
     tilt = rng.uniform(-rules.tilt, rules.tilt, books)
     walk = np.cumsum(rng.integers(-rules.step_mm, rules.step_mm, books, endpoint=True))
-    upright_wanted = rng.random() < rules.upright_share
-    x = -half + WALL + np.cumsum(gap + width) - width / 2
-    if x[-1] + width[-1] / 2 > half - WALL:
-        return None
+    upright_wanted = rng.random() < rules.upright_kept
+    # As published, half of each book's width counts: wide neighbours start at different heights or
+    # overlap, and push each other apart.
+    x = -half + np.cumsum(gap + width / 2) - width / 4
     clear = rules.height_mm[1] + 20
-    y = np.maximum(2 * clear / 3 + walk, clear / 3)
+    y = 2 * clear / 3 + walk
 
     space = pymunk.Space()
     space.gravity = (0.0, -rules.gravity)
@@ -139,7 +158,7 @@ def _drop(
     bodies = []
     for k in range(books):
         body = pymunk.Body(rules.mass, pymunk.moment_for_box(rules.mass, (width[k], height[k])))
-        body.position, body.angle = (float(x[k]), float(y[k] + WALL + SKIN)), float(tilt[k])
+        body.position, body.angle = (float(x[k]), float(y[k])), float(tilt[k])
         shape = pymunk.Poly.create_box(body, (width[k], height[k]), SKIN)
         shape.friction = rules.book_friction
         space.add(body, shape)

@@ -21,7 +21,7 @@ from climbplan.bookshelf.scene import Array, Scenes, State, movement_cost
 from climbplan.bookshelf.scene_source import scenes_of_inline, shelf_of
 from climbplan.errors import SpecError
 from climbplan.plans.checks.check import Check, Limit
-from climbplan.spec.bookshelf import BookshelfSpec
+from climbplan.spec.bookshelf import BookshelfSpec, ShelfSolverSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.yaml_source import parse_yaml
 
@@ -68,9 +68,13 @@ def plan_checks(plan: ShelfPlan) -> Iterator[Check]:
     spec = _spec_of(plan)
     yield _spec_values(plan, spec)
     yield _totals(plan)
-    rows = _faults("solution.rows", list(_row_faults(plan.solutions, plan.scenes)))
-    yield rows
-    yield from _scene_checks(plan, spec)
+    yield from solution_checks(plan, spec.solver if isinstance(spec, BookshelfSpec) else None)
+
+
+def solution_checks(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
+    """The scenes and their solutions; `optimal` is judged by the gaps of `solver`."""
+    yield _faults("solution.rows", list(_row_faults(plan.solutions, plan.scenes)))
+    yield from _scene_checks(plan, solver)
     placed = plan.solutions.placed
     if placed.any():
         check = check_placements(
@@ -147,7 +151,7 @@ def _row_faults(found: Solutions, scenes: Scenes) -> Iterator[str]:
             yield f"scene {k}: {what}" if many else what
 
 
-def _scene_checks(plan: ShelfPlan, spec: BookshelfSpec | str) -> Iterator[Check]:
+def _scene_checks(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
     """Costs, overlaps, slots, bounds and statuses, scene by scene."""
     found, scenes = plan.solutions, plan.scenes
     placed = found.placed
@@ -160,8 +164,8 @@ def _scene_checks(plan: ShelfPlan, spec: BookshelfSpec | str) -> Iterator[Check]
     yield _worst("solution.slot", elsewhere, placed)
     yield _worst("solution.bound", found.bound - found.objective, placed)
     optimal = np.array([status == "optimal" for status in found.status])
-    if isinstance(spec, BookshelfSpec):
-        allowed = np.maximum(spec.solver.gap_mm2, spec.solver.gap * found.objective)
+    if solver is not None:
+        allowed = np.maximum(solver.gap_mm2, solver.gap * found.objective)
         gap = found.objective - found.bound - allowed * (1 + 1e-6)
         yield _worst("solution.gap", gap, placed & optimal)
     infeasible = np.array([status == "infeasible" for status in found.status])

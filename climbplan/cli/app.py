@@ -26,8 +26,10 @@ from climbplan.cli.console import (
     silence_standard_output,
     standard_output,
 )
+from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
+from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.report import report
@@ -91,6 +93,7 @@ for _command in (
     plan_climb,
     solve_bookshelf,
     solve,
+    gen_data,
     verify,
     report,
     export,
@@ -101,6 +104,7 @@ for _command in (
     bench,
 ):
     app.command(_command.__name__.replace("_", "-"))(_command)
+app.add_typer(data, name="data")
 
 
 def _print_version(value: bool) -> None:

@@ -77,7 +77,42 @@ class _Bookshelf:
         export_csv(path, out)
 
 
-_KINDS: dict[str, PlanKind] = {"climbplan/climb": _Climb(), "climbplan/bookshelf": _Bookshelf()}
+class _Dataset:
+    csv_name = "dataset.csv"
+
+    def verify(self, path: Path) -> Verification:
+        from climbplan.datasets.verification import verify
+
+        return verify(path)
+
+    def write_report(self, path: Path, directory: Path) -> None:
+        from climbplan.datasets.verification import MEANINGS, verification_of
+        from climbplan.plans.dataset_file import read_dataset_file
+        from climbplan.reports.dataset_report import write_report
+
+        data = read_dataset_file(path)
+        write_report(data, directory, verification_of(data, path), MEANINGS)
+
+    def report_dict(self, path: Path) -> dict[str, object]:
+        from climbplan.datasets.verification import verification_of
+        from climbplan.plans.dataset_file import read_dataset_file
+        from climbplan.reports.dataset_report import report_dict
+
+        data = read_dataset_file(path)
+        return report_dict(data, verification_of(data, path))
+
+    def export_csv(self, path: Path, out: Path | TextIO) -> None:
+        from climbplan.datasets.tables import export_csv
+        from climbplan.plans.dataset_file import read_dataset_file
+
+        export_csv(read_dataset_file(path), out)
+
+
+_KINDS: dict[str, PlanKind] = {
+    "climbplan/climb": _Climb(),
+    "climbplan/bookshelf": _Bookshelf(),
+    "climbplan/dataset": _Dataset(),
+}
 
 
 def plan_kind(path: Path) -> PlanKind:

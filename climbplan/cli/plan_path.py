@@ -7,6 +7,7 @@ from pathlib import Path
 from climbplan.errors import PlanFileError
 
 PLAN_FILE = "plan.h5"
+DATASET_FILE = "dataset.h5"
 
 
 def find_plan(given: Path) -> Path:
@@ -16,9 +17,10 @@ def find_plan(given: Path) -> Path:
         PlanFileError: there is none.
     """
     if given.is_dir():
-        if (given / PLAN_FILE).is_file():
-            return given / PLAN_FILE
-        raise PlanFileError(f"{given}: a directory without {PLAN_FILE}")
+        for name in (PLAN_FILE, DATASET_FILE):
+            if (given / name).is_file():
+                return given / name
+        raise PlanFileError(f"{given}: a directory without {PLAN_FILE} or {DATASET_FILE}")
     if not given.exists():
         raise PlanFileError(f"{given}: no such file")
     return given

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.solve_problem import explained, load_problem
 from climbplan.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from climbplan.plans.verification import Verification
 
 
 def is_program_plan(path: Path) -> bool:
@@ -34,14 +38,48 @@ def verify_program_plan(path: Path, name: str | None, as_json: bool, session: Se
     else:
         with explained(session):
             verification = verify_program(plan, load_problem(name))
+    _tell(verification, as_json)
+    if name is None:
+        raise UsageError(
+            f"{path}: only the file itself was checked (text, bounds, integrality); the rows of "
+            f"{plan.problem!r} need its statement: add --problem MODULE:OBJECT"
+        )
+
+
+def is_program_dataset(path: Path) -> bool:
+    """Whether the file is a dataset of a stated program."""
+    from climbplan.learning.dataset_rows import KIND
+    from climbplan.plans.dataset_file import FORMAT, read_dataset_file
+    from climbplan.plans.plan_format import plan_format
+
+    return plan_format(path) == FORMAT and read_dataset_file(path).frame.kind == KIND
+
+
+def verify_program_dataset(path: Path, name: str | None, as_json: bool, session: Session) -> None:
+    """Check a dataset of a stated program, as `verify_program_plan` does a plan.
+
+    Raises:
+        UsageError: without a statement, after what the file alone allows was checked and printed.
+    """
+    from climbplan.datasets.verification import verification_of
+    from climbplan.plans.dataset_file import read_dataset_file
+
+    data = read_dataset_file(path)
+    with explained(session):
+        problem = None if name is None else load_problem(name)
+        verification = verification_of(data, path, problem)
+    _tell(verification, as_json)
+    if name is None:
+        raise UsageError(
+            f"{path}: only the file itself was checked; the rows of {data.frame.problem!r} need "
+            "its statement: add --problem MODULE:OBJECT"
+        )
+
+
+def _tell(verification: Verification, as_json: bool) -> None:
     if as_json:
         print_json(verification.as_dict())
     else:
         print_result(verification.table())
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
-    if name is None:
-        raise UsageError(
-            f"{path}: only the file itself was checked (text, bounds, integrality); the rows of "
-            f"{plan.problem!r} need its statement: add --problem MODULE:OBJECT"
-        )

@@ -22,12 +22,21 @@ def verify(
     """Re-check every constraint of a plan from its file alone.
 
     Prints the worst residual of each check and its limit. Exit code 5 if one is exceeded. Plans of
-    `climbplan solve` also need the statement that they answer: --problem.
+    `climbplan solve`, and datasets of such problems, also need the statement that they answer:
+    --problem.
     """
     path = find_plan(plan)
     from climbplan.cli.plan_kinds import plan_kind
-    from climbplan.cli.solve_verify import is_program_plan, verify_program_plan
+    from climbplan.cli.solve_verify import (
+        is_program_dataset,
+        is_program_plan,
+        verify_program_dataset,
+        verify_program_plan,
+    )
 
+    if is_program_dataset(path):
+        verify_program_dataset(path, problem, as_json, context.ensure_object(Session))
+        return
     if is_program_plan(path):
         verify_program_plan(path, problem, as_json, context.ensure_object(Session))
         return

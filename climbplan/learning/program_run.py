@@ -9,10 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.errors import PlanFileError, SpecError, SpecMistake, UsageError
+from climbplan.learning.dataset_rows import library_of_dataset
 from climbplan.learning.envelope_rounds import EnvelopeOptions
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.methods import MethodResult, MethodSettings, solve_instance
+from climbplan.plans import dataset_file
+from climbplan.plans.plan_format import plan_format
 from climbplan.plans.program_file import read_program
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.program.polytope import Array
@@ -55,10 +58,17 @@ def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array]
 
 
 def library_of(problem: Problem, path: Path) -> Library:
-    """The answered rows of an earlier plan of the same problem.
+    """The answered rows of an earlier plan or dataset of the same problem.
 
     Raises PlanFileError for another file, UsageError for another problem's or an empty one.
     """
+    if plan_format(path) == dataset_file.FORMAT:
+        try:
+            return library_of_dataset(problem, dataset_file.read_dataset_file(path))
+        except PlanFileError:
+            raise
+        except UsageError as error:
+            raise UsageError(f"{path}: {error}") from error
     plan = read_program(path)
     if not plan.layouts.same_columns(Layouts.of(problem.program)):
         raise UsageError(

@@ -51,7 +51,7 @@ def shelf_of_document(document: Document, text: SourceText) -> LoadedShelf:
     kind = find_kind(document, wanted="bookshelf")
     if isinstance(kind, Finding):
         findings.append(kind)
-    _root_paths(document)
+    root_paths(document, _PATHS)
     spec, found = validate(document, BookshelfSpec)
     findings += [f for f in found if f.path != ("kind",)]
     if spec is None or findings:
@@ -59,10 +59,10 @@ def shelf_of_document(document: Document, text: SourceText) -> LoadedShelf:
     return LoadedShelf(spec=spec, **origin_of(document, text))
 
 
-def _root_paths(document: Document) -> None:
+def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
     """Write paths that command options set in full."""
     changed = False
-    for path in _PATHS:
+    for path in paths:
         holder: Any = document.value
         for key in path[:-1]:
             holder = holder.get(key) if isinstance(holder, dict) else None

@@ -14,10 +14,15 @@ FIRST_EXAMPLE = {
     "climb": "climb_obstacle",
     "bookshelf": "bookshelf_scene",
     "program": "cart_pole",
+    "dataset": "dataset_bookshelf",
     "robot": "silvia",
 }
 # Files that an example reads, or that state its problem
-_DATA = {"bookshelf_file": ("bookshelf_scenes.h5",), "cart_pole": ("cart_pole.py",)}
+_DATA = {
+    "bookshelf_file": ("bookshelf_scenes.h5",),
+    "cart_pole": ("cart_pole.py",),
+    "dataset_cart_pole": ("cart_pole.py",),
+}
 
 
 def example_names(kind: str) -> list[str]:

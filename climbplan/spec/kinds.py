@@ -10,6 +10,7 @@ from climbplan.errors import SpecError
 from climbplan.spec.base import SpecModel
 from climbplan.spec.bookshelf import BookshelfSpec
 from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.dataset import DatasetSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.program import ProgramSpec
@@ -20,6 +21,7 @@ KINDS: dict[str, type[SpecModel]] = {
     "climb": ClimbSpec,
     "bookshelf": BookshelfSpec,
     "program": ProgramSpec,
+    "dataset": DatasetSpec,
     "robot": RobotSpec,
 }
 

@@ -14,6 +14,7 @@ from climbplan.spec.base import SpecModel
 from climbplan.spec.bookshelf_loading import LoadedShelf, shelf_of_document
 from climbplan.spec.checks import ClimbParts, check_parts, check_study
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
+from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
@@ -65,7 +66,7 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedProgram | LoadedShelf | RobotSpec:
+) -> LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | RobotSpec:
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -80,6 +81,8 @@ def load_spec(
         return robot_of(document)
     if kind == "program":
         return program_of(document, text)
+    if kind == "dataset":
+        return dataset_of(document, text)
     return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)
 
 

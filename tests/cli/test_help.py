@@ -14,6 +14,7 @@ LIGHT = {"climbplan", "typer"}
 HEAVY = {
     "numpy", "scipy", "pydantic", "yaml", "h5py", "rich", "matplotlib", "plotly", "casadi", "daqp",
     "clarabel", "osqp", "highspy", "pyscipopt", "cvxpy", "gurobipy", "knitro", "joblib", "asyncio",
+    "distributed", "pyarrow", "pymunk",
 }  # fmt: skip
 
 PROBE = """
@@ -41,6 +42,8 @@ def imported_by_typer() -> set[str]:
         ["plan-climb", "--help"],
         ["solve-bookshelf", "--help"],
         ["bench", "--list"],
+        ["gen-data", "--help"],
+        ["data", "--help"],
     ],
 )
 def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
@@ -50,7 +53,13 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     modules = set(probe.stderr.split("MODULES")[1].split())
     assert modules >= LIGHT
     allowed = imported_by_typer()
-    if arguments and arguments[0] in ("plan-climb", "solve-bookshelf", "bench"):
+    if arguments and arguments[0] in (
+        "plan-climb",
+        "solve-bookshelf",
+        "bench",
+        "gen-data",
+        "data",
+    ):
         allowed |= {"pydantic"}  # newer versions of typer read a command's arguments with it
     assert modules & HEAVY <= allowed
 
@@ -61,7 +70,7 @@ def test_every_command_has_help(run_command: RunCommand) -> None:
     assert listing.err == ""
     for name in (
         "plan-climb", "solve-bookshelf", "verify", "report", "export", "validate", "schema", "new",
-        "doctor", "bench",
+        "doctor", "bench", "gen-data", "data",
     ):  # fmt: skip
         assert name in listing.out
         shown = run_command(name, "-h")

@@ -1,0 +1,71 @@
+"""The progress bar of a dataset run: rate, share of rows with an answer, time left."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from climbplan.cli.console import Session
+
+if TYPE_CHECKING:
+    from climbplan.datasets.run import Count
+
+
+class DatasetProgress:
+    """Context whose `report` is the run's callback; shows nothing but on a terminal."""
+
+    def __init__(self, session: Session) -> None:
+        self._enabled = session.shows_progress
+        self._bar: Any = None
+        self._task: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Take the bar away, before lines are printed."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+            self._enabled = False
+
+    def report(self, count: Count) -> None:
+        """Tell how far the run is."""
+        if not self._enabled:
+            return
+        if self._bar is None:
+            self._start(count.total)
+        self._bar.update(self._task, completed=count.done, figures=figures_of(count))
+
+    def _start(self, total: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+        self._bar = Progress(
+            TextColumn("rows"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[figures]}"),
+            console=Console(stderr=True),
+            transient=True,
+        )
+        self._task = self._bar.add_task("rows", total=total, figures="")
+        self._bar.start()
+
+
+def figures_of(count: Count) -> str:
+    """ "52.1 rows/s, 99.8 % answered, 0:03:10 left"."""
+    if not count.new:
+        return "starting"
+    share = 100 * count.answered / count.done
+    seconds = round(count.left)
+    left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+    return f"{count.rate:.3g} rows/s, {share:.1f} % answered, {left} left"

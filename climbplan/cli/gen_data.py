@@ -1,0 +1,215 @@
+"""`climbplan gen-data`: many problems sampled and solved, into one dataset."""
+
+from __future__ import annotations
+
+import functools
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.dataset_progress import DatasetProgress
+from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.plan_path import DATASET_FILE
+from climbplan.cli.solve_problem import ProblemName, explained, load_problem
+from climbplan.cli.verify_line import verify_line
+from climbplan.errors import ExitCode, PlanFileError, UsageError
+
+if TYPE_CHECKING:
+    from climbplan.datasets.generate import Generated
+    from climbplan.datasets.recipe import Recipe
+    from climbplan.program.problem import Problem
+    from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.overrides import Override
+
+
+def gen_data(
+    context: typer.Context,
+    spec: Spec,
+    problem: ProblemName = None,
+    out: Out = None,
+    assignments: Set = None,
+    seed: Seed = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Worker processes.")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Workers of a Dask cluster instead: tcp://HOST:PORT, or local-cluster:N.",
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one row.")
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option("--method", metavar="NAME", help="Method, as `problem.solver.method`."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run that was stopped.")
+    ] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Sample problems of one kind, solve them all, and keep every outcome as a row.
+
+    Prints the path of dataset.h5. The same rows come about with any number of workers, on this
+    machine or a cluster. Rows without an answer are kept with their reason. A run that is stopped
+    keeps its rows: --resume goes on with them. A problem of your own is named by --problem. Exit
+    code 4 if no row has an answer, 5 if an answer fails its check.
+    """
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.spec.dataset_loading import load_dataset
+
+    session = context.ensure_object(Session)
+    loaded = load_dataset(spec, _overrides(assignments, seed, time_limit, method))
+    target = out if out is not None else Path("outputs", loaded.name)
+    if resume and not force and _is_complete(target, loaded):
+        session.note(f"{target}: complete already")
+        print_result(str(target / DATASET_FILE))
+        return
+    with explained(session), OutputDirectory(target, force=force) as directory:
+        # Compiled functions and solvers take a second to import: not before the paths are good.
+        from climbplan.datasets.generate import RunOptions, generated
+        from climbplan.datasets.verification import MEANINGS, verify_and_mark
+        from climbplan.plans.dataset_file import read_dataset_file, write_dataset_file
+        from climbplan.reports.dataset_report import report_dict, write_report
+
+        stated = _statement(loaded, problem)
+        recipe = _recipe(loaded, problem)
+        options = RunOptions(target, jobs, scheduler, resume, force)
+        session.note(_head(loaded, options.scheduler or f"{jobs} worker{'s' * (jobs > 1)}"))
+        with DatasetProgress(session) as progress:
+            run = generated(
+                loaded, recipe, _files(loaded, problem), options, progress.report, session.note
+            )
+            with run as made:
+                progress.stop()
+                session.note(_summary(made))
+                path = directory.path / DATASET_FILE
+                write_dataset_file(made.data, path)
+                begin = time.perf_counter()
+                verification = verify_and_mark(path, stated)
+                session.note(verify_line(verification, time.perf_counter() - begin))
+                data = read_dataset_file(path)
+                write_report(data, directory.path, verification, MEANINGS)
+                directory.publish()
+    if as_json:
+        print_json(report_dict(data, verification))
+    else:
+        print_result(str(target / DATASET_FILE))
+    if not verification.passed:
+        raise typer.Exit(ExitCode.UNVERIFIED)
+    if not data.feasible.any():
+        raise typer.Exit(ExitCode.LIMIT)
+
+
+def _overrides(
+    assignments: list[str] | None, seed: int | None, time_limit: float | None, method: str | None
+) -> list[str | Override]:
+    """`--set` and the options that stand for a key, the latter last and so the stronger."""
+    from climbplan.spec.overrides import Override
+
+    given: list[str | Override] = list(assignments or ())
+    for key, option, value in (
+        ("seed", "--seed", seed),
+        ("problem.solver.time_limit", "--time-limit", time_limit),
+        ("problem.solver.method", "--method", method),
+    ):
+        if value is not None:
+            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
+            given.append(Override(key, text, f"{option} {value}"))
+    return given
+
+
+def _is_complete(target: Path, loaded: LoadedDataset) -> bool:
+    """Whether the output directory holds what the spec asks for."""
+    from climbplan.plans.dataset_file import read_dataset_file
+
+    path = target / DATASET_FILE
+    try:
+        return path.is_file() and read_dataset_file(path).spec_sha256 == loaded.sha256
+    except PlanFileError:
+        return False
+
+
+def _statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
+    """The problem that the command line names; a spec alone imports no code."""
+    problem = loaded.spec.problem
+    if problem.kind == "bookshelf":
+        if name is not None:
+            raise UsageError("--problem goes with problem.kind `program` only")
+        return None
+    if name is None:
+        named = f"; the spec is written for {problem.problem}" if problem.problem else ""
+        raise UsageError(
+            f"a spec alone imports no code: name the statement with --problem MODULE:OBJECT{named}"
+        )
+    stated = load_problem(name)
+    meant = problem.problem
+    if meant is not None and Path(meant).name not in (Path(name).name, stated.name):
+        warn(f"the spec is written for problem {meant!r}, --problem is {name!r}")
+    return stated
+
+
+def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
+    """What workers are told; files by their full path, as they may start elsewhere."""
+    from climbplan.datasets.recipe import Recipe
+
+    spec = loaded.spec
+    problem = spec.problem
+    directory = loaded.directory.absolute()
+    if problem.kind == "bookshelf":
+        from climbplan.datasets.shelf_source import shelf_source
+
+        source = functools.partial(shelf_source, problem, directory, spec.seed)
+        return Recipe(source, spec.seed, spec.row_seconds, loaded.sha256)
+    from climbplan.datasets.program_source import program_source
+
+    load = functools.partial(load_problem, _full(name or ""))
+    library = problem.solver.library
+    path = directory / library if library is not None else None
+    stated = functools.partial(program_source, load, problem, path)
+    return Recipe(stated, spec.seed, spec.row_seconds, loaded.sha256)
+
+
+def _full(name: str) -> str:
+    """FILE.py:OBJECT with the file's full path; other names as they are."""
+    place, _, attribute = name.rpartition(":")
+    return f"{Path(place).absolute()}:{attribute}" if place.endswith(".py") else name
+
+
+def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
+    """Files that rows depend on: the statement, and the library of methods that learn."""
+    files = []
+    place = (name or "").rpartition(":")[0]
+    if place.endswith(".py"):
+        files.append(Path(place).absolute())
+    library = loaded.spec.problem.solver.library
+    if library is not None:
+        given = library if isinstance(library, str) else library.file
+        files.append(loaded.directory.absolute() / given)
+    return tuple(files)
+
+
+def _head(loaded: LoadedDataset, workers: str) -> str:
+    spec = loaded.spec
+    return (
+        f"{loaded.name}   {spec.count} rows, problem {spec.problem.kind}, "
+        f"method {spec.problem.solver.method}, seed {spec.seed}, {workers}"
+    )
+
+
+def _summary(made: Generated) -> str:
+    data, count = made.data, made.count
+    ended = ", ".join(f"{number} {status}" for status, number in data.statuses.items())
+    resumed = f", {made.resumed} resumed" if made.resumed else ""
+    rate = f", {count.rate:.3g} rows/s" if count.new else ""
+    return f"{'rows':<9} {data.overall:<9} {count.seconds:.2f} s   {ended}{rate}{resumed}"

@@ -1,0 +1,102 @@
+"""From a spec to all rows of its dataset, whatever stopped the run in between."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from climbplan.datasets.dask_engine import DaskEngine
+from climbplan.datasets.engine import Engine
+from climbplan.datasets.local_engine import LocalEngine
+from climbplan.datasets.recipe import Recipe
+from climbplan.datasets.run import Count, run_rows
+from climbplan.datasets.shards import ShardStore
+from climbplan.datasets.workspace import Identity, Workspace
+from climbplan.plans.dataset import Dataset
+from climbplan.spec.dataset_loading import LoadedDataset
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run goes about it; none of it changes a row."""
+
+    target: Path  # output directory; the working directory is beside it
+    jobs: int = 1
+    scheduler: str | None = None  # of a Dask cluster, instead of `jobs` processes
+    resume: bool = False
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A complete dataset that is not written yet, and how its rows came about."""
+
+    data: Dataset
+    count: Count
+    resumed: int  # rows of the stopped run
+
+
+@contextmanager
+def generated(
+    loaded: LoadedDataset,
+    recipe: Recipe,
+    files: tuple[Path, ...],
+    options: RunOptions,
+    report: Callable[[Count], None] | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Iterator[Generated]:
+    """All rows of a spec; shards are removed after the block, kept if anything stops it.
+
+    files: that the rows depend on beside the spec. tell: is called with lines for people.
+
+    Raises:
+        UsageError: a stopped run that is another one or was not to go on, a full disk, a cluster
+            that does not answer; whatever making the source raises.
+    """
+    say = tell or _silent
+    spec = loaded.spec
+    frame = recipe.source().frame  # what cannot work at all fails here, before any worker
+    identity = Identity.of(spec, frame, files)
+    with Workspace(options.target, identity, options.resume, options.force) as place:
+        store = ShardStore(place.path, frame, identity.token, spec.count, spec.shard)
+        try:
+            begin = time.perf_counter()
+            found = store.find()
+            for name in found.damaged:
+                say(f"shard {name}; its rows are made again")
+            if place.continues:
+                say(f"going on: {len(found.rows)} of {spec.count} rows are there")
+            with _engine(replace(recipe, token=identity.token), options) as engine:
+                count = run_rows(store, engine, spec.seed, found.rows, found.answered, report)
+            data = replace(
+                store.dataset(),
+                name=loaded.name,
+                title=spec.title,
+                spec_text=loaded.text,
+                spec_sha256=loaded.sha256,
+                base_seed=spec.seed,
+                timings={"rows": time.perf_counter() - begin, "rows_resumed": len(found.rows)},
+                solvers={"method": spec.problem.solver.method},
+            )
+            yield Generated(data, count, len(found.rows))
+        except BaseException:
+            kept = len(store.find().rows)
+            if kept:
+                say(f"stopped: {kept} of {spec.count} rows are kept, --resume goes on with them")
+            else:
+                place.remove()
+            raise
+        place.remove()
+
+
+def _engine(recipe: Recipe, options: RunOptions) -> Engine:
+    if options.scheduler is not None:
+        return DaskEngine(recipe, options.scheduler)
+    return LocalEngine(recipe, options.jobs)
+
+
+def _silent(line: str) -> None:
+    pass

@@ -1,0 +1,198 @@
+"""Rows on disk while a run goes on: each shard a file that is whole, or damaged and named.
+
+A shard holds those of its rows that were made so far. First line: JSON with the run's token and the
+SHA-256 of what follows, arrays in NumPy's own archive (never pickles).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import time
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import PlanFileError
+from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.dataset import Dataset, DatasetFrame
+from climbplan.plans.dataset_row import Row, RowAnswer, dataset_of
+
+_FORMAT = "climbplan/shard 1"
+_COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", "seed", "row")
+_LONGEST_HEADER = 4096
+_FLUSH = 10.0  # [s] rows of an incomplete shard wait no longer than about this
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an earlier run left."""
+
+    rows: frozenset[int]
+    answered: int
+    damaged: tuple[str, ...]  # shards that were removed, each with its rows and what was wrong
+
+
+@dataclass
+class ShardStore:
+    """The shards of one run in a directory of its own."""
+
+    directory: Path
+    frame: DatasetFrame
+    token: str  # of the run: a shard of another is not taken
+    count: int  # rows of the whole run
+    size: int  # rows of a shard
+    _open: dict[int, list[Row]] = field(default_factory=dict)  # incomplete shards
+    _unsaved: set[int] = field(default_factory=set)
+    _saved_at: float = field(default_factory=time.monotonic)
+
+    def find(self) -> Found:
+        """Take up what is there; damaged shards are removed.
+
+        Raises UsageError if the directory cannot be written.
+        """
+        rows: set[int] = set()
+        answered, damaged = 0, []
+        for shard in range(-(-self.count // self.size)):
+            path = self._path(shard)
+            if not path.exists():
+                continue
+            try:
+                part = self._read(shard)
+            except PlanFileError as error:
+                damaged.append(str(error))
+                path.unlink()
+                continue
+            rows.update(int(k) for k in part.row)
+            answered += int(part.feasible.sum())
+            if part.count < len(self._rows(shard)):
+                self._open[shard] = _rows_of(part)
+        return Found(frozenset(rows), answered, tuple(damaged))
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Keep rows: complete shards are written at once, others now and then.
+
+        Raises UsageError if the disk does not take them.
+        """
+        for row in rows:
+            shard = row.index // self.size
+            self._open.setdefault(shard, []).append(row)
+            self._unsaved.add(shard)
+        for shard in sorted(self._unsaved):
+            if len(self._open[shard]) == len(self._rows(shard)):
+                self._write(shard)
+                del self._open[shard]
+        if time.monotonic() - self._saved_at > _FLUSH:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what is not written yet; raises UsageError if the disk does not take it."""
+        for shard in sorted(self._unsaved):
+            self._write(shard)
+        self._saved_at = time.monotonic()
+
+    def dataset(self) -> Dataset:
+        """All rows of a complete run, in order.
+
+        Raises PlanFileError for a shard that is missing or was damaged since.
+        """
+        parts = []
+        for shard in range(-(-self.count // self.size)):
+            part = self._read(shard)
+            if part.count != len(self._rows(shard)):
+                raise PlanFileError(f"{self._path(shard)}: {part.count} rows, expected more")
+            parts.append(part)
+        return Dataset.joined(parts)
+
+    def _rows(self, shard: int) -> range:
+        return range(shard * self.size, min((shard + 1) * self.size, self.count))
+
+    def _path(self, shard: int) -> Path:
+        rows = self._rows(shard)
+        return self.directory / f"rows_{rows.start:08d}_{rows.stop - 1:08d}.shard"
+
+    def _write(self, shard: int) -> None:
+        part = dataset_of(self.frame, self._open[shard])
+        content = io.BytesIO()
+        texts = json.dumps([part.status, part.message]).encode()
+        arrays: dict[str, Any] = {name: vars(part)[name] for name in _COLUMNS}
+        arrays |= {f"solution.{name}": value for name, value in part.solution.items()}
+        np.savez(content, texts=np.frombuffer(texts, np.uint8), **arrays)
+        payload = content.getvalue()
+        header = {
+            "format": _FORMAT,
+            "run": self.token,
+            "sha256": hashlib.sha256(payload).hexdigest(),
+        }
+        with written_aside(self._path(shard)) as aside:
+            aside.write_bytes(json.dumps(header).encode() + b"\n" + payload)
+        self._unsaved.discard(shard)
+
+    def _read(self, shard: int) -> Dataset:
+        """Raises PlanFileError for anything but a whole shard of this run."""
+        path, rows = self._path(shard), self._rows(shard)
+
+        def refuse(what: str) -> PlanFileError:
+            return PlanFileError(f"{path.name} (rows {rows.start} to {rows.stop - 1}): {what}")
+
+        try:
+            with path.open("rb") as file:
+                line = file.readline(_LONGEST_HEADER)
+                payload = file.read()
+            header = json.loads(line)
+        except FileNotFoundError:
+            raise refuse("missing") from None
+        except (OSError, ValueError) as error:
+            raise refuse(f"damaged: {error}") from error
+        if not isinstance(header, dict) or header.get("format") != _FORMAT:
+            raise refuse("damaged: no shard")
+        if header.get("run") != self.token:
+            raise refuse("of another run")
+        if header.get("sha256") != hashlib.sha256(payload).hexdigest():
+            raise refuse("damaged: its checksum does not fit")
+        try:
+            with np.load(io.BytesIO(payload), allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            status, message = json.loads(arrays["texts"].tobytes())
+            part = Dataset(
+                frame=self.frame,
+                solution={name: arrays[f"solution.{name}"] for name in self.frame.layouts},
+                status=tuple(status),
+                message=tuple(message),
+                **{name: arrays[name] for name in _COLUMNS},
+            )
+        except (ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise refuse(f"damaged: {error}") from error
+        known = set(rows)
+        if len(set(part.row.tolist()) & known) != part.count:
+            raise refuse("damaged: other rows in it")
+        return part
+
+
+def _rows_of(part: Dataset) -> list[Row]:
+    """A part of a shard as rows again, to be completed."""
+    rows = []
+    for k in range(part.count):
+        drawn = bool(np.isfinite(part.parameters[k]).all())
+        rows.append(
+            Row(
+                index=int(part.row[k]),
+                seed=int(part.seed[k]),
+                parameters=part.parameters[k] if drawn else None,
+                answer=RowAnswer(
+                    status=part.status[k],
+                    message=part.message[k],
+                    solution={name: value[k] for name, value in part.solution.items()},
+                    integers=part.integers[k],
+                    objective=float(part.objective[k]),
+                    bound=float(part.bound[k]),
+                    time=float(part.time[k]),
+                ),
+            )
+        )
+    return rows

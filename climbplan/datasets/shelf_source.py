@@ -1,0 +1,13 @@
+"""Rows of bookshelf scenes, as a worker makes them: loads what scenes need and no more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from climbplan.bookshelf.dataset_rows import ShelfRows
+from climbplan.spec.dataset import BookshelfProblemSpec
+
+
+def shelf_source(spec: BookshelfProblemSpec, directory: Path, seed: int) -> ShelfRows:
+    """Bookshelf scenes as a spec describes them; files are looked up from `directory`."""
+    return ShelfRows(spec, directory, seed)

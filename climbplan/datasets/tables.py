@@ -1,0 +1,107 @@
+"""A dataset as a table: CSV, or Parquet where pyarrow is installed."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.errors import MissingSolver
+from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.dataset import Dataset
+
+FORMATS = ("csv", "parquet")
+
+
+def columns(data: Dataset) -> dict[str, NDArray[Any]]:
+    """Every column (n,) by name: parameters, outcome, integers, then the solution's numbers."""
+    table: dict[str, NDArray[Any]] = {"row": data.row, "seed": data.seed}
+    for name, values in zip(data.frame.parameter_names, data.parameters.T, strict=True):
+        table[f"parameters.{name}"] = values
+    table["feasible"] = data.feasible
+    table["status"] = np.array(data.status, object)
+    for name in ("objective", "bound", "time"):
+        table[name] = vars(data)[name]
+    for name, whole in zip(data.frame.integer_names, data.integers.T, strict=True):
+        table[f"integers.{name}"] = whole
+    for name, value in data.solution.items():
+        flat = value.reshape(data.count, -1)
+        for k in range(flat.shape[1]):
+            place = "".join(f"_{i}" for i in np.unravel_index(k, value.shape[1:]))
+            table[f"solution.{name}{place}"] = flat[:, k]
+    if data.train is not None and data.test is not None:
+        table |= {"train": data.train, "test": data.test}
+    table["message"] = np.array(data.message, object)
+    return table
+
+
+def export_csv(data: Dataset, out: Path | TextIO) -> None:
+    """Write CSV: one line a row, exact numbers, empty where there is none.
+
+    Raises UsageError where it cannot be written.
+    """
+    if isinstance(out, Path):
+        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
+            _write_csv(data, stream)
+        return
+    _write_csv(data, out)
+
+
+def export_parquet(data: Dataset, path: Path) -> None:
+    """Write Parquet, with units in the columns' metadata.
+
+    Raises MissingSolver without pyarrow, UsageError where it cannot be written.
+    """
+    try:
+        import pyarrow as arrow
+        import pyarrow.parquet as parquet
+    except ImportError as error:
+        raise MissingSolver(
+            "Parquet needs pyarrow, which is not installed: pip install 'climbplan[data]' "
+            "(or export CSV)"
+        ) from error
+    named = columns(data)
+    arrays = [
+        arrow.array(values.tolist(), arrow.string())
+        if values.dtype == object
+        else arrow.array(values)
+        for values in named.values()
+    ]
+    fields = [
+        arrow.field(name, array.type, metadata={"units": _unit(data, name)})
+        for name, array in zip(named, arrays, strict=True)
+    ]
+    about = {"problem": data.frame.problem, "spec": data.spec_text, "name": data.name}
+    table = arrow.Table.from_arrays(arrays, schema=arrow.schema(fields, metadata=about))
+    with written_aside(path) as aside:
+        parquet.write_table(table, aside)
+
+
+def _write_csv(data: Dataset, stream: TextIO) -> None:
+    table = columns(data)
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(_lines(list(table.values())))
+
+
+def _lines(values: list[NDArray[Any]]) -> Iterator[list[str]]:
+    for k in range(len(values[0])):
+        yield [_cell(column[k]) for column in values]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float | np.floating):
+        return "" if np.isnan(value) else repr(float(value))
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    return str(value)
+
+
+def _unit(data: Dataset, column: str) -> str:
+    if column in ("objective", "bound"):
+        return data.frame.objective_unit
+    return "s" if column == "time" else ""

@@ -1,0 +1,158 @@
+"""Verification of a dataset: every row's solution by the problem's own exact check.
+
+Scenes of books are checked from the file alone, rows of a stated program with its statement.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.bookshelf import dataset_rows as shelf
+from climbplan.bookshelf.plan_checks import solution_checks
+from climbplan.errors import PlanFileError, SpecError, UsageError
+from climbplan.learning import dataset_rows as programs
+from climbplan.plans.checks.check import Check
+from climbplan.plans.dataset import Dataset
+from climbplan.plans.dataset_file import read_dataset_file
+from climbplan.plans.verification import Verification, mark_verified
+from climbplan.program.problem import Problem
+from climbplan.spec.bookshelf import ShelfSolverSpec
+from climbplan.spec.dataset import ProgramDatasetSpec, ShelfDatasetSpec
+from climbplan.spec.kinds import Model, validate
+from climbplan.spec.program import ProgramSolverSpec
+from climbplan.spec.yaml_source import parse_yaml
+
+MEANINGS = {
+    "file.spec_hash": "sha256 of the spec's text is the stored one",
+    "rows.seeds": "rows of one seed hold different problems",
+    "rows.integers": "integers are those of the solution",
+    "rows.answers": "rows whose solution, cost and status do not go together",
+    "rows.bound": "no bound exceeds its cost",
+    "split.shared": "problems that are in both train and test",
+    "block.residual": "the statement's worst block at every answered row",
+    "objective": "costs are those of the stored solutions",
+}
+_RELATIVE = 1e-6
+
+
+def verify(path: Path, problem: Problem | None = None) -> Verification:
+    """Check a dataset file; of a stated program only what needs no statement if none is given.
+
+    Raises:
+        PlanFileError: not a whole dataset.
+        UsageError: another problem than the dataset's.
+    """
+    return verification_of(read_dataset_file(path), path, problem)
+
+
+def verification_of(data: Dataset, path: Path, problem: Problem | None = None) -> Verification:
+    """As `verify`, for a dataset that was read already."""
+    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
+    with np.errstate(all="ignore"):
+        return Verification((*_file_checks(data), *_row_checks(data, path, problem)))
+
+
+def verify_and_mark(path: Path, problem: Problem | None = None) -> Verification:
+    """Verify a dataset and write the outcome into its file; raises as `verify`."""
+    verification = verify(path, problem)
+    mark_verified(path, verification)
+    return verification
+
+
+def _file_checks(data: Dataset) -> Iterator[Check]:
+    digest = hashlib.sha256(data.spec_text.encode()).hexdigest()
+    yield _count("file.spec_hash", int(digest != data.spec_sha256))
+    hashes = np.array(data.hashes())
+    if data.train is not None and data.test is not None:
+        shared = np.isin(hashes[data.train], hashes[data.test])
+        yield _count("split.shared", int(shared.sum()))
+    drawn = data.drawn
+    pairs = {(int(s), h) for s, h in zip(data.seed[drawn], hashes[drawn], strict=True)}
+    seeds = {int(s) for s in data.seed[drawn]}
+    yield _count("rows.seeds", len(pairs) - len(seeds))
+    over = (data.bound - data.objective) / np.maximum(1.0, np.abs(data.objective))
+    yield _worst("rows.bound", np.where(data.feasible, over, 0.0), _RELATIVE, "relative")
+
+
+def _row_checks(data: Dataset, path: Path, problem: Problem | None) -> Iterator[Check]:
+    if data.frame.kind == shelf.KIND:
+        yield from _shelf_checks(data, path)
+    elif data.frame.kind == programs.KIND:
+        if problem is not None:
+            yield from _program_checks(data, problem)
+    else:
+        raise PlanFileError(f"{path}: rows of an unknown kind, {data.frame.kind!r}")
+
+
+def _shelf_checks(data: Dataset, path: Path) -> Iterator[Check]:
+    try:
+        found = shelf.shelf_dataset(data)
+    except UsageError as error:
+        raise PlanFileError(f"{path}: {error}") from error
+    rows, solutions = found.rows, found.plan.solutions
+    yield _count("rows.answers", int(data.feasible.sum()) - int(solutions.placed.sum()))
+    expected = np.column_stack([solutions.state, solutions.slot])
+    off = np.abs(data.integers[rows] - expected).max(axis=1).astype(float)
+    yield _worst("rows.integers", np.where(data.feasible[rows], off, 0.0), 0.0)
+    yield from solution_checks(found.plan, _shelf_solver(data))
+
+
+def _shelf_solver(data: Dataset) -> ShelfSolverSpec | None:
+    """The gaps that the spec asked for; None if its text is not that of such a spec."""
+    spec = _spec(data, ShelfDatasetSpec)
+    return None if spec is None else spec.problem.solver
+
+
+def _spec(data: Dataset, model: type[Model]) -> Model | None:
+    try:
+        return validate(parse_yaml(data.spec_text, "spec"), model)[0]
+    except SpecError:
+        return None
+
+
+def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
+    if data.frame != programs.frame_of(problem):
+        raise UsageError(
+            f"problem {problem.name!r} does not have the variables and parameters of the dataset "
+            f"(made for {data.frame.problem!r})"
+        )
+    spec = _spec(data, ProgramDatasetSpec)
+    tolerance = (spec.problem.solver if spec is not None else ProgramSolverSpec()).tolerance
+    rows = np.flatnonzero(data.feasible)
+    integer = programs.integer_variables(problem)
+    worst, off, apart = np.zeros(len(rows)), np.zeros(len(rows)), np.zeros(len(rows))
+    for k, row in enumerate(rows):
+        x, chosen = data.solution["x"][row], data.solution["assignment"][row]
+        report = problem.program.check(x, problem.split(data.parameters[row]), chosen)
+        worst[k] = max((block.residual for block in report.blocks), default=0.0)
+        off[k] = abs(report.objective - data.objective[row]) / max(1.0, abs(data.objective[row]))
+        stored = np.concatenate([np.round(x[integer]), chosen])
+        apart[k] = float(np.abs(stored - data.integers[row]).max(initial=0.0))
+    yield _worst("rows.integers", apart, 0.0, rows=rows)
+    yield _worst("block.residual", worst, tolerance, rows=rows)
+    yield _worst("objective", off, _RELATIVE, "relative", rows=rows)
+
+
+def _count(name: str, faults: int) -> Check:
+    return Check(name, float(faults), 0.0, "", faults == 0, "", "", 0.0)
+
+
+def _worst(
+    name: str,
+    residual: np.ndarray,
+    limit: float,
+    unit: str = "",
+    rows: np.ndarray | None = None,
+) -> Check:
+    """The largest residual over rows; nothing to check passes."""
+    if residual.size == 0:
+        return Check(name, 0.0, limit, unit, True, "", "", 0.0)
+    at = int(np.argmax(np.where(np.isnan(residual), np.inf, residual)))
+    value = max(float(residual[at]), 0.0) if residual[at] == residual[at] else float("nan")
+    passed = bool(value <= limit)
+    place = f"row {at if rows is None else rows[at]}" if value != 0 else ""
+    return Check(name, value, limit, unit, passed, "", place, value / limit if limit else 0.0)

@@ -7,11 +7,18 @@ import time
 from dataclasses import dataclass, replace
 
 from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.features import Features
 from climbplan.bookshelf.points import features_of, theta_of
 from climbplan.bookshelf.scene import Array, Scene
 from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.bookshelf.statement_methods import Judge, Starts
-from climbplan.learning.pipeline import Checked, PipelineOptions, run_pipeline
+from climbplan.learning.pipeline import (
+    Check,
+    Checked,
+    PipelineOptions,
+    PipelineResult,
+    run_pipeline,
+)
 from climbplan.learning.strategy import Strategy
 from climbplan.program.instance import Instance
 from climbplan.solvers.convex import ConvexBackend
@@ -33,10 +40,16 @@ class Convex:
     backend: ConvexBackend
     seconds: float
     gap_mm2: float  # a placement that costs no more ends the search
+    features: Features = features_of
+    name: str = "neighbours"
 
     def solve(self, scene: Scene) -> SceneAnswer:
         """The best placement of all candidates."""
         begin = time.perf_counter()
+        return answer_of(self.judge, scene, self.tried(scene), begin, self.name)
+
+    def tried(self, scene: Scene) -> PipelineResult:
+        """What became of each candidate."""
         theta = theta_of(scene)
         instance = self.judge.program.at(theta)
         options = PipelineOptions(
@@ -46,36 +59,57 @@ class Convex:
             time_limit=self.seconds,
         )
 
-        def check(instance: Instance, x: Array) -> Checked:
-            judged = self.judge.judge(scene, x)
-            return Checked(judged.placement is not None, judged.objective, x, judged.word)
-
-        found = run_pipeline(
+        return run_pipeline(
             instance,
-            self.strategy.candidates(features_of(theta), self.candidates),
+            self.strategy.candidates(self.features(theta), self.candidates),
             options,
-            check,
+            check_of(self.judge, scene),
         )
-        judged = None if found.x is None else self.judge.judge(scene, found.x)
-        placed = judged is not None and judged.placement is not None
-        return SceneAnswer(
-            status="feasible" if placed else "limit",
-            placement=judged.placement if judged is not None else None,
-            objective=judged.objective if judged is not None else math.inf,
-            bound=-math.inf,
-            seconds=time.perf_counter() - begin,
-            nodes=sum(tried.programs for tried in found.tried),
-            candidates=len(found.tried),
-            word="" if placed else f"none of {len(found.tried)} candidates holds",
-        )
+
+
+def check_of(judge: Judge, scene: Scene) -> Check:
+    """The exact check of the meaning, for points of the statement."""
+
+    def check(instance: Instance, x: Array) -> Checked:
+        judged = judge.judge(scene, x)
+        return Checked(judged.placement is not None, judged.objective, x, judged.word)
+
+    return check
+
+
+def answer_of(
+    judge: Judge, scene: Scene, found: PipelineResult, begin: float, name: str
+) -> SceneAnswer:
+    """What a pipeline found, and which candidate won; begin: `time.perf_counter` seconds."""
+    judged = None if found.x is None else judge.judge(scene, found.x)
+    placed = judged is not None and judged.placement is not None
+    tried = len(found.tried)
+    word = f"none of {tried} candidates of {name} holds"
+    if placed:
+        held = sum(t.passed for t in found.tried)
+        word = f"candidate {found.winner + 1} of {tried} of {name} won, {held} held"
+    return SceneAnswer(
+        status="feasible" if placed else "limit",
+        placement=judged.placement if judged is not None else None,
+        objective=judged.objective if judged is not None else math.inf,
+        bound=-math.inf,
+        seconds=time.perf_counter() - begin,
+        nodes=sum(t.programs for t in found.tried),
+        candidates=tried,
+        word=word,
+    )
 
 
 @dataclass(frozen=True)
 class WithFallback:
-    """One method, and another for scenes in which it finds no placement."""
+    """One method, and another for scenes in which it finds no placement.
 
-    first: Convex
+    What the other one finds counts only if it holds in the judge's meaning.
+    """
+
+    first: SceneMethod
     other: SceneMethod
+    judge: Judge
 
     def solve(self, scene: Scene) -> SceneAnswer:
         """The first method's placement, or whatever the other one says."""
@@ -83,6 +117,10 @@ class WithFallback:
         if answer.placement is not None:
             return answer
         spare = self.other.solve(scene)
+        if spare.placement is not None:
+            judged = self.judge.judge_placement(scene, spare.placement)
+            if judged.placement is None:
+                return replace(answer, word=f"{answer.word}; `exact`: {judged.word}")
         return replace(
             spare,
             seconds=answer.seconds + spare.seconds,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from climbplan.bookshelf.dataset_rows import shelf_dataset
+from climbplan.bookshelf.features import Features
 from climbplan.bookshelf.mirror import Solved, mirrored
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import read_shelf_plan
@@ -16,6 +19,7 @@ from climbplan.learning.library import Frame, Library
 from climbplan.plans import dataset_file
 from climbplan.plans.plan_format import plan_format
 from climbplan.program import Program
+from climbplan.program.instance import Index
 from climbplan.spec.bookshelf import ShelfLibrarySpec
 
 
@@ -32,37 +36,81 @@ def read_library(
         UsageError: another number of stored books, or no placement in it.
     """
     path = directory / source.file
-    plan = _solved(path)
+    plan = solved_scenes(path)
     if plan.scenes.count != count:
         raise UsageError(
             f"library {path}: its scenes have {plan.scenes.count} stored books, expected {count}"
         )
-    # The published frame lies about x = 0 wherever the walls are
-    middle = (plan.shelf.left + plan.shelf.right) / 2 if plan.meaning == "contact" else 0.0
-    features, points, slots, cost = [], [], [], []
-    for k, scene in enumerate(plan.scenes):
-        placement = plan.solutions.placement(k)
-        if source.size is not None and k >= source.size:
-            break
-        if placement is not None:
-            here = Solved(scene, placement)
-            for solved in (here, mirrored(here, middle)):
-                features.append(features_of(theta_of(solved.scene)))
-                points.append(point_of(program, solved.scene, solved.placement))
-                slots.append(solved.placement.slot)
-                cost.append(float(plan.solutions.objective[k]))
-    if not points:
+    solved = placed_scenes(plan)[: source.size]
+    if not solved:
         raise UsageError(f"library {path}: no scene in it has a placement")
-    return Library.of(
+    return library_of(program, solved, features_of, middle=mirror_middle(plan)).library
+
+
+@dataclass(frozen=True)
+class Priced:
+    """A scene with a placement and its cost."""
+
+    solved: Solved
+    cost: float  # [mm^2]
+
+
+@dataclass(frozen=True)
+class SceneLibrary:
+    """A library, and the scene that each of its rows is of (mirror images share one)."""
+
+    library: Library
+    scene: Index  # (S,)
+
+
+def mirror_middle(plan: ShelfPlan) -> float:
+    """Where a plan's shelf is its own mirror image [m]; the published frame lies about x = 0
+    wherever the walls are."""
+    return (plan.shelf.left + plan.shelf.right) / 2 if plan.meaning == "contact" else 0.0
+
+
+def placed_scenes(plan: ShelfPlan) -> list[Priced]:
+    """The scenes of a plan that have a placement."""
+    found = plan.solutions
+    placements = [(k, found.placement(k)) for k in range(len(plan.scenes))]
+    return [
+        Priced(Solved(plan.scenes[k], placement), float(found.objective[k]))
+        for k, placement in placements
+        if placement is not None
+    ]
+
+
+def library_of(
+    program: Program,
+    scenes: Sequence[Priced],
+    features: Features,
+    mirror: bool = True,
+    middle: float = 0.0,
+) -> SceneLibrary:
+    """Solved scenes as points of a program; raises UsageError as `Library.of` does.
+
+    mirror: each scene counts twice, the second time as seen in a mirror at x = middle [m].
+    """
+    rows, points, slots, cost, scene = [], [], [], [], []
+    for k, priced in enumerate(scenes):
+        both = [priced.solved, mirrored(priced.solved, middle)] if mirror else [priced.solved]
+        for solved in both:
+            rows.append(features(theta_of(solved.scene)))
+            points.append(point_of(program, solved.scene, solved.placement))
+            slots.append(solved.placement.slot)
+            cost.append(priced.cost)
+            scene.append(k)
+    library = Library.of(
         Frame.of(program),
-        np.array(features),
+        np.array(rows),
         np.array(points),
         np.array(cost),
         labels=np.array(slots, np.int64)[:, None],
     )
+    return SceneLibrary(library, np.array(scene, np.int64))
 
 
-def _solved(path: Path) -> ShelfPlan:
+def solved_scenes(path: Path) -> ShelfPlan:
     """Scenes and placements of a file, whichever format it has."""
     if plan_format(path) != dataset_file.FORMAT:
         return read_shelf_plan(path)

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from climbplan.solvers.convex import ConvexBackend
 
 
+_TRAINED = ("forest", "boosting", "network", "reduce")
+
+
 @dataclass(frozen=True)
 class MethodSetting:
     """All that a method is made of; workers of a pool make their own from it."""
@@ -69,10 +72,15 @@ def _learned(setting: MethodSetting, count: int, judge: Judge, budget: Budget) -
     from climbplan.learning.neighbours import NearestProblems
 
     solver = setting.solver
+    if solver.method in _TRAINED or (solver.method == "knn" and solver.model is not None):
+        from climbplan.bookshelf.trained_methods import trained_method
+
+        trained = trained_method(setting, count, judge)
+        return WithFallback(trained, _exact(setting), judge) if solver.fallback else trained
     if solver.library is None:
         raise UsageError(
             f"method {solver.method!r} takes candidates from solved scenes: give a plan file of "
-            "`climbplan solve-bookshelf` as solver.library.file"
+            "`climbplan solve-bookshelf` or a dataset as solver.library.file"
         )
     library = read_library(judge.program, count, solver.library, setting.directory)
     if solver.method == "mpcc":
@@ -83,13 +91,13 @@ def _learned(setting: MethodSetting, count: int, judge: Judge, budget: Budget) -
         strategy=NearestProblems.of(library, "mixed"),
         candidates=solver.candidates or 50,
         refinements=solver.refinements,
-        backend=_convex_solver(solver.solver),
+        backend=convex_solver(solver.solver),
         seconds=solver.time_limit,
         gap_mm2=solver.gap_mm2,
     )
-    if solver.method == "convex":
+    if solver.method == "convex" or not solver.fallback:
         return convex
-    return WithFallback(convex, _exact(setting))
+    return WithFallback(convex, _exact(setting), judge)
 
 
 def _exact(setting: MethodSetting) -> ExactSolver:
@@ -98,7 +106,8 @@ def _exact(setting: MethodSetting) -> ExactSolver:
     return ExactSolver(setting.shelf, limits)
 
 
-def _convex_solver(name: str | None) -> ConvexBackend:
+def convex_solver(name: str | None) -> ConvexBackend:
+    """A solver of convex programs by name; raises UsageError for another one."""
     if name in (None, "daqp"):
         return "daqp"
     if name == "clarabel":

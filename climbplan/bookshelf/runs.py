@@ -31,7 +31,14 @@ from climbplan.spec.bookshelf_loading import LoadedShelf
 
 Progress = Callable[[str, float], None]
 
-_COMPILED = ("exact", "knn")  # methods whose first scene would pay for the compilation
+_COMPILED = (
+    "exact",
+    "knn",
+    "forest",
+    "boosting",
+    "network",
+    "reduce",
+)  # methods whose first scene would pay for the compilation
 _CHUNKS = 16  # a worker gets its share of scenes in about so many pieces
 
 

@@ -29,6 +29,7 @@ from climbplan.cli.console import (
 from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
+from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
@@ -91,6 +92,7 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    fit_strategy,
     solve_bookshelf,
     solve,
     gen_data,

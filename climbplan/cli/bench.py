@@ -18,9 +18,18 @@ BENCHMARKS = {
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
+    "strategies": "trained strategies beside each other and beside exact, by data size",
 }
 _QUICK = {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100}
-_PANEL = "bench bookshelf"
+_QUICK_STRATEGIES = {
+    "count": 12,
+    "some": 2,
+    "few": 6,
+    "seconds": 10.0,
+    "library_size": 100,
+    "methods": "random,knn,forest,network",
+}
+_PANEL = "bench bookshelf, bench strategies"
 
 
 def bench(
@@ -134,11 +143,12 @@ def bench(
 ) -> None:
     """Compare the planners with named alternatives on the same instances.
 
-    Options from --scenes to --json are those of `bench bookshelf`.
+    Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
+    `bench strategies`.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
-            print_result(f"{known:<9} {meaning}")
+            print_result(f"{known:<11}{meaning}")
         return
     if name is not None and name not in BENCHMARKS:
         raise UsageError(f"no benchmark {name!r}, known are {', '.join(BENCHMARKS)}")
@@ -154,14 +164,22 @@ def bench(
         "library_size": library_size,
     }
     given = {key: value for key, value in given.items() if value is not None}
-    if name != "bookshelf" and (given or out is not None or as_json):
-        raise UsageError("options from --scenes to --json go with `bench bookshelf`")
+    if name not in ("bookshelf", "strategies") and (given or out is not None or as_json):
+        raise UsageError(
+            "options from --scenes to --json go with `bench bookshelf` and `bench strategies`"
+        )
+    if name == "strategies" and published is not None:
+        raise UsageError("--published goes with `bench bookshelf`")
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
         if chosen == "bookshelf":
             given = {**(_QUICK if quick else {}), **given, "seed": seed}
             _bench_bookshelf(session, given, out, force, as_json)
+            continue
+        if chosen == "strategies":
+            given = {**(_QUICK_STRATEGIES if quick else {}), **given, "seed": seed}
+            _bench_strategies(session, given, out, force, as_json)
             continue
         from climbplan.climb.benchmarks.run import run
 
@@ -188,6 +206,31 @@ def _bench_bookshelf(
         directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
         with StageProgress(session) as progress:
             result = bench_bookshelf(options, progress.report)
+        if directory is not None:
+            write_files(result, options, directory.path)
+            directory.publish()
+    if as_json:
+        print_json(plain(result, options))
+        return
+    with standard_output() as stream:
+        write_text(result, stream)
+
+
+def _bench_strategies(
+    session: Session, given: dict[str, Any], out: Path | None, force: bool, as_json: bool
+) -> None:
+    """Run it; a directory that is taken is refused before."""
+    from climbplan.bookshelf.benchmarks.strategies import StrategyOptions, bench_strategies
+    from climbplan.bookshelf.benchmarks.strategies import as_json as plain
+    from climbplan.bookshelf.benchmarks.strategy_tables import write_files, write_text
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+
+    options = StrategyOptions(**given)
+    with ExitStack() as stack:
+        directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
+        with StageProgress(session) as progress:
+            result = bench_strategies(options, progress.report)
         if directory is not None:
             write_files(result, options, directory.path)
             directory.publish()

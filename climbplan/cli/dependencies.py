@@ -46,6 +46,7 @@ PARTS = (
     Part("typer", "typer", "typer", "command line"),
     Part("rich", "rich", "rich", "progress"),
     Part("numba", "numba", "numba", "compiled search of the bookshelf"),
+    Part("scikit-learn", "scikit-learn", "sklearn", "training of strategies (fit-strategy)"),
     Part("joblib", "joblib", "joblib", "parallel studies (--jobs)"),
     Part("matplotlib", "matplotlib", "matplotlib", "figures"),
     Part("plotly", "plotly", "plotly", "interactive report"),

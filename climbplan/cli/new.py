@@ -16,7 +16,8 @@ def new(
     kind: Annotated[
         str,
         typer.Argument(
-            metavar="KIND", help="Kind of spec: climb, bookshelf, program, dataset, robot."
+            metavar="KIND",
+            help="Kind of spec: climb, bookshelf, program, dataset, strategy, robot.",
         ),
     ],
     directory: Annotated[

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
+    from climbplan.spec.strategy_loading import LoadedStrategy
 
 
 def validate(
@@ -57,7 +58,7 @@ def validate(
 
 
 def _kind_looked_into(
-    loaded: LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | RobotSpec,
+    loaded: LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec,
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
@@ -68,8 +69,9 @@ def _kind_looked_into(
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
+    from climbplan.spec.strategy_loading import LoadedStrategy
 
-    if isinstance(loaded, LoadedDataset | LoadedProgram):
+    if isinstance(loaded, LoadedDataset | LoadedProgram | LoadedStrategy):
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities

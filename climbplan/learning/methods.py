@@ -21,16 +21,19 @@ from climbplan.learning.envelope_rounds import (
     solve_micp,
 )
 from climbplan.learning.library import Library
+from climbplan.learning.model import StrategyModel
 from climbplan.learning.neighbours import NearestProblems
 from climbplan.learning.pinning import PINNED_SOLVERS, at_point, distinct, solve_candidate
+from climbplan.learning.reduce import ClusterRanking, ReducedPrograms
 from climbplan.learning.strategy import Candidate
-from climbplan.program.box import propagated_box
+from climbplan.program.box import Box, product_range, propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta
 from climbplan.reformulations.base import Reformulated
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.disjunctions import BigM
+from climbplan.reformulations.grids import Partition
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.admm import AdmmOptions, solve_admm
 from climbplan.solvers.ipopt import middle
@@ -38,11 +41,25 @@ from climbplan.solvers.mpcc import HOMOTOPY, STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
 
-Method = Literal["minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "pinned", "knn"]
+Method = Literal[
+    "minlp-scip",
+    "minlp-bonmin",
+    "micp",
+    "mpcc",
+    "admm",
+    "pinned",
+    "knn",
+    "forest",
+    "boosting",
+    "network",
+    "reduce",
+]
 Start = Literal["zero", "manual", "knn"]
 METHODS: tuple[Method, ...] = get_args(Method)
 NEEDS_LIBRARY = ("knn",)
+NEEDS_MODEL = ("forest", "boosting", "network", "reduce")
 _NEIGHBOURS = {"mpcc": 3}
+_MORE_CLUSTERS = 4  # of reduce, while none gave an answer
 _LEAST_SHARE = 0.1  # [s] that a follow-up gets when the time is over
 
 
@@ -60,8 +77,9 @@ class MethodSettings:
     tolerance: float = 1e-6  # largest violation of any row, in its own unit
     start: Start | None = None  # of mpcc: manual if the problem states a guess, else zero
     neighbours: int | None = None  # sets of integers to try: 10, 3 for mpcc
-    fallback: Method | None = "minlp-scip"  # of knn, where no candidate holds
+    fallback: Method | None = "minlp-scip"  # of learned methods, where no candidate holds
     library: Library | None = None
+    model: StrategyModel | None = None  # of learned methods; knn may have a library instead
     candidates: Sequence[Candidate] = ()
     envelopes: EnvelopeOptions = field(default_factory=EnvelopeOptions)
     admm: AdmmOptions = field(default_factory=lambda: AdmmOptions(freeze_after=2))
@@ -100,6 +118,10 @@ class _Task:
     def neighbours(self, method: Method) -> tuple[Candidate, ...]:
         """The nearest sets of integers in the library, each once."""
         library, count = self.settings.library, self.settings.neighbours
+        if self.settings.model is not None and method != "mpcc":
+            strategy = self._trained(self.settings.model, method).strategy()
+            features = self.problem.feature_vector(self.theta)
+            return tuple(strategy.candidates(features, count or _NEIGHBOURS.get(method, 10)))
         if library is None:
             raise UsageError(
                 f"method {method!r} needs solved problems: give a library (a plan file of "
@@ -109,6 +131,20 @@ class _Task:
         library.require(self.problem.program, len(features))
         near = NearestProblems.of(library, "strategies")
         return tuple(near.candidates(features, count or _NEIGHBOURS.get(method, 10)))
+
+    def _trained(self, model: StrategyModel, method: Method) -> StrategyModel:
+        """The model, if it is one of this method and problem."""
+        if method not in ("pinned", model.kind):
+            raise UsageError(f"method {method!r} was given a model of kind {model.kind!r}")
+        count = len(self.problem.feature_vector(self.theta))
+        model.library.require(self.problem.program, count)
+        return model
+
+    def clusters(self) -> ClusterRanking:
+        """Clusters of the model of `reduce`."""
+        if self.settings.model is None:
+            raise UsageError("method 'reduce' needs a trained model")
+        return self._trained(self.settings.model, "reduce").clusters()
 
 
 @dataclass(frozen=True)
@@ -275,14 +311,74 @@ def _pinned(task: _Task) -> _Outcome:
     return _all_pinned(task, distinct(candidates, task.instance), origins)
 
 
-def _knn(task: _Task) -> _Outcome:
-    """The best of the neighbours' integers; another method where none of them holds."""
-    outcome = _all_pinned(task, task.neighbours("knn"))
+def _learned(method: Method) -> Callable[[_Task], _Outcome]:
+    """The best of the integers that a strategy names; another method where none of them holds."""
+
+    def solve(task: _Task) -> _Outcome:
+        if method in NEEDS_MODEL and task.settings.model is None:
+            raise UsageError(
+                f"method {method!r} needs a trained model: a model file of `climbplan fit-strategy`"
+            )
+        candidates = task.neighbours(method)
+        origins = {}
+        if task.settings.model is not None:
+            origins = {id(c): f"candidate {k} ({method})" for k, c in enumerate(candidates, 1)}
+        return _or_fallback(task, method, _all_pinned(task, candidates, origins))
+
+    return solve
+
+
+def _reduce(task: _Task) -> _Outcome:
+    """The reduced mixed-integer programs of the likeliest clusters, made exact."""
+    settings, ranking = task.settings, task.clusters()
+    programs = ReducedPrograms(
+        ranking,
+        cluster_partitions(task.problem, task.instance, ranking.library, settings.envelopes.pieces),
+        solver=settings.solver or "highs",
+        seconds=task.left,
+    )
+    features = task.problem.feature_vector(task.theta)
+    tried: list[tuple[str, SolverResult]] = []
+    candidates = programs.candidates(
+        task.instance,
+        features,
+        settings.neighbours or 1,
+        task.left,
+        _MORE_CLUSTERS,
+        lambda: any(result.x is not None for _, result in tried),
+    )
+    for k, candidate in enumerate(candidates, 1):
+        result = solve_candidate(
+            task.instance, candidate, None, settings.gap, task.left, settings.tolerance
+        )
+        tried.append((f"candidate {k} (reduce)", result))
+    if not tried:
+        word = "no reduced program has a point"
+        nothing = Answer(None, -np.inf, False, 0, 0.0, "reduce", (word,))
+        tried.append(("", judged(task.instance, nothing, settings.gap, settings.tolerance)))
+    return _or_fallback(task, "reduce", _best(task, tried))
+
+
+def cluster_partitions(
+    problem: Problem, instance: Instance, library: Library, count: int
+) -> tuple[Partition, ...]:
+    """Grids for reduced programs, the same for all parameters: over the stated bounds, and over
+    what solutions range where there are none."""
+    low, high = library.points.min(axis=0), library.points.max(axis=0)
+    room = 0.1 * np.maximum(high - low, 1e-3)
+    lower = np.where(np.isfinite(instance.lower), instance.lower, low - room)
+    upper = np.where(np.isfinite(instance.upper), instance.upper, high + room)
+    products = instance.products
+    box = Box(lower, upper, product_range(lower, upper, products.first, products.second))
+    return default_partitions(problem, instance, box, count)
+
+
+def _or_fallback(task: _Task, method: Method, outcome: _Outcome) -> _Outcome:
     fallback = task.settings.fallback
     if outcome.result.x is not None or fallback is None:
         return outcome
-    if fallback == "knn":
-        raise UsageError("method 'knn' cannot be its own fallback")
+    if fallback == method:
+        raise UsageError(f"method {method!r} cannot be its own fallback")
     settings = replace(task.settings, solver=None)
     after = _METHODS[fallback](replace(task, settings=settings))
     return _Outcome(after.result, f"fallback {fallback}", outcome.tried + after.tried)
@@ -355,5 +451,9 @@ _METHODS: dict[str, Callable[[_Task], _Outcome]] = {
     "mpcc": _mpcc,
     "admm": _admm,
     "pinned": _pinned,
-    "knn": _knn,
+    "knn": _learned("knn"),
+    "forest": _learned("forest"),
+    "boosting": _learned("boosting"),
+    "network": _learned("network"),
+    "reduce": _reduce,
 }

@@ -14,6 +14,7 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
+from climbplan.learning.ranking import checked_features
 from climbplan.learning.strategy import Candidate, candidate_of
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
@@ -48,7 +49,7 @@ class NearestProblems:
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
         """Nearest first."""
-        wanted = _checked(features, self.library)
+        wanted = checked_features(features, self.library)
         apart = (self.library.features - wanted) / self.scale
         distance = np.sqrt(np.einsum("sp,sp->s", apart, apart))
         near: Index = np.argsort(distance, kind="stable")
@@ -80,7 +81,7 @@ class NearestCentroids:
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
         """Each strategy once, from the point of its problem that is nearest."""
-        wanted = _checked(features, self.library)
+        wanted = checked_features(features, self.library)
         distance = np.linalg.norm(self.centroid - wanted, axis=1)
         own = np.linalg.norm(self.library.features - wanted, axis=1)
         out = []
@@ -88,12 +89,3 @@ class NearestCentroids:
             row = int(np.argmin(np.where(self.library.strategy == u, own, np.inf)))
             out.append(candidate_of(self.library, row, float(distance[u])))
         return out
-
-
-def _checked(features: Array, library: Library) -> Array:
-    given = np.asarray(features, float)
-    if given.shape != library.features.shape[1:] or not np.isfinite(given).all():
-        raise UsageError(
-            f"{library.features.shape[1]} finite features expected, got shape {given.shape}"
-        )
-    return given

@@ -14,6 +14,8 @@ from climbplan.learning.dataset_rows import library_of_dataset
 from climbplan.learning.envelope_rounds import EnvelopeOptions
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.methods import MethodResult, MethodSettings, solve_instance
+from climbplan.learning.model import StrategyModel
+from climbplan.learning.model_file import read_model
 from climbplan.plans import dataset_file
 from climbplan.plans.plan_format import plan_format
 from climbplan.plans.program_file import read_program
@@ -86,7 +88,22 @@ def library_of(problem: Problem, path: Path) -> Library:
     )
 
 
-def settings_of(solver: ProgramSolverSpec, library: Library | None) -> MethodSettings:
+def model_of(problem: Problem, path: Path) -> StrategyModel:
+    """A trained strategy of the same problem.
+
+    Raises PlanFileError for another file, UsageError for another problem's model.
+    """
+    model = read_model(path).model
+    if model.context.get("problem") != problem.name:
+        raise UsageError(
+            f"{path}: made for problem {model.context.get('problem')!r}, not for {problem.name!r}"
+        )
+    return model
+
+
+def settings_of(
+    solver: ProgramSolverSpec, library: Library | None, model: StrategyModel | None = None
+) -> MethodSettings:
     """A method's settings as a spec has them."""
     shape = solver.envelopes
     return MethodSettings(
@@ -98,6 +115,7 @@ def settings_of(solver: ProgramSolverSpec, library: Library | None) -> MethodSet
         neighbours=solver.neighbours,
         fallback=None if solver.fallback == "none" else solver.fallback,
         library=library,
+        model=model,
         envelopes=EnvelopeOptions(
             pieces=shape.pieces,
             rounds=shape.rounds,
@@ -115,7 +133,8 @@ def run(problem: Problem, loaded: LoadedProgram, report: Report | None = None) -
     solver = loaded.spec.solver
     thetas = thetas_of(problem, loaded)
     library = None if loaded.library is None else library_of(problem, loaded.library)
-    settings = settings_of(solver, library)
+    model = None if loaded.model is None else model_of(problem, loaded.model)
+    settings = settings_of(solver, library, model)
     results = []
     for k, theta in enumerate(thetas):
         if report is not None:

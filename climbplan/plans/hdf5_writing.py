@@ -10,6 +10,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.hdf5_layout import Layout
@@ -29,14 +30,19 @@ def new_store(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
-def write_dataset(group: h5py.Group, name: str, value: Any, layout: Layout) -> None:
-    """One array or a sequence of texts."""
+def write_dataset(
+    group: h5py.Group, name: str, value: Any, layout: Layout, compressed: bool = False
+) -> None:
+    """One array or a sequence of texts; compressed: numbers by deflate."""
     if layout.kind == "text":
         dataset = group.create_dataset(name, (len(value),), dtype=_TEXT)
         if len(value):
             dataset[:] = list(value)
     else:
-        dataset = group.create_dataset(name, data=np.asarray(value, _TYPES[layout.kind]))
+        array: NDArray[Any] = np.asarray(value, _TYPES[layout.kind])
+        # Without elements there is nothing to cut into chunks.
+        how = {"compression": "gzip", "shuffle": True} if compressed and array.size else {}
+        dataset = group.create_dataset(name, data=array, **how)
     write_text(dataset, "units", layout.units)
     if layout.frame:
         write_text(dataset, "frame", layout.frame)

@@ -10,6 +10,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
+from climbplan.spec.model_file import ModelFileSpec
 
 
 class BookSpec(SpecModel):
@@ -100,7 +101,18 @@ class ShelfSpec(SpecModel):
 
 Meaning = Literal["contact", "published"]
 ShelfMethod = Literal[
-    "exact", "minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "convex", "knn"
+    "exact",
+    "minlp-scip",
+    "minlp-bonmin",
+    "micp",
+    "mpcc",
+    "admm",
+    "convex",
+    "knn",
+    "forest",
+    "boosting",
+    "network",
+    "reduce",
 ]
 
 
@@ -135,12 +147,13 @@ class ShelfSolverSpec(SpecModel):
         "`minlp-bonmin`: the whole statement; `micp`: McCormick envelopes on the published grids; "
         "`mpcc`: complementarity; `admm`: alternating between `micp` and a nonlinear program; "
         "`convex`: integers from neighbours, then convex programs; `knn`: `convex`, then `exact` "
-        "if no candidate holds",
+        "if no candidate holds; `forest`, `boosting`, `network`: the same with integers that a "
+        "trained model ranks; `reduce`: the reduced mixed-integer program of the likeliest cluster",
     )
     solver: Literal["highs", "scip", "gurobi", "daqp", "clarabel", "osqp"] | None = Field(
         default=None,
-        description="of `micp` and `admm`: highs (default), scip, gurobi; of `convex` and `knn`: "
-        "daqp (default), clarabel, osqp",
+        description="of `micp`, `admm` and `reduce`: highs (default), scip, gurobi; of `convex`, "
+        "`knn`, `forest`, `boosting` and `network`: daqp (default), clarabel, osqp",
     )
     start: Literal["zero", "manual", "knn"] = Field(
         default="manual",
@@ -149,19 +162,30 @@ class ShelfSolverSpec(SpecModel):
     )
     candidates: Count | None = quantity(
         "",
-        "how many neighbours to try: 3 for `mpcc`, 50 for `convex` and `knn` if left out",
+        "how many candidates to try: 3 for `mpcc`, 50 if left out; of `reduce` how many clusters: "
+        "1, and further ones while no placement was found",
         default=None,
         ge=1,
     )
     refinements: Count = quantity(
         "",
-        "most quadratic programs a candidate of `convex` and `knn`; 0: the published method, one "
+        "most quadratic programs a candidate of learned methods; 0: the published method, one "
         "convex program over the envelopes about the neighbour",
         default=30,
         ge=0,
     )
     library: ShelfLibrarySpec | None = Field(
         default=None, description="solved scenes; `mpcc` with start `knn`, `convex`, `knn` need it"
+    )
+    model: ModelFileSpec | None = Field(
+        default=None,
+        description="trained strategy; `forest`, `boosting`, `network`, `reduce` need it, `knn` "
+        "takes it in place of a library",
+    )
+    fallback: bool = Field(
+        default=True,
+        description="whether `exact` answers scenes in which no candidate of a learned method "
+        "holds; `convex` never asks it",
     )
     gap_mm2: Number = quantity("mm^2", "absolute gap to prove", default=0.01, gt=0)
     gap: Number = quantity(

@@ -20,7 +20,11 @@ from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import parse_yaml, write_yaml
 
-_PATHS: tuple[KeyPath, ...] = (("scenes", "file"), ("solver", "library", "file"))
+_PATHS: tuple[KeyPath, ...] = (
+    ("scenes", "file"),
+    ("solver", "library", "file"),
+    ("solver", "model", "file"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +73,11 @@ def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
         value = holder.get(path[-1]) if isinstance(holder, dict) else None
         if isinstance(value, str) and value and _by_option(document, path):
             holder[path[-1]] = str(Path.cwd() / value)
+            changed = True
+        elif isinstance(value, list) and _by_option(document, path):
+            several = [isinstance(entry, str) and entry != "" for entry in value]
+            pairs = zip(value, several, strict=True)
+            holder[path[-1]] = [str(Path.cwd() / v) if text else v for v, text in pairs]
             changed = True
     if changed:
         document.text = write_yaml(document.value)

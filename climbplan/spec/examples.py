@@ -15,12 +15,14 @@ FIRST_EXAMPLE = {
     "bookshelf": "bookshelf_scene",
     "program": "cart_pole",
     "dataset": "dataset_bookshelf",
+    "strategy": "strategy_bookshelf",
     "robot": "silvia",
 }
 # Files that an example reads, or that state its problem
 _DATA = {
     "bookshelf_file": ("bookshelf_scenes.h5",),
     "cart_pole": ("cart_pole.py",),
+    "strategy_bookshelf": ("bookshelf_scenes.h5",),
     "dataset_cart_pole": ("cart_pole.py",),
 }
 

@@ -15,6 +15,7 @@ from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
+from climbplan.spec.strategy import StrategySpec
 from climbplan.spec.wording import findings_of, shown
 
 KINDS: dict[str, type[SpecModel]] = {
@@ -22,6 +23,7 @@ KINDS: dict[str, type[SpecModel]] = {
     "bookshelf": BookshelfSpec,
     "program": ProgramSpec,
     "dataset": DatasetSpec,
+    "strategy": StrategySpec,
     "robot": RobotSpec,
 }
 

@@ -23,6 +23,7 @@ from climbplan.spec.program_loading import LoadedProgram, program_of
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.robot_source import UnknownRobot, load_robot, robot_of
 from climbplan.spec.source import SourceText, read_source
+from climbplan.spec.strategy_loading import LoadedStrategy, strategy_of
 from climbplan.spec.terrain import TerrainSpec
 from climbplan.spec.yaml_source import parse_yaml
 
@@ -66,7 +67,7 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | RobotSpec:
+) -> LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec:
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -83,6 +84,8 @@ def load_spec(
         return program_of(document, text)
     if kind == "dataset":
         return dataset_of(document, text)
+    if kind == "strategy":
+        return strategy_of(document, text)
     return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, WithJsonSchema, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
+from climbplan.spec.model_file import ModelFileSpec
 
 Values = float | list[Any]  # numbers, nested as the parameter's shape is
 _MOST_DEEP = 4
@@ -75,18 +76,31 @@ class EnvelopeSpec(SpecModel):
 class ProgramSolverSpec(SpecModel):
     """Which method, and when to stop."""
 
-    method: Literal["minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "pinned", "knn"] = Field(
+    method: Literal[
+        "minlp-scip",
+        "minlp-bonmin",
+        "micp",
+        "mpcc",
+        "admm",
+        "pinned",
+        "knn",
+        "forest",
+        "boosting",
+        "network",
+        "reduce",
+    ] = Field(
         default="micp",
         description="`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
         "envelopes, then the exact program at its integers; `mpcc`: complementarity; `admm`: "
         "alternating between both; `pinned`: integers from a start or a library; `knn`: `pinned` "
-        "from the library, then `fallback`",
+        "from the library, then `fallback`; `forest`, `boosting`, `network`, `reduce`: the same "
+        "from a trained model",
     )
     solver: (
         Literal["highs", "scip", "gurobi", "ipopt", "sqp", "clarabel", "daqp", "osqp"] | None
     ) = Field(
         default=None,
-        description="of `micp` and `admm`: highs (default), scip, gurobi; of `pinned` and `knn`: "
+        description="of `micp`, `admm`, `reduce`: highs (default), scip, gurobi; of the rest: "
         "clarabel (default without products), sqp (default with products), ipopt, daqp, osqp",
     )
     start: Literal["zero", "manual", "knn"] | None = Field(
@@ -100,11 +114,20 @@ class ProgramSolverSpec(SpecModel):
         description="a plan file of an earlier run of the same problem, relative to the spec; "
         "relative to where you are if set on the command line",
     )
+    model: ModelFileSpec | None = Field(
+        default=None,
+        description="trained strategy; `forest`, `boosting`, `network`, `reduce` need it, `knn` "
+        "takes it in place of a library",
+    )
     neighbours: Count | None = quantity(
-        "", "how many sets of integers to try: 10, 3 for `mpcc` if left out", default=None, ge=1
+        "",
+        "how many sets of integers to try: 10, 3 for `mpcc` if left out; of `reduce` how many "
+        "clusters: 1, and further ones while none gave an answer",
+        default=None,
+        ge=1,
     )
     fallback: Literal["minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "none"] = Field(
-        default="minlp-scip", description="of `knn`, where no candidate holds"
+        default="minlp-scip", description="of learned methods, where no candidate holds"
     )
     gap: Number = quantity("", "relative gap to prove", default=1e-4, ge=0)
     tolerance: Number = quantity(
@@ -146,9 +169,13 @@ class ProgramSpec(SpecModel):
         needs = self.solver.method == "knn" or (
             self.solver.method == "mpcc" and self.solver.start == "knn"
         )
-        if needs and self.solver.library is None:
-            message = f"method `{self.solver.method}` takes integers from a library: expected one"
+        solver = self.solver
+        if needs and solver.library is None and (solver.method == "mpcc" or solver.model is None):
+            message = f"method `{solver.method}` takes integers from a library: expected one"
             faults.append(Fault("solver.library", message))
+        if solver.method in ("forest", "boosting", "network", "reduce") and solver.model is None:
+            message = f"method `{solver.method}` needs a trained model: expected `file: model.h5`"
+            faults.append(Fault("solver.model", message))
         refuse(faults)
         return self
 

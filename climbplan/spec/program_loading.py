@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
+from climbplan.spec.bookshelf_loading import root_paths
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
@@ -31,6 +32,12 @@ class LoadedProgram(LoadedSpec):
         here = ("solver", "library") in self.document.options
         return Path(given) if here else self.directory / given
 
+    @property
+    def model(self) -> Path | None:
+        """The trained strategy; set by an option, it starts where you are."""
+        given = self.spec.solver.model
+        return None if given is None else self.directory / given.file
+
 
 def load_program(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedProgram:
     """Read, override and check a program spec; `source` is a path or `-` for standard input.
@@ -52,6 +59,7 @@ def program_of(document: Document, text: SourceText) -> LoadedProgram:
     kind = find_kind(document, wanted="program")
     if isinstance(kind, Finding):
         findings.append(kind)
+    root_paths(document, [("solver", "model", "file")])
     spec, found = validate(document, ProgramSpec)
     findings += [f for f in found if f.path != ("kind",)]
     if spec is None or findings:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 from own_problems import enumerated, impossible, islands_problem
 
 from climbplan.errors import UsageError
+from climbplan.learning.clusters import solution_columns
 from climbplan.learning.conflicts import conflicting_blocks
 from climbplan.learning.envelope_rounds import EnvelopeOptions
 from climbplan.learning.library import Frame, Library
-from climbplan.learning.methods import METHODS, Method, MethodSettings, solve_instance
+from climbplan.learning.methods import (
+    METHODS,
+    NEEDS_MODEL,
+    Method,
+    MethodSettings,
+    solve_instance,
+)
+from climbplan.learning.model import FitOptions, ModelKind, fit
 from climbplan.learning.pinning import PinnedSolver, at_point, solve_candidate
 from climbplan.program import Problem, Program
 
@@ -39,7 +48,14 @@ def library(problem: Problem, count: int = 16) -> Library:
 @pytest.mark.parametrize("method", METHODS)
 def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
     problem = islands_problem(bilinear)
-    settings = replace(QUICK.get(method, MethodSettings()), library=library(problem))
+    solved = library(problem)
+    settings = replace(QUICK.get(method, MethodSettings()), library=solved)
+    if method in NEEDS_MODEL:
+        options = FitOptions(
+            kind=cast(ModelKind, method), trees=10, cluster_trees=10, hidden=(8,), rounds=5
+        )
+        columns = solution_columns(problem.instance({"goal": np.zeros(2)}))
+        settings = replace(settings, model=fit(solved, options, columns))
     near = 0
     seeds = SEEDS if method != "minlp-bonmin" else range(1)
     for seed in seeds:

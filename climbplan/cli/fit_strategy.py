@@ -1,0 +1,107 @@
+"""`climbplan fit-strategy`: from solved problems to a trained strategy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.solve_problem import ProblemName, explained, load_problem
+from climbplan.errors import UsageError
+
+if TYPE_CHECKING:
+    from climbplan.cli.progress import StageProgress
+    from climbplan.learning.fit_run import TrainingData
+    from climbplan.learning.model_file import ModelFile
+    from climbplan.spec.strategy_loading import LoadedStrategy
+
+MODEL_FILE = "model.h5"
+
+
+def fit_strategy(
+    context: typer.Context,
+    spec: Spec,
+    problem: ProblemName = None,
+    out: Out = None,
+    assignments: Set = None,
+    seed: Seed = None,
+    method: Method = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Learn from solved problems which integers to try first.
+
+    SPEC (kind: strategy) names datasets or plan files and the model: knn, forest, boosting,
+    network or reduce (--method sets it). Without --problem they are bookshelf scenes. Prints the
+    path of the model file, which holds plain arrays; `solve-bookshelf` and `solve` take it as
+    solver.model.file. Its directory also holds report.json, report.html and figures/.
+    """
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+    from climbplan.spec.overrides import Override
+    from climbplan.spec.strategy_loading import load_strategy
+
+    session = context.ensure_object(Session)
+    given: list[str | Override] = list(assignments or ())
+    for key, option, value in (("seed", "--seed", seed), ("model.kind", "--method", method)):
+        if value is not None:
+            given.append(Override(key, str(value), f"{option} {value}"))
+    loaded = load_strategy(spec, given)
+    if problem is None and loaded.spec.problem is not None:
+        raise UsageError(
+            f"a spec alone imports no code: name the statement with --problem {loaded.spec.problem}"
+        )
+    target = out if out is not None else Path("outputs", loaded.name)
+    with explained(session), OutputDirectory(target, force=force) as directory:
+        from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
+        from climbplan.reports.strategy_report import report_dict, write_report
+
+        with StageProgress(session) as progress:
+            data = _data(problem, loaded, progress)
+            options = options_of(loaded.spec)
+            trained = train(data, options, loaded.spec.data.held_out, progress.report)
+            stored = stored_model(trained, loaded, data)
+            stored = write_verified(stored, directory.path / MODEL_FILE)
+            progress.report("report", 0.9)
+            for line in _summary(stored):
+                session.note(line)
+            write_report(stored, data.columns, directory.path)
+        directory.publish()
+    if as_json:
+        print_json(report_dict(stored))
+    else:
+        print_result(str(target / MODEL_FILE))
+
+
+def _data(problem: str | None, loaded: LoadedStrategy, progress: StageProgress) -> TrainingData:
+    progress.report("read", 0.0)
+    if problem is None:
+        from climbplan.bookshelf.training import shelf_data
+
+        return shelf_data(loaded, progress.report)
+    from climbplan.learning.fit_run import program_data
+
+    return program_data(load_problem(problem), loaded)
+
+
+def _summary(stored: ModelFile) -> list[str]:
+    """The lines of a run, in the columns that all commands use."""
+    fit = stored.fit
+    counts = f"{fit['groups']} problems, {fit['rows']} rows, {fit['strategies']} strategies"
+    if "clusters" in fit:
+        counts += f", {fit['clusters']} clusters"
+    lines = [f"{stored.name}   {stored.model.library.frame.name}: {counts}"]
+    kind = stored.model.kind
+    lines.append(f"{kind:<9} {'trained':<9} {stored.timings['train']:.2f} s")
+    if "evaluation" in fit:
+        found = fit["evaluation"]
+        within = found["within_first"]
+        shares = ", ".join(f"{k}: {100 * within[k]:.0f} %" for k in ("1", "5", "10", "50"))
+        word = f"{found['problems']} rows held out, right one among the first {shares}"
+        lines.append(f"{'measure':<9} {'':<9} {stored.timings['measure']:.2f} s   {word}")
+    return lines

@@ -1,0 +1,145 @@
+"""Gradient boosting of a strategy's parts: trees that each correct the sum of those before.
+
+Hundreds of strategies would need as many trees a round. A strategy is therefore taken apart into
+its choices (binaries of which exactly one holds, single binaries, alternatives, labels); each has
+boosted trees of its own, and a strategy is as probable as the product of its choices. Choices
+are thereby taken as independent given the features; strategies nobody has seen are not among the
+candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.learning.library import Library
+from climbplan.learning.quiet_training import quiet_training
+from climbplan.learning.trees import LEAF, Trees, joined
+from climbplan.program.instance import Index
+from climbplan.program.polytope import Array
+
+
+@dataclass(frozen=True)
+class Boosting:
+    """H choices with R options together; trees add to the score of one option each."""
+
+    trees: Trees
+    value: Array  # (M,) of leaves
+    option: Index  # (T,) to whose score each tree adds
+    baseline: Array  # (R,) scores without trees
+    first: Index  # (H + 1,) options first[h] to first[h + 1] are those of choice h
+    level: Index  # (U, H) option that each strategy takes
+
+    def probabilities(self, features: Array) -> Array:
+        """Product of the choices' probabilities (U,), scaled to sum to 1, at features (p,)."""
+        leaf = self.trees.leaves(features)
+        score = self.baseline + np.bincount(
+            self.option, self.value[leaf], minlength=len(self.baseline)
+        )
+        logarithm = np.empty(len(score))
+        for begin, end in zip(self.first[:-1], self.first[1:], strict=True):
+            part = score[begin:end]
+            most = part.max()
+            logarithm[begin:end] = part - most - np.log(np.exp(part - most).sum())
+        total = logarithm[self.level].sum(axis=1)
+        power = np.exp(total - total.max())
+        return np.asarray(power / power.sum())
+
+    def require(self, features: int, classes: int) -> None:
+        """Raises UsageError unless the arrays are those of boosted trees for such strategies."""
+        self.trees.require(features)
+        R, H = len(self.baseline), len(self.first) - 1
+        if len(self.value) != len(self.trees.feature) or len(self.option) != len(self.trees.root):
+            raise UsageError("boosting: values or options do not fit its trees")
+        if H < 1 or self.first[0] != 0 or self.first[-1] != R or (np.diff(self.first) < 1).any():
+            raise UsageError("boosting: its choices' options do not follow one another")
+        if ((self.option < 0) | (self.option >= R)).any():
+            raise UsageError(f"boosting: a tree for an option that there is not (of {R})")
+        if self.level.shape != (classes, H):
+            raise UsageError(
+                f"boosting: levels of shape {self.level.shape}, expected ({classes}, {H})"
+            )
+        if ((self.level < self.first[:-1]) | (self.level >= self.first[1:])).any():
+            raise UsageError("boosting: a strategy takes an option of another choice")
+
+
+def choices_of(library: Library) -> list[Index]:
+    """What strategies are made of: for each choice that differs among them its level (U,)."""
+    bits = library.strategies.astype(np.int64)
+    out: list[Index] = []
+    begin = 0
+    while begin < bits.shape[1]:
+        running = np.cumsum(bits[:, begin:], axis=1)
+        # The shortest run of binaries of which exactly one holds in every strategy
+        whole = np.flatnonzero((running == 1).all(axis=0))
+        end = begin + int(whole[0]) + 1 if len(whole) else begin + 1
+        single = end == begin + 1
+        out.append(bits[:, begin] if single else np.argmax(bits[:, begin:end], axis=1))
+        begin = end
+    out += list(library.strategy_alternatives.T) + list(library.strategy_labels.T)
+    return [column for column in out if len(np.unique(column)) > 1]
+
+
+def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: int) -> Boosting:
+    """Boost trees for each choice of a library's strategies with scikit-learn.
+
+    rounds: trees an option. rate: share of each tree's correction that is taken. leaves: most a
+    tree has.
+    """
+    from sklearn.ensemble import HistGradientBoostingClassifier
+
+    parts, values, options, baselines, firsts, levels = [], [], [], [], [0], []
+    for column in choices_of(library):
+        levels_here, level = np.unique(column, return_inverse=True)
+        start, count = firsts[-1], len(levels_here)
+        booster = HistGradientBoostingClassifier(
+            max_iter=rounds,
+            learning_rate=rate,
+            max_leaf_nodes=leaves,
+            random_state=seed,
+            early_stopping=False,
+        )
+        with quiet_training():
+            booster.fit(library.features, level[library.strategy])
+        # scikit-learn has no public access to the trees: these names are tested in the suite.
+        raw = np.asarray(booster._baseline_prediction, float).ravel()
+        baselines.append(np.concatenate([[0.0], raw]) if count == 2 else raw)
+        for round_trees in booster._predictors:
+            for k, tree in enumerate(round_trees):
+                nodes = tree.nodes
+                leaf = nodes["is_leaf"].astype(bool)
+                parts.append(
+                    Trees(
+                        root=np.zeros(1, np.int64),
+                        feature=np.where(leaf, LEAF, nodes["feature_idx"].astype(np.int64)),
+                        threshold=np.where(leaf, 0.0, nodes["num_threshold"]),
+                        left=np.where(leaf, LEAF, nodes["left"].astype(np.int64)),
+                        right=np.where(leaf, LEAF, nodes["right"].astype(np.int64)),
+                    )
+                )
+                values.append(np.where(leaf, nodes["value"], 0.0))
+                options.append(start + k + (count == 2))
+        levels.append(start + level)
+        firsts.append(start + count)
+    if not parts:
+        # One strategy only: a single choice without alternatives
+        leaf = np.array([LEAF])
+        stump = Trees(np.array([0]), leaf, np.zeros(1), leaf, leaf)
+        return Boosting(
+            stump,
+            np.zeros(1),
+            np.zeros(1, np.int64),
+            np.zeros(1),
+            np.array([0, 1]),
+            np.zeros((len(library.strategies), 1), np.int64),
+        )
+    return Boosting(
+        trees=joined(parts),
+        value=np.concatenate(values),
+        option=np.array(options, np.int64),
+        baseline=np.concatenate(baselines),
+        first=np.array(firsts, np.int64),
+        level=np.column_stack(levels).astype(np.int64),
+    )

@@ -1,0 +1,263 @@
+"""Trained strategies as HDF5 files, format `climbplan/strategy`: plain arrays, nothing to execute.
+
+library/    features (S, p), points (S, N), objective (S), alternatives (S, C), labels (S, L),
+            integer (N), options (C)
+scale (p)   cluster (S) of `reduce`
+forest/     root (T), feature, threshold, left, right (M), first (M + 1), label, share (E)
+boosting/   root, feature, threshold, left, right, value (M), option (T), baseline (R),
+            choice (H + 1), level (U, H)
+network/    sizes (L + 1), weight, bias, mean (p), scale (p)
+Attributes: kind, program, context (JSON), fit (JSON: the evaluation), and those of every file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import climbplan
+from climbplan.errors import PlanFileError, UsageError
+from climbplan.learning.boosting import Boosting
+from climbplan.learning.forest import Forest
+from climbplan.learning.library import Frame, Library
+from climbplan.learning.model import MODEL_KINDS, StrategyModel
+from climbplan.learning.network import Network
+from climbplan.learning.trees import Trees
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+
+FORMAT = "climbplan/strategy"
+FORMAT_VERSION = 1
+
+_LIBRARY = {
+    "features": Layout(("S", "p")),
+    "points": Layout(("S", "N")),
+    "objective": Layout(("S",)),
+    "alternatives": Layout(("S", "C"), kind="int"),
+    "labels": Layout(("S", "tags"), kind="int"),
+}
+_FRAME = {"integer": Layout(("N",), kind="bool"), "options": Layout(("C",), kind="int")}
+_TREES = {
+    "root": Layout(("T",), kind="int"),
+    "feature": Layout(("M",), kind="int"),
+    "threshold": Layout(("M",)),
+    "left": Layout(("M",), kind="int"),
+    "right": Layout(("M",), kind="int"),
+}
+_FOREST = {
+    "first": Layout(("M1",), kind="int"),
+    "label": Layout(("E",), kind="int"),
+    "share": Layout(("E",)),
+}
+_BOOSTING = {
+    "value": Layout(("M",)),
+    "option": Layout(("T",), kind="int"),
+    "baseline": Layout(("R",)),
+    "choice": Layout(("H1",), kind="int"),
+    "level": Layout(("U", "H"), kind="int"),
+}
+_NETWORK = {
+    "sizes": Layout(("L",), kind="int"),
+    "weight": Layout(("W",)),
+    "bias": Layout(("B",)),
+    "mean": Layout(("p",)),
+    "scale": Layout(("p",)),
+}
+_SCALE = Layout(("p",))
+_CLUSTER = Layout(("S",), kind="int")
+_CLASSIFIERS = {
+    "forest": _TREES | _FOREST,
+    "boosting": _TREES | _BOOSTING,
+    "network": _NETWORK,
+}
+_OF_KIND = {
+    "knn": "",
+    "forest": "forest",
+    "boosting": "boosting",
+    "network": "network",
+    "reduce": "forest",
+}
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A trained strategy and where it comes from."""
+
+    model: StrategyModel
+    name: str = ""
+    title: str = ""
+    spec_text: str = ""
+    spec_sha256: str = ""
+    seed: int = 0
+    fit: Mapping[str, Any] = field(default_factory=dict)  # figures of the evaluation
+    timings: Mapping[str, Any] = field(default_factory=dict)
+    verified: bool = False  # read back, it gave the same candidates
+    created: str = ""
+    climbplan_version: str = ""
+
+
+def write_model(stored: ModelFile, path: Path) -> None:
+    """Write a model; the file appears whole or not at all. Raises UsageError if it cannot."""
+    model = stored.model
+    library, frame = model.library, model.library.frame
+    with new_store(path) as file:
+        for name, text in {
+            "format": FORMAT,
+            "climbplan_version": stored.climbplan_version or climbplan.__version__,
+            "created": stored.created or datetime.now(UTC).isoformat(timespec="seconds"),
+            "name": stored.name,
+            "title": stored.title,
+            "kind": model.kind,
+            "program": frame.name,
+            "spec": stored.spec_text,
+            "spec_sha256": stored.spec_sha256,
+            "status": "feasible",
+        }.items():
+            write_text(file, name, text)
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["seed"] = stored.seed
+        file.attrs["verified"] = np.bool_(stored.verified)
+        write_json(file, "context", dict(model.context))
+        write_json(file, "fit", dict(stored.fit))
+        write_json(file, "timings", dict(stored.timings))
+        group = file.create_group("library")
+        for name, layout in _FRAME.items():
+            write_dataset(group, name, vars(frame)[name], layout)
+        for name, layout in _LIBRARY.items():
+            write_dataset(group, name, vars(library)[name], layout, compressed=True)
+        write_dataset(file, "scale", model.scale, _SCALE)
+        if model.cluster is not None:
+            write_dataset(file, "cluster", model.cluster, _CLUSTER)
+        if model.classifier is not None:
+            _write_classifier(file, model.classifier)
+
+
+def marked(stored: ModelFile, verified: bool) -> ModelFile:
+    """The same with the outcome of its verification."""
+    return replace(stored, verified=verified)
+
+
+def read_model(path: Path) -> ModelFile:
+    """The model in a file; only numbers and texts are read, nothing in it is ever run.
+
+    Raises PlanFileError for a file that is missing, damaged, of another kind, holds anything that
+    no model has, or whose numbers cannot be those of a trained strategy.
+    """
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        try:
+            stored = _read(reader)
+            if reader.not_finite:
+                names = ", ".join(reader.not_finite)
+                raise reader.refuse(f"{names} holds numbers that are not finite")
+            stored.model.require()
+        except PlanFileError:
+            raise
+        except UsageError as error:
+            raise PlanFileError(f"{path}: {error}") from error
+        return stored
+
+
+def _write_classifier(file: h5py.File, classifier: Forest | Network | Boosting) -> None:
+    arrays: dict[str, Any] = dict(vars(classifier))
+    if isinstance(classifier, Network):
+        name = "network"
+    else:
+        arrays |= vars(classifier.trees)
+        name = "forest" if isinstance(classifier, Forest) else "boosting"
+        arrays["choice"] = arrays["first"]
+    group = file.create_group(name)
+    for key, layout in _CLASSIFIERS[name].items():
+        write_dataset(group, key, arrays[key], layout, compressed=True)
+    if isinstance(classifier, Forest):
+        group.attrs["classes"] = classifier.classes
+
+
+def _read(reader: Reader) -> ModelFile:
+    if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
+        raise reader.refuse(f"not a model of `climbplan fit-strategy` ({FORMAT})")
+    version = reader.integer("", "format_version")
+    if version != FORMAT_VERSION:
+        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}")
+    word = reader.text("", "kind")
+    kind = next((known for known in MODEL_KINDS if known == word), None)
+    if kind is None:
+        raise reader.refuse(f"kind {word!r}, expected one of {', '.join(MODEL_KINDS)}")
+    part = _OF_KIND[kind]
+    _require_members(reader, kind, part)
+    frame = Frame(
+        reader.text("", "program"),
+        reader.array("library/integer", _FRAME["integer"]),
+        reader.array("library/options", _FRAME["options"]),
+    )
+    arrays: dict[str, Any] = {
+        name: reader.array(f"library/{name}", layout) for name, layout in _LIBRARY.items()
+    }
+    if (frame.options < 1).any():
+        raise reader.refuse("library/options holds a choice without alternatives")
+    context = reader.json("", "context")
+    figures, timings = reader.json("", "fit"), reader.json("", "timings")
+    if not all(isinstance(value, dict) for value in (context, figures, timings)):
+        raise reader.refuse("context, fit or timings is not a JSON object")
+    model = StrategyModel(
+        kind=kind,
+        library=Library.of(frame, **arrays),
+        scale=reader.array("scale", _SCALE),
+        classifier=_classifier(reader, part) if part else None,
+        cluster=reader.array("cluster", _CLUSTER) if kind == "reduce" else None,
+        context=context,
+    )
+    return ModelFile(
+        model=model,
+        name=reader.text("", "name"),
+        title=reader.text("", "title"),
+        spec_text=reader.text("", "spec"),
+        spec_sha256=reader.text("", "spec_sha256"),
+        seed=reader.integer("", "seed"),
+        fit=figures,
+        timings=timings,
+        verified=reader.flag("", "verified"),
+        created=reader.text("", "created"),
+        climbplan_version=reader.text("", "climbplan_version"),
+    )
+
+
+def _require_members(reader: Reader, kind: str, part: str) -> None:
+    """A model holds its own arrays and nothing besides."""
+    known: dict[str, set[str]] = {
+        "": {"library", "scale", *([part] if part else [])},
+        "library": {*_LIBRARY, *_FRAME},
+    }
+    if kind == "reduce":
+        known[""].add("cluster")
+    if part:
+        known[part] = set(_CLASSIFIERS[part])
+    for holder, names in known.items():
+        group = reader.group(holder) if holder else reader.root
+        foreign = sorted(set(group) - names)
+        if foreign:
+            where = f"{holder}/{foreign[0]}" if holder else foreign[0]
+            raise reader.refuse(f"holds {where!r}, which no model of kind {kind!r} has")
+
+
+def _classifier(reader: Reader, part: str) -> Forest | Network | Boosting:
+    found: dict[str, Any] = {
+        name: reader.array(f"{part}/{name}", layout) for name, layout in _CLASSIFIERS[part].items()
+    }
+    if part == "network":
+        return Network(**found)
+    trees = Trees(**{name: found.pop(name) for name in _TREES})
+    ends = found["first"] if part == "forest" else found["choice"]
+    wanted = len(trees.feature) + 1 if part == "forest" else found["level"].shape[1] + 1
+    if len(ends) != wanted:
+        raise reader.refuse(f"{part}: {len(ends)} ends of ranges, expected {wanted}")
+    if part == "forest":
+        return Forest(trees, **found, classes=reader.integer("forest", "classes"))
+    return Boosting(trees, first=found.pop("choice"), **found)

@@ -1,0 +1,170 @@
+"""ReDUCE: a classifier from the problem to a cluster of solutions, and its reduced program.
+
+Online the reduced mixed-integer programs of the likeliest clusters are solved one after the other;
+the integers of each optimum become candidates, from the optimum itself and from the cluster's
+nearest solutions with the same integers, and the pipeline makes them exact.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.learning.envelope_rounds import MICP_SOLVERS
+from climbplan.learning.library import Library
+from climbplan.learning.ranking import Scorer, checked_features
+from climbplan.learning.reduced import ReducedForm, Reduction
+from climbplan.learning.strategy import Candidate, candidate_of
+from climbplan.program.instance import Index, Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.envelopes import Squares
+from climbplan.reformulations.grids import Partition
+from climbplan.solvers.registry import require
+
+_STARTS = 3  # of the nearest solutions with the same integers, besides the optimum itself
+
+
+@dataclass(frozen=True)
+class ClusterRanking:
+    """Which cluster each solved problem is in, and how probable each is for a new one."""
+
+    library: Library
+    cluster: Index  # (S,) negative: in none
+    scorer: Scorer
+    scale: Array  # (p,) of the features in distances
+
+    @property
+    def count(self) -> int:
+        """Clusters."""
+        return int(self.cluster.max()) + 1
+
+    def members(self, cluster: int) -> Index:
+        """Rows of the library in a cluster."""
+        return np.flatnonzero(self.cluster == cluster)
+
+    def ranked(self, features: Array, most: int) -> Index:
+        """The likeliest clusters, first the most probable."""
+        wanted = checked_features(features, self.library)
+        probability = self.scorer.probabilities(wanted)
+        return np.argsort(-probability, kind="stable")[:most]
+
+    def candidates(self, features: Array, most: int) -> list[Candidate]:
+        """Without solving anything: the strategies of the likeliest clusters, nearest first."""
+        found: list[Candidate] = []
+        seen: set[int] = set()
+        for cluster in self.ranked(features, self.count):
+            for row in self._near(features, self.members(int(cluster))):
+                number = int(self.library.strategy[row])
+                if number not in seen:
+                    seen.add(number)
+                    found.append(candidate_of(self.library, int(row), float(len(found))))
+                if len(found) >= most:
+                    return found
+        return found
+
+    def alike(self, features: Array, cluster: int, values: Array, alternatives: Index) -> Index:
+        """The cluster's rows with these integers, nearest first."""
+        rows = self.members(cluster)
+        integer = self.library.frame.integer
+        same = (self.library.points[rows][:, integer] == np.round(values[integer])).all(axis=1)
+        same &= (self.library.alternatives[rows] == alternatives).all(axis=1)
+        return self._near(features, rows[same])
+
+    def _near(self, features: Array, rows: Index) -> Index:
+        apart = (self.library.features[rows] - features) / self.scale
+        order = np.argsort(np.einsum("sp,sp->s", apart, apart), kind="stable")
+        return np.asarray(rows[order])
+
+
+@dataclass(frozen=True)
+class ClusterSolve:
+    """What a reduced program was and how it went."""
+
+    cluster: int
+    binaries: int
+    status: str
+    seconds: float
+
+
+@dataclass
+class ReducedPrograms:
+    """The reduced programs of a ranking's clusters, built when they are first needed.
+
+    solver: highs, scip or gurobi. seconds: time limit of one program.
+    """
+
+    ranking: ClusterRanking
+    partitions: Sequence[Partition]
+    squares: Squares = "envelope"
+    solver: str = "highs"
+    gap: float = 1e-2
+    seconds: float = 60.0
+    report: Callable[[ClusterSolve], None] | None = None
+    _forms: dict[int, ReducedForm] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.solver not in MICP_SOLVERS:
+            known = ", ".join(MICP_SOLVERS)
+            raise UsageError(
+                f"reduced programs: no solver {self.solver!r}, expected one of {known}"
+            )
+        require(MICP_SOLVERS[self.solver])
+
+    def reduction(self, cluster: int) -> Reduction:
+        """What is left of the integers in a cluster."""
+        rows, library = self.ranking.members(cluster), self.ranking.library
+        return Reduction.of(
+            self.partitions,
+            library.points[rows],
+            library.alternatives[rows],
+            library.frame.integer,
+            self.squares,
+        )
+
+    def candidates(
+        self,
+        instance: Instance,
+        features: Array,
+        most: int,
+        time_limit: float = np.inf,
+        more: int = 0,
+        done: Callable[[], bool] | None = None,
+    ) -> Iterator[Candidate]:
+        """Candidates of the likeliest clusters, each solved when those before are used up.
+
+        most: clusters that are solved in any case. more: further ones, until `done`. time_limit:
+        [s] of all of them together.
+        """
+        begin = time.perf_counter()
+        for k, cluster in enumerate(self.ranking.ranked(features, most + more)):
+            left = min(self.seconds, time_limit - (time.perf_counter() - begin))
+            if left <= 0 or (k >= most and (done is None or done())):
+                return
+            yield from self._of_cluster(instance, features, int(cluster), left)
+
+    def _of_cluster(
+        self, instance: Instance, features: Array, cluster: int, seconds: float
+    ) -> Iterator[Candidate]:
+        start = time.perf_counter()
+        if cluster not in self._forms:
+            self._forms[cluster] = self.reduction(cluster).form(instance)
+        form = self._forms[cluster]
+        program = form.at(instance)
+        solve = require(MICP_SOLVERS[self.solver]).load()
+        found = solve(program.instance, gap=self.gap, time_limit=seconds)
+        if self.report is not None:
+            spent = time.perf_counter() - start
+            binaries = form.reduction.binary_count
+            self.report(ClusterSolve(cluster, binaries, found.status, spent))
+        if found.x is None:
+            return
+        x = found.x[: instance.size]
+        alternatives = program.alternatives(found.x)
+        library = self.ranking.library
+        yield Candidate(x, alternatives, x, score=float(found.objective or 0.0))
+        for row in self.ranking.alike(features, cluster, x, alternatives)[:_STARTS]:
+            yield candidate_of(library, int(row), float(found.objective or 0.0))

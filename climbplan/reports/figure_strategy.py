@@ -1,0 +1,134 @@
+"""Figures of a trained strategy: clusters in two spaces, ranks, calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from climbplan.learning.clusters import solution_vectors
+from climbplan.learning.model import StrategyModel
+from climbplan.program.instance import Index
+from climbplan.program.polytope import Array
+from climbplan.reports import palette
+from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, style_axes
+
+_MOST_POINTS = 1200  # of a picture: t-SNE takes seconds for so many
+_NAMED = 8  # largest groups with a colour of their own
+_REST = "#C9D1DA"
+
+
+def spaces(model: StrategyModel, columns: Index, seed: int) -> Figure:
+    """Groups in the space of solutions (left) and of features (right), as Figure 8.3."""
+    library = model.library
+    rng = np.random.default_rng(seed)
+    rows = np.sort(rng.permutation(library.size)[:_MOST_POINTS])
+    clusters = model.cluster is not None
+    group = library.strategy if model.cluster is None else model.cluster
+    inside = group[group >= 0]
+    largest = np.argsort(-np.bincount(inside), kind="stable")[:_NAMED]
+    figure = new_figure(5.2, entries=len(largest) + 1)
+    left, right = figure.subplots(1, 2)
+    vectors = solution_vectors(library, columns)[rows]
+    for ax, points, title in (
+        (left, vectors, "Solutions"),
+        (right, library.features[rows] / model.scale, "Features of the problems"),
+    ):
+        _scatter(ax, _plane(points, seed), group[rows], largest)
+        panel_title(ax, title, f"{points.shape[1]} dimensions")
+    handles = [Line2D([], [], ls="", marker="o", ms=6, color=_color(k)) for k in range(_NAMED)]
+    handles = [*handles[: len(largest)], Line2D([], [], ls="", marker="o", ms=6, color=_REST)]
+    word = "cluster" if clusters else "strategy"
+    names = [f"{word} {int(k)}: {int((inside == k).sum())}" for k in largest]
+    foot_legend(figure, handles, [*names, "others"])
+    heading(figure, f"{word.capitalize()} of each solved problem", f"{len(rows)} of {library.size}")
+    return figure
+
+
+def ranks(evaluation: Mapping[str, Any]) -> Figure:
+    """How often the right integers are among the first candidates, and calibration."""
+    figure = new_figure(3.8, entries=2)
+    left, right = figure.subplots(1, 2)
+    handles, labels = [], []
+    for key, label, color in (
+        ("within_first", "all problems held out", palette.LIMBS[0]),
+        ("within_first_hard", "non-trivial ones", palette.LIMBS[1]),
+    ):
+        shares = {int(k): v for k, v in evaluation[key].items() if v is not None}
+        if shares:
+            (line,) = left.plot(
+                list(shares), [100 * v for v in shares.values()], "o-", color=color, lw=1.6, ms=4
+            )
+            handles.append(line)
+            labels.append(label)
+    left.set_xscale("log")
+    left.set_xticks([1, 3, 5, 10, 20, 50], ["1", "3", "5", "10", "20", "50"])
+    left.minorticks_off()
+    left.set_ylim(0, 102)
+    left.set_xlabel("first candidates")
+    left.set_ylabel("right one among them [%]")
+    style_axes(left)
+    panel_title(left, "Ranking", f"{evaluation['problems']} problems")
+    _calibration(right, evaluation["calibration"])
+    if handles:
+        foot_legend(figure, handles, labels)
+    heading(figure, "Problems that were held out", "")
+    return figure
+
+
+def _calibration(ax: Axes, bins: list[dict[str, float]]) -> None:
+    style_axes(ax)
+    ax.plot([0, 1], [0, 1], color=palette.MUTED, lw=1, ls="--")
+    predicted = [entry["predicted"] for entry in bins]
+    observed = [entry["observed"] for entry in bins]
+    ax.plot(predicted, observed, "o-", color=palette.LIMBS[2], lw=1.6, ms=5)
+    for entry in bins:
+        ax.annotate(
+            f"{entry['problems']:.0f}",
+            (entry["predicted"], entry["observed"]),
+            textcoords="offset points",
+            xytext=(6, -10),
+            fontsize=8,
+            color=palette.MUTED,
+        )
+    ax.set_xlim(0, 1.02)
+    ax.set_ylim(0, 1.02)
+    ax.set_xlabel("probability of the first candidate")
+    ax.set_ylabel("share in which it is right")
+    panel_title(ax, "Calibration", "numbers: problems" if bins else "no probabilities")
+
+
+def _plane(points: Array, seed: int) -> Array:
+    """Points (S, d) in the plane (S, 2)."""
+    from sklearn.manifold import TSNE
+
+    spread = points.std(axis=0)
+    if len(points) < 5 or not (spread > 0).any():
+        return np.asarray(np.hstack([points, np.zeros((len(points), 2))])[:, :2])
+    method = TSNE(
+        2,
+        perplexity=min(30.0, (len(points) - 1) / 3),
+        init="pca" if points.shape[1] > 1 else "random",
+        random_state=seed,
+        n_jobs=1,
+    )
+    return np.asarray(method.fit_transform(points))
+
+
+def _scatter(ax: Axes, plane: Array, group: Index, largest: Index) -> None:
+    rest = ~np.isin(group, largest)
+    ax.scatter(plane[rest, 0], plane[rest, 1], s=7, color=_REST, linewidths=0)
+    for k, number in enumerate(largest):
+        mine = group == number
+        ax.scatter(plane[mine, 0], plane[mine, 1], s=9, color=_color(k), linewidths=0)
+    style_axes(ax)
+    ax.set_xticks([])
+    ax.set_yticks([])
+
+
+def _color(k: int) -> str:
+    return palette.limb_color(k)

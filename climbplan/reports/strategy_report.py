@@ -1,0 +1,140 @@
+"""The report of a trained strategy: report.json, figures, and the HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from climbplan.learning.evaluation import FIRST
+from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
+from climbplan.program.instance import Index
+from climbplan.reports.figure_strategy import ranks, spaces
+from climbplan.reports.page_parts import (
+    PARTS,
+    Card,
+    escape,
+    figures,
+    pairs,
+    plain_words,
+    policy,
+    style,
+)
+from climbplan.reports.report_files import finite, write_files
+from climbplan.reports.sheet import png
+
+_HEAD = ("Problems", "Number", *(f"first {k}" for k in FIRST))
+
+
+def report_dict(stored: ModelFile) -> dict[str, Any]:
+    """The report as JSON-ready values: root attributes of the file, and the evaluation."""
+    names = ["spaces"] + (["ranks"] if "evaluation" in stored.fit else [])
+    whole: dict[str, Any] = finite(
+        {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "climbplan_version": stored.climbplan_version,
+            "created": stored.created,
+            "name": stored.name,
+            "title": stored.title,
+            "kind": stored.model.kind,
+            "program": stored.model.library.frame.name,
+            "context": dict(stored.model.context),
+            "spec": stored.spec_text,
+            "spec_sha256": stored.spec_sha256,
+            "seed": stored.seed,
+            "status": "feasible",
+            "verified": stored.verified,
+            "timings": dict(stored.timings),
+            "fit": dict(stored.fit),
+            "figures": [f"figures/{name}.png" for name in names],
+        }
+    )
+    return whole
+
+
+def write_report(stored: ModelFile, columns: Index, directory: Path) -> None:
+    """Write report.json, report.html and figures/*.png into a directory.
+
+    columns: variables that solutions are compared by. Raises UsageError where it cannot be written.
+    """
+    report = report_dict(stored)
+    images = {"spaces": png(spaces(stored.model, columns, stored.seed))}
+    if "evaluation" in stored.fit:
+        images["ranks"] = png(ranks(stored.fit["evaluation"]))
+    write_files(directory, report, _page(report, images), images)
+
+
+def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    fit = report["fit"]
+    evaluation = fit.get("evaluation")
+    told = "Read back from its file, the model names the same candidates."
+    if not report["verified"]:
+        told = "Read back from its file, the model names other candidates."
+    about = [
+        ("Kind", report["kind"]),
+        ("Program", report["program"]),
+        ("Created", report["created"]),
+        ("climbplan", report["climbplan_version"]),
+        ("Seed", str(report["seed"])),
+        ("Spec SHA-256", report["spec_sha256"]),
+    ]
+    sizes = [(k.replace("_", " "), plain_words(v)) for k, v in fit.items() if k != "evaluation"]
+    rows = list(_rows(evaluation)) if evaluation else []
+    return Template(PARTS.joinpath("strategy.html").read_text(encoding="utf-8")).substitute(
+        policy=policy([]),
+        style=style(),
+        title=escape(report["title"] or report["name"]),
+        name=escape(report["name"]),
+        status=escape(report["kind"]),
+        badge="verified" if report["verified"] else "not verified",
+        badge_class="good" if report["verified"] else "bad",
+        verdict=escape(told),
+        cards="".join(card.html() for card in _cards(fit)),
+        figures=figures(images),
+        rank_note=escape(_note(fit)),
+        table_head="".join(f"<th>{escape(name)}</th>" for name in _HEAD),
+        table_rows="".join(
+            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+        ),
+        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
+        sizes=pairs(sizes),
+        about=pairs(about),
+        spec=escape(report["spec"]),
+    )
+
+
+def _cards(fit: Mapping[str, Any]) -> Iterator[Card]:
+    yield Card("Solved problems", f"{fit['groups']}", f"{fit['rows']} rows")
+    yield Card("Strategies", f"{fit['strategies']}", "different integers and labels")
+    if "clusters" in fit:
+        yield Card("Clusters", f"{fit['clusters']}", f"{fit['outliers']} rows in none")
+    evaluation = fit.get("evaluation")
+    if evaluation:
+        share = evaluation["within_first"]["10"]
+        yield Card("Among the first 10", _percent(share), f"{evaluation['problems']} held out")
+
+
+def _rows(evaluation: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    for word, key, count in (
+        ("all", "within_first", "problems"),
+        ("non-trivial", "within_first_hard", "hard_problems"),
+    ):
+        if evaluation[count]:
+            shares = (_percent(evaluation[key][str(k)]) for k in FIRST)
+            yield (word, str(evaluation[count]), *shares)
+
+
+def _note(fit: Mapping[str, Any]) -> str:
+    if "evaluation" not in fit:
+        return "Nothing was held out."
+    hard = f" Non-trivial: {fit['hard_means']}." if fit["hard_means"] else ""
+    return (
+        "Share of problems held out whose optimal integers are among the first candidates, by a "
+        f"model that was trained without them.{hard}"
+    )
+
+
+def _percent(share: float | None) -> str:
+    return "none" if share is None else f"{100 * share:.1f} %"

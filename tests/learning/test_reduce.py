@@ -1,0 +1,192 @@
+"""ReDUCE: clusters, and reduced programs that hold the cluster's integers and no others."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from climbplan.errors import UsageError
+from climbplan.learning.clusters import OUTLIER, ClusterOptions, clustered, solution_columns
+from climbplan.learning.library import Frame, Library
+from climbplan.learning.model import FitOptions, fit
+from climbplan.learning.pinning import at_point, solve_candidate
+from climbplan.learning.reduce import ClusterSolve, ReducedPrograms
+from climbplan.learning.reduced import Reduction
+from climbplan.program import Program
+from climbplan.reformulations.grids import each, uniform
+from climbplan.solvers.registry import solve
+
+PIECES = 8
+
+
+def crossing() -> Program:
+    """Reach an area x y = 1 near a goal, in one of the ways that two binaries allow."""
+    p = Program("crossing")
+    goal = p.parameter("goal", (2,))
+    x = p.continuous("x", (2,), 0.25, 4.0)
+    side = p.binary("side", (2,))
+    p.equal("area", x[0] * x[1] - 1.0)
+    p.when("wide", side[0], x[0], lower=1.0)
+    p.when("slim", side[0], x[0], upper=1.5, value=False)
+    p.when("tall", side[1], x[1], lower=0.8)
+    p.when("flat", side[1], x[1], upper=1.2, value=False)
+    p.minimise("distance", np.sum((x - goal) ** 2) + 0.1 * side[0] + 0.05 * side[1])
+    return p
+
+
+PROGRAM = crossing()
+PARTITIONS = each(PROGRAM.variables["x"], uniform(0.25, 4.0, PIECES))
+
+
+def _best(goal: np.ndarray, combinations: list[tuple[float, float]]) -> float:
+    instance = PROGRAM.at({"goal": goal})
+    found = []
+    for side, start in product(combinations, (0.4, 1.0, 2.5)):
+        x = np.array([start, 1 / start, *side])
+        result = solve_candidate(instance, at_point(x, np.zeros(0, np.int64)))
+        found.append(np.inf if result.objective is None else result.objective)
+    return min(found)
+
+
+def _library(count: int = 60) -> Library:
+    rng = np.random.default_rng(0)
+    goals, points, costs = [], [], []
+    for _ in range(count):
+        wide = rng.uniform() < 0.5
+        goal = np.array([3.0, 0.3]) if wide else np.array([0.3, 3.0])
+        goal = goal + rng.uniform(-0.2, 0.2, 2)
+        result = solve(PROGRAM.at({"goal": goal}), "minlp-scip", gap=1e-4, time_limit=10.0)
+        assert result.x is not None
+        goals.append(goal)
+        points.append(result.x)
+        costs.append(result.objective)
+    return Library.of(Frame.of(PROGRAM), np.array(goals), np.array(points), np.array(costs))
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return _library(40)
+
+
+def _reduction(library: Library, rows: np.ndarray) -> Reduction:
+    return Reduction.of(
+        PARTITIONS, library.points[rows], library.alternatives[rows], library.frame.integer
+    )
+
+
+def test_binaries_are_the_logarithm_of_what_occurs(library: Library) -> None:
+    rows = np.flatnonzero(library.features[:, 0] > 1)
+    reduction = _reduction(library, rows)
+    expected = 0
+    for partition in PARTITIONS:
+        used = {partition.piece(x) for x in library.points[rows]}
+        expected += int(np.ceil(np.log2(len(used))))
+    ways = len(np.unique(library.points[rows][:, 2:], axis=0))
+    expected += int(np.ceil(np.log2(ways)))
+    assert reduction.binary_count == expected
+    program = reduction.form(PROGRAM.at({"goal": np.zeros(2)})).at(PROGRAM.at({"goal": np.ones(2)}))
+    assert int(program.instance.integer.sum()) == expected
+    assert expected < 2 + 2 * 3  # the whole program's
+
+
+@pytest.mark.parametrize("solver", ["highs", "minlp-scip"])
+def test_reduced_program_bounds_the_best_of_its_cluster(library: Library, solver: str) -> None:
+    rows = np.flatnonzero(library.features[:, 0] > 1)
+    reduction = _reduction(library, rows)
+    ways = [tuple(v) for v in reduction.values]
+    form = None
+    for row in rows[:4]:
+        instance = PROGRAM.at({"goal": library.features[row]})
+        form = form or reduction.form(instance)
+        program = form.at(instance)
+        found = solve(program.instance, solver, gap=1e-4, time_limit=20.0)
+        assert found.x is not None
+        assert tuple(np.round(found.x[2:4])) in ways
+        best = _best(library.features[row], ways)
+        assert found.bound <= best + 1e-3  # envelopes hold the cluster's solutions
+        assert best == pytest.approx(library.objective[row], rel=1e-3, abs=1e-3)
+
+
+def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
+    rows = np.flatnonzero(library.features[:, 0] > 1)
+    other = library.features[np.flatnonzero(library.features[:, 0] < 1)[0]]
+    reduction = _reduction(library, rows)
+    instance = PROGRAM.at({"goal": other})
+    found = solve(reduction.form(instance).at(instance).instance, "highs", gap=1e-3)
+    assert found.x is not None
+    assert found.x[0] >= min(p[0] for p in library.points[rows]) - 1.0
+    assert tuple(np.round(found.x[2:4])) in [tuple(v) for v in reduction.values]
+
+
+def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library) -> None:
+    instance = PROGRAM.at({"goal": library.features[0]})
+    options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
+    model = fit(library, options, solution_columns(instance))
+    ranking = model.clusters()
+    assert ranking.count >= 2
+    solves: list[ClusterSolve] = []
+    programs = ReducedPrograms(ranking, PARTITIONS, gap=1e-4, report=solves.append)
+    for row in (0, 1, 2, 3):
+        goal = library.features[row]
+        here = PROGRAM.at({"goal": goal})
+        results = [
+            solve_candidate(here, candidate).objective
+            for candidate in programs.candidates(here, goal, 1)
+        ]
+        reached = [value for value in results if value is not None]
+        assert min(reached) == pytest.approx(library.objective[row], rel=1e-3, abs=1e-3)
+    assert len(solves) == 4
+    assert all(solve.status == "optimal" for solve in solves)
+
+
+def test_further_clusters_only_until_done(library: Library) -> None:
+    instance = PROGRAM.at({"goal": library.features[0]})
+    options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
+    ranking = fit(library, options, solution_columns(instance)).clusters()
+    for done, expected in ((True, 1), (False, 2)):
+        solves: list[ClusterSolve] = []
+        programs = ReducedPrograms(ranking, PARTITIONS, report=solves.append)
+        list(programs.candidates(instance, library.features[0], 1, 60.0, 1, lambda: done))  # noqa: B023
+        assert len(solves) == expected
+    assert not list(programs.candidates(instance, library.features[0], 3, 0.0))
+
+
+def test_an_unknown_solver_is_refused(library: Library) -> None:
+    columns = solution_columns(PROGRAM.at({"goal": np.ones(2)}))
+    model = fit(library, FitOptions(kind="reduce", cluster_trees=5), columns)
+    with pytest.raises(UsageError, match="no solver 'daqp'"):
+        ReducedPrograms(model.clusters(), PARTITIONS, solver="daqp")
+
+
+def _blobs() -> np.ndarray:
+    rng = np.random.default_rng(2)
+    centers = np.array([[0.0, 0.0], [8.0, 0.0], [0.0, 8.0]])
+    sizes = (30, 20, 12)
+    parts = [c + 0.3 * rng.normal(size=(n, 2)) for c, n in zip(centers, sizes, strict=True)]
+    return np.vstack([*parts, [[30.0, 30.0]]])
+
+
+@pytest.mark.parametrize("method", ["hdbscan", "optics", "dbscan", "kmeans"])
+def test_every_method_finds_separate_clusters_largest_first(method: str) -> None:
+    vectors = _blobs()[:-1]
+    options = ClusterOptions(method=method, least=5, distance=1.0, count=3)  # type: ignore[arg-type]
+    label = clustered(vectors, options, 0)
+    assert [len(set(label[a:b])) for a, b in ((0, 30), (30, 50), (50, 62))] == [1, 1, 1]
+    assert [int(label[k]) for k in (0, 30, 50)] == [0, 1, 2]
+
+
+def test_outliers_join_the_nearest_cluster_or_are_dropped() -> None:
+    vectors = _blobs()
+    for outliers, expected in (("drop", OUTLIER), ("nearest", 1)):
+        options = ClusterOptions("dbscan", 5, 1.0, outliers=outliers)  # type: ignore[arg-type]
+        label = clustered(vectors, options, 0)
+        assert label[-1] == expected or (outliers == "nearest" and label[-1] in (1, 2))
+
+
+def test_without_clusters() -> None:
+    vectors = 10.0 * np.eye(12)
+    assert set(clustered(vectors, ClusterOptions("dbscan", 3, 0.5), 0)) == {0}
+    with pytest.raises(UsageError, match="no cluster of 3"):
+        clustered(vectors, ClusterOptions("dbscan", 3, 0.5, outliers="drop"), 0)

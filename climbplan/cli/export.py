@@ -34,9 +34,10 @@ def export(
     (placements.csv).
     """
     path = find_plan(plan)
-    from climbplan.cli.plan_kinds import plan_kind
+    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
 
     kind = plan_kind(path)
+    warn_of_failure(kind, path)
     if out == "-":
         with standard_output() as stream:
             kind.export_csv(path, stream)

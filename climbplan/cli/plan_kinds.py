@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TextIO
 
+from climbplan.cli.console import warn
 from climbplan.errors import PlanFileError
 
 if TYPE_CHECKING:
@@ -133,3 +134,10 @@ def plan_kind(path: Path) -> PlanKind:
         known = ", ".join(repr(name) for name in _KINDS)
         raise PlanFileError(f"{path}: holds {found!r}, expected one of {known}")
     return _KINDS[found]
+
+
+def warn_of_failure(kind: PlanKind, path: Path) -> None:
+    """Say that a plan which is to be shown or passed on does not hold."""
+    verification = kind.verify(path)
+    if not verification.passed:
+        warn(f"{path} fails its verification: {verification.headline()}")

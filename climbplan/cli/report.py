@@ -32,11 +32,12 @@ def report(
     --force. With --json the report is printed and nothing is written.
     """
     path = find_plan(plan)
-    from climbplan.cli.plan_kinds import plan_kind
+    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.report_files import place_report
 
     kind = plan_kind(path)
+    warn_of_failure(kind, path)
     if as_json:
         print_json(kind.report_dict(path))
         return

@@ -359,3 +359,15 @@ def test_a_file_of_another_kind(run_command: RunCommand) -> None:
         outcome = run_command(command, scenes)
         assert outcome.code == 2
         assert "holds 'climbplan/scenes', expected one of 'climbplan/climb'" in outcome.err
+
+
+def test_what_fails_its_verification_is_not_passed_on_in_silence(
+    run_command: RunCommand, workplace: Path
+) -> None:
+    run_command("solve-bookshelf", SCENE, "-o", "x")
+    with h5py.File("x/plan.h5", "r+") as file:
+        file["solution/pose"][0, 0, 0] += 0.02
+    for command in ("export", "report"):
+        outcome = run_command(command, "x")
+        assert outcome.code == 0
+        assert "warning: x/plan.h5 fails its verification" in outcome.err

@@ -188,6 +188,9 @@ class FakeVerification:
     def table(self) -> str:
         return "friction  1e-3  FAILED"
 
+    def headline(self) -> str:
+        return "1 check, friction fails"
+
     def as_dict(self) -> dict[str, bool]:
         return {"passed": self.passed}
 

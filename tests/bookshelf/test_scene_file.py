@@ -81,3 +81,23 @@ def test_the_shipped_scenes() -> None:
     scenes = read_scenes(SHIPPED, "scenes")
     assert (len(scenes), scenes.count) == (40, 3)
     assert SHIPPED.stat().st_size < 50_000
+
+
+def test_scenes_of_a_dataset(tmp_path: Path) -> None:
+    """Rows whose scene could not be drawn are left out; other problems have no scenes."""
+    path = tmp_path / "dataset.h5"
+    scenes = Scenes.from_theta(np.array([[-40, 40, 0, 80, 20, 90, 30.0]]), "mm")
+    theta = np.vstack([scenes.theta("m"), np.full((1, 7), np.nan)])
+    for kind in ("bookshelf", "program"):
+        with h5py.File(path, "w") as file:
+            file.attrs["format"], file.attrs["kind"] = "climbplan/dataset", kind
+            file.create_dataset("parameters", data=theta).attrs["units"] = ""
+        if kind == "bookshelf":
+            found = read_scenes(path)
+            assert len(found) == 1
+            np.testing.assert_allclose(found.theta("mm"), scenes.theta("mm"))
+            with pytest.raises(PlanFileError, match="no groups"):
+                read_scenes(path, "scenes")
+        else:
+            with pytest.raises(PlanFileError, match="another problem"):
+                read_scenes(path)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.clearance import body_shortfall
+from climbplan.climb.coupled.planner import plan_coupled
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.postures.nlp import plan_postures_nlp
@@ -65,7 +66,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
     and the postures are planned again. Raises Infeasible if the statement is, and LimitReached if
     tightening does not lead to a plan.
     """
-    if save_model is not None and scene.spec.solver.method == "nlp":
+    if save_model is not None and scene.spec.solver.method != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     bound: float | None = None
@@ -77,7 +78,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 posture = plan_postures_nlp(scene, clock.report)
             else:
                 try:
-                    posture = plan_postures(scene, margins, save_model)
+                    posture = _convex_postures(scene, margins, save_model)
                 except Infeasible as error:
                     if not notes:
                         raise
@@ -86,7 +87,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
         bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
             shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
-            if shortfall > 1e-9 and scene.spec.solver.method == "micp":
+            if shortfall > 1e-9 and scene.spec.solver.method != "nlp":
                 margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
                 notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
                 continue
@@ -101,6 +102,16 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 continue
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes))
     raise _not_found(notes, failure)
+
+
+def _convex_postures(
+    scene: ClimbScene, margins: PostureMargins, save_model: Path | None
+) -> PostureResult:
+    """Postures alone, or together with forces."""
+    method = scene.spec.solver.method
+    if method == "coupled" or method == "coupled-nlp":
+        return plan_coupled(scene, margins, whole=method == "coupled-nlp")
+    return plan_postures(scene, margins, save_model)
 
 
 def _not_found(notes: list[str], failure: ReachFailure | None) -> LimitReached:

@@ -28,6 +28,7 @@ from climbplan.cli.console import (
 )
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
+from climbplan.cli.fit_envelopes import fit_envelopes
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.report import report
@@ -89,6 +90,7 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    fit_envelopes,
     solve_bookshelf,
     solve,
     verify,

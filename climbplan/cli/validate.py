@@ -14,6 +14,7 @@ from climbplan.errors import ExitCode
 
 if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
+    from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
@@ -55,17 +56,20 @@ def validate(
         raise typer.Exit(ExitCode.USAGE)
 
 
-def _kind_looked_into(loaded: LoadedClimb | LoadedProgram | LoadedShelf | RobotSpec) -> str:
+def _kind_looked_into(
+    loaded: LoadedClimb | LoadedProgram | LoadedShelf | LoadedEnvelopes | RobotSpec,
+) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
     Raises:
         SpecError: with the mistakes that only this finds.
     """
     from climbplan.spec.bookshelf_loading import LoadedShelf
+    from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
 
-    if isinstance(loaded, LoadedProgram):
+    if isinstance(loaded, LoadedProgram | LoadedEnvelopes):
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities

@@ -21,6 +21,11 @@ class Envelope:
     lower: Array  # (N, d)
     upper: Array  # (N, d)
 
+    def grown(self, share: float) -> Envelope:
+        """The box with every side moved out by a share of its width."""
+        out = share * (self.upper - self.lower)
+        return Envelope(self.lower - out, self.upper + out)
+
     def holds(self, points: Array, slack: float = 1e-9) -> Mask:
         """Which of the points (n, N, d) lie in the box, (n,)."""
         inside = (points >= self.lower - slack) & (points <= self.upper + slack)

@@ -15,6 +15,7 @@ from climbplan.spec.bookshelf_loading import LoadedShelf, shelf_of_document
 from climbplan.spec.checks import ClimbParts, check_parts, check_study
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.document import Document, Finding
+from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
@@ -65,7 +66,7 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedProgram | LoadedShelf | RobotSpec:
+) -> LoadedClimb | LoadedProgram | LoadedShelf | LoadedEnvelopes | RobotSpec:
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -78,6 +79,8 @@ def load_spec(
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
     if kind == "robot":
         return robot_of(document)
+    if kind == "envelopes":
+        return envelopes_of(document, text)
     if kind == "program":
         return program_of(document, text)
     return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)

@@ -87,7 +87,7 @@ def test_other_examples(run_command: RunCommand, workplace: Path) -> None:
 def test_schema(run_command: RunCommand) -> None:
     assert json.loads(run_command("schema", "climb").out)["$id"] == "urn:climbplan:spec:climb"
     assert json.loads(run_command("schema", "robot").out)["$id"] == "urn:climbplan:spec:robot"
-    kinds = {"climb", "bookshelf", "program", "robot"}
+    kinds = {"climb", "bookshelf", "envelopes", "program", "robot"}
     assert set(json.loads(run_command("schema").out)["$defs"]) == kinds
 
 

@@ -30,6 +30,9 @@ def test_toes_keep_off_slippery_patches_where_decoupled_ones_do_not() -> None:
     patches = _slippery(scene)
     assert np.isin(plan_postures(scene).rounds.region, patches).any()
     coupled = plan_coupled(scene)
+    assert coupled.bound is not None
+    assert coupled.bound <= coupled.objective + 1e-9
+    assert plan_coupled(scene, whole=True).objective >= coupled.bound - 1e-6
     assert not np.isin(coupled.rounds.region, patches).any()
     for j in range(coupled.rounds.count + 1):
         for limb in range(scene.robot.limb_count):

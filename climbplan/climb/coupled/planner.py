@@ -3,7 +3,8 @@
 P1 in two parts: regions are chosen by the posture planner's branch and bound among those that can
 hold a limb's load; with regions given, P1 is a convex program with McCormick envelopes. P2
 keeps the toes and looks for forces (a linear program); where there are none, or on request, IPOPT
-solves P with the regions of P1 from there. The answer is judged by the exact check of P.
+solves P with the regions of P1 from there. The answer is judged by the exact check of P. Its bound
+is that of the postures alone: forces only take postures away.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex import solve_convex
 from climbplan.solvers.ipopt import solve_ipopt
 from climbplan.solvers.registry import solve
+from climbplan.solvers.result import relative_gap
 
 TOLERANCE = 1e-6  # of P's constraints: metres, weights, weights times metres
 
@@ -81,8 +83,8 @@ def plan_coupled(
         rounds=rounds,
         status="feasible",
         objective=instance.objective(x),
-        bound=None,
-        gap=None,
+        bound=first.bound,
+        gap=relative_gap(instance.objective(x), first.bound),
         nodes=first.nodes,
         solver=result.solver,
         sizes={**program.counts(), "seconds": time.monotonic() - start},

@@ -148,7 +148,13 @@ def test_doctor_covers_every_dependency() -> None:
 
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
-    assert [line.split()[0] for line in listed] == ["posture", "force", "plan", "growth"]
+    assert [line.split()[0] for line in listed] == [
+        "posture",
+        "force",
+        "plan",
+        "coupled",
+        "growth",
+    ]
 
 
 @pytest.mark.parametrize("command", ["verify", "report", "export"])

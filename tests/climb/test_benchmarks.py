@@ -52,7 +52,7 @@ def test_published_setting_has_its_published_size() -> None:
 
 
 def test_unknown_benchmarks_are_refused() -> None:
-    with pytest.raises(UsageError, match="posture, force, plan, growth"):
+    with pytest.raises(UsageError, match="posture, force, plan, coupled, growth"):
         table("speed")
 
 

@@ -30,6 +30,7 @@ from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
+from climbplan.cli.plan_transition import plan_transition
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
 from climbplan.cli.solve import solve
@@ -89,6 +90,7 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    plan_transition,
     solve_bookshelf,
     solve,
     verify,

@@ -14,7 +14,10 @@ from climbplan.errors import UsageError
 
 def new(
     kind: Annotated[
-        str, typer.Argument(metavar="KIND", help="Kind of spec: climb, bookshelf, program, robot.")
+        str,
+        typer.Argument(
+            metavar="KIND", help="Kind of spec: climb, transition, bookshelf, program, robot."
+        ),
     ],
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where to write it [default: here].")

@@ -77,7 +77,11 @@ class _Bookshelf:
         export_csv(path, out)
 
 
-_KINDS: dict[str, PlanKind] = {"climbplan/climb": _Climb(), "climbplan/bookshelf": _Bookshelf()}
+_KINDS: dict[str, PlanKind] = {
+    "climbplan/climb": _Climb(),
+    "climbplan/transition": _Climb(),
+    "climbplan/bookshelf": _Bookshelf(),
+}
 
 
 def plan_kind(path: Path) -> PlanKind:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
+    from climbplan.spec.transition_loading import LoadedTransition
 
 
 def validate(
@@ -55,7 +56,9 @@ def validate(
         raise typer.Exit(ExitCode.USAGE)
 
 
-def _kind_looked_into(loaded: LoadedClimb | LoadedProgram | LoadedShelf | RobotSpec) -> str:
+def _kind_looked_into(
+    loaded: LoadedClimb | LoadedProgram | LoadedShelf | LoadedTransition | RobotSpec,
+) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
     Raises:
@@ -64,6 +67,7 @@ def _kind_looked_into(loaded: LoadedClimb | LoadedProgram | LoadedShelf | RobotS
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
+    from climbplan.spec.transition_loading import LoadedTransition
 
     if isinstance(loaded, LoadedProgram):
         return loaded.spec.kind
@@ -79,5 +83,11 @@ def _kind_looked_into(loaded: LoadedClimb | LoadedProgram | LoadedShelf | RobotS
 
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source)
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedTransition):
+        from climbplan.transition.scene import build_transition
+
+        with placed_mistakes(loaded):
+            build_transition(loaded)
         return loaded.spec.kind
     return loaded.kind

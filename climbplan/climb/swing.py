@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, Infeasible
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -42,7 +42,7 @@ class Swing:
     where: str  # "round 3, LM lifted"
 
 
-def swing_path(scene: ClimbScene, swing: Swing) -> Array:
+def swing_path(scene: MotionScene, swing: Swing) -> Array:
     """Way points (P, 3) from above the old contact to above the new one [m].
 
     Raises Infeasible naming what blocks the way.
@@ -73,6 +73,23 @@ def swing_path(scene: ClimbScene, swing: Swing) -> Array:
         "no clear swing path",
         [Conflict(swing.where, (f"swing path of the toe {name}",))],
     )
+
+
+def together(paths: list[Array]) -> Array:
+    """Paths (P, limbs, 3) of as many points as the longest, for limbs that swing at once.
+
+    Each keeps its own corners; points are added in the middle of its longest pieces.
+    """
+    count = max(len(path) for path in paths)
+    out = []
+    for way in paths:
+        path = way
+        while len(path) < count:
+            piece = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+            middle = path[piece : piece + 2].mean(axis=0)
+            path = np.insert(path, piece + 1, middle, axis=0)
+        out.append(path)
+    return np.stack(out, axis=1)
 
 
 def _hover(swing: Swing, height: float) -> Array:
@@ -117,7 +134,7 @@ def _nearest(
     return None
 
 
-def _links(scene: ClimbScene, swing: Swing, toes: Array) -> Array | None:
+def _links(scene: MotionScene, swing: Swing, toes: Array) -> Array | None:
     """Points (Q, 3) on femur and tibia along a way, or None if a point is out of reach."""
     robot = scene.robot
     stance = np.broadcast_to(robot.stance_body, (len(toes), robot.limb_count, 3)).copy()

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from climbplan.plans.climb_file import read_climb
-from climbplan.plans.climb_layout import FORMAT, FORMAT_VERSION
+from climbplan.plans.climb_layout import FORMAT_VERSION, FORMATS
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import Verification, verify
 from climbplan.reports.climb_figures import UNITS, key_figures
@@ -65,7 +65,7 @@ def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]
 def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
     spec = plan_spec(plan)
     return {
-        "format": FORMAT,
+        "format": FORMATS[plan.kind],
         "format_version": FORMAT_VERSION,
         "climbplan_version": plan.climbplan_version,
         "created": plan.created,

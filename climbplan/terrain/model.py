@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.spec.terrain import TerrainSpec, WallsSpec
+from climbplan.spec.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
@@ -76,6 +76,24 @@ def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
     return built[0], built[1]
 
 
+def _level_region(
+    name: str, across: tuple[float, float], along: tuple[float, float], z: float, friction: float
+) -> Region:
+    """A level rectangle seen from above."""
+    corners = [(across[i], along[j], z) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    return Region.from_vertices(name, np.array(corners, float), friction)
+
+
+def _ground_region(ground: GroundSpec, friction: float) -> Region:
+    return _level_region("ground", ground.across, ground.along, ground.height, friction)
+
+
+def _box_top(box: BoxSpec, friction: float) -> Region:
+    sides = zip(box.lower[:2], box.upper[:2], strict=True)
+    across, along = sides
+    return _level_region(box.name, across, along, box.upper[2], friction)
+
+
 def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
     """Warn where regions of one plane overlap and differ in friction: either may be picked."""
     flat = [s for s in surfaces if isinstance(s, Region)]
@@ -115,6 +133,10 @@ def _free_choices(
     )
 
 
+def _friction(own: float | None, spec: TerrainSpec) -> float:
+    return spec.friction if own is None else own
+
+
 def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
     """The terrain of a spec for a robot.
 
@@ -129,11 +151,17 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         )
         allowed.append([True] * robot.limb_count)
     if spec.walls is not None:
-        for region in _wall_regions(spec.walls, spec.friction):
+        for region in _wall_regions(spec.walls, _friction(spec.walls.friction, spec)):
             surfaces.append(region)
             allowed.append([side in (region.name, "any") for side in robot.sides])
+    if spec.ground is not None:
+        surfaces.append(_ground_region(spec.ground, _friction(spec.ground.friction, spec)))
+        allowed.append([True] * robot.limb_count)
+    for box in spec.boxes:
+        surfaces.append(_box_top(box, _friction(box.friction, spec)))
+        allowed.append([box.limbs is None or name in box.limbs for name in robot.limb_names])
     for item in spec.regions:
-        friction = item.friction if item.friction is not None else spec.friction
+        friction = _friction(item.friction, spec)
         if item.rectangle is not None:
             flat = item.rectangle
             region = Region.from_rectangle(
@@ -149,7 +177,8 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
     _warn_of_hidden_patches(surfaces)
-    obstacles = tuple(Solid.from_spec(s) for s in spec.obstacles)
+    boxes = [Solid.from_box(b.name, np.array(b.lower), np.array(b.upper)) for b in spec.boxes]
+    obstacles = (*(Solid.from_spec(s) for s in spec.obstacles), *boxes)
     return Terrain(
         surfaces=tuple(surfaces),
         allowed=np.array(allowed, bool).T,

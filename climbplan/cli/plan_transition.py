@@ -36,7 +36,9 @@ def plan_transition(
     sequence: Annotated[
         str | None,
         typer.Option(
-            "--sequence", metavar="COUNTS", help="Limbs that move in each round, such as 3-1-2-2."
+            "--sequence",
+            metavar="SEQUENCE",
+            help="How many limbs move in each round (3-1-2-2), or which ('LF LR RM | RF RR LM').",
         ),
     ] = None,
     out: Out = None,
@@ -65,7 +67,7 @@ def plan_transition(
     session = context.ensure_object(Session)
     overrides = spec_overrides(assignments, seed, time_limit, method)
     if rounds is None and sequence is not None:
-        rounds = sequence.count("-") + 1
+        rounds = sequence.count("|" if "|" in sequence else "-") + 1
     if rounds is not None:
         overrides.append(Override("task.rounds", str(rounds), f"--rounds {rounds}"))
     if sequence is not None:

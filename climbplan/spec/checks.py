@@ -47,6 +47,9 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
         named += [(("task", "start", "toes", name), name) for name in parts.task.start.toes]
         named += [(("task", "goal", "toes", name), name) for name in parts.task.goal.toes]
         named += [(("task", "stance", name), name) for name in parts.task.stance]
+        if isinstance(parts.task, TransitionTaskSpec):
+            named += [(("task", "step_max", name), name) for name in parts.task.step_max]
+            named += [(("task", "sequence"), name) for names in parts.task.limbs for name in names]
         gait = (parts.task.gait if isinstance(parts.task, TaskSpec) else None) or ()
         named += [(("task", "gait", i), name) for i, name in enumerate(gait)]
         known = [name for name in gait if name in limbs]

@@ -31,12 +31,16 @@ class TransitionTaskSpec(SpecModel):
     rounds: Count = quantity("", "number of rounds; some limbs move together in each", ge=1, le=8)
     sequence: str | None = Field(
         default=None,
-        description="how many limbs move in each round (`3-1-2-2`); any that works if left out",
+        description="how many limbs move in each round (`3-1-2-2`), or which "
+        "(`LF LR RM | RF RR LM`); any that works if left out",
     )
     start: PostureSpec = Field(description="posture before the first round")
     goal: GoalSpec = Field(description="posture after the last round")
     stance: dict[str, Vector] = quantity(
         "m", "nominal toe positions by limb, body frame, where they differ from the robot's", {}
+    )
+    step_max: dict[str, Number] = quantity(
+        "m", "largest toe step of single limbs, where shorter than `posture.steps.toe_max`", {}
     )
     supporting: Count = quantity("", "least number of limbs that support the body", 3, ge=2)
     payload: PayloadSpec = PayloadSpec()
@@ -48,17 +52,29 @@ class TransitionTaskSpec(SpecModel):
     def _counts(self) -> Self:
         if self.sequence is None:
             return self
-        if not _SEQUENCE.fullmatch(self.sequence):
-            expected = "expected counts of limbs such as `3-3` or `3-1-2-2`"
+        if not self.limbs and not _SEQUENCE.fullmatch(self.sequence):
+            expected = "expected counts of limbs such as `3-3`, or limbs such as `LF LR | RM`"
+            refuse([Fault("sequence", f"{expected}, got {self.sequence!r}")])
+        if any(len(set(names)) < max(len(names), 1) for names in self.limbs):
+            expected = "expected limbs in every round, each once"
             refuse([Fault("sequence", f"{expected}, got {self.sequence!r}")])
         if len(self.moving) != self.rounds:
-            count = f"{self.sequence} has {len(self.moving)} rounds"
+            count = f"{self.sequence!r} has {len(self.moving)} rounds"
             refuse([Fault("sequence", f"{count}, expected `rounds`: {self.rounds}")])
         return self
 
     @property
+    def limbs(self) -> tuple[tuple[str, ...], ...]:
+        """Which limbs move in each round; empty if the sequence does not name them."""
+        if self.sequence is None or not (set(self.sequence) - set("0123456789- ")):
+            return ()
+        return tuple(tuple(part.split()) for part in self.sequence.split("|"))
+
+    @property
     def moving(self) -> tuple[int, ...]:
         """How many limbs move in each round; empty if that is left open."""
+        if self.limbs:
+            return tuple(len(names) for names in self.limbs)
         return tuple(int(n) for n in self.sequence.split("-")) if self.sequence else ()
 
 
@@ -117,6 +133,14 @@ class SearchSpec(SpecModel):
         "", "body poses tried on the straight way to the goal", 5, ge=2, le=20
     )
     aside: Number = quantity("m", "how far beside that way further poses lie", default=0.06, ge=0)
+    least_load: Number = quantity(
+        "",
+        "share of the weight that every supporting limb presses with at least; at 0 a limb may "
+        "touch without load, and the body balance on the edge between two others",
+        default=0.02,
+        ge=0,
+        lt=1,
+    )
     between: Literal["none", "boxes", "any"] = Field(
         default="boxes",
         description="footholds beside start and goal: `none`, on `boxes`, or on `any` surface",

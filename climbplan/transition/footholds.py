@@ -85,16 +85,19 @@ def _between(scene: TransitionScene, limb: int) -> list[tuple[int, Array]]:
     boxes = {box.name for box in scene.spec.terrain.boxes}
     ends = {int(scene.start.region[limb]), int(scene.goal.region[limb])}
     middle = (scene.start.toes[limb] + scene.goal.toes[limb]) / 2
-    found = []
+    found: list[tuple[int, Array]] = []
     for index, surface in enumerate(scene.terrain.surfaces):
         if not scene.terrain.allowed[limb, index]:
             continue
         on_box = surface.name in boxes and index not in ends
         on_way = wanted == "any" and index == scene.goal.region[limb]
         if on_box or on_way:
-            point = _inside(surface, middle)
-            if np.linalg.norm(point - scene.goal.toes[limb]) > _SAME:
-                found.append((index, point))
+            # On a box also where the limb gets to with the shortest step.
+            for wish in (middle, scene.start.toes[limb]) if on_box else (middle,):
+                point = _inside(surface, wish)
+                known = [scene.goal.toes[limb], *(p for _, p in found)]
+                if min(np.linalg.norm(point - other) for other in known) > _SAME:
+                    found.append((index, point))
     return found
 
 

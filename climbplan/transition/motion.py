@@ -17,7 +17,7 @@ from climbplan.terrain.surfaces import Region
 from climbplan.transition.footholds import GOAL, START
 from climbplan.transition.motion_statement import MotionProgram, Shape, motion_program
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Sequence, stance_of_move
+from climbplan.transition.search import Sequence, stance_of_move, toe_step_limits
 from climbplan.transition.stances import Laboratory, stance_forces
 
 ACCEPTED = 1e-5  # largest violation of a row; the force planner and the verification are stricter
@@ -215,7 +215,7 @@ def _common(scene: TransitionScene, first_toe: Array) -> Array:
             (robot.max_torque / robot.weight).ravel(),
             (joint_softness(robot) * robot.weight).ravel(),
             robot.body_hull.ravel(),
-            [scene.spec.trajectory.lift],
+            [scene.spec.trajectory.lift, scene.spec.search.least_load],
             [weights.com, weights.rotation, weights.toe, weights.effort],
         ]
     )
@@ -314,7 +314,8 @@ def _row_bounds(
             where(check, 1 - _STRETCH_ROOM),
         ),
         "transition.joints": (-where(check, -low, 3), where(check, high, 3)),
-        "force.friction": (np.full(2 * n, -np.inf), where(held, 0.0, 2)),
+        "force.friction": (np.full(n, -np.inf), where(held, 0.0)),
+        "force.contact": (np.full(n, -np.inf), where(held, 0.0)),
         "force.torque": (np.full(6 * n, -np.inf), where(held, 0.0, 6)),
         "force.command": (
             -where(held, -(robot.joint_lower + _JOINT_ROOM).ravel(), 3),
@@ -323,6 +324,10 @@ def _row_bounds(
         "foothold.inside": (
             np.full(n * shape.edges, -np.inf),
             where(moved & is_open, -_EDGE_ROOM, shape.edges),
+        ),
+        "steps.toe": (
+            np.full(n, -np.inf),
+            where(moved & (was_open | is_open), (toe_step_limits(scene) - 1e-6) ** 2),
         ),
         "foothold.stays": (-where(stays, 0.0, 3), where(stays, 0.0, 3)),
         "foothold.plane": (-where(moved & is_open, 0.0), where(moved & is_open, 0.0)),

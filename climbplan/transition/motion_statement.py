@@ -8,10 +8,12 @@ functions of poses and toes. Rows by block:
     transition.reach       |cos(knee)| within 1: every toe, old, new and hovering, is in reach
     transition.joints      joint angles within bounds there
     force.equilibrium      sum f = m g, sum r x f = 0 (eqs. (4.15), (4.16))
-    force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f)^2, n . f >= 0
+    force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f)^2
+    force.contact          n . f >= least load of a limb that supports
     force.torque           |J^T f| <= s max_torque, s <= 1 / S_tau
     force.command          angles less what forces bend them within joint bounds
-    steps.com              body steps within their bound
+    steps.com, steps.toe   body and toe steps within their bounds
+    steps.rotation         turns likewise
     body.clearance         hull corners beyond a face of every solid, the face pinned
     foothold.plane         toes on footholds between lie on their surface,
     foothold.inside        within its edges,
@@ -86,6 +88,7 @@ def common_numbers(shape: Shape) -> dict[str, tuple[int, int]]:
         "softness": (3, n),  # times the weight [rad / m]
         "hull": (3, CORNERS),
         "lift": (1, 1),
+        "least_load": (1, 1),
         "weights": (4, 1),  # com, rotation, toe, effort
     }
 
@@ -234,7 +237,8 @@ def _round(shape: Shape, variables: Layout, numbers: Layout, common: Layout) -> 
         normal = c["normal_old"][:, i]
         pressure = ca.dot(normal, force)
         shear = force - pressure * normal
-        add("force.friction", ca.sumsqr(shear) - (c["mu"][i] * pressure) ** 2, -pressure)
+        add("force.friction", ca.sumsqr(shear) - (c["mu"][i] * pressure) ** 2)
+        add("force.contact", r["least_load"] - pressure)
         tau = torques(limbs[0], r["links"][:, i], turn.T @ force)
         use = tau / r["torque_limit"][:, i]
         add("force.torque", use - x["s"], -use - x["s"])
@@ -243,6 +247,7 @@ def _round(shape: Shape, variables: Layout, numbers: Layout, common: Layout) -> 
             at = i * shape.edges + e
             distance = ca.dot(c["edge_row"][:, at], x["toe"][:, i]) - c["edge_end"][at]
             add("foothold.inside", distance)
+        add("steps.toe", ca.sumsqr(x["toe"][:, i] - old_toe[:, i]))
         add("foothold.stays", x["toe"][:, i] - old_toe[:, i])
         add("foothold.plane", ca.dot(c["normal_new"][:, i], x["toe"][:, i]) - c["plane"][i])
     add("force.equilibrium", total, moment)

@@ -81,6 +81,7 @@ class Search:
         far = (apart > steps.com_max + 1e-9) | (turned > np.deg2rad(steps.rotation_max_deg) + 1e-9)
         weights = self.scene.spec.posture.weights
         turn = np.sum((poses.rpy[:, None] - poses.rpy[None]) ** 2, axis=-1)
+        self.step_max = toe_step_limits(self.scene)
         self.step_cost = np.where(far, np.inf, weights.com * apart**2 + weights.rotation * turn)
 
     def sequences(self) -> list[Sequence]:
@@ -122,43 +123,49 @@ class Search:
         real = self.lab.footholds.real[:, START]
         return tuple(START if r else GOAL for r in real)
 
-    def _moves(self, state: State, rounds_left: int, count: int | None) -> Iterator[State]:
-        """States after one round, as far as the goal can then be reached in the rounds left."""
-        n = len(state)
-        most = n - self.scene.spec.task.supporting
-        open_limbs = [i for i in range(n) if state[i] != GOAL]
-        sizes = [count] if count is not None else range(1, most + 1)
-        for size in sizes:
-            for limbs in itertools.combinations(open_limbs, size):
-                waiting = len(open_limbs) - size
-                if waiting > most * (rounds_left - 1):
-                    continue
-                choices = [self._targets(state, i, rounds_left) for i in limbs]
-                for targets in itertools.product(*choices):
-                    after = list(state)
-                    for limb, target in zip(limbs, targets, strict=True):
-                        after[limb] = target
-                    short = sum(t != GOAL for t in after)
-                    if short <= most * (rounds_left - 1):
-                        yield tuple(after)
+    def _moves(self, state: State, number: int) -> Iterator[State]:
+        """States after round `number`, as far as the goal can be reached in the rounds left."""
+        task = self.scene.spec.task
+        rounds_left = task.rounds - number
+        most = len(state) - task.supporting
+        for limbs in self._movers(state, number):
+            choices = [self._targets(state, i, rounds_left) for i in limbs]
+            for targets in itertools.product(*choices):
+                after = list(state)
+                for limb, target in zip(limbs, targets, strict=True):
+                    after[limb] = target
+                short = sum(t != GOAL for t in after)
+                if short <= most * (rounds_left - 1):
+                    yield tuple(after)
+
+    def _movers(self, state: State, number: int) -> Iterator[tuple[int, ...]]:
+        """Sets of limbs that may move in a round: as asked for, none that is at its goal."""
+        task, names = self.scene.spec.task, self.scene.robot.limb_names
+        waiting = [i for i in range(len(state)) if state[i] != GOAL]
+        if task.limbs:
+            limbs = tuple(names.index(name) for name in task.limbs[number])
+            if all(i in waiting for i in limbs):
+                yield limbs
+            return
+        most = len(state) - task.supporting
+        for size in [task.moving[number]] if task.moving else range(1, most + 1):
+            yield from itertools.combinations(waiting, size)
 
     def _targets(self, state: State, limb: int, rounds_left: int) -> list[int]:
-        """Footholds that a limb may move to: its goal, or one between if rounds are left for it."""
+        """Footholds that a limb may step to: its goal, or one between if rounds are left for it."""
         targets = [GOAL]
+        holds = self.lab.footholds
         if state[limb] == START and rounds_left > 1:
-            between = range(2, self.lab.footholds.count)
-            targets += [c for c in between if self.lab.footholds.real[limb, c]]
-        return targets
+            targets += [c for c in range(2, holds.count) if holds.real[limb, c]]
+        steps = np.linalg.norm(holds.toe[limb, targets] - holds.toe[limb, state[limb]], axis=1)
+        return [c for c, step in zip(targets, steps, strict=True) if step <= self.step_max[limb]]
 
     def _layers(self) -> Iterator[tuple[int, dict[State, list[State]]]]:
         """Round by round the possible moves from states reached so far."""
         task = self.scene.spec.task
         current = {self._initial()}
         for number in range(task.rounds):
-            count = task.moving[number] if task.moving else None
-            moves = {
-                state: list(self._moves(state, task.rounds - number, count)) for state in current
-            }
+            moves = {state: list(self._moves(state, number)) for state in current}
             yield number, moves
             current = {
                 after
@@ -298,6 +305,12 @@ def _cells(sequence: Sequence) -> list[list[tuple[State, int]]]:
     return [
         list(zip(stances, way[:-1], strict=True)) for way in (sequence.poses, sequence.firm_poses)
     ]
+
+
+def toe_step_limits(scene: TransitionScene) -> Array:
+    """(N,) largest toe steps [m]."""
+    task, most = scene.spec.task, scene.spec.posture.steps.toe_max
+    return np.array([min(task.step_max.get(name, most), most) for name in scene.robot.limb_names])
 
 
 def stance_of_move(state: State, after: State) -> State:

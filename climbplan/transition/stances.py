@@ -85,10 +85,14 @@ def _solved(lab: Laboratory, statement: ForceStatement) -> tuple[Array, Array]:
     force = np.zeros(statement.arms.shape)
     solved = np.zeros(len(force), bool)
     facets = lab.scene.spec.force.facets
+    least = lab.scene.spec.search.least_load * lab.scene.robot.weight
     for group in reduce_forces(statement).groups:
         b, n = group.limb.shape
         corners = np.broadcast_to(regular_corners(facets), (b, n, facets))
-        optima = solve_daqp(group, halfspaces(group, corners))
+        rows = halfspaces(group, corners)
+        # Contact rows -n . f <= 0 become -n . f <= -least: who supports carries some load.
+        rows.upper[:, 6 * n : 7 * n] -= least / statement.unit
+        optima = solve_daqp(group, rows)
         force[group.instant[:, None], group.limb] = group.forces(optima.x[:, 1:])
         solved[group.instant] = optima.solved
     force[~solved] = 0.0

@@ -14,7 +14,8 @@ from climbplan.plans.verification import verify
 from climbplan.spec.transition_loading import load_transition
 from climbplan.transition.planner import plan_transition
 
-FLAT = Path(__file__).parents[2] / "specs" / "transition_flat.yaml"
+SPECS = Path(__file__).parents[2] / "specs"
+FLAT = SPECS / "transition_flat.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def test_the_file_keeps_everything(plan: ClimbPlan, file: Path) -> None:
     with h5py.File(file) as store:
         assert store.attrs["format"] == "climbplan/transition"
         assert store.attrs["contact_sequence"] == plan.contact_sequence
-        assert len(store["sequences/name"]) == 14
+        assert len(store["sequences/name"]) == 2
     back = read_climb(file)
     assert back.kind == "transition"
     assert back.sequences is not None
@@ -90,3 +91,22 @@ def test_pairs_in_three_rounds(tmp_path: Path) -> None:
     flying = ~pairs.trajectory.contact.all(axis=1)
     still = np.linalg.norm(np.diff(pairs.trajectory.com, axis=0), axis=1) < 1e-12
     assert still[flying[1:] & flying[:-1]].all()
+
+
+@pytest.mark.parametrize(
+    ("name", "sequence"),
+    [
+        ("transition_bricks", "3-3-3: RM LR LF | RF RR LM | RM LR LF"),
+        ("transition_bricks_4", "3-1-2-2: RM LR LF | LM | RF RR | LR LF"),
+    ],
+)
+def test_bricks(name: str, sequence: str, tmp_path: Path) -> None:
+    found = plan_transition(load_transition(SPECS / f"{name}.yaml"))
+    write_climb(found, tmp_path / "plan.h5")
+    verification = verify(tmp_path / "plan.h5")
+    assert verification.passed, verification.table()
+    assert found.contact_sequence == sequence
+    on_bricks = found.rounds.region[1, [3, 5]]
+    names = {found.terrain.surfaces[r].name for r in on_bricks}
+    assert names == {"front brick", "rear brick"}
+    assert found.rounds.toes[1, [3, 5], 2] == pytest.approx(0.09)

@@ -100,6 +100,10 @@ def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
         yield _same("task.sequence", spec.task.moving in ((), tuple(counts)))
         left = len(names) - int(counts.max())
         yield _Difference("task.supporting", float(max(spec.task.supporting - left, 0)))
+        steps = np.linalg.norm(np.diff(rounds.toes, axis=0), axis=-1).max(axis=0)
+        for name, largest in spec.task.step_max.items():
+            own = steps[names.index(name)] if name in names else math.inf
+            yield _Difference(f"task.step_max.{name}", max(float(own) - largest, 0.0))
     stood = rounds.toes[gait.stood[::2], np.arange(len(names))]
     lifts = plan.instants.toes[::2] - stood
     height = np.linalg.norm(lifts[plan.instants.lifted[::2]], axis=-1)

@@ -14,6 +14,7 @@ BENCHMARKS = {
     "posture": "posture planner against SCIP on the same statement",
     "force": "force planner against CVXPY and Clarabel on the same instants",
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
+    "transition": "complementarity from random starts against the search over stance sets",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
 }
 
@@ -37,9 +38,13 @@ def bench(
     if name is not None and name not in BENCHMARKS:
         raise UsageError(f"no benchmark {name!r}, known are {', '.join(BENCHMARKS)}")
     from climbplan.climb.benchmarks.run import run
+    from climbplan.transition.benchmark import run_transition
 
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
         with standard_output() as stream:
-            run(chosen, seed, quick, stream)
+            if chosen == "transition":
+                run_transition(seed, quick, stream)
+            else:
+                run(chosen, seed, quick, stream)

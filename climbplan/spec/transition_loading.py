@@ -36,10 +36,15 @@ def load_transition(
     Raises:
         SpecError: with every mistake in spec, overrides and robot file.
     """
-    text = read_source(source)
-    return transition_of_document(
-        apply_overrides(parse_yaml(text.text, text.shown), overrides), text
-    )
+    return transition_of_text(read_source(source), overrides)
+
+
+def transition_of_text(
+    text: SourceText, overrides: Sequence[str | Override] = ()
+) -> LoadedTransition:
+    """As `load_transition`, of a text that was read already."""
+    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
+    return transition_of_document(document, text)
 
 
 def transition_of_document(document: Document, text: SourceText) -> LoadedTransition:

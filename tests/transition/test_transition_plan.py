@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from climbplan.errors import UsageError
 from climbplan.plans.climb_file import read_climb, write_climb
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import verify
@@ -110,3 +111,22 @@ def test_bricks(name: str, sequence: str, tmp_path: Path) -> None:
     names = {found.terrain.surfaces[r].name for r in on_bricks}
     assert names == {"front brick", "rear brick"}
     assert found.rounds.toes[1, [3, 5], 2] == pytest.approx(0.09)
+
+
+@pytest.mark.parametrize("rounds", [2, 3])
+def test_complementarity_finds_its_own_sequence(rounds: int, tmp_path: Path) -> None:
+    overrides = [f"task.rounds={rounds}", "solver.method=complementarity", "solver.starts=2"]
+    found = plan_transition(load_transition(FLAT, overrides))
+    write_climb(found, tmp_path / "plan.h5")
+    verification = verify(tmp_path / "plan.h5")
+    assert verification.passed, verification.table()
+    assert found.rounds.count == rounds
+    assert found.instants.lifted[::2].any(axis=1).all()
+
+
+def test_complementarity_knows_no_boxes() -> None:
+    loaded = load_transition(
+        SPECS / "transition_bricks.yaml", ["task.sequence=null", "solver.method=complementarity"]
+    )
+    with pytest.raises(UsageError, match="boxes"):
+        plan_transition(loaded)

@@ -77,7 +77,7 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
 
     def carry(lab: Laboratory, sequence: Sequence) -> str:
         clock = StageClock(lambda stage, fraction: None)
-        attempt = carry_through(lab, sequence, clock)
+        attempt = carry_through(loaded, lab, sequence, clock)
         if attempt.complete is not None:
             good.append(_verified(loaded, scene, attempt.complete, clock))
         return attempt.reason

@@ -11,6 +11,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.planner import Progress, StageClock, deflection_warnings, step_limits
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
+from climbplan.plans.climb_file import Reading
 from climbplan.plans.climb_plan import (
     ClimbPlan,
     Forces,
@@ -20,6 +21,7 @@ from climbplan.plans.climb_plan import (
     Sequences,
     Trajectory,
 )
+from climbplan.plans.verification import verification_of
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.gait import plan_instants
 from climbplan.transition.homotopy import run_start
@@ -75,11 +77,13 @@ class Attempt:
     reason: str = ""
 
 
-def carry_through(lab: Laboratory, sequence: Sequence, clock: StageClock) -> Attempt:
-    """The motion of a sequence with forces and trajectory, planned firmer where it does not hold.
+def carry_through(
+    loaded: LoadedTransition, lab: Laboratory, sequence: Sequence, clock: StageClock
+) -> Attempt:
+    """The verified motion of a sequence, planned firmer where it does not hold.
 
-    The program of the motion knows neither buckling nor what lies between instants: where those
-    fail it is asked for a larger S_tau, which leaves room for them.
+    The program of the motion knows neither buckling nor links that hit a box: where the forces, the
+    trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
     """
     scene = lab.scene
     reason, iterations = "", 0
@@ -98,7 +102,12 @@ def carry_through(lab: Laboratory, sequence: Sequence, clock: StageClock) -> Att
         except (Infeasible, ReachFailure, LimitReached) as error:
             reason = " ".join(str(error).split())
             continue
-        return Attempt(done, iterations)
+        with clock.stage("check"):
+            plan = assemble(loaded, scene, Found(done, {}), clock.seconds)
+            verification = verification_of(Reading(plan, ()))
+        if verification.passed:
+            return Attempt(done, iterations)
+        reason = f"fails its verification: {verification.headline()}"
     return Attempt(None, iterations, reason or "no room for a safety margin")
 
 
@@ -113,15 +122,17 @@ class Found:
 
 
 def plan_transition(loaded: LoadedTransition, report: Progress | None = None) -> ClimbPlan:
-    """A transition plan for a loaded spec, not yet verified.
+    """A transition plan for a loaded spec.
 
     Raises Infeasible where no sequence exists on the poses searched, saying which contacts slip,
-    and LimitReached where none of the sequences or starts tried led to a plan.
+    and LimitReached where none of the sequences or starts tried led to a plan. Every plan was
+    verified as it stands in memory; the file is verified on its own.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     scene = build_transition(loaded)
     by_search = scene.spec.solver.method == "enumerate"
-    found = _by_search(scene, clock) if by_search else _by_complementarity(scene, clock)
+    method = _by_search if by_search else _by_complementarity
+    found = method(loaded, scene, clock)
     return assemble(loaded, scene, found, clock.seconds)
 
 
@@ -156,7 +167,7 @@ def assemble(
     return replace(plan, summary=summary_lines(plan))
 
 
-def _by_search(scene: TransitionScene, clock: StageClock) -> Found:
+def _by_search(loaded: LoadedTransition, scene: TransitionScene, clock: StageClock) -> Found:
     """All sequences, and the motion of the best that holds."""
     with clock.stage("search"):
         search = Search(scene)
@@ -167,7 +178,7 @@ def _by_search(scene: TransitionScene, clock: StageClock) -> Found:
     done: Complete | None = None
     iterations = tried = 0
     for sequence in found[: scene.spec.search.tried]:
-        attempt = carry_through(search.lab, sequence, clock)
+        attempt = carry_through(loaded, search.lab, sequence, clock)
         iterations += attempt.iterations
         outcome[tried] = attempt.reason or "chosen"
         tried += 1
@@ -196,7 +207,9 @@ def _by_search(scene: TransitionScene, clock: StageClock) -> Found:
     return Found(done, sizes, sequences, _warnings(search))
 
 
-def _by_complementarity(scene: TransitionScene, clock: StageClock) -> Found:
+def _by_complementarity(
+    loaded: LoadedTransition, scene: TransitionScene, clock: StageClock
+) -> Found:
     """The cheapest motion of several random starts that holds to the end."""
     if scene.spec.task.sequence is not None:
         raise UsageError(
@@ -210,7 +223,7 @@ def _by_complementarity(scene: TransitionScene, clock: StageClock) -> Found:
     iterations = 0
 
     def carry(lab: Laboratory, sequence: Sequence) -> str:
-        attempt = carry_through(lab, sequence, clock)
+        attempt = carry_through(loaded, lab, sequence, clock)
         if attempt.complete is not None:
             found.append(attempt.complete)
         return attempt.reason

@@ -17,7 +17,7 @@ from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.solids import Solid
 
-_INSIDE = 1e-3  # [m] toes may be this deep in a solid: they stand on it
+_INSIDE = 1e-3  # [m] links may be this deep in a solid, as the verification has it
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,17 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
 
 
 def _buried(key: str, stance: Stance, terrain: Terrain, robot: Robot) -> list[SpecMistake]:
-    """Toes that a box covers."""
-    return [
-        SpecMistake(
-            f"{key}.toes.{name}",
-            f"{name} stands {1e3 * depth:.0f} mm inside {solid.name!r}; move the toe or the box",
-        )
-        for solid in terrain.obstacles
-        for name, toe in zip(robot.limb_names, stance.toes, strict=True)
-        if (depth := -float(solid.face_distance(toe))) > _INSIDE
-    ]
+    """Toes that a box or obstacle covers: the point just off their surface is inside."""
+    found = []
+    for limb, name in enumerate(robot.limb_names):
+        toe = stance.toes[limb]
+        off = toe + 2 * _INSIDE * terrain.surfaces[stance.region[limb]].normal_at(toe)
+        found += [
+            SpecMistake(f"{key}.toes.{name}", f"{name} is covered by {solid.name!r}: move one")
+            for solid in terrain.obstacles
+            if float(solid.face_distance(off)) < 0
+        ]
+    return found
 
 
 def _require_room(scene: TransitionScene, name: str, stance: Stance) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
 
 def validate(
@@ -58,7 +59,13 @@ def validate(
 
 
 def _kind_looked_into(
-    loaded: LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec,
+    loaded: LoadedClimb
+    | LoadedDataset
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | LoadedTransition
+    | RobotSpec,
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
@@ -70,6 +77,7 @@ def _kind_looked_into(
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
     if isinstance(loaded, LoadedDataset | LoadedProgram | LoadedStrategy):
         return loaded.spec.kind
@@ -85,5 +93,11 @@ def _kind_looked_into(
 
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source)
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedTransition):
+        from climbplan.transition.scene import build_transition
+
+        with placed_mistakes(loaded):
+            build_transition(loaded)
         return loaded.spec.kind
     return loaded.kind

@@ -18,13 +18,14 @@ from climbplan.bookshelf.methods import MethodSetting, prepare
 from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
 from climbplan.bookshelf.runs import checked, compile_first
 from climbplan.bookshelf.scene import Array, PublishedTolerances, Scene, Scenes, Shelf
+from climbplan.bookshelf.scene_file import DATASET_KIND
 from climbplan.bookshelf.scene_source import shelf_of
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.dataset import Dataset, DatasetFrame, Indices, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.spec.dataset import BookshelfProblemSpec
 
-KIND = "bookshelf"
+KIND = DATASET_KIND
 _MEANINGS = ("contact", "published")
 
 

@@ -95,13 +95,9 @@ def model_method(model: StrategyModel, setting: MethodSetting, judge: Judge) -> 
     kind: ShelfFeatures = "raw" if model.context["features"] == "raw" else "gaps"
     features = feature_map(kind, shelf)
     if model.kind == "reduce":
-        vertex = judge.program.variables["vertex"]
-        low, high = vertex.lower[0, 0], vertex.upper[0, 0]
         programs = ReducedPrograms(
             ranking=model.clusters(),
-            partitions=published_partitions(
-                judge.program, (float(low[0]), float(high[0]), float(high[1]))
-            ),
+            partitions=published_partitions(judge.program),
             squares="envelope" if judge.meaning == "contact" else "secant",
             solver=solver.solver or "highs",
             seconds=solver.time_limit,

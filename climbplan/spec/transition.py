@@ -15,6 +15,7 @@ from climbplan.spec.climb import (
     ForcePlannerSpec,
     GoalSpec,
     PayloadSpec,
+    PosturePlannerSpec,
     PostureSpec,
     PostureWeights,
     TrajectorySpec,
@@ -169,6 +170,19 @@ class TransitionSolverSpec(SpecModel):
     time_limit: Number = quantity("s", "time limit", default=120.0, gt=0)
 
 
+class ClimbAfterSpec(SpecModel):
+    """A climb that goes on where the transition ends, in the same plan."""
+
+    rounds: Count = quantity("", "number of rounds; every limb moves once a round", ge=1, le=200)
+    goal: GoalSpec = Field(description="posture after the last round")
+    gait: tuple[str, ...] | None = Field(
+        default=None,
+        description="order in which limbs move in a round; the robot's order if left out",
+    )
+    posture: PosturePlannerSpec = PosturePlannerSpec()
+    """The posture planner of the climb."""
+
+
 class TransitionSpec(SpecModel):
     """From the ground to the wall."""
 
@@ -187,8 +201,21 @@ class TransitionSpec(SpecModel):
     """Contact forces and their safety factors."""
     search: SearchSpec = SearchSpec()
     """The search over stance sets."""
+    climb: ClimbAfterSpec | None = Field(
+        default=None, description="a climb that goes on where the transition ends"
+    )
     trajectory: TrajectorySpec = TrajectorySpec()
     """The playable motion."""
     solver: TransitionSolverSpec = TransitionSolverSpec()
     """Method and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
+
+    @property
+    def last_goal(self) -> GoalSpec:
+        """The goal of the whole plan."""
+        return self.task.goal if self.climb is None else self.climb.goal
+
+    @property
+    def all_rounds(self) -> int:
+        """Rounds of the whole plan."""
+        return self.task.rounds + (0 if self.climb is None else self.climb.rounds)

@@ -65,6 +65,8 @@ def transition_of_document(document: Document, text: SourceText) -> LoadedTransi
     findings += check_parts(ClimbParts(terrain, task, None, None, robot))
     if task is not None and robot is not None:
         findings += _too_few_limbs(task, robot)
+    if spec is not None and spec.climb is not None and robot is not None:
+        findings += _gait_of_climb(spec.climb.gait, robot)
     if terrain is not None and terrain.tube is not None:
         findings.append(Finding(("terrain", "tube"), "expected flat surfaces in a transition"))
     mistakes = [*document.mistakes(findings), *robot_mistakes]
@@ -90,3 +92,12 @@ def _too_few_limbs(task: TransitionTaskSpec, robot: RobotSpec) -> list[Finding]:
         )
         return [Finding(("task", "sequence"), message)]
     return []
+
+
+def _gait_of_climb(gait: tuple[str, ...] | None, robot: RobotSpec) -> list[Finding]:
+    """The climb's gait moves each limb once."""
+    limbs = [limb.name for limb in robot.limbs]
+    if gait is None or sorted(gait) == sorted(limbs):
+        return []
+    message = f"expected each limb once ({', '.join(limbs)}), got {', '.join(gait)}"
+    return [Finding(("climb", "gait"), message)]

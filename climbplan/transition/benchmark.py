@@ -15,11 +15,18 @@ from climbplan.plans.climb_file import write_climb
 from climbplan.plans.verification import verify
 from climbplan.spec.examples import example_text
 from climbplan.spec.source import SourceText
-from climbplan.spec.transition_loading import LoadedTransition, transition_of_text
+from climbplan.spec.transition_loading import transition_of_text
 from climbplan.transition.homotopy import run_start
 from climbplan.transition.motion import plan_motion
-from climbplan.transition.planner import Complete, Found, assemble, carry_through, plan_transition
-from climbplan.transition.scene import TransitionScene, build_transition
+from climbplan.transition.planner import (
+    Complete,
+    Found,
+    Run,
+    assemble,
+    carry_through,
+    plan_transition,
+)
+from climbplan.transition.scene import build_transition
 from climbplan.transition.search import Search, Sequence
 from climbplan.transition.stances import Laboratory
 
@@ -76,10 +83,10 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
     good: list[bool] = []
 
     def carry(lab: Laboratory, sequence: Sequence) -> str:
-        clock = StageClock(lambda stage, fraction: None)
-        attempt = carry_through(loaded, lab, sequence, clock)
+        run = Run(loaded, scene, StageClock(lambda stage, fraction: None))
+        attempt = carry_through(run, lab, sequence)
         if attempt.complete is not None:
-            good.append(_verified(loaded, scene, attempt.complete, clock))
+            good.append(_verified(run, attempt.complete))
         return attempt.reason
 
     run_start(scene, seed, carry)  # builds the program
@@ -98,11 +105,9 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
     )
 
 
-def _verified(
-    loaded: LoadedTransition, scene: TransitionScene, done: Complete, clock: StageClock
-) -> bool:
+def _verified(run: Run, done: Complete) -> bool:
     """Whether a motion, written as a plan, passes the verification of its file."""
-    plan = assemble(loaded, scene, Found(done, {}), clock.seconds)
+    plan = assemble(run, Found(done, {}))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "plan.h5"
         write_climb(plan, path)

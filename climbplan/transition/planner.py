@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.planner import Progress, StageClock, deflection_warnings, step_limits
+from climbplan.climb.scene import Stance
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
 from climbplan.plans.climb_file import Reading
@@ -25,6 +26,7 @@ from climbplan.plans.verification import verification_of
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.gait import plan_instants
 from climbplan.transition.homotopy import run_start
+from climbplan.transition.mission import Tail, climb_after, joined_instants, joined_rounds
 from climbplan.transition.motion import plan_motion
 from climbplan.transition.refusal import no_sequence
 from climbplan.transition.scene import TransitionScene, build_transition
@@ -45,10 +47,24 @@ class Complete:
     trajectory: Trajectory
 
 
-def complete(scene: TransitionScene, rounds: Rounds, moved: Mask, clock: StageClock) -> Complete:
+@dataclass(frozen=True)
+class Run:
+    """One planning run."""
+
+    loaded: LoadedTransition
+    scene: TransitionScene
+    clock: StageClock
+    tail: Tail | None = None  # the climb that follows
+
+
+def complete(run: Run, rounds: Rounds, moved: Mask) -> Complete:
     """Instants, forces and trajectory of postures; raises what each of them raises."""
+    scene, clock = run.scene, run.clock
     with clock.stage("kinematics"):
         instants = plan_instants(scene, rounds, moved)
+    if run.tail is not None:
+        rounds = joined_rounds(rounds, run.tail.rounds)
+        instants = joined_instants(instants, run.tail.instants)
     with clock.stage("force"):
         forces = plan_forces(scene, instants)
     with clock.stage("trajectory"):
@@ -56,11 +72,23 @@ def complete(scene: TransitionScene, rounds: Rounds, moved: Mask, clock: StageCl
     return Complete(rounds, instants, forces, trajectory)
 
 
-def transition_cost(scene: TransitionScene, rounds: Rounds, forces: Forces) -> float:
-    """Body, turn and toe steps, and 1 / S_tau at every lift, weighted as in the spec."""
+def transition_cost(
+    scene: TransitionScene, rounds: Rounds, forces: Forces, goal: Stance | None = None
+) -> float:
+    """Body, turn and toe steps, and 1 / S_tau at every lift, weighted as in the spec.
+
+    Where a climb follows, also what it misses of its goal.
+    """
     w = scene.spec.posture.weights
+    off_com = off_toes = off_turn = np.zeros(3)
+    if goal is not None:
+        off_com, off_turn = rounds.com[-1] - goal.com, rounds.rpy[-1] - goal.rpy
+        off_toes = rounds.toes[-1] - goal.toes
     cost = (
-        w.com * np.sum(np.diff(rounds.com, axis=0) ** 2)
+        w.goal * np.sum(off_toes**2)
+        + w.goal_com * np.sum(off_com**2)
+        + w.goal_rotation * np.sum(off_turn**2)
+        + w.com * np.sum(np.diff(rounds.com, axis=0) ** 2)
         + w.rotation * np.sum(np.diff(rounds.rpy, axis=0) ** 2)
         + w.toe * np.sum(np.diff(rounds.toes, axis=0) ** 2)
         + w.effort * np.sum(1 / forces.safety_torque[::2])
@@ -77,15 +105,13 @@ class Attempt:
     reason: str = ""
 
 
-def carry_through(
-    loaded: LoadedTransition, lab: Laboratory, sequence: Sequence, clock: StageClock
-) -> Attempt:
+def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
     """The verified motion of a sequence, planned firmer where it does not hold.
 
     The program of the motion knows neither buckling nor links that hit a box: where the forces, the
     trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
     """
-    scene = lab.scene
+    scene, clock = run.scene, run.clock
     reason, iterations = "", 0
     for factor in _FIRMER:
         asked = factor * scene.spec.force.safety_torque
@@ -98,12 +124,12 @@ def carry_through(
             reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
             continue
         try:
-            done = complete(scene, motion.rounds, sequence.moved, clock)
+            done = complete(run, motion.rounds, sequence.moved)
         except (Infeasible, ReachFailure, LimitReached) as error:
             reason = " ".join(str(error).split())
             continue
         with clock.stage("check"):
-            plan = assemble(loaded, scene, Found(done, {}), clock.seconds)
+            plan = assemble(run, Found(done, {}))
             verification = verification_of(Reading(plan, ()))
         if verification.passed:
             return Attempt(done, iterations)
@@ -131,16 +157,25 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     clock = StageClock(report or (lambda stage, fraction: None))
     scene = build_transition(loaded)
     by_search = scene.spec.solver.method == "enumerate"
-    method = _by_search if by_search else _by_complementarity
-    found = method(loaded, scene, clock)
-    return assemble(loaded, scene, found, clock.seconds)
+    run = Run(loaded, scene, clock, climb_after(loaded, scene, clock))
+    return assemble(run, _by_search(run) if by_search else _by_complementarity(run))
 
 
-def assemble(
-    loaded: LoadedTransition, scene: TransitionScene, found: Found, seconds: dict[str, float]
-) -> ClimbPlan:
-    """The plan of what a method found; seconds: by stage."""
-    done = found.complete
+def assemble(run: Run, found: Found) -> ClimbPlan:
+    """The plan of what a method found."""
+    loaded, scene, done = run.loaded, run.scene, found.complete
+    limits = step_limits(scene)
+    goal = run.tail.goal if run.tail is not None else scene.goal
+    if run.tail is not None:
+        last = scene.spec.last_goal
+        limits = replace(
+            limits,
+            goal_com=goal.com,
+            goal_toes=goal.toes,
+            goal_rpy=goal.rpy,
+            goal_tolerance=last.tolerance,
+            goal_rotation_tolerance=float(np.deg2rad(last.rotation_tolerance_deg)),
+        )
     plan = ClimbPlan(
         name=loaded.name,
         robot=scene.robot,
@@ -149,15 +184,15 @@ def assemble(
         instants=done.instants,
         forces=done.forces,
         trajectory=done.trajectory,
-        limits=step_limits(scene),
+        limits=limits,
         status="feasible",
-        objective=transition_cost(scene, done.rounds, done.forces),
+        objective=transition_cost(scene, done.rounds, done.forces, goal),
         bound=None,
         gap=None,
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         seed=scene.spec.seed,
-        timings=dict(seconds),
+        timings=dict(run.clock.seconds),
         solvers={"motion": "ipopt (mumps)", "force": scene.spec.solver.force},
         sizes={**found.sizes, "force": {"instants": done.instants.count}},
         warnings=(*found.warnings, *deflection_warnings(done.forces)),
@@ -167,8 +202,9 @@ def assemble(
     return replace(plan, summary=summary_lines(plan))
 
 
-def _by_search(loaded: LoadedTransition, scene: TransitionScene, clock: StageClock) -> Found:
+def _by_search(run: Run) -> Found:
     """All sequences, and the motion of the best that holds."""
+    scene, clock = run.scene, run.clock
     with clock.stage("search"):
         search = Search(scene)
         found = search.sequences()
@@ -178,7 +214,7 @@ def _by_search(loaded: LoadedTransition, scene: TransitionScene, clock: StageClo
     done: Complete | None = None
     iterations = tried = 0
     for sequence in found[: scene.spec.search.tried]:
-        attempt = carry_through(loaded, search.lab, sequence, clock)
+        attempt = carry_through(run, search.lab, sequence)
         iterations += attempt.iterations
         outcome[tried] = attempt.reason or "chosen"
         tried += 1
@@ -207,10 +243,9 @@ def _by_search(loaded: LoadedTransition, scene: TransitionScene, clock: StageClo
     return Found(done, sizes, sequences, _warnings(search))
 
 
-def _by_complementarity(
-    loaded: LoadedTransition, scene: TransitionScene, clock: StageClock
-) -> Found:
+def _by_complementarity(run: Run) -> Found:
     """The cheapest motion of several random starts that holds to the end."""
+    scene, clock = run.scene, run.clock
     if scene.spec.task.sequence is not None:
         raise UsageError(
             "method complementarity finds a sequence of its own: leave `task.sequence` out, or use "
@@ -223,7 +258,7 @@ def _by_complementarity(
     iterations = 0
 
     def carry(lab: Laboratory, sequence: Sequence) -> str:
-        attempt = carry_through(loaded, lab, sequence, clock)
+        attempt = carry_through(run, lab, sequence)
         if attempt.complete is not None:
             found.append(attempt.complete)
         return attempt.reason

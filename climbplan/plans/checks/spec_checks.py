@@ -15,10 +15,10 @@ import numpy as np
 
 from climbplan.errors import SpecError
 from climbplan.plans.checks.check import Array, Check, judge
-from climbplan.plans.checks.gait_anew import gait_of
+from climbplan.plans.checks.gait_anew import Gait, gait_of
 from climbplan.plans.checks.kinematics_anew import body_axes
 from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb import ClimbSpec, GoalSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.motion import MotionSpec
 from climbplan.spec.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
@@ -79,14 +79,16 @@ def _same(key: str, equal: bool) -> _Difference:
 def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
     task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
     yield _same("seed", plan.seed == spec.seed)
-    yield _same("task.rounds", rounds.count == task.rounds)
+    whole = spec.all_rounds if isinstance(spec, TransitionSpec) else task.rounds
+    last = _last_goal(spec)
+    yield _same("task.rounds", rounds.count == whole)
     yield _apart("task.start.com", rounds.com[0], task.start.com)
     yield _apart("task.start.rpy_deg", rounds.rpy[0], np.deg2rad(task.start.rpy_deg))
-    yield _apart("task.goal.com", plan.limits.goal_com, task.goal.com)
-    yield _apart("task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(task.goal.rpy_deg))
+    yield _apart("task.goal.com", plan.limits.goal_com, last.com)
+    yield _apart("task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(last.rpy_deg))
     for key, posture, toes in (
         ("task.start.toes", task.start, rounds.toes[0]),
-        ("task.goal.toes", task.goal, plan.limits.goal_toes),
+        ("task.goal.toes", last, plan.limits.goal_toes),
     ):
         for name, toe in posture.toes.items():
             yield _apart(f"{key}.{name}", toes[names.index(name)] if name in names else [], toe)
@@ -96,14 +98,7 @@ def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
         order = [names[i] for i in gait.order()[: len(names)]]
         yield _same("task.gait", order == list(spec.task.gait or names))
     if isinstance(spec, TransitionSpec):
-        counts = gait.moved.sum(axis=1)
-        yield _same("task.sequence", spec.task.moving in ((), tuple(counts)))
-        left = len(names) - int(counts.max())
-        yield _Difference("task.supporting", float(max(spec.task.supporting - left, 0)))
-        steps = np.linalg.norm(np.diff(rounds.toes, axis=0), axis=-1).max(axis=0)
-        for name, largest in spec.task.step_max.items():
-            own = steps[names.index(name)] if name in names else math.inf
-            yield _Difference(f"task.step_max.{name}", max(float(own) - largest, 0.0))
+        yield from _transition(plan, spec, gait)
     stood = rounds.toes[gait.stood[::2], np.arange(len(names))]
     lifts = plan.instants.toes[::2] - stood
     height = np.linalg.norm(lifts[plan.instants.lifted[::2]], axis=-1)
@@ -123,6 +118,40 @@ def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
     yield _apart("task.payload, task.external_wrench", plan.instants.external_wrench, load)
 
 
+def _last_goal(spec: MotionSpec) -> GoalSpec:
+    """The goal of the whole plan."""
+    return spec.last_goal if isinstance(spec, TransitionSpec) else spec.task.goal
+
+
+def _transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[_Difference]:
+    """Which limbs move together, how far, and the gait of a climb that follows."""
+    task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
+    first = gait.round <= task.rounds
+    moved = gait.moved[first]
+    counts = tuple(int(n) for n in moved.sum(axis=1))
+    yield _same("task.sequence", task.moving in ((), counts))
+    if task.limbs:
+        named = [{names[i] for i in np.flatnonzero(step)} for step in moved]
+        yield _same("task.sequence", named == [set(limbs) for limbs in task.limbs])
+    left = len(names) - max(counts, default=0)
+    yield _Difference("task.supporting", float(max(task.supporting - left, 0)))
+    at_end = min(task.rounds, rounds.count)
+    own = rounds.toes[: at_end + 1]
+    steps = np.linalg.norm(np.diff(own, axis=0), axis=-1).max(axis=0)
+    for name, largest in task.step_max.items():
+        size = float(steps[names.index(name)]) if name in names else math.inf
+        yield _Difference(f"task.step_max.{name}", max(size - largest, 0.0))
+    if spec.climb is None:
+        return
+    yield _apart("task.goal.com", rounds.com[at_end], task.goal.com)
+    for name, toe in task.goal.toes.items():
+        yield _apart(f"task.goal.toes.{name}", own[-1, names.index(name)], toe)
+    order = [names[i] for i in gait.order()[~first]]
+    single = (gait.moved[~first].sum(axis=1) == 1).all()
+    gaits = list(spec.climb.gait or names) * spec.climb.rounds
+    yield _same("climb.gait", bool(single) and order == gaits)
+
+
 def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
     limits, steps = plan.limits, spec.posture.steps
     pairs = {
@@ -135,10 +164,10 @@ def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
             math.radians(steps.rotation_max_deg),
         ),
         "posture.body_clearance": (limits.body_clearance, spec.posture.body_clearance),
-        "task.goal.tolerance": (limits.goal_tolerance, spec.task.goal.tolerance),
+        "task.goal.tolerance": (limits.goal_tolerance, _last_goal(spec).tolerance),
         "task.goal.rotation_tolerance_deg": (
             limits.goal_rotation_tolerance,
-            math.radians(spec.task.goal.rotation_tolerance_deg),
+            math.radians(_last_goal(spec).rotation_tolerance_deg),
         ),
         "force.safety_friction": (limits.safety_friction, spec.force.safety_friction),
         "force.safety_torque": (limits.safety_torque, spec.force.safety_torque),

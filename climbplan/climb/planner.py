@@ -19,7 +19,7 @@ from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
@@ -309,7 +309,7 @@ def deflection_warnings(forces: Forces) -> tuple[str, ...]:
     return (text,)
 
 
-def step_limits(scene: ClimbScene) -> StepLimits:
+def step_limits(scene: MotionScene) -> StepLimits:
     """The bounds a plan is verified against."""
     steps, force = scene.spec.posture.steps, scene.spec.force
     return StepLimits(

@@ -19,7 +19,7 @@ from climbplan.climb.forces.cones import InstantCones, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.plans.climb_plan import Instants
 from climbplan.robots.kinematics import JOINTS
@@ -50,7 +50,7 @@ class NoForces(Infeasible):
 
 
 def explain(
-    scene: ClimbScene,
+    scene: MotionScene,
     instants: Instants,
     statement: ForceStatement,
     solved: SolvedForces,
@@ -99,7 +99,7 @@ def explain(
 
 
 def _load(
-    scene: ClimbScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
+    scene: MotionScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
 ) -> LoadDirection:
     """The payload if there is one and less of it would help, else the robot's own mass."""
     gravity, payload = scene.robot.gravity, scene.spec.task.payload
@@ -159,7 +159,7 @@ def _down(value: float) -> float:
     return float(np.floor(value * (1 - _SAFE) / step) * step)
 
 
-def _remedies(scene: ClimbScene, statement: ForceStatement, amounts: Amounts) -> tuple[str, ...]:
+def _remedies(scene: MotionScene, statement: ForceStatement, amounts: Amounts) -> tuple[str, ...]:
     """Remedies in words, each sufficient on its own."""
     out: list[str] = []
     mu = statement.mu[statement.contact]

@@ -29,6 +29,7 @@ from climbplan.cli.console import (
 from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
+from climbplan.cli.fit_envelopes import fit_envelopes
 from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
@@ -92,6 +93,7 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    fit_envelopes,
     fit_strategy,
     solve_bookshelf,
     solve,

@@ -16,6 +16,7 @@ BENCHMARKS = {
     "posture": "posture planner against SCIP on the same statement",
     "force": "force planner against CVXPY and Clarabel on the same instants",
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
+    "coupled": "positions and forces together: against CVXPY, and on random slippery bands",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",

@@ -15,6 +15,7 @@ from climbplan.errors import ExitCode
 if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
@@ -58,7 +59,15 @@ def validate(
 
 
 def _kind_looked_into(
-    loaded: LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec,
+    loaded: (
+        LoadedClimb
+        | LoadedDataset
+        | LoadedEnvelopes
+        | LoadedProgram
+        | LoadedShelf
+        | LoadedStrategy
+        | RobotSpec
+    ),
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
@@ -67,11 +76,12 @@ def _kind_looked_into(
     """
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
 
-    if isinstance(loaded, LoadedDataset | LoadedProgram | LoadedStrategy):
+    if isinstance(loaded, LoadedDataset | LoadedEnvelopes | LoadedProgram | LoadedStrategy):
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.clearance import body_shortfall
+from climbplan.climb.coupled.planner import plan_coupled
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
@@ -72,7 +73,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
     Infeasible if the statement is, SwingBlocked if a swing stays blocked, and LimitReached if
     tightening does not lead to a plan.
     """
-    if save_model is not None and scene.spec.solver.method == "nlp":
+    if save_model is not None and scene.spec.solver.method != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     bound: float | None = None
@@ -84,16 +85,16 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 posture = plan_postures_nlp(scene, clock.report)
             else:
                 try:
-                    posture = plan_postures(scene, margins, save_model)
+                    posture = _convex_postures(scene, margins, save_model)
                 except Infeasible as error:
                     if not notes:
                         raise
-                    raise _not_found(notes, failure) from error  # no proof: it was tightened
+                    raise _not_found(scene, notes, failure) from error  # no proof: it was tightened
         # Tightening only adds constraints: the first bound is the one of the statement.
         bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
             shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
-            if shortfall > 1e-9 and scene.spec.solver.method == "micp":
+            if shortfall > 1e-9 and scene.spec.solver.method != "nlp":
                 margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
                 notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
                 continue
@@ -116,7 +117,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 notes.append(f"{wider}: {near}")
                 continue
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
-    raise _not_found(notes, failure)
+    raise _not_found(scene, notes, failure)
 
 
 def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:
@@ -156,13 +157,26 @@ def _clear_of_obstacles(
         raise _LimbsTooNear(words, short, blocked) from blocked
 
 
-def _not_found(notes: list[str], failure: ReachFailure | SwingBlocked | None) -> NoPlanFound:
+def _convex_postures(
+    scene: ClimbScene, margins: PostureMargins, save_model: Path | None
+) -> PostureResult:
+    """Postures alone, or together with forces."""
+    method = scene.spec.solver.method
+    if method == "coupled" or method == "coupled-nlp":
+        return plan_coupled(scene, margins, whole=method == "coupled-nlp")
+    return plan_postures(scene, margins, save_model)
+
+
+def _not_found(
+    scene: ClimbScene, notes: list[str], failure: ReachFailure | SwingBlocked | None
+) -> NoPlanFound:
     """What to raise when tightening did not lead to a plan, which proves nothing."""
     if isinstance(failure, SwingBlocked):
         return failure
     last = str(failure) if failure is not None else notes[-1]
     return LimitReached(
-        f"method micp found no postures that pass the exact checks ({len(notes)} tightenings); "
+        f"method {scene.spec.solver.method} found no postures that pass the exact checks "
+        f"({len(notes)} tightenings); "
         f"last: {last}; --method nlp plans with joint bounds"
     )
 

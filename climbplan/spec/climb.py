@@ -174,10 +174,11 @@ class TrajectorySpec(SpecModel):
 class SolverSpec(SpecModel):
     """Which method and solver, and when to stop."""
 
-    method: Literal["micp", "nlp"] = Field(
+    method: Literal["micp", "nlp", "coupled", "coupled-nlp"] = Field(
         default="micp",
         description="`micp`: globally optimal postures, small rotations; `nlp`: exact rotations, "
-        "curved terrain",
+        "curved terrain; `coupled`: postures and contact forces together, moments by envelopes and "
+        "then put right; `coupled-nlp`: the same by one nonlinear program",
     )
     posture: Literal["branch-and-bound", "scip", "gurobi"] = Field(
         default="branch-and-bound", description="solver of the posture program (`micp`)"

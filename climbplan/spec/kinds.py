@@ -12,6 +12,7 @@ from climbplan.spec.bookshelf import BookshelfSpec
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.dataset import DatasetSpec
 from climbplan.spec.document import Document, Finding
+from climbplan.spec.envelopes import EnvelopesSpec
 from climbplan.spec.fields import nearest
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
@@ -21,6 +22,7 @@ from climbplan.spec.wording import findings_of, shown
 KINDS: dict[str, type[SpecModel]] = {
     "climb": ClimbSpec,
     "bookshelf": BookshelfSpec,
+    "envelopes": EnvelopesSpec,
     "program": ProgramSpec,
     "dataset": DatasetSpec,
     "strategy": StrategySpec,

@@ -16,6 +16,7 @@ from climbplan.spec.checks import ClimbParts, check_parts, check_study
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
+from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
@@ -67,7 +68,15 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec:
+) -> (
+    LoadedClimb
+    | LoadedDataset
+    | LoadedEnvelopes
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | RobotSpec
+):
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -80,6 +89,8 @@ def load_spec(
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
     if kind == "robot":
         return robot_of(document)
+    if kind == "envelopes":
+        return envelopes_of(document, text)
     if kind == "program":
         return program_of(document, text)
     if kind == "dataset":

@@ -55,7 +55,8 @@ def test_units_and_bounds_are_there() -> None:
     assert gap["exclusiveMinimum"] == 0
     com = defs["PostureSpec"]["properties"]["com"]
     assert (com["minItems"], com["maxItems"]) == (3, 3)
-    assert defs["SolverSpec"]["properties"]["method"]["enum"] == ["micp", "nlp"]
+    methods = defs["SolverSpec"]["properties"]["method"]["enum"]
+    assert methods == ["micp", "nlp", "coupled", "coupled-nlp"]
 
 
 def test_one_schema_for_all() -> None:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
+from climbplan.climb.benchmarks.coupled import bench_coupled
 from climbplan.climb.benchmarks.force import bench_force
 from climbplan.climb.benchmarks.posture import bench_growth, bench_posture
 from climbplan.climb.forces.planner import plan_forces
@@ -58,6 +59,7 @@ BENCHMARKS: dict[str, Callable[[int, bool, TextIO], None]] = {
     "posture": bench_posture,
     "force": bench_force,
     "plan": bench_plan,
+    "coupled": bench_coupled,
     "growth": bench_growth,
 }
 

@@ -11,6 +11,7 @@ from climbplan.bookshelf.scene import Shelf
 from climbplan.errors import UsageError
 
 _SAME = 1e-9  # [m, rad] shelves that differ by less are the same
+_PUBLISHED = "published "
 _UNITS = {"lean_margin": " rad", "published sine": ""}  # all others are lengths
 
 
@@ -30,7 +31,8 @@ def require_context(
 ) -> None:
     """Raises UsageError naming the first thing in which the context of a model or library differs.
 
-    where: the file that the message begins with.
+    where: the file that the message begins with. The frame and tolerances of `published` count in
+    that meaning only.
     """
     wanted = context_of(shelf, meaning, count, str(given.get("features")))
     if given.get("problem") != "bookshelf":
@@ -44,6 +46,8 @@ def require_context(
             )
     theirs, ours = _flat(given.get("shelf")), _flat(wanted["shelf"])
     for key, expected in ours.items():
+        if meaning == "contact" and key.startswith(_PUBLISHED):
+            continue
         found = theirs.get(key)
         if not isinstance(found, float | int) or not math.isclose(found, expected, abs_tol=_SAME):
             unit = _UNITS.get(key, " m")
@@ -61,4 +65,4 @@ def _flat(shelf: object) -> dict[str, Any]:
     inner = shelf.get("published")
     published = inner if isinstance(inner, Mapping) else {}
     own = {str(key): value for key, value in shelf.items() if key != "published"}
-    return own | {f"published {key}": value for key, value in published.items()}
+    return own | {f"{_PUBLISHED}{key}": value for key, value in published.items()}

@@ -94,8 +94,10 @@ def _kind_looked_into(
             warn(f"{loaded.source}: {line}")
         return loaded.spec.kind
     if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.chaining import started
         from climbplan.climb.scene import build_scene
 
+        loaded = started(loaded)
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source)
         return loaded.spec.kind

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.climb.chaining import started
 from climbplan.climb.clearance import body_shortfall
 from climbplan.climb.coupled.planner import plan_coupled
 from climbplan.climb.forces.explanation import NoForces
@@ -255,6 +256,7 @@ def plan_climb(
     from climbplan.climb.study import run_study
 
     clock = StageClock(report or (lambda stage, fraction: None))
+    loaded = started(loaded)
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source)
     supported = plan_support(scene, plan_motion(scene, clock, save_model), clock)

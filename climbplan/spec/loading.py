@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf_loading import LoadedShelf, shelf_of_document
+from climbplan.spec.bookshelf_loading import LoadedShelf, root_paths, shelf_of_document
 from climbplan.spec.checks import ClimbParts, check_parts, check_study
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
@@ -119,6 +119,7 @@ def _loaded(document: Document, text: SourceText) -> LoadedClimb:
 
 def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpec]:
     findings: list[Finding] = []
+    root_paths(document, [("task", "start", "plan")])
     kind = find_kind(document, wanted="climb")
     if isinstance(kind, Finding):
         findings.append(kind)

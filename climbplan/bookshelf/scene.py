@@ -52,6 +52,12 @@ _LABELS = {
 }
 
 
+def state_label(number: int) -> str:
+    """The label of a state as a file has it, which may be none."""
+    known = {int(state): label for state, label in _LABELS.items()}
+    return known.get(number, f"no state ({number})")
+
+
 @dataclass(frozen=True)
 class PublishedTolerances:
     """Shelf and tolerances of the published formulation (its generator draws walls 5 mm thick and

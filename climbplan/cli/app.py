@@ -33,6 +33,7 @@ from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
+from climbplan.cli.plan_mpc import plan_mpc
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
 from climbplan.cli.solve import solve
@@ -92,6 +93,7 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    plan_mpc,
     fit_strategy,
     solve_bookshelf,
     solve,

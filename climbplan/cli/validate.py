@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
     from climbplan.spec.strategy_loading import LoadedStrategy
@@ -58,7 +59,13 @@ def validate(
 
 
 def _kind_looked_into(
-    loaded: LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec,
+    loaded: LoadedClimb
+    | LoadedDataset
+    | LoadedMpc
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | RobotSpec,
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
@@ -68,10 +75,17 @@ def _kind_looked_into(
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
 
     if isinstance(loaded, LoadedDataset | LoadedProgram | LoadedStrategy):
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedMpc):
+        from climbplan.mpc.problem import build_task
+
+        with placed_mistakes(loaded):
+            build_task(loaded.spec, loaded.robot, loaded.source)
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities

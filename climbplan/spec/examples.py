@@ -13,6 +13,7 @@ from climbplan.spec.fields import nearest
 FIRST_EXAMPLE = {
     "climb": "climb_obstacle",
     "bookshelf": "bookshelf_scene",
+    "mpc": "mpc_forward",
     "program": "cart_pole",
     "dataset": "dataset_bookshelf",
     "strategy": "strategy_bookshelf",

@@ -13,6 +13,7 @@ from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.dataset import DatasetSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
+from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.strategy import StrategySpec
@@ -21,6 +22,7 @@ from climbplan.spec.wording import findings_of, shown
 KINDS: dict[str, type[SpecModel]] = {
     "climb": ClimbSpec,
     "bookshelf": BookshelfSpec,
+    "mpc": MpcSpec,
     "program": ProgramSpec,
     "dataset": DatasetSpec,
     "strategy": StrategySpec,

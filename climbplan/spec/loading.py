@@ -18,6 +18,7 @@ from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program_loading import LoadedProgram, program_of
 from climbplan.spec.robot import RobotSpec
@@ -67,7 +68,15 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec:
+) -> (
+    LoadedClimb
+    | LoadedDataset
+    | LoadedMpc
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | RobotSpec
+):
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -84,6 +93,8 @@ def load_spec(
         return program_of(document, text)
     if kind == "dataset":
         return dataset_of(document, text)
+    if kind == "mpc":
+        return mpc_of(document, text)
     if kind == "strategy":
         return strategy_of(document, text)
     return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)

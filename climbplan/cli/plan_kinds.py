@@ -135,6 +135,7 @@ class _Dataset:
 
 _KINDS: dict[str, PlanKind] = {
     "climbplan/climb": _Climb(),
+    "climbplan/transition": _Climb(),
     "climbplan/bookshelf": _Bookshelf(),
     "climbplan/mpc": _Walk(),
     "climbplan/dataset": _Dataset(),

@@ -33,9 +33,8 @@ def euler_rates(angles: Array, spin: Array) -> Array:
 
 def acceleration(body: RigidBody, force: Array) -> Array:
     """Of the centre of mass (..., 3) under forces (..., 4, 3), eq. (8.14)."""
-    result: Array = force.sum(axis=-2) / body.mass
-    result[..., 2] -= body.gravity
-    return result
+    weight = np.array([0.0, 0.0, body.gravity])
+    return np.asarray(force.sum(axis=-2) / body.mass - weight, np.float64)
 
 
 def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array) -> Array:

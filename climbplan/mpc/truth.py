@@ -33,8 +33,9 @@ def euler_rates(angles: Array, spin: Array) -> Array:
 
 def acceleration(body: RigidBody, force: Array) -> Array:
     """Of the centre of mass (..., 3) under forces (..., 4, 3), eq. (8.14)."""
-    weight = np.array([0.0, 0.0, body.gravity])
-    return np.asarray(force.sum(axis=-2) / body.mass - weight, np.float64)
+    result: Array = force.sum(axis=-2) / body.mass
+    result[..., 2] -= body.gravity
+    return result
 
 
 def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array) -> Array:
@@ -42,7 +43,9 @@ def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array
     R = rotation_world_body(angles)
     inertia = R @ body.inertia @ np.swapaxes(R, -1, -2)
     momentum = (inertia @ spin[..., None])[..., 0]
-    return np.linalg.solve(inertia, (moment - np.cross(spin, momentum))[..., None])[..., 0]
+    turning = moment - np.cross(spin, momentum)
+    result: Array = np.linalg.solve(inertia, turning[..., None])[..., 0].astype(float, copy=False)
+    return result
 
 
 def moment(position: Array, toes: Array, force: Array) -> Array:

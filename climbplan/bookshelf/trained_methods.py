@@ -18,7 +18,7 @@ from climbplan.bookshelf.statement_methods import Judge
 from climbplan.errors import UsageError
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
-from climbplan.learning.pipeline import Checked, PipelineOptions, run_pipeline
+from climbplan.learning.pipeline import Checked, PipelineOptions, PipelineResult, run_pipeline
 from climbplan.learning.reduce import ReducedPrograms
 from climbplan.program.instance import Instance
 from climbplan.solvers.sqp import SqpOptions
@@ -45,6 +45,10 @@ class ReducedScenes:
     def solve(self, scene: Scene) -> SceneAnswer:
         """The best placement of the clusters that were solved."""
         begin = time.perf_counter()
+        return answer_of(self.judge, scene, self.tried(scene), begin, "reduced programs")
+
+    def tried(self, scene: Scene) -> PipelineResult:
+        """What became of each candidate."""
         theta = theta_of(scene)
         instance = self.judge.program.at(theta)
         judge, found_one = check_of(self.judge, scene), [False]
@@ -64,8 +68,7 @@ class ReducedScenes:
         )
         # The programs keep the time limit; what the last one found is made exact in any case.
         options = PipelineOptions(sqp=self.sqp, good_enough=self.gap_mm2)
-        found = run_pipeline(instance, candidates, options, check)
-        return answer_of(self.judge, scene, found, begin, "reduced programs")
+        return run_pipeline(instance, candidates, options, check)
 
 
 def trained_method(setting: MethodSetting, count: int, judge: Judge) -> SceneMethod:

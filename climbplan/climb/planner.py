@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.clearance import body_shortfall
-from climbplan.climb.coupled.planner import plan_coupled
+from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
@@ -161,9 +161,8 @@ def _convex_postures(
     scene: ClimbScene, margins: PostureMargins, save_model: Path | None
 ) -> PostureResult:
     """Postures alone, or together with forces."""
-    method = scene.spec.solver.method
-    if method == "coupled" or method == "coupled-nlp":
-        return plan_coupled(scene, margins, whole=method == "coupled-nlp")
+    if scene.spec.solver.method in COUPLED_METHODS:
+        return plan_coupled(scene, margins)
     return plan_postures(scene, margins, save_model)
 
 

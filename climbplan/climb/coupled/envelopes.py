@@ -25,7 +25,7 @@ SHIPPED = ("ground3", "wall3", "wall5")
 EXPERT = "expert"
 _SHIPPED_FOLDER = files("climbplan.coupled").joinpath("envelopes")
 _PREFERENCE = ("genetic", "clustering", "heuristic")  # of the fits in a file, the first there is
-_LEVEL = 0.7  # upward part of a normal beyond which a region is ground
+_TILT = float(np.cos(np.deg2rad(30.0)))  # of normals from the nominal one, as in the training
 
 _TOE = 0.35  # [m] a toe's range about its stance along each axis, of the expert
 _SHEAR = 0.3
@@ -36,7 +36,8 @@ _MOST_LOAD = 0.5
 class NamedEnvelope:
     """The box of all N limbs and where it is from."""
 
-    name: str
+    name: str  # as the spec names it
+    fit: str  # method that it was fitted by
     box: Envelope  # (N, 6) toe about the point of reference [P], force [weights]
 
 
@@ -51,7 +52,7 @@ def chosen_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnv
 def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
     """A shipped envelope, `expert`, or one of a file; raises UsageError for another name."""
     if name == EXPERT:
-        return NamedEnvelope(name, braced_envelope(scene))
+        return NamedEnvelope(name, "expert", braced_envelope(scene))
     if name in SHIPPED:
         with as_file(_SHIPPED_FOLDER.joinpath(f"{name}.h5")) as path:
             if not path.is_file():
@@ -68,7 +69,7 @@ def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
     method = next((m for m in _PREFERENCE if m in stored.envelopes), None)
     if method is None:
         raise UsageError(f"{name}: no envelope in this file")
-    return NamedEnvelope(f"{name} ({method})", spread(scene, stored, stored.envelopes[method]))
+    return NamedEnvelope(name, method, spread(scene, stored, stored.envelopes[method]))
 
 
 def spread(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> Envelope:
@@ -108,9 +109,17 @@ def opposite(robot: Robot, limb: int) -> int:
 
 
 def _by_terrain(scene: ClimbScene) -> str:
-    """ground3 where most regions are level, wall5 elsewhere."""
-    level = [region.normal[2] > _LEVEL for region in scene.terrain.regions]
-    return "ground3" if np.mean(level) > 0.5 else "wall5"
+    """ground3 or wall5 where all regions are tilted as in their training, else the expert's."""
+    robot, terrain = scene.robot, scene.terrain
+    side = np.sign(robot.shoulder_body[:, 0])
+    for name, nominal in (
+        ("ground3", np.tile([0.0, 0.0, 1.0], (robot.limb_count, 1))),
+        ("wall5", -side[:, None] * [1.0, 0.0, 0.0]),
+    ):
+        level = nominal @ np.stack([region.normal for region in terrain.regions]).T
+        if (level[terrain.allowed] >= _TILT).all():
+            return name
+    return EXPERT
 
 
 def braced_envelope(scene: ClimbScene) -> Envelope:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from climbplan.climb.coupled.accurate import solve_accurate
-from climbplan.climb.coupled.envelopes import chosen_envelopes
+from climbplan.climb.coupled.envelopes import NamedEnvelope, chosen_envelopes
 from climbplan.climb.coupled.modes import first_stage_with_modes
 from climbplan.climb.coupled.preparation import Prepared, prepare
 from climbplan.climb.coupled.stages import Candidate, put_right, two_stages
@@ -104,6 +104,11 @@ def _not_found(prepared: Prepared, why: str) -> LimitReached:
     return LimitReached(f"method {method}: {why}, which proves nothing")
 
 
+def told(*envelopes: NamedEnvelope) -> dict[str, Any]:
+    """Envelopes as reports name them."""
+    return {"envelopes": {e.name: e.fit for e in envelopes}}
+
+
 def _coupled(prepared: Prepared) -> Answer:
     options = prepared.scene.spec.solver
     envelope = chosen_envelopes(prepared.scene)[0]
@@ -113,8 +118,7 @@ def _coupled(prepared: Prepared) -> Answer:
         raise _not_found(
             prepared, f"no point of P1 with envelope {envelope.name} that P2 or IPOPT puts right"
         )
-    notes = {"envelope": envelope.name}
-    return Answer(found, prepared.bound, ALONE, prepared.nodes, notes)
+    return Answer(found, prepared.bound, ALONE, prepared.nodes, told(envelope))
 
 
 def _modes(prepared: Prepared) -> Answer:
@@ -127,7 +131,7 @@ def _modes(prepared: Prepared) -> Answer:
     found = put_right(prepared, first.candidate, options.time_limit)
     if found is None:
         raise _not_found(prepared, "neither P2 nor IPOPT puts P1 right")
-    notes = {"envelopes": [e.name for e in envelopes], "modes": list(first.modes)}
+    notes = {**told(*envelopes), "modes": list(first.modes)}
     return Answer(found, prepared.bound, ALONE, prepared.nodes + first.nodes, notes)
 
 
@@ -178,7 +182,7 @@ def _accurate(prepared: Prepared) -> Answer:
         bound = max(found.bound, prepared.bound)
         held = f"{_P}; from envelopes on {options.pieces} pieces of each toe coordinate"
         return Answer(found.best, bound, held, found.nodes, notes)
-    notes["envelope"] = envelope.name
+    notes.update(told(envelope))
     notes["micp"]["value_within_envelope"] = found.bound
     held = f"{ALONE}; the program's own value is that within the envelope, which is no bound"
     return Answer(found.best, prepared.bound, held, found.nodes, notes)

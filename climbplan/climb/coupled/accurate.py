@@ -13,6 +13,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from climbplan.climb.coupled.preparation import Prepared
 from climbplan.climb.coupled.stages import TOLERANCE, Candidate, whole
@@ -53,7 +54,7 @@ def accurate_program(prepared: Prepared, within: Range, pieces: int) -> Instance
     """P with envelopes on `pieces` of each toe coordinate, choices as binaries."""
     instance = replace(prepared.instance, lower=within.lower - _ROOM, upper=within.upper + _ROOM)
     toe = prepared.program.variables["toe"]
-    grids = {
+    grids: dict[int, ArrayLike] = {
         int(j): uniform(instance.lower[j], instance.upper[j], pieces)
         for j in factors(instance)
         if toe.start <= j < toe.stop and within.upper[j] - within.lower[j] > _NARROW

@@ -148,8 +148,8 @@ def _accurate(prepared: Prepared) -> Answer:
     if known is not None and envelope is None:
         cost = prepared.instance.objective(known.x)
         if relative_gap(cost, prepared.bound) <= options.gap:
-            notes = {"closed_by": "postures alone: forces balance at them"}
-            return Answer(known, prepared.bound, f"{_P}; closed by postures alone", 0, notes)
+            closed = {"closed_by": "postures alone: forces balance at them"}
+            return Answer(known, prepared.bound, f"{_P}; closed by postures alone", 0, closed)
     found = solve_accurate(
         prepared,
         known,
@@ -166,24 +166,22 @@ def _accurate(prepared: Prepared) -> Answer:
         )
     if found.best is None:
         raise _not_found(prepared, f"no point of P within {options.time_limit:g} s")
-    notes: dict[str, Any] = {
-        "micp": {
-            "binaries": found.binaries,
-            "variables": found.variables,
-            "rows": found.rows,
-            "nodes": found.nodes,
-            "tightening_programs": found.tightening,
-            "tightening_seconds": found.tightening_time,
-            "solver_seconds": found.solver_time,
-            "solver": found.solver,
-        }
+    micp: dict[str, Any] = {
+        "binaries": found.binaries,
+        "variables": found.variables,
+        "rows": found.rows,
+        "nodes": found.nodes,
+        "tightening_programs": found.tightening,
+        "tightening_seconds": found.tightening_time,
+        "solver_seconds": found.solver_time,
+        "solver": found.solver,
     }
     if envelope is None:
         bound = max(found.bound, prepared.bound)
         held = f"{_P}; from envelopes on {options.pieces} pieces of each toe coordinate"
-        return Answer(found.best, bound, held, found.nodes, notes)
-    notes.update(told(envelope))
-    notes["micp"]["value_within_envelope"] = found.bound
+        return Answer(found.best, bound, held, found.nodes, {"micp": micp})
+    micp["value_within_envelope"] = found.bound
+    notes = {**told(envelope), "micp": micp}
     held = f"{ALONE}; the program's own value is that within the envelope, which is no bound"
     return Answer(found.best, prepared.bound, held, found.nodes, notes)
 

@@ -13,8 +13,8 @@ from climbplan.bookshelf.methods import MethodSetting, convex_solver
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene
 from climbplan.bookshelf.scene_method import SceneMethod
+from climbplan.bookshelf.shelf_context import require_context
 from climbplan.bookshelf.statement_methods import Judge
-from climbplan.bookshelf.training import require_context
 from climbplan.errors import UsageError
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model

@@ -17,6 +17,7 @@ BENCHMARKS = {
     "force": "force planner against CVXPY and Clarabel on the same instants",
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
     "coupled": "positions and forces together: against CVXPY, and on random slippery bands",
+    "transition": "complementarity from random starts against the search over stance sets",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
@@ -181,6 +182,12 @@ def bench(
         if chosen == "strategies":
             given = {**(_QUICK_STRATEGIES if quick else {}), **given, "seed": seed}
             _bench_strategies(session, given, out, force, as_json)
+            continue
+        if chosen == "transition":
+            from climbplan.transition.benchmark import run_transition
+
+            with standard_output() as stream:
+                run_transition(seed, quick, stream)
             continue
         from climbplan.climb.benchmarks.run import run
 

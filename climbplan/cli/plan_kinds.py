@@ -111,6 +111,7 @@ class _Dataset:
 
 _KINDS: dict[str, PlanKind] = {
     "climbplan/climb": _Climb(),
+    "climbplan/transition": _Climb(),
     "climbplan/bookshelf": _Bookshelf(),
     "climbplan/dataset": _Dataset(),
 }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
 
 def validate(
@@ -66,6 +67,7 @@ def _kind_looked_into(
         | LoadedProgram
         | LoadedShelf
         | LoadedStrategy
+        | LoadedTransition
         | RobotSpec
     ),
 ) -> str:
@@ -80,6 +82,7 @@ def _kind_looked_into(
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
     if isinstance(loaded, LoadedDataset | LoadedEnvelopes | LoadedProgram | LoadedStrategy):
         return loaded.spec.kind
@@ -91,9 +94,17 @@ def _kind_looked_into(
             warn(f"{loaded.source}: {line}")
         return loaded.spec.kind
     if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.chaining import started
         from climbplan.climb.scene import build_scene
 
+        loaded = started(loaded)
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source)
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedTransition):
+        from climbplan.transition.scene import build_transition
+
+        with placed_mistakes(loaded):
+            build_transition(loaded)
         return loaded.spec.kind
     return loaded.kind

@@ -12,6 +12,7 @@ from climbplan.spec.fields import nearest
 # What `climbplan new KIND` writes; the most telling example of each kind.
 FIRST_EXAMPLE = {
     "climb": "climb_obstacle",
+    "transition": "transition_flat",
     "bookshelf": "bookshelf_scene",
     "envelopes": "envelopes_wall3",
     "program": "cart_pole",

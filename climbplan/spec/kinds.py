@@ -17,10 +17,12 @@ from climbplan.spec.fields import nearest
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.strategy import StrategySpec
+from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.wording import findings_of, shown
 
 KINDS: dict[str, type[SpecModel]] = {
     "climb": ClimbSpec,
+    "transition": TransitionSpec,
     "bookshelf": BookshelfSpec,
     "envelopes": EnvelopesSpec,
     "program": ProgramSpec,

@@ -216,7 +216,7 @@ def test_export_says_what_it_can_write(dataset: Path, run_command: RunCommand) -
 def test_a_dataset_is_a_library_of_the_bookshelf(dataset: Path, run_command: RunCommand) -> None:
     Path("scene.yaml").write_text(
         "kind: bookshelf\n"
-        "shelf: {left_mm: -59, right_mm: 59}\n"
+        "shelf: {left_mm: -59.11, right_mm: 59.11}\n"
         "scene:\n"
         "  books: [{x_mm: -40, height_mm: 60, width_mm: 20}, {x_mm: 10, height_mm: 60, "
         "width_mm: 20}]\n"
@@ -225,6 +225,14 @@ def test_a_dataset_is_a_library_of_the_bookshelf(dataset: Path, run_command: Run
     )
     outcome = run_command("solve-bookshelf", "scene.yaml", "--out", "placed")
     assert outcome.code == 0, outcome.err
+    other = ("--set", "shelf.right_mm=60", "--out", "other")
+    outcome = run_command("solve-bookshelf", "scene.yaml", *other)
+    assert outcome.code == 2
+    assert "made for a shelf whose right is 0.05911 m, here it is 0.06 m" in outcome.err
+    taken = run_command(
+        "solve-bookshelf", "scene.yaml", *other, "-s", "solver.library.foreign=true"
+    )
+    assert taken.code == 0, taken.err
     data = read_dataset_file(dataset)
     write_dataset_file(replace(data, frame=replace(data.frame, kind="toy")), dataset)
     outcome = run_command("solve-bookshelf", "scene.yaml", "--out", "again")

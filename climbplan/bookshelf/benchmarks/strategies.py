@@ -27,10 +27,10 @@ from climbplan.bookshelf.mirror import Solved
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene, Shelf
 from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.shelf_context import context_of
 from climbplan.bookshelf.statement_methods import Judge
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.bookshelf.trained_methods import ReducedScenes, model_method
-from climbplan.bookshelf.training import context_of
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import ClusterOptions, solution_columns
 from climbplan.learning.library import Library

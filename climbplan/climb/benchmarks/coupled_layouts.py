@@ -7,8 +7,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.planner import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure
 from climbplan.spec.climb import ClimbSpec
@@ -73,8 +72,8 @@ def solves(spec: ClimbSpec) -> bool:
     """Whether a method finds postures and admissible forces at every instant."""
     scene = build_scene(spec, load_robot("silvia"))
     try:
-        motion = plan_motion(scene, StageClock(lambda stage, fraction: None))
-        plan_forces(scene, motion.instants)
+        clock = StageClock(lambda stage, fraction: None)
+        plan_support(scene, plan_motion(scene, clock), clock)
     except (Infeasible, ReachFailure, LimitReached, NoPlanFound):
         return False
     return True

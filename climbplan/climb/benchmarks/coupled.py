@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from typing import TextIO, TypeVar
 
@@ -73,9 +74,8 @@ def _stages(seed: int, repeats: int, out: TextIO) -> None:
             ("the same through CVXPY, our matrices", False),
         ):
             cvxpy_stages(pinned, within, force, one_by_one)  # imports and first calls apart
-            theirs, value = timed(
-                lambda one=one_by_one: cvxpy_stages(pinned, within, force, one), repeats
-            )
+            run = partial(cvxpy_stages, pinned, within, force, one_by_one)
+            theirs, value = timed(run, repeats)
             _row(out, name, theirs, ours, value)
     else:
         print("left out: CVXPY is not installed", file=out)

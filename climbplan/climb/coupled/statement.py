@@ -4,8 +4,8 @@ One set of contact forces a round, for the posture with all limbs on the ground,
 carries at least `posture.least_load` of the weight: what makes it a contact. A limb's region and
 its friction cone are one choice: (toe, force) lies in region times pyramid, so that a slippery
 region costs force where it is chosen. Moments are taken about fixed points, where postures alone
-put the body: forces add up to a known one, so the body's part of the moment is linear, and on a flat
-wall across an axis two of the six products of a limb are with a constant.
+put the body: forces add up to a known one, so that part of the moment is linear, and on a flat wall
+across an axis two of the six products of a limb are with a constant.
 """
 
 from __future__ import annotations

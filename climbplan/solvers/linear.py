@@ -53,6 +53,7 @@ def solve_linear(program: LinearProgram) -> LinearAnswer:
         )
     )
     for presolve in ("choose", "off"):
+        solver.clearSolver()  # or the second try starts from the basis that the first one broke
         solver.setOptionValue("presolve", presolve)
         code = solver.run()
         status = solver.getModelStatus()

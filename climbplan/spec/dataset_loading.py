@@ -8,7 +8,12 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf_loading import root_paths
-from climbplan.spec.dataset import BY_PROBLEM, ProgramDatasetSpec, ShelfDatasetSpec
+from climbplan.spec.dataset import (
+    BY_PROBLEM,
+    ProgramDatasetSpec,
+    ShelfDatasetSpec,
+    TerrainsDatasetSpec,
+)
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
@@ -25,7 +30,7 @@ _PATHS = (("problem", "solver", "library", "file"), ("problem", "solver", "libra
 class LoadedDataset(LoadedSpec):
     """A dataset spec and the text it came from."""
 
-    spec: ShelfDatasetSpec | ProgramDatasetSpec
+    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec
 
 
 def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedDataset:
@@ -61,7 +66,7 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
 
 def _model_of(
     document: Document,
-) -> type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | Finding:
+) -> type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | type[TerrainsDatasetSpec] | Finding:
     """The model that `problem.kind` asks for, or what is wrong with it."""
     known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
     problem = document.value.get("problem")

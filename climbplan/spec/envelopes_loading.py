@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
+from climbplan.spec.bookshelf_loading import root_paths
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.envelopes import EnvelopesSpec
 from climbplan.spec.kinds import find_kind, validate
@@ -41,6 +42,7 @@ def envelopes_of(document: Document, text: SourceText) -> LoadedEnvelopes:
     """
     findings: list[Finding] = []
     kind = find_kind(document, wanted="envelopes")
+    root_paths(document, (("data", "dataset"),))
     if isinstance(kind, Finding):
         findings.append(kind)
     spec, found = validate(document, EnvelopesSpec)

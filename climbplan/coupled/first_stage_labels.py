@@ -61,7 +61,7 @@ def called(prepared: list[FirstStage], known: Array, envelopes: EnvelopeSet, row
     for e in envelopes:
         points = known[rows]
         inside = (points >= e.lower) & (points <= e.upper)  # NaN is in no box
-        feasible |= inside.all(axis=(2, 3)).any(axis=1)
+        feasible |= np.any(inside.all(axis=(2, 3)), axis=1)
     for at in np.flatnonzero(~feasible):
         stage = prepared[rows[at]]
         feasible[at] = any(stage.solve(e.lower, e.upper) is not None for e in envelopes)

@@ -23,8 +23,16 @@ from climbplan.reports.sheet import (
 
 # Of each limb: which two of (p_x, p_y, p_z, f_x, f_y, f_z) a panel shows
 _PLANES = ((0, 1), (1, 2), (3, 5), (4, 5))
-_AXES = ("toe x [P]", "toe y [P]", "toe z [P]", "force x", "force y", "force z [weights]")
+_AXES = (
+    "toe x [P]",
+    "toe y [P]",
+    "toe z [P]",
+    "force x [weights]",
+    "force y [weights]",
+    "force z [weights]",
+)
 _COLORS = {"heuristic": "#697586", "clustering": "#0072B2", "genetic": "#009E73"}
+_WIDTHS = {"heuristic": 1.2, "clustering": 2.6, "genetic": 1.2}  # those below show beside
 _GOOD, _BAD = "#56B4E9", "#E8A27C"
 
 
@@ -49,7 +57,7 @@ def boxes(run: EnvelopeRun, name: str) -> Figure:
                             high[a] - low[a],
                             high[b] - low[b],
                             fill=False,
-                            lw=1.5,
+                            lw=_WIDTHS[fitted.method],
                             ls="--" if fitted.method == "heuristic" else "-",
                             ec=_COLORS[fitted.method],
                         )
@@ -62,7 +70,13 @@ def boxes(run: EnvelopeRun, name: str) -> Figure:
         Line2D([], [], ls="", marker="o", ms=5, color=color) for color in (_GOOD, _BAD)
     ]
     handles += [
-        Line2D([], [], lw=1.8, ls="--" if f.method == "heuristic" else "-", color=_COLORS[f.method])
+        Line2D(
+            [],
+            [],
+            lw=_WIDTHS[f.method],
+            ls="--" if f.method == "heuristic" else "-",
+            color=_COLORS[f.method],
+        )
         for f in run.fitted
     ]
     words = ["point of a feasible terrain", "of an infeasible one, without the bilinear rows"]

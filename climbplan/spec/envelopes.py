@@ -26,7 +26,7 @@ class EnvelopeTerrainSpec(SpecModel):
 
 
 class EnvelopeDataSpec(SpecModel):
-    """How many labelled terrains to draw, or where they are; those of the validation are held out."""
+    """How many labelled terrains to draw, or where they are; validation is held out."""
 
     dataset: str | None = Field(
         default=None,

@@ -18,6 +18,7 @@ from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.motion_loading import robot_of_document
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
@@ -59,8 +60,11 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
         raise SpecError(document.source, document.mistakes([*findings, model]))
     spec, found = validate(document, model)
     findings += [f for f in found if f.path != ("kind",)]
-    if spec is None or findings:
-        raise SpecError(document.source, document.mistakes(findings))
+    mistakes = document.mistakes(findings)
+    if model is TerrainsDatasetSpec:
+        mistakes += robot_of_document(document, text.directory, ("problem", "robot"))[1]
+    if spec is None or mistakes:
+        raise SpecError(document.source, mistakes)
     return LoadedDataset(spec=spec, **origin_of(document, text))
 
 

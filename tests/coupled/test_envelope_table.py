@@ -33,6 +33,7 @@ THETA = [
     (0.50, -0.20, 0.10),  # infeasible, and the linear part misses the box too
 ]
 BOX = (0.2, 0.8)
+ROUNDING = 1e-9
 DECISIVE = 4e-3  # a grid point that misses p f = t by less counts as a solution
 
 
@@ -47,8 +48,9 @@ class Enumerated:
 
 
 def _enumerated(t: float, s: float, d: float) -> Enumerated:
-    band = (P + F >= s - 1e-9) & (P + F <= s + d + 1e-9)
-    box = (P >= BOX[0] - 1e-9) & (P <= BOX[1] + 1e-9) & (F >= BOX[0] - 1e-9) & (F <= BOX[1] + 1e-9)
+    off = np.clip(P + F, s, s + d) - (P + F)
+    band = np.abs(off) <= ROUNDING
+    box = np.abs(np.clip(P, *BOX) - P) + np.abs(np.clip(F, *BOX) - F) <= ROUNDING
     solves = band & (np.abs(P * F - t) <= DECISIVE)
     low, high = BOX
     under = np.maximum(low * P + low * F - low * low, high * P + high * F - high * high)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.coupled.dataset_rows import TerrainRows, labelled_rows, linear_violation
+from climbplan.coupled.dataset_rows import TerrainRows, labelled_rows, linear_violation, point_of
 from climbplan.coupled.envelope_terrains import terrains_of
 from climbplan.coupled.statement import posture_statement
 from climbplan.coupled.terrains import Patches
@@ -24,7 +24,12 @@ PLACE = Path("dataset.h5")
 
 
 def _spec(**changes: object) -> TerrainsProblemSpec:
-    given = {"kind": "terrains", "robot": "silvia", "terrain": {"distribution": "wall3"}}
+    given = {
+        "kind": "terrains",
+        "robot": "silvia",
+        "terrain": {"distribution": "wall3"},
+        "solver": {"nodes": 40},
+    }
     return TerrainsProblemSpec.model_validate({**given, **changes})
 
 
@@ -41,6 +46,10 @@ def _made(source: TerrainRows, count: int) -> Dataset:
     return replace(dataset_of(source.frame, rows), spec_sha256="e3b0c442" + _EMPTY)
 
 
+def _rows(data: Dataset, status: str) -> np.ndarray:
+    return np.array([k for k, word in enumerate(data.status) if word == status])
+
+
 _EMPTY = "98fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"  # rest of sha256 of nothing
 
 
@@ -50,7 +59,7 @@ def data(robot: Robot) -> Dataset:
 
 
 def test_rows_are_decided_and_verified(data: Dataset) -> None:
-    assert set(data.status) == {"feasible", "infeasible"}
+    assert {"feasible", "infeasible"} <= set(data.status) <= {"feasible", "infeasible", "limit"}
     verification = verification_of(data, PLACE)
     assert verification.passed, verification
     names = {check.name for check in verification.checks}
@@ -60,13 +69,14 @@ def test_rows_are_decided_and_verified(data: Dataset) -> None:
 def test_infeasible_rows_balance_forces_but_not_moments(data: Dataset, robot: Robot) -> None:
     terrains = terrains_of(_spec().terrain, robot)
     statement = posture_statement(terrains.legs)
-    for row in np.flatnonzero(~data.feasible):
+    for row in _rows(data, "infeasible"):
         force, toe = data.solution["force"][row], data.solution["toe"][row]
         np.testing.assert_allclose(force.sum(axis=0), [0, 0, 1], atol=1e-6)
         moment = np.cross(toe - data.solution["com"][row], force).sum(axis=0)
         assert np.abs(moment).max() > 1e-4
         patches = Patches.from_vector(data.parameters[row])
         instance = statement.program.at(statement.theta(patches))
+        assert linear_violation(instance, point_of(statement, data, row)) <= 1e-7
         assert linear_violation(instance, np.zeros(instance.size)) > 0.1  # no weights: not on it
 
 
@@ -95,8 +105,7 @@ def test_share_of_feasible_rows(robot: Robot) -> None:
         assert statuses == {word}
     source = TerrainRows(_spec(share_feasible=0.0, attempts=1), robot)
     with pytest.raises(LimitReached, match="among 1"):
-        for k in range(20):
-            source.draw(np.random.default_rng(k))
+        [source.draw(np.random.default_rng(k)) for k in range(20)]
 
 
 def test_rows_for_a_fit(data: Dataset, robot: Robot) -> None:
@@ -106,12 +115,15 @@ def test_rows_for_a_fit(data: Dataset, robot: Robot) -> None:
     half = np.arange(data.count) % 2 == 0
     good = np.flatnonzero(data.feasible)
     half[good[0]], half[good[1]] = True, False
-    bad = np.flatnonzero(~data.feasible)
+    bad = _rows(data, "infeasible")
     half[bad[0]], half[bad[1]] = True, False
     split = replace(data, train=half, test=~half)
     rows = labelled_rows(split, PLACE, terrains)
-    assert len(rows.training.terrain) + len(rows.held_out.terrain) == data.count
-    np.testing.assert_array_equal(rows.training.point[:, :, :3], data.solution["toe"][half])
+    decided = np.array([word != "limit" for word in data.status])
+    assert len(rows.training.terrain) == (half & decided).sum()
+    assert len(rows.held_out.terrain) == (~half & decided).sum()
+    toe = data.solution["toe"][half & decided]
+    np.testing.assert_array_equal(rows.training.point[:, :, :3], toe)
     with pytest.raises(UsageError, match="not the spec's distribution"):
         labelled_rows(split, PLACE, replace(terrains, jitter=0.05))
     with pytest.raises(UsageError, match="both feasible and infeasible"):

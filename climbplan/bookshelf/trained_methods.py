@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.envelope_grids import published_partitions
-from climbplan.bookshelf.features import Features, feature_map
+from climbplan.bookshelf.features import Features, feature_count, feature_map
 from climbplan.bookshelf.learned_methods import Convex, answer_of, check_of
 from climbplan.bookshelf.methods import MethodSetting, convex_solver
 from climbplan.bookshelf.points import theta_of
@@ -88,15 +88,21 @@ def trained_method(setting: MethodSetting, count: int, judge: Judge) -> SceneMet
     if model.kind != solver.method:
         raise UsageError(f"{path}: a model of kind {model.kind!r}, method is {solver.method!r}")
     require_context(model.context, setting.shelf, setting.meaning, count, str(path))
-    model.library.require(judge.program)
+    try:
+        model.library.require(judge.program, feature_count(_features_of(model), count))
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
     return model_method(model, setting, judge)
+
+
+def _features_of(model: StrategyModel) -> ShelfFeatures:
+    return "raw" if model.context["features"] == "raw" else "gaps"
 
 
 def model_method(model: StrategyModel, setting: MethodSetting, judge: Judge) -> SceneMethod:
     """A model as a method, on the shelf of the judge, whatever it was trained on."""
     solver, shelf = setting.solver, setting.shelf
-    kind: ShelfFeatures = "raw" if model.context["features"] == "raw" else "gaps"
-    features = feature_map(kind, shelf)
+    features = feature_map(_features_of(model), shelf)
     if model.kind == "reduce":
         programs = ReducedPrograms(
             ranking=model.clusters(),

@@ -151,7 +151,7 @@ def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Ar
     for end, distance in zip(flat, faces, strict=True):
         foot = end[:, None] - distance[..., None] * solid.A  # (S, F, 3)
         on_face = (foot @ solid.A.T - solid.b).max(axis=-1) <= _TOUCHING
-        best = np.minimum(best, np.where(on_face & (distance > 0), distance, np.inf).min(axis=1))
+        best = np.minimum(best, np.where(on_face & (distance >= 0), distance, np.inf).min(axis=1))
     return np.where((bound < 0) & _meets(faces), bound, best)
 
 

@@ -120,6 +120,8 @@ def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") ->
 
     Raises SpecError for toes off their surfaces and UsageError for malformed terrain.
     """
+    if spec.task.start.plan is not None:
+        raise ValueError("the start is still in its plan file")
     robot = with_stance(Robot.from_spec(robot_spec), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []

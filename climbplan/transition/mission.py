@@ -15,7 +15,7 @@ from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene, Stance, build_scene
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import to_body
-from climbplan.spec.climb import ClimbSpec, PostureSpec, TaskSpec
+from climbplan.spec.climb import ClimbSpec, StartSpec, TaskSpec
 from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.scene import TransitionScene
@@ -51,7 +51,7 @@ def _climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> ClimbScene
         for name, toe in zip(names, goal.toes, strict=True)
     }
     com = (float(goal.com[0]), float(goal.com[1]), float(goal.com[2]))
-    start = PostureSpec(com=com, rpy_deg=scene.spec.task.goal.rpy_deg, toes=toes)
+    start = StartSpec(com=com, rpy_deg=scene.spec.task.goal.rpy_deg, toes=toes)
     built = build_scene(_climb_spec(scene.spec, start), loaded.robot, loaded.source)
     # Toes are those of the transition to the last digit, so that the postures join.
     stance = to_body(goal.com, goal.rpy, goal.toes)
@@ -59,7 +59,7 @@ def _climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> ClimbScene
     return replace(built, robot=robot, terrain=scene.terrain, start=goal)
 
 
-def _climb_spec(spec: TransitionSpec, start: PostureSpec) -> ClimbSpec:
+def _climb_spec(spec: TransitionSpec, start: StartSpec) -> ClimbSpec:
     climb = spec.climb
     if climb is None:
         raise ValueError("the spec asks for no climb")

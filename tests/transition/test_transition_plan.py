@@ -89,8 +89,8 @@ def test_pairs_in_three_rounds(tmp_path: Path) -> None:
     assert verify(tmp_path / "plan.h5").passed
     assert pairs.contact_sequence.startswith("2-2-2: ")
     # The body waits while limbs are in the air.
-    flying = ~pairs.trajectory.contact.all(axis=1)
-    still = np.linalg.norm(np.diff(pairs.trajectory.com, axis=0), axis=1) < 1e-12
+    flying = np.logical_not(pairs.trajectory.contact.all(axis=1))
+    still = np.asarray(np.linalg.norm(np.diff(pairs.trajectory.com, axis=0), axis=1) < 1e-12)
     assert still[flying[1:] & flying[:-1]].all()
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
     from climbplan.spec.strategy_loading import LoadedStrategy
@@ -64,6 +65,7 @@ def _kind_looked_into(
         LoadedClimb
         | LoadedDataset
         | LoadedEnvelopes
+        | LoadedMpc
         | LoadedProgram
         | LoadedShelf
         | LoadedStrategy
@@ -80,11 +82,18 @@ def _kind_looked_into(
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
     from climbplan.spec.transition_loading import LoadedTransition
 
     if isinstance(loaded, LoadedDataset | LoadedEnvelopes | LoadedProgram | LoadedStrategy):
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedMpc):
+        from climbplan.mpc.problem import build_task
+
+        with placed_mistakes(loaded):
+            build_task(loaded.spec, loaded.robot, loaded.source)
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities

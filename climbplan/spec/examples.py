@@ -14,6 +14,7 @@ FIRST_EXAMPLE = {
     "climb": "climb_obstacle",
     "transition": "transition_flat",
     "bookshelf": "bookshelf_scene",
+    "mpc": "mpc_forward",
     "envelopes": "envelopes_wall3",
     "program": "cart_pole",
     "dataset": "dataset_bookshelf",

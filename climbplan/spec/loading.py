@@ -16,6 +16,7 @@ from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.motion_loading import part_of, robot_of_document
+from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program_loading import LoadedProgram, program_of
 from climbplan.spec.robot import RobotSpec
@@ -68,6 +69,7 @@ def load_spec(
     LoadedClimb
     | LoadedDataset
     | LoadedEnvelopes
+    | LoadedMpc
     | LoadedProgram
     | LoadedShelf
     | LoadedStrategy
@@ -92,6 +94,8 @@ def load_spec(
         return program_of(document, text)
     if kind == "dataset":
         return dataset_of(document, text)
+    if kind == "mpc":
+        return mpc_of(document, text)
     if kind == "strategy":
         return strategy_of(document, text)
     if kind == "transition":

@@ -37,6 +37,7 @@ from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
+from climbplan.cli.simulate import simulate
 from climbplan.cli.solve import solve
 from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.validate import validate
@@ -100,6 +101,7 @@ for _command in (
     solve_bookshelf,
     solve,
     gen_data,
+    simulate,
     verify,
     report,
     export,

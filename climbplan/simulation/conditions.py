@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-# Half of a SiLVIA is limbs: 18 links of 0.3 kg beside a body of 5 kg (its authors' walking code).
-LIMB_MASS_SHARE = 0.5
+# Robot data say that the mass acts at the body's origin, so links weigh next to nothing. (Half of
+# a SiLVIA is limbs: 18 links of 0.3 kg beside a body of 5 kg in its authors' walking code.)
+LIMB_MASS_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,6 @@ class Conditions:
     limb_mass_share: float = LIMB_MASS_SHARE  # part of the robot's mass that is in its links
     backlash: float = 0.0  # play of every joint [rad]
     limb_weights: bool = True  # motors are told to carry the links' weight
-    regulate: bool = False  # body-pose regulator
     losses: tuple[ContactLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
 

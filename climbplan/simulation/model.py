@@ -26,6 +26,15 @@ DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _STAVES = 96  # flat pieces of a tube
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 
+_SOLVER = (
+    f'<option timestep="{TIME_STEP}" gravity="0 0 {{gravity}}" cone="elliptic" impratio="20"'
+    ' integrator="implicitfast" noslip_iterations="4"/>'
+)
+_VISUAL = (
+    '<visual><global offwidth="1280" offheight="960"/><quality shadowsize="2048"/>'
+    '<headlight ambient=".45 .45 .45" diffuse=".5 .5 .5"/></visual>'
+)
+
 # Collision classes: toes meet everything, links meet obstacles, the body meets everything.
 _TOE, _LINK, _BODY = 1, 2, 4
 
@@ -52,19 +61,19 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     friction = float(np.min(plan.instants.mu)) * conditions.friction
     for index, solid in enumerate(plan.terrain.obstacles):
         mesh = _mesh(f"obstacle{index}", solid, assets)
-        world.append(_terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle"))
+        world.append(
+            _terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle")
+        )
     actuators = [
         line for limb in range(robot.limb_count) for line in _motors(robot, limb, conditions)
     ]
     return "\n".join(
         [
             '<mujoco model="climbplan">',
-            f'<option timestep="{TIME_STEP}" gravity="0 0 {-robot.gravity}" cone="elliptic"'
-            ' impratio="20" integrator="implicitfast" noslip_iterations="4"/>',
+            _SOLVER.format(gravity=-robot.gravity),
             '<compiler angle="radian" autolimits="true"/>',
             '<size memory="20M"/>',
-            '<visual><global offwidth="1280" offheight="960"/><quality shadowsize="2048"/>'
-            '<headlight ambient=".45 .45 .45" diffuse=".5 .5 .5"/></visual>',
+            _VISUAL,
             # Contacts far stiffer than limbs (some 1 N/mm): a hundredth of a millimetre at 40 N.
             '<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>',
             "<asset>",
@@ -98,12 +107,11 @@ def _robot(robot: Robot, conditions: Conditions) -> list[str]:
     link = link_mass(robot, conditions)
     body = robot.mass - 3 * limbs * link + conditions.payload
     size = np.abs(robot.body_hull).max(axis=0)
-    lines = [
-        '<body name="body">',
-        '<freejoint name="free"/>',
+    box = (
         f'<geom name="body" type="box" size="{_numbers(size)}" mass="{body:.9g}" material="body"'
-        f' contype="{_BODY}" conaffinity="0"/>',
-    ]
+        f' contype="{_BODY}" conaffinity="0"/>'
+    )
+    lines = ['<body name="body">', '<freejoint name="free"/>', box]
     for limb in range(limbs):
         lines += _limb(robot, limb, link, conditions)
     return [*lines, "</body>"]

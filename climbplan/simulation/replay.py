@@ -6,7 +6,9 @@ and then plays the trajectory's commands, which unload, lift, swing, lower, pres
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from ctypes.util import find_library
 from dataclasses import dataclass, replace
 from importlib import import_module
 from types import ModuleType
@@ -16,12 +18,12 @@ import numpy as np
 
 from climbplan.errors import MissingSolver
 from climbplan.plans.climb_plan import ClimbPlan, Mask
+from climbplan.reports.replay import sample_instants
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.model import TIME_STEP, build_mjcf, motor_stiffness
-from climbplan.simulation.regulator import Regulator
 
 SETTLE = 1.0  # [s] at the first commands before the motion starts
 _CONTROL = 0.01  # [s] between new commands to the motors
@@ -32,14 +34,19 @@ _TUMBLED = np.deg2rad(45)  # away from where it should be
 def load_mujoco() -> ModuleType:
     """The package `mujoco`.
 
-    Raises MissingSolver with how to install it.
+    Without a display it is told to draw off screen, which it wants to know before it is loaded; a
+    choice that the environment names (MUJOCO_GL) stands. Raises MissingSolver with how to install
+    it.
     """
+    if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+        for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
+            if find_library(library) is not None:
+                os.environ["MUJOCO_GL"] = backend
+                break
     try:
         return import_module("mujoco")
     except ImportError as error:
-        raise MissingSolver(
-            "simulation needs MuJoCo: pip install 'climbplan[simulate]'"
-        ) from error
+        raise MissingSolver("simulation needs MuJoCo: pip install 'climbplan[simulate]'") from error
 
 
 @dataclass(frozen=True)
@@ -104,8 +111,6 @@ class _Player:
         self.limb_of = np.full(model.ngeom, -1)
         self.limb_of[self.toe_geom] = np.arange(n)
         self.body = model.body("body").id
-        self.terrain_friction = model.geom_friction[:, 0].copy()
-        self.regulator = Regulator(plan, conditions) if conditions.regulate else None
         self.command = plan.trajectory.joint_command
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
@@ -175,11 +180,6 @@ class _Player:
         for piece in range(1, pieces + 1):
             share = piece / pieces
             command = (1 - share) * before + share * after
-            if self.regulator is not None:
-                rotation = data.xmat[self.body].reshape(3, 3)
-                command = command + self.regulator.correction(
-                    sample, data.qpos[:3], rotation, steps * TIME_STEP
-                )
             data.ctrl[:] = command.ravel()
             self.mujoco.mj_step(self.model, data, nstep=steps)
 
@@ -193,9 +193,8 @@ class _Player:
 
     def _loads(self) -> Array:
         """(T, 6) the plan's load beside the robot's weight at every sample."""
-        from climbplan.reports.replay import sample_instants
-
-        return np.asarray(self.plan.instants.external_wrench[np.maximum(sample_instants(self.plan), 0)])
+        instant = np.maximum(sample_instants(self.plan), 0)
+        return np.asarray(self.plan.instants.external_wrench[instant])
 
     def _record(self) -> dict[str, Any]:
         data, n = self.data, self.plan.robot.limb_count

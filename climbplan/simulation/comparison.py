@@ -129,7 +129,8 @@ def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Ar
         instants.joint_angles[rows],
         load,
     )
-    return np.asarray(-settle(braced, instants.com[rows], axes).shift)
+    with np.errstate(all="ignore"):  # toes that slid away may leave no equilibrium: NaN
+        return np.asarray(-settle(braced, instants.com[rows], axes).shift)
 
 
 def _with_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:

@@ -20,7 +20,7 @@ from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
 
 TIME_STEP = 1e-3  # [s]
-TOE_RADIUS = 0.005  # [m]
+TOE_RADIUS = 0.002  # [m]
 ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _STAVES = 96  # flat pieces of a tube
@@ -30,6 +30,7 @@ _SOLVER = (
     f'<option timestep="{TIME_STEP}" gravity="0 0 {{gravity}}" cone="elliptic" impratio="20"'
     ' integrator="implicitfast" noslip_iterations="4"/>'
 )
+_SKY = '<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>'
 _VISUAL = (
     '<visual><global offwidth="1280" offheight="960"/><quality shadowsize="2048"/>'
     '<headlight ambient=".45 .45 .45" diffuse=".5 .5 .5"/></visual>'
@@ -74,12 +75,13 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             '<compiler angle="radian" autolimits="true"/>',
             '<size memory="20M"/>',
             _VISUAL,
-            # Contacts far stiffer than limbs (some 1 N/mm): a hundredth of a millimetre at 40 N.
+            # Contacts far stiffer than limbs (some 1 N/mm): toes sink in by a tenth of a millimetre.
             '<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>',
             "<asset>",
-            '<material name="wall" rgba="0.72 0.75 0.80 0.35"/>',
+            _SKY,
+            '<material name="wall" rgba="0.62 0.66 0.72 0.35"/>',
             '<material name="unused" rgba="0.60 0.60 0.62 0.25"/>',
-            '<material name="obstacle" rgba="0.78 0.45 0.30 0.9"/>',
+            '<material name="obstacle" rgba="0.78 0.45 0.30 0.4"/>',
             '<material name="body" rgba="0.16 0.23 0.35 1"/>',
             '<material name="link" rgba="0.35 0.55 0.80 1"/>',
             '<material name="toe" rgba="0.85 0.25 0.20 1"/>',

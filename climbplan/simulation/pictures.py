@@ -43,8 +43,8 @@ class Camera:
         com = plan.trajectory.com
         self.view = mujoco.MjvCamera()
         self.view.lookat[:] = (com.min(axis=0) + com.max(axis=0)) / 2
-        self.view.distance = 1.9 + 1.1 * float(np.ptp(com[:, 2]))
-        self.view.azimuth, self.view.elevation = 90.0, -8.0
+        self.view.distance = 1.7 + 1.0 * float(np.ptp(com[:, 2]))
+        self.view.azimuth, self.view.elevation = 105.0, -12.0
 
     def watch(self, sample: int, model: Any, data: Any) -> None:
         """Take a picture if one is due."""

@@ -89,7 +89,7 @@ def headline(found: Simulated) -> str:
     run, compared = found.run, found.compared
     end = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
     error = compared.torque_error
-    torque = f"torque {np.median(error):.0%} off (median)" if error.size else "no instant reached"
+    torque = f"torque {np.median(error):.1%} off (median)" if error.size else "no instant reached"
     return f"{end}, {len(compared.slips)} slips, {torque}, friction {_friction_words(compared)}"
 
 
@@ -130,6 +130,9 @@ def report_dict(found: Simulated) -> dict[str, Any]:
             "simulated": _spread(np.linalg.norm(compared.sag, axis=1)),
             "predicted": _spread(np.linalg.norm(compared.sag_predicted[finite], axis=1)),
             "relative_error": _spread(compared.sag_error),
+            "absolute_error": _spread(
+                np.linalg.norm(compared.sag - compared.sag_predicted, axis=1)
+            ),
         },
         "final_offset": (run.com[-1] - plan.trajectory.com[run.samples - 1]).tolist(),
         "bumps": float(run.bumped.mean()),

@@ -15,10 +15,10 @@ from climbplan.simulation.conditions import Conditions, ContactLoss
 from climbplan.simulation.replay import simulate
 from climbplan.spec.loading import load_text
 
-FRICTION = (0.45, 1.05)  # factor on the terrain's coefficients
-PAYLOAD = (0.0, 0.05)  # of the robot's mass
-GAIN = (0.9, 1.1)  # factor on joint stiffness
-LOSS = 0.3  # [s] for which one toe has no friction, at a time and limb drawn
+FRICTION = (0.5, 1.05)  # factor on the terrain's coefficients
+PAYLOAD = (0.0, 0.02)  # of the robot's mass
+GAIN = (0.95, 1.05)  # factor on joint stiffness
+LOSS = 0.2  # [s] for which one toe has no friction, at a time and limb drawn
 _Z = 1.96
 
 

@@ -35,6 +35,8 @@ from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
+from climbplan.cli.plan_mpc import plan_mpc
+from climbplan.cli.plan_transition import plan_transition
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
 from climbplan.cli.simulate import simulate
@@ -95,6 +97,8 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    plan_mpc,
+    plan_transition,
     fit_envelopes,
     fit_strategy,
     fit_stiffness,

@@ -174,9 +174,7 @@ def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
     from climbplan.datasets.program_source import program_source
 
     load = functools.partial(load_problem, _full(name or ""))
-    library = problem.solver.library
-    path = directory / library if library is not None else None
-    stated = functools.partial(program_source, load, problem, path)
+    stated = functools.partial(program_source, load, problem, directory)
     return Recipe(stated, spec.seed, spec.row_seconds, loaded.sha256)
 
 
@@ -187,15 +185,16 @@ def _full(name: str) -> str:
 
 
 def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
-    """Files that rows depend on: the statement, and the library of methods that learn."""
+    """Files that rows depend on: the statement, and the library or model of learned methods."""
     files = []
     place = (name or "").rpartition(":")[0]
     if place.endswith(".py"):
         files.append(Path(place).absolute())
-    library = loaded.spec.problem.solver.library
-    if library is not None:
-        given = library if isinstance(library, str) else library.file
-        files.append(loaded.directory.absolute() / given)
+    solver = loaded.spec.problem.solver
+    for given in (solver.library, solver.model):
+        if given is not None:
+            named = given if isinstance(given, str) else given.file
+            files.append(loaded.directory.absolute() / named)
     return tuple(files)
 
 

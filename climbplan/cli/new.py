@@ -17,7 +17,7 @@ def new(
         str,
         typer.Argument(
             metavar="KIND",
-            help="Kind of spec: climb, bookshelf, program, dataset, strategy, robot.",
+            help="Kind: climb, transition, bookshelf, mpc, program, dataset, strategy, robot.",
         ),
     ],
     directory: Annotated[

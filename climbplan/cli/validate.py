@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
 
 def validate(
@@ -63,9 +65,11 @@ def _kind_looked_into(
         LoadedClimb
         | LoadedDataset
         | LoadedEnvelopes
+        | LoadedMpc
         | LoadedProgram
         | LoadedShelf
         | LoadedStrategy
+        | LoadedTransition
         | RobotSpec
     ),
 ) -> str:
@@ -78,10 +82,18 @@ def _kind_looked_into(
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
     if isinstance(loaded, LoadedDataset | LoadedEnvelopes | LoadedProgram | LoadedStrategy):
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedMpc):
+        from climbplan.mpc.problem import build_task
+
+        with placed_mistakes(loaded):
+            build_task(loaded.spec, loaded.robot, loaded.source)
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities
@@ -91,9 +103,17 @@ def _kind_looked_into(
             warn(f"{loaded.source}: {line}")
         return loaded.spec.kind
     if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.chaining import started
         from climbplan.climb.scene import build_scene
 
+        loaded = started(loaded)
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source)
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedTransition):
+        from climbplan.transition.scene import build_transition
+
+        with placed_mistakes(loaded):
+            build_transition(loaded)
         return loaded.spec.kind
     return loaded.kind

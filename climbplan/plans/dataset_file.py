@@ -43,6 +43,7 @@ _NAMES = {
 _MASK = Layout(("n",), kind="bool")
 _SAFE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 _MOST_ARRAYS = 64
+_LARGEST = 1e30  # beyond this squares overflow
 _KINDS: dict[str, Kind] = {"float": "float", "int": "int", "bool": "bool"}
 
 
@@ -172,13 +173,19 @@ def _require_sound(reader: Reader, data: Dataset) -> None:
     if infinite.any():
         raise reader.refuse(f"row {int(np.argmax(infinite))}: parameters are infinite")
     for name, value in {
+        "time": data.time,
         "parameters": data.parameters,
         "objective": data.objective,
         **{f"solution/{key}": array for key, array in data.solution.items()},
     }.items():
-        bad = ~np.isfinite(value.reshape(len(value), -1)).all(axis=1) & data.feasible
+        table = value.reshape(len(value), -1)
+        bad = ~np.isfinite(table).all(axis=1) & data.feasible
         if bad.any():
             raise reader.refuse(f"row {int(np.argmax(bad))}: {name} is not finite")
+        large = ((np.abs(table) > _LARGEST) & np.isfinite(table)).any(axis=1)
+        if large.any():
+            row = int(np.argmax(large))
+            raise reader.refuse(f"row {row}: {name} holds numbers beyond {_LARGEST:g}")
 
 
 def _layouts(reader: Reader) -> dict[str, Layout]:

@@ -136,6 +136,11 @@ class ShelfLibrarySpec(SpecModel):
     size: Count | None = quantity(
         "", "how many of its scenes to use, the first ones; all if left out", default=None, ge=1
     )
+    foreign: bool = Field(
+        default=False,
+        description="also take scenes of another shelf or meaning: every answer is checked on this "
+        "shelf in this meaning, but fewer candidates hold",
+    )
 
 
 class ShelfSolverSpec(SpecModel):

@@ -23,6 +23,29 @@ class PostureSpec(SpecModel):
     )
 
 
+class StartSpec(PostureSpec):
+    """The posture to start from, given here or by another plan."""
+
+    com: Vector = quantity("m", "body origin in the world", default=(0.0, 0.0, 0.0))
+    plan: str | None = Field(
+        default=None,
+        min_length=1,
+        description="plan file of a transition or climb, whose last posture is the start; instead "
+        "of `com`, `rpy_deg` and `toes`",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        given = self.model_fields_set - {"plan"}
+        if self.plan is None and "com" not in given:
+            expected = "three numbers: body origin in the world [m]"
+            refuse([Fault("com", f"missing, expected {expected}, or `plan`: a plan file")])
+        if self.plan is not None:
+            because = "unknown beside `plan`, whose last posture is the start"
+            refuse([Fault(name, because) for name in sorted(given)])
+        return self
+
+
 class GoalSpec(PostureSpec):
     """The posture to reach."""
 
@@ -52,7 +75,7 @@ class TaskSpec(SpecModel):
     """Start, goal, rounds and load."""
 
     rounds: Count = quantity("", "number of rounds; every limb moves once a round", ge=1, le=200)
-    start: PostureSpec = Field(description="posture before the first round")
+    start: StartSpec = Field(description="posture before the first round")
     goal: GoalSpec = Field(description="posture after the last round")
     gait: tuple[str, ...] | None = Field(
         default=None,

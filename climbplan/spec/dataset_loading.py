@@ -18,7 +18,11 @@ from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
 from climbplan.spec.yaml_source import parse_yaml
 
-_PATHS = (("problem", "solver", "library", "file"), ("problem", "solver", "library"))
+_PATHS = (
+    ("problem", "solver", "library", "file"),
+    ("problem", "solver", "library"),
+    ("problem", "solver", "model", "file"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,7 @@ from climbplan.climb.benchmarks.coupled_cvxpy import cvxpy_stages
 from climbplan.climb.coupled.envelopes import braced_envelope
 from climbplan.climb.coupled.planner import first_stage, second_stage
 from climbplan.climb.coupled.statement import coupled_program, envelope_range, loadable
-from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.planner import StageClock, plan_motion, plan_support
 from climbplan.climb.postures.statement import PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.coupled.legs import POSITION_SCALE
@@ -175,8 +174,8 @@ def solves(spec: ClimbSpec) -> bool:
     """Whether a method finds postures and admissible forces at every instant."""
     scene = build_scene(spec, load_robot("silvia"))
     try:
-        motion = plan_motion(scene, StageClock(lambda stage, fraction: None))
-        plan_forces(scene, motion.instants)
+        clock = StageClock(lambda stage, fraction: None)
+        plan_support(scene, plan_motion(scene, clock), clock)
     except (Infeasible, ReachFailure, LimitReached):
         return False
     return True

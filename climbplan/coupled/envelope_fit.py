@@ -14,8 +14,7 @@ from climbplan.coupled.recentring import nearest_point
 from climbplan.coupled.rows import Rows
 from climbplan.coupled.statement import PostureStatement
 from climbplan.coupled.terrains import TerrainDistribution
-from climbplan.learning.envelope_box import Envelope, FirstStageLabels, Mask
-from climbplan.program.instance import Index
+from climbplan.learning.envelope_box import Envelope, EnvelopeSet
 from climbplan.program.polytope import Array
 
 Method = Literal["clustering", "genetic", "heuristic"]
@@ -26,17 +25,6 @@ _LEAST_SPREAD = 0.02  # of a factor, below which it counts as this
 def stages(statement: PostureStatement, rows: Rows, manner: Manner) -> list[FirstStage]:
     """P1 on every terrain, ready for any envelope."""
     return [FirstStage.of(statement, rows.patches(k), manner) for k in range(len(rows.terrain))]
-
-
-def labels_of(prepared: list[FirstStage]) -> FirstStageLabels:
-    """Whether P1 has a solution, for the genetic search."""
-
-    def labels(envelope: Envelope, rows: Index) -> Mask:
-        return np.array(
-            [prepared[k].solve(envelope.lower, envelope.upper) is not None for k in rows], bool
-        )
-
-    return labels
 
 
 def recentred(
@@ -96,7 +84,7 @@ class Validation:
         return self.feasible * self.infeasible
 
 
-def validate(envelopes: tuple[Envelope, ...], rows: Rows, prepared: list[FirstStage]) -> Validation:
+def validate(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> Validation:
     """P1 and P2 on held-out rows; with several envelopes the first that has a solution counts."""
     called: list[bool] = []
     convex: list[bool] = []
@@ -132,17 +120,21 @@ class Conditions:
     projects: float  # (3) of feasible terrains with a P1 point, that point's toes carry forces
 
 
-def conditions(envelope: Envelope, rows: Rows, prepared: list[FirstStage]) -> Conditions:
-    """Conditions 1 to 3 on rows; (2) by linear programs that are exact."""
+def conditions(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> Conditions:
+    """Conditions 1 to 3 on rows, of the union of boxes; (2) by linear programs that are exact."""
     meets, excludes, projects = [], [], []
     for k, stage in enumerate(prepared):
         if rows.feasible[k]:
-            meets.append(holds_point(stage, envelope))
-            x = stage.solve(envelope.lower, envelope.upper, (envelope.lower + envelope.upper) / 2)
-            if x is not None:
-                projects.append(stage.convex(x) is not None)
+            meets.append(any(holds_point(stage, e) for e in envelopes))
+            points = [
+                x
+                for e in envelopes
+                if (x := stage.solve(e.lower, e.upper, (e.lower + e.upper) / 2)) is not None
+            ]
+            if points:
+                projects.append(all(stage.convex(x) is not None for x in points))
         else:
-            excludes.append(not holds_linear_point(stage, envelope))
+            excludes.append(not any(holds_linear_point(stage, e) for e in envelopes))
     share = float(np.mean(projects)) if projects else 0.0
     return Conditions(float(np.mean(meets)), float(np.mean(excludes)), share)
 

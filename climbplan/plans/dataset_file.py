@@ -8,6 +8,7 @@ split/train, test   (n) masks, where `data split` made them
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -213,4 +214,8 @@ def _mapping(reader: Reader, name: str) -> dict[str, Any]:
     value = reader.json("", name)
     if not isinstance(value, dict):
         raise reader.refuse(f"attribute {name} is not a JSON object")
+    try:
+        json.dumps(value, allow_nan=False)  # what could not be written again
+    except ValueError as error:
+        raise reader.refuse(f"attribute {name} holds a number that is not finite") from error
     return value

@@ -159,11 +159,9 @@ class Reader:
         return bool(value)
 
     def json(self, holder: str, name: str) -> Any:
-        """The value of an attribute that holds JSON text, its numbers finite."""
+        """The value of an attribute that holds JSON text."""
         try:
-            value = json.loads(self.text(holder, name))
-            json.dumps(value, allow_nan=False)
-            return value
+            return json.loads(self.text(holder, name))
         except (ValueError, RecursionError) as error:
             raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
 

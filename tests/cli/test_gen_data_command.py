@@ -161,7 +161,7 @@ def test_reasons_of_a_hostile_file_do_not_drive_the_terminal(
         ("objective", -1e308, "objective holds numbers beyond 1e+30"),
         ("parameters", 1e-320, "expected at least 1e-06"),
         ("facts", "9" * 400, "facts: int too large"),
-        ("facts", "1e999", "facts is not JSON"),
+        ("facts", "1e999", "facts holds a number that is not finite"),
         ("facts", "1e300", "shelf: expected numbers up to 100 m"),
     ],
 )

@@ -75,7 +75,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             '<compiler angle="radian" autolimits="true"/>',
             '<size memory="20M"/>',
             _VISUAL,
-            # Contacts far stiffer than limbs (some 1 N/mm): toes sink in by a tenth of a millimetre.
+            # Contacts far stiffer than limbs (some 1 N/mm): toes sink in by some 0.1 mm.
             '<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>',
             "<asset>",
             _SKY,

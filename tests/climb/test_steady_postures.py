@@ -15,9 +15,17 @@ from climbplan.plans.verification import verify
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import LoadedClimb, load_text
 
+_LITTLE_STABILITY = (
+    "task.gait=[RF, RM, RR, LR, LM, LF]",
+    "posture.weights.toe=0.01",
+    "force.stiffness_left=0.02",
+)
+
 
 def _climb(*overrides: str) -> LoadedClimb:
-    return load_text(example_text("climb_obstacle"), "climb_obstacle", overrides)
+    return load_text(
+        example_text("climb_obstacle"), "climb_obstacle", (*_LITTLE_STABILITY, *overrides)
+    )
 
 
 def _scene(*overrides: str) -> ClimbScene:

@@ -13,12 +13,11 @@ from climbplan.coupled.dataset_rows import LabelledRows, labelled_rows
 from climbplan.coupled.envelope_fit import (
     Conditions,
     Validation,
-    conditions,
     heuristic,
+    measure,
     recentred,
     stages,
     training_points,
-    validate,
 )
 from climbplan.coupled.envelope_terrains import terrains_of
 from climbplan.coupled.first_stage_labels import LabelledTerrains, labels_of
@@ -124,13 +123,10 @@ def fit_envelopes(
             continue
         if method == "heuristic":
             envelopes = envelopes[:1]  # all alike
+        found_out = measure(envelopes, held_out, checked)
         fitted.append(
             FittedEnvelopes(
-                method,
-                envelopes,
-                validate(envelopes, held_out, checked),
-                conditions(envelopes, held_out, checked),
-                spent[method],
+                method, envelopes, found_out.validation, found_out.conditions, spent[method]
             )
         )
     clock.done("validation")

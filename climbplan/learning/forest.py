@@ -1,6 +1,7 @@
 """Random forests: votes of trees that each saw other rows and features (Breiman 2001).
 
-Published: 150 trees, Gini impurity, depth 75 for strategies; 1000 trees for clusters of ReDUCE.
+Published: 150 trees, Gini impurity, depth 75 for strategies; 1000 trees for clusters of
+ReDUCE, of which 150 are taken here unless more are asked for.
 """
 
 from __future__ import annotations

@@ -159,7 +159,9 @@ def _objective_unit(reader: Reader) -> str:
 
 
 def _require_sound(reader: Reader, data: Dataset) -> None:
-    """Rows that claim an answer have one."""
+    """There are rows, and those that claim an answer have one."""
+    if not data.count:
+        raise reader.refuse("no rows")
     if reader.not_finite:
         raise reader.refuse(f"numbers that are not finite in {', '.join(reader.not_finite)}")
     if foreign := sorted(set(data.status) - set(STATUSES)):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from climbplan.coupled.envelope_fit import conditions, validate
+from climbplan.coupled.envelope_fit import measure
 from climbplan.coupled.first_stage import FirstStage
 from climbplan.coupled.rows import Rows
 from climbplan.learning.envelope_box import Envelope
@@ -106,7 +106,7 @@ def test_table_is_the_enumerated_one(
     table: tuple[list[Enumerated], Rows, list[FirstStage]],
 ) -> None:
     known, rows, stages = table
-    found = validate((_envelope(),), rows, stages)
+    found = measure((_envelope(),), rows, stages).validation
     good = [k for k in known if k.feasible]
     bad = [k for k in known if not k.feasible]
     assert found.feasible == np.mean([k.first_stage for k in good]) == 0.6
@@ -120,12 +120,12 @@ def test_conditions_are_the_enumerated_ones(
     table: tuple[list[Enumerated], Rows, list[FirstStage]],
 ) -> None:
     known, rows, stages = table
-    found = conditions((_envelope(),), rows, stages)
+    found = measure((_envelope(),), rows, stages).conditions
     assert found.meets == np.mean([k.in_box for k in known if k.feasible]) == 0.6
     shut = [not k.linear_in_box for k in known if not k.feasible]
     assert found.excludes == np.mean(shut) == pytest.approx(1 / 3)
     assert found.projects == pytest.approx(
-        validate((_envelope(),), rows, stages).convex / found.meets
+        measure((_envelope(),), rows, stages).validation.convex / found.meets
     )
 
 
@@ -153,6 +153,6 @@ def test_several_boxes_are_a_union(
     high[0, 5] = -0.7
     low[0, 0] = 0.7
     both = (_envelope(), Envelope(low, high))
-    found = validate(both, rows, stages)
+    found = measure(both, rows, stages).validation
     assert found.feasible == 1.0
-    assert conditions(both, rows, stages).meets == 1.0
+    assert measure(both, rows, stages).conditions.meets == 1.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.coupled.box_tests import holds_linear_point, holds_point
-from climbplan.coupled.envelope_fit import heuristic, recentred, stages, validate
+from climbplan.coupled.envelope_fit import heuristic, measure, recentred, stages
 from climbplan.coupled.first_stage import FirstStage, Manner
 from climbplan.coupled.first_stage_labels import LabelledTerrains, labels_of
 from climbplan.coupled.rows import Rows, collect_rows
@@ -144,9 +144,9 @@ def test_validation_counts(case: Case) -> None:
     terrains, statement, rows = case
     prepared = stages(statement, rows, "published")
     ones = np.ones((3, 6))
-    everything = validate((Envelope(-ones, ones),), rows, prepared)
+    everything = measure((Envelope(-ones, ones),), rows, prepared).validation
     assert (everything.feasible, everything.nlp) == (1.0, 1.0)
-    nothing = validate((Envelope(0.99 * ones, ones),), rows, prepared)
+    nothing = measure((Envelope(0.99 * ones, ones),), rows, prepared).validation
     assert (nothing.feasible, nothing.infeasible, nothing.nlp) == (0.0, 1.0, 0.0)
     expert = heuristic(terrains)
     assert (expert.lower <= expert.upper).all()

@@ -250,6 +250,15 @@ def test_outliers_join_the_nearest_cluster_or_are_dropped() -> None:
         assert label[-1] == expected or (outliers == "nearest" and label[-1] in (1, 2))
 
 
+def test_clusters_are_numbered_by_size_with_the_outliers_that_joined() -> None:
+    far = np.array([[30.0, 30.0]])
+    lone = np.array([[0.0, 30.0 + 3 * k] for k in range(12)])  # nearest to the third blob
+    vectors = np.vstack([_blobs()[:-1], lone, far])
+    label = clustered(vectors, ClusterOptions("dbscan", 5, 1.0), 0)
+    assert (np.diff(np.bincount(label)) <= 0).all()
+    assert label[50] == 1  # it has become larger than the second
+
+
 def test_without_clusters() -> None:
     vectors = 10.0 * np.eye(12)
     assert set(clustered(vectors, ClusterOptions("dbscan", 3, 0.5), 0)) == {0}

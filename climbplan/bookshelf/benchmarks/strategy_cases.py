@@ -35,7 +35,6 @@ from climbplan.spec.bookshelf import ShelfSolverSpec
 
 STORED_BOOKS = 3
 _LIBRARY_FROM = 1_000_000  # numbers of generated scenes that are trained on
-_CLUSTER_TREES = 150  # published: 1000, for hours of a comparison and a share of a per cent
 
 
 @dataclass(frozen=True)
@@ -97,12 +96,7 @@ class TrainingScenes:
         """A model of the first `size` scenes."""
         library = self.rows.library.subset(np.flatnonzero(self.rows.scene < size))
         least = max(2, min(10, library.size // 40))
-        options = FitOptions(
-            kind=kind,
-            seed=seed,
-            cluster_trees=_CLUSTER_TREES,
-            clusters=ClusterOptions(least=least),
-        )
+        options = FitOptions(kind=kind, seed=seed, clusters=ClusterOptions(least=least))
         context = context_of(self.shelf, "contact", STORED_BOOKS, "gaps")
         return fit(library, options, self.columns, feature_scale("gaps", STORED_BOOKS), context)
 

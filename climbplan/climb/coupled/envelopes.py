@@ -24,7 +24,8 @@ from climbplan.robots.model import Robot
 SHIPPED = ("ground3", "wall3", "wall5")
 EXPERT = "expert"
 _SHIPPED_FOLDER = files("climbplan.coupled").joinpath("envelopes")
-_PREFERENCE = ("genetic", "clustering", "heuristic")  # of the fits in a file, the first there is
+# Of the fits in a file, the first there is: clustering meets more terrains, which planning needs
+_PREFERENCE = ("clustering", "genetic", "heuristic")
 _TILT = float(np.cos(np.deg2rad(30.0)))  # of normals from the nominal one, as in the training
 
 _TOE = 0.35  # [m] a toe's range about its stance along each axis, of the expert
@@ -50,11 +51,15 @@ def chosen_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnv
 
 
 def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
-    """A shipped envelope, `expert`, or one of a file; raises UsageError for another name."""
+    """A shipped envelope, `expert`, or one of a file; raises UsageError for another name.
+
+    name: a shipped one may be followed by the method of the fit, `wall5:genetic`.
+    """
     if name == EXPERT:
         return NamedEnvelope(name, "expert", braced_envelope(scene))
-    if name in SHIPPED:
-        with as_file(_SHIPPED_FOLDER.joinpath(f"{name}.h5")) as path:
+    shipped, _, wanted = name.partition(":")
+    if shipped in SHIPPED:
+        with as_file(_SHIPPED_FOLDER.joinpath(f"{shipped}.h5")) as path:
             if not path.is_file():
                 raise UsageError(
                     f"envelope {name!r} does not ship with this version: fit it with "
@@ -62,13 +67,15 @@ def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
                 )
             stored = read_envelopes(path)
     elif Path(name).is_file():
-        stored = read_envelopes(Path(name))
+        stored, wanted = read_envelopes(Path(name)), ""
     else:
         known = ", ".join((*SHIPPED, EXPERT))
         raise UsageError(f"unknown envelope {name!r}: expected one of {known}, or a file")
-    method = next((m for m in _PREFERENCE if m in stored.envelopes), None)
+    asked = (wanted,) if wanted else _PREFERENCE
+    method = next((m for m in asked if m in stored.envelopes), None)
     if method is None:
-        raise UsageError(f"{name}: no envelope in this file")
+        there = ", ".join(stored.envelopes) or "none"
+        raise UsageError(f"envelope {name!r}: no such fit, there are {there}")
     return NamedEnvelope(name, method, spread(scene, stored, stored.envelopes[method]))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene, Stance, build_scene
+from climbplan.errors import Infeasible
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import to_body
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, StartSpec, TaskSpec
@@ -38,7 +39,12 @@ def climb_after(loaded: LoadedTransition, scene: TransitionScene, clock: StageCl
     if scene.spec.climb is None:
         return None
     climb = _climb_scene(loaded, scene)
-    motion = plan_motion(climb, clock)
+    try:
+        motion = plan_motion(climb, clock)
+    except Infeasible as error:
+        named = [replace(c, where=f"climb, {c.where}") for c in error.conflicts]
+        message = str(error).partition("\n")[0]
+        raise Infeasible(f"the climb after the transition: {message}", named) from error
     instants = replace(motion.instants, round=motion.instants.round + scene.spec.task.rounds)
     return Tail(motion.posture.rounds, instants, climb.goal)
 

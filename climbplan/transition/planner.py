@@ -284,5 +284,7 @@ def _by_complementarity(run: Run) -> Found:
 def _warnings(search: Search) -> tuple[str, ...]:
     if not search.tally.truncated:
         return ()
+    if search.tally.late:
+        return ("the time limit ended the search: there may be more sequences than those listed",)
     most = search.scene.spec.search.most
     return (f"more sequences exist than the {most} listed: search.most asks for more",)

@@ -11,9 +11,10 @@ from climbplan.errors import Conflict, Infeasible
 from climbplan.plans.climb_plan import Index, sequence_name
 from climbplan.transition.footholds import GOAL, START
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Search, Sequence, State, stance_of_move
+from climbplan.transition.search import Search, Sequence, State, stance_of_move, toe_step_limits
 from climbplan.transition.stances import (
     Laboratory,
+    balances,
     largest_friction_factor,
     slipping,
     stance_instants,
@@ -54,6 +55,9 @@ def _unreached(search: Search) -> list[Conflict]:
     """Limbs that cannot reach their goal from any pose, or not in so many rounds."""
     lab, names = search.lab, search.scene.robot.limb_names
     conflicts = []
+    if not lab.footholds.real[:, START].any():
+        text = "every toe stands where it has to in the end: no limb has to move"
+        return [Conflict("search", (text,), in_words=True)]
     for limb, name in enumerate(names):
         old, new = lab.reach.valid[:, limb, START], lab.reach.valid[:, limb, GOAL]
         if not lab.footholds.real[limb, START]:
@@ -63,10 +67,26 @@ def _unreached(search: Search) -> list[Conflict]:
         if not (old & new).any() and not over:
             text = f"{name} reaches its goal from no pose at which it stands on its start"
             conflicts.append(Conflict("search", (text,), in_words=True))
+            continue
+        needed, most = _longest_step(lab, limb, between), toe_step_limits(search.scene)[limb]
+        if needed > most:
+            text = (
+                f"{name} gets to its goal by steps of {1e3 * needed:.0f} mm at least on the "
+                f"footholds searched, and may step {1e3 * most:.0f} mm"
+            )
+            conflicts.append(Conflict("search", (text,), in_words=True))
     if not conflicts:
         text = "limbs reach their footholds, but not in so few rounds or from the same poses"
         conflicts.append(Conflict("search", (text,), ("more rounds",), in_words=True))
     return conflicts
+
+
+def _longest_step(lab: Laboratory, limb: int, between: list[int]) -> float:
+    """The longest step [m] of the way of a limb to its goal on which that is shortest."""
+    toe = lab.footholds.toe[limb]
+    start, goal = toe[START], toe[GOAL]
+    over = [max(np.linalg.norm(toe[c] - start), np.linalg.norm(goal - toe[c])) for c in between]
+    return float(min([np.linalg.norm(goal - start), *over]))
 
 
 def _refusals(search: Search, found: list[Sequence]) -> list[Conflict]:
@@ -114,9 +134,14 @@ def _refusal(
     moved = sequence.moved
     limbs = " ".join(names[i] for i in np.flatnonzero(moved[j]))
     where = f"{sequence_name(moved, names)}: round {j + 1}, {limbs} lifted"
+    row: Index = np.array(stance, np.int64)
+    if factor <= 0 and not balances(lab, row, pose):
+        held = " ".join(names[i] for i in np.flatnonzero(~moved[j]))
+        least = f"each pressing with {100 * scene.spec.search.least_load:.3g} % of the weight"
+        text = f"the body does not balance on {held}, {least} (`search.least_load`) or more"
+        return Conflict(where, (text,), in_words=True)
     if factor <= 0:
         return Conflict(where, ("torque limits of the limbs that stay",))
-    row: Index = np.array(stance, np.int64)
     asked = scene.spec.force.safety_friction
     slips = slipping(lab, row, pose, factor)
     words = []

@@ -62,6 +62,7 @@ class Tally:
     stances: int = 0  # stance sets with forces asked for
     problems: int = 0  # force problems: stance sets at poses
     truncated: bool = False  # more sequences than asked for
+    late: bool = False  # time was up before all were listed
 
 
 @dataclass
@@ -98,7 +99,8 @@ class Search:
         best: dict[bytes, Sequence] = {}
         most = 20 * self.scene.spec.search.most
         for number, states in enumerate(self._paths()):
-            if number == most or (best and self._late()):
+            self.tally.late = bool(best) and self._late()
+            if number == most or self.tally.late:
                 self.tally.truncated = True
                 break
             found = self._through_poses(states)

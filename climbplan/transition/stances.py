@@ -25,6 +25,7 @@ _CHUNK = 2000  # problems assembled at once
 _PASSES = 1e-6  # residual of accepted forces; the force planner solves again to 1e-7
 _LEAST_FACTOR, _MOST_FACTOR = 0.05, 20.0  # S_mu looked for between these
 _HALVINGS = 12
+_STRONG = 1e3  # times the torque limits, which then limit nothing
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,14 @@ def largest_friction_factor(lab: Laboratory, stance: Index, pose: Index) -> Arra
         holds = np.isfinite(_solved(lab, scaled)[0])
         low, high = np.where(holds, middle, low), np.where(holds, high, middle)
     return np.where(possible, np.exp(low), 0.0)
+
+
+def balances(lab: Laboratory, stance: Index, pose: int) -> bool:
+    """Whether a stance (N,) could hold the body with friction and torques without end."""
+    statement = state_forces(lab.scene, stance_instants(lab, stance[None], np.array([pose])))
+    mu = statement.mu * statement.safety_friction / _LEAST_FACTOR
+    strong = replace(statement, mu=mu, max_torque=statement.max_torque * _STRONG)
+    return bool(np.isfinite(_solved(lab, strong)[0][0]))
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from climbplan.errors import PlanFileError
 
 SPEC = Path(__file__).parents[2] / "specs" / "envelopes_wall3.yaml"
 SMALL = [
-    *("-s", "data.training_feasible=12", "-s", "data.training_infeasible=6"),
-    *("-s", "data.validation_feasible=8", "-s", "data.validation_infeasible=4"),
+    *("-s", "data.training_feasible=10", "-s", "data.training_infeasible=3"),
+    *("-s", "data.validation_feasible=4", "-s", "data.validation_infeasible=2"),
     *("-s", "fit.genetic.population=6", "-s", "fit.genetic.generations=2"),
     *("-s", "fit.genetic.terrains=6"),
 ]
@@ -28,8 +28,8 @@ def test_small_run(run_command: RunCommand, tmp_path: Path) -> None:
     report = json.loads(done.out)
     assert set(report["validation"]) == {"clustering", "genetic", "heuristic"}
     for row in report["validation"].values():
-        assert row["feasible_count"] == 8
-        assert row["infeasible_count"] == 4
+        assert row["feasible_count"] == 4
+        assert row["infeasible_count"] == 2
         assert row["convex"] <= row["nlp"] <= 1
     assert report["conditions"]["clustering"]["meets"] > 0
     assert "P1 infeasible" in done.err
@@ -56,15 +56,15 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 DATA = """
 kind: dataset
-count: 26
+count: 18
 seed: 3
 problem:
   kind: terrains
   robot: silvia
   terrain: {distribution: wall3}
-  solver: {nodes: 20}
+  solver: {nodes: 4}
 """
-FEW = ["-s", "fit.genetic.population=6", "-s", "fit.genetic.generations=2"]
+FEW = ["-s", "fit.genetic.population=6", "-s", "fit.genetic.generations=1"]
 
 
 def test_from_a_dataset_with_any_number_of_processes(

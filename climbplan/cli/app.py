@@ -30,6 +30,7 @@ from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
 from climbplan.cli.fit_envelopes import fit_envelopes
+from climbplan.cli.fit_gripper import fit_gripper
 from climbplan.cli.fit_stiffness import fit_stiffness
 from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
@@ -102,6 +103,7 @@ for _command in (
     fit_envelopes,
     fit_strategy,
     fit_stiffness,
+    fit_gripper,
     solve_bookshelf,
     solve,
     gen_data,

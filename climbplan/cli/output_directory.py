@@ -29,6 +29,7 @@ RESULTS = (
     "bench.json",
     "stiffness.csv",
     "simulation.csv",
+    "gripper.json",
 )
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

@@ -148,13 +148,29 @@ def measured(true: Situation, noise: Noise | None, rng: np.random.Generator) -> 
     return replace(true, state=true.state + off, toes=true.toes + shift)
 
 
-def recovered(loop: Loop, task: WalkTask, since: float, within: float = 0.25) -> bool:
+def sampled_task(task: WalkTask, samples: int) -> WalkTask:
+    """The task of a loop's record: so many Runge-Kutta steps after the first sample."""
+    reference = task.reference
+    return replace(
+        task,
+        knots=samples,
+        step=task.step / SUBSTEPS,
+        integrator="rk4",
+        reference=replace(
+            reference,
+            velocity=np.tile(reference.velocity[-1], (samples, 1)),
+            euler=np.tile(reference.euler[-1], (samples, 1)),
+            height=np.full(samples, reference.height[-1]),
+        ),
+    )
+
+
+def recovered(loop: Loop, task: WalkTask, within: float = 0.25) -> bool:
     """Whether the body kept up, and its mean velocity over the last 0.48 s is the reference's."""
     if loop.fell is not None:
         return False
     dt = task.step / SUBSTEPS
     last = round(0.48 / dt)
-    assert since < dt * len(loop.trajectory.state)
     mean = loop.trajectory.state[-last:, VELOCITY].mean(axis=0)
     return bool(np.linalg.norm((mean - task.reference.velocity[-1])[:2]) < within)
 
@@ -172,5 +188,3 @@ def _outside(task: WalkTask, state: Array, toes: Array, contact: Flags) -> float
     spots = toes_in_body(state, toes)
     beyond = (np.abs(spots - task.body.toe_center) - task.body.toe_half).max(axis=-1)
     return float(np.where(contact, beyond, 0.0).max())
-
-

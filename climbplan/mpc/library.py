@@ -28,6 +28,7 @@ from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
 
 FORMAT = "climbplan/walk-library"
+_NAMES = ("trot", "walking trot", "slow trot", "stand")  # gaits to begin with
 SECTION = 5  # knots of a section: 400 ms
 # What a unit of distance between two situations is, for each kind of feature
 _SCALES = {
@@ -96,7 +97,9 @@ class Library:
     def __len__(self) -> int:
         return len(self.features)
 
-    def nearest(self, features: Array, count: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+    def nearest(
+        self, features: Array, count: int
+    ) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
         """Indices of the nearest sections, nearest first."""
         apart = ((self.features - features) ** 2).sum(axis=1)
         count = min(count, len(apart))
@@ -153,7 +156,7 @@ def build_library(
     for k in range(walks):
         rng = np.random.default_rng([seed, k])
         drawn = drawn_task(task, rng, Draw())
-        answer = search(drawn, SearchLimits(60.0, gaits, seed))
+        answer = search(drawn, SearchLimits(60.0, gaits, seed, _NAMES))
         if answer.trajectory is not None:
             parts.append(sections_of(drawn, answer.trajectory, k))
         if report is not None:
@@ -283,5 +286,3 @@ def _empty() -> Library:
 def _grounded(toes: Array) -> Array:
     """Toes (4, 3) where they are to stand."""
     return toes * [1.0, 1.0, 0.0]
-
-

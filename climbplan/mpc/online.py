@@ -40,6 +40,8 @@ from climbplan.mpc.truth import toes_in_body
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
+_FALLBACK_QPS = 6
+_BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
 _LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement
 
@@ -66,6 +68,14 @@ class Command:
     warning: str = ""
 
 
+@dataclass(frozen=True)
+class _Tried:
+    """A gait's trajectory, and by how many of the slacks it misses them."""
+
+    trajectory: WalkTrajectory
+    excess: float  # <= 0 if it holds
+
+
 class OnlineController:
     """Plans 400 ms ahead at each tick; keeps what it planned last as a candidate."""
 
@@ -87,6 +97,7 @@ class OnlineController:
         self._good = start
         task = replace(self.task, start=start)
         best: tuple[float, WalkTrajectory, int] | None = None
+        nearly: tuple[float, WalkTrajectory, int] | None = None
         tried, held, solving = 0, 0, 0.0
         seen: set[bytes] = set()
         for winner, gait, at in self._candidates(task, situation):
@@ -98,15 +109,22 @@ class OnlineController:
             seen.add(gait.key)
             tried += 1
             before = time.perf_counter()
-            found = self._solved(task, gait, at, 6 if winner == FALLBACK else None)
+            found = self._solved(task, gait, at, winner == FALLBACK)
             solving += time.perf_counter() - before
-            if found is not None:
+            if found is not None and found.excess <= 0:
                 held += 1
-                cost = objective(task, found.state, found.force)
+                walk = found.trajectory
+                cost = objective(task, walk.state, walk.force)
                 if best is None or cost < best[0]:
-                    best = (cost, found, winner)
+                    best = (cost, walk, winner)
+            elif found is not None and (nearly is None or found.excess < nearly[0]):
+                nearly = (found.excess, found.trajectory, winner)
             if held >= self.settings.enough or (winner == FALLBACK and held):
                 break
+        warning = "the library is empty" if not len(self.library) else ""
+        if best is None and nearly is not None and nearly[0] < _BEARABLE:
+            best = nearly
+            warning = f"none of {tried} gaits holds, the nearest is taken"
         if best is None:
             self._last = None
             word = f"none of {tried} gaits holds"
@@ -114,7 +132,6 @@ class OnlineController:
                 word = f"the library is empty, and {word}"
             return self._safe(start, begin, tried, solving, word)
         self._last = best[1]
-        warning = "the library is empty" if not len(self.library) else ""
         spent = time.perf_counter() - begin
         return Command(best[1], best[2], tried, spent, solving, warning)
 
@@ -141,27 +158,30 @@ class OnlineController:
         return Iterate(state, library.force[index, :-1], spots)
 
     def _solved(
-        self, task: WalkTask, gait: Gait, at: Iterate | None, iterations: int | None
-    ) -> WalkTrajectory | None:
-        """The gait's trajectory if it holds on the nonlinear dynamics."""
+        self, task: WalkTask, gait: Gait, at: Iterate | None, fallback: bool
+    ) -> _Tried | None:
+        """The gait's trajectory, judged on the nonlinear dynamics; None without one."""
         program = PinnedProgram(task, gait, self.settings.margin)
         here = guess(task, gait) if at is None else _fitting(program, at)
-        for _ in range(iterations or self.settings.iterations):
-            found = program.step(here)
+        for _ in range(_FALLBACK_QPS if fallback else self.settings.iterations):
+            found = program.step(here, elastic=fallback)
             if found is None:
                 return None
             here = found
-        found_state, toes = self._rollout(task, program, here)
-        off = np.abs(found_state - here.state)
-        if off[:, VELOCITY].max() > SPEED_SLACK or off[:, ANGLES].max() > ANGLE_SLACK:
+        state, toes = self._rollout(task, program, here)
+        if not np.isfinite(state).all():
             return None
+        off = np.abs(state - here.state)
         force = np.concatenate([here.force, np.zeros((1, LEGS, 3))])
-        found_walk = WalkTrajectory(found_state, toes, force, gait)
-        return found_walk if worst_reach(task, found_walk) <= REACH_SLACK else None
+        walk = WalkTrajectory(state, toes, force, gait)
+        excess = max(
+            float(off[:, VELOCITY].max()) / SPEED_SLACK - 1.0,
+            float(off[:, ANGLES].max()) / ANGLE_SLACK - 1.0,
+            worst_reach(task, walk) / REACH_SLACK - 1.0,
+        )
+        return _Tried(walk, excess)
 
-    def _rollout(
-        self, task: WalkTask, program: PinnedProgram, at: Iterate
-    ) -> tuple[Array, Array]:
+    def _rollout(self, task: WalkTask, program: PinnedProgram, at: Iterate) -> tuple[Array, Array]:
         """States that the forces bring about on the nonlinear dynamics, and the toes."""
         model, toes = self._single, program.toes(at.state, at.spots)
         state = np.empty((task.knots + 1, STATE))
@@ -177,7 +197,12 @@ class OnlineController:
         """All legs down, each with its share of the weight, against the motion."""
         task = replace(self.task, start=start)
         return Command(
-            safe_stance(task), SAFE, tried, time.perf_counter() - begin, solving, f"safe stance: {word}"
+            safe_stance(task),
+            SAFE,
+            tried,
+            time.perf_counter() - begin,
+            solving,
+            f"safe stance: {word}",
         )
 
 

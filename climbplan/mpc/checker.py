@@ -63,7 +63,7 @@ def check_trajectory(task: WalkTask, found: WalkTrajectory) -> tuple[Check, ...]
 
 
 def check_loop(task: WalkTask, found: WalkTrajectory, push: Array) -> tuple[Check, ...]:
-    """All checks of a closed loop's samples; push (T, 3): changes of velocity from outside [m/s]."""
+    """All checks of a closed loop's samples; push (T, 3): outside changes of velocity [m/s]."""
     with np.errstate(all="ignore"):
         return tuple(_loop_checks(task, found, push))
 

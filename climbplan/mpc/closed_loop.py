@@ -117,7 +117,7 @@ def run_loop(
 
 
 def landed(task: WalkTask, state: Array, landing: Array) -> Array:
-    """Where swinging toes (4, 3) come down: where they were to, or as near as legs reach by then."""
+    """Where swinging toes (4, 3) come down: where planned, or as near as legs reach by then."""
     body, R = task.body, rotation_world_body(state[ANGLES])
     spots = (landing - state[POSITION]) @ R
     half = body.toe_half[:2] - _LANDING_MARGIN

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from climbplan.mpc.task import (
     Start,
     WalkTask,
     WalkTrajectory,
+    Whole,
 )
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
@@ -87,7 +89,7 @@ class Library:
     toes: Array  # (K, M + 1, 4, 3) the same
     force: Array  # (K, M + 1, 4, 3)
     contact: Flags  # (K, M + 1, 4)
-    walk: np.ndarray[tuple[int, ...], np.dtype[np.int64]]  # (K,) the walk it was cut from
+    walk: Whole  # (K,) the walk it was cut from
 
     @property
     def walks(self) -> int:
@@ -97,14 +99,12 @@ class Library:
     def __len__(self) -> int:
         return len(self.features)
 
-    def nearest(
-        self, features: Array, count: int
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+    def nearest(self, features: Array, count: int) -> Whole:
         """Indices of the nearest sections, nearest first."""
         apart = ((self.features - features) ** 2).sum(axis=1)
         count = min(count, len(apart))
         found = np.argpartition(apart, count - 1)[:count] if count else np.zeros(0, np.int64)
-        nearest: np.ndarray[tuple[int, ...], np.dtype[np.int64]] = found[np.argsort(apart[found])]
+        nearest: Whole = found[np.argsort(apart[found])]
         return nearest
 
     def first(self, walks: int) -> Library:
@@ -149,8 +149,8 @@ def build_library(
 ) -> Library:
     """Solve so many random starts of a task and cut the walks into sections.
 
-    A start that no gait answers counts as a walk without sections. Mirrored sections are added where
-    the task is the same in a mirror.
+    A start that no gait answers counts as a walk without sections. Mirrored sections are added
+    where the task is the same in a mirror.
     """
     parts: list[Library] = []
     for k in range(walks):
@@ -169,7 +169,7 @@ def build_library(
 
 def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
     """Every run of `SECTION` knots of a walk."""
-    rows: list[tuple[Array, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for n in range(task.knots - SECTION + 1):
         before = max(n - 1, 0)
         situation = Situation(

@@ -1,9 +1,9 @@
 """One tick of the online controller: neighbours' gaits, pinned QPs, the nonlinear check.
 
-The library's nearest sections give all integers. Each is linearised about the neighbour's own motion;
-a second QP about the first one's answer follows. What is taken is judged on the nonlinear dynamics:
-the rollout of its forces stays within 0.05 m/s and 0.05 rad of the prediction, and toes stay in their
-workspace.
+The library's nearest sections give all integers. Each is linearised about the neighbour's own
+motion; a second QP about the first one's answer follows. What is taken is judged on the nonlinear
+dynamics: the rollout of its forces stays within 0.05 m/s and 0.05 rad of the prediction, and toes
+stay in their workspace.
 """
 
 from __future__ import annotations
@@ -100,10 +100,10 @@ class OnlineController:
         nearly: tuple[float, WalkTrajectory, int] | None = None
         tried, held, solving = 0, 0, 0.0
         seen: set[bytes] = set()
-        for winner, gait, at in self._candidates(task, situation):
+        for winner, wanted, at in self._candidates(task, situation):
             if winner == FALLBACK and best is not None:
                 break
-            gait = usable(task, gait)
+            gait = usable(task, wanted)
             if gait is None or gait.key in seen:
                 continue
             seen.add(gait.key)
@@ -196,14 +196,8 @@ class OnlineController:
     def _safe(self, start: Start, begin: float, tried: int, solving: float, word: str) -> Command:
         """All legs down, each with its share of the weight, against the motion."""
         task = replace(self.task, start=start)
-        return Command(
-            safe_stance(task),
-            SAFE,
-            tried,
-            time.perf_counter() - begin,
-            solving,
-            f"safe stance: {word}",
-        )
+        spent = time.perf_counter() - begin
+        return Command(safe_stance(task), SAFE, tried, spent, solving, f"safe stance: {word}")
 
 
 def horizon_of(task: WalkTask) -> WalkTask:
@@ -239,7 +233,7 @@ def fault_of(situation: Situation) -> str:
 
 
 def usable(task: WalkTask, gait: Gait) -> Gait | None:
-    """The gait without the contacts now that the legs' reach does not allow; None if too few are left."""
+    """The gait without contacts out of reach right now; None if too few are left."""
     body = task.body
     spots = toes_in_body(task.start.state, task.start.toes)
     inside = (np.abs(spots - body.toe_center) <= body.toe_half + REACH_SLACK).all(axis=1)
@@ -268,7 +262,7 @@ def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
 
 
 def safe_stance(task: WalkTask) -> WalkTrajectory:
-    """All legs on the ground with equal shares of the weight, within friction, against the motion."""
+    """All legs down with equal shares of the weight, within friction, against the motion."""
     state = np.tile(task.start.state, (task.knots + 1, 1))
     toes = np.tile(task.start.toes, (task.knots + 1, 1, 1))
     weight = task.body.mass * task.body.gravity / LEGS

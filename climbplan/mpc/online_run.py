@@ -63,9 +63,8 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
         lambda share: report("walk", share),
     )
     walked = time.perf_counter()
-    return OnlineRun(
-        _plan(loaded, task, library, loop, ready - begin, walked - ready), library, key
-    )
+    plan = _plan(loaded, task, library, loop, ready - begin, walked - ready)
+    return OnlineRun(plan, library, key)
 
 
 def library_of(
@@ -138,15 +137,16 @@ def _plan(
     median, most = np.percentile(times, [50, 99])
     won = np.array([command.winner for command in commands])
     speed = found.state[:, VELOCITY]
+    robot = f"{task.body.name} {task.body.mass:g} kg, {loop.ticks} ticks"
+    chosen = {"plan before": won == -1, "neighbours": won >= 0}
+    chosen |= {"named gaits": won == -2, "safe stance": won == -3}
+    shares = ", ".join(f"{name} {count.sum()}" for name, count in chosen.items())
+    range_ = f"forward speed from {speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s"
+    reach = f"largest overreach {1e3 * loop.overreach:.0f} mm"
     summary = (
-        f"{loaded.name}   {task.body.name} {task.body.mass:g} kg, {loop.ticks} ticks, "
-        f"library of {library.walks} walks, {len(library)} sections",
-        f"online   tick median {median:.2f} ms, 99 % {most:.2f} ms   plan before "
-        f"{(won == -1).sum()}, neighbours {(won >= 0).sum()}, named gaits {(won == -2).sum()}, "
-        f"safe stance {(won == -3).sum()}",
-        f"walk   {'recovered' if back else 'not recovered'}   forward speed from "
-        f"{speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s, largest overreach "
-        f"{1e3 * loop.overreach:.0f} mm",
+        f"{loaded.name}   {robot}, library of {library.walks} walks, {len(library)} sections",
+        f"online   tick median {median:.2f} ms, 99 % {most:.2f} ms   {shares}",
+        f"walk   {'recovered' if back else 'not recovered'}   {range_}, {reach}",
     )
     return WalkPlan(
         name=loaded.name,

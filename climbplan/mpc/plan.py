@@ -12,7 +12,7 @@ from climbplan.mpc.task import Array, WalkTask, WalkTrajectory, Whole
 
 @dataclass(frozen=True)
 class LoopRecord:
-    """What a closed loop adds to its samples; figures of a tick stand at all samples of its knot."""
+    """What a closed loop adds to its samples; figures of a tick stand at all its samples."""
 
     push: Array  # (T, 3) [m/s] change of velocity at each sample, which its state contains
     tick_time: Array  # (T,) [s]

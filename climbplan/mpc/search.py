@@ -99,7 +99,8 @@ class _Search:
                 glances.append(solve_gait(self.task, gait, None, _GLANCE, agreement=ROUGHLY))
         for k, glance in enumerate(sorted(glances, key=lambda found: found.predicted)):
             enough = k >= _PROMISING and self.holds
-            if glance.trajectory is None or enough or self.spent:
+            late = self.seconds > self.limits.seconds
+            if glance.trajectory is None or enough or late:
                 break
             self.refine(glance)
 

@@ -197,6 +197,6 @@ def _facts(frame: DatasetFrame) -> tuple[int, Shelf, str]:
             **{name: float(numbers[name]) for name in own},
             published=PublishedTolerances(**{name: float(published[name]) for name in theirs}),
         )
-    except (UsageError, KeyError) as error:
+    except (UsageError, KeyError, OverflowError) as error:  # OverflowError: a number of many digits
         raise PlanFileError(f"facts: {error}") from error
     return count, shelf, str(meaning)

@@ -14,7 +14,7 @@ from climbplan.bookshelf.mirror import Solved, mirrored
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import read_shelf_plan
 from climbplan.bookshelf.points import features_of, point_of, theta_of
-from climbplan.bookshelf.scene import Shelf
+from climbplan.bookshelf.scene import Shelf, State
 from climbplan.bookshelf.shelf_context import context_of, require_context
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.library import Frame, Library
@@ -135,7 +135,25 @@ def library_of(
 
 
 def solved_scenes(path: Path) -> ShelfPlan:
-    """Scenes and placements of a file, whichever format it has."""
+    """Scenes and placements of a file, whichever format it has.
+
+    Raises PlanFileError for a file that is missing, damaged or none of solved scenes, and for a
+    state or slot that there is not.
+    """
+    plan = _plan_of(path)
+    found, n = plan.solutions, plan.scenes.count
+    wrong = ((found.state < 0) | (found.state >= len(State))).any(axis=1)
+    wrong = (wrong | (found.slot < 0) | (found.slot > n)) & found.placed
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise PlanFileError(
+            f"{path}: scene {k}: states {found.state[k].tolist()} and slot {found.slot[k]} of its "
+            f"placement, expected 0 to {len(State) - 1} and 0 to {n}"
+        )
+    return plan
+
+
+def _plan_of(path: Path) -> ShelfPlan:
     if plan_format(path) != dataset_file.FORMAT:
         return read_shelf_plan(path)
     try:

@@ -42,16 +42,16 @@ def require_context(
     for key in ("books", "meaning"):
         if given.get(key) != wanted[key]:
             raise UsageError(
-                f"{where}: made for {key} {given.get(key)!r}, here it is {wanted[key]!r}"
+                f"{where}: made for {key} {_shown(given.get(key))}, here it is {wanted[key]!r}"
             )
     theirs, ours = _flat(given.get("shelf")), _flat(wanted["shelf"])
     for key, expected in ours.items():
         if meaning == "contact" and key.startswith(_PUBLISHED):
             continue
         found = theirs.get(key)
-        if not isinstance(found, float | int) or not math.isclose(found, expected, abs_tol=_SAME):
+        if not isinstance(found, float) or not math.isclose(found, expected, abs_tol=_SAME):
             unit = _UNITS.get(key, " m")
-            given_as = f"{found:g}{unit}" if isinstance(found, float | int) else repr(found)
+            given_as = f"{found:g}{unit}" if isinstance(found, float) else _shown(found)
             raise UsageError(
                 f"{where}: made for a shelf whose {key} is {given_as}, here it is "
                 f"{expected:g}{unit}"
@@ -65,4 +65,15 @@ def _flat(shelf: object) -> dict[str, Any]:
     inner = shelf.get("published")
     published = inner if isinstance(inner, Mapping) else {}
     own = {str(key): value for key, value in shelf.items() if key != "published"}
-    return own | {f"{_PUBLISHED}{key}": value for key, value in published.items()}
+    flat = own | {f"{_PUBLISHED}{key}": value for key, value in published.items()}
+    return {key: _as_float(value) for key, value in flat.items()}
+
+
+def _as_float(value: object) -> object:
+    """Whole numbers as floats, if there is such a float: the file may hold any number of digits."""
+    return float(value) if type(value) is int and abs(value) < 2**53 else value
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

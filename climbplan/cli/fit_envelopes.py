@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from climbplan.spec.overrides import Override
 
 ENVELOPES_FILE = "envelopes.h5"
+_CONDITIONS = "   (1) meets  (2) excludes  (3) projects"
 
 
 def fit_envelopes(
@@ -25,6 +25,12 @@ def fit_envelopes(
     assignments: Set = None,
     seed: Seed = None,
     method: Method = None,
+    jobs: Annotated[
+        int,
+        typer.Option(
+            "--jobs", "-j", metavar="N", min=1, help="Worker processes of the genetic search."
+        ),
+    ] = 1,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -32,8 +38,10 @@ def fit_envelopes(
 ) -> None:
     """Learn McCormick envelopes from random terrains, and validate them on held-out ones.
 
-    Prints the path of the envelopes file. Its directory also holds report.json with the validation
-    table: what the first stage calls feasible and infeasible, and what the second makes of it.
+    Prints the path of the envelopes file. Its directory also holds report.json, report.html and
+    figures with the validation table: what the first stage calls feasible and infeasible, what the
+    second makes of it, and how far the theorem's conditions hold. Terrains are drawn, or those of a
+    dataset (data.dataset). The result does not depend on --jobs.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
@@ -47,16 +55,15 @@ def fit_envelopes(
     with OutputDirectory(target, force=force) as directory:
         from climbplan.coupled.envelope_file import write_envelopes
         from climbplan.coupled.envelope_run import fit_envelopes as fit
+        from climbplan.reports.envelope_report import write_report
         from climbplan.robots.model import Robot
 
         with StageProgress(session) as progress:
-            run = fit(loaded.spec, Robot.from_spec(robot_spec), progress.report)
+            run = fit(loaded, Robot.from_spec(robot_spec), progress.report, jobs)
         for line in _table(run):
             session.note(line)
         write_envelopes(run, loaded, directory.path / ENVELOPES_FILE)
-        report = _report(run, loaded.name)
-        text = json.dumps(report, indent=2) + "\n"
-        (directory.path / "report.json").write_text(text, encoding="utf-8")
+        report = write_report(run, loaded, directory.path)
         directory.publish()
     if as_json:
         print_json(report)
@@ -84,28 +91,14 @@ def _table(run: EnvelopeRun) -> list[str]:
         f"({rows.trivial} of {rows.drawn} drawn had no balance of forces, "
         f"{rows.undecided} stayed undecided)"
     )
-    lines = [counts, "method      P1 feasible  P1 infeasible  P1 -> P2 convex  P1 -> P2 NLP"]
+    lines = [
+        counts,
+        f"method      P1 feasible  P1 infeasible  P1 -> P2 convex  P1 -> P2 NLP{_CONDITIONS}",
+    ]
     for fitted in run.fitted:
-        v = fitted.validation
+        v, c = fitted.validation, fitted.conditions
         lines.append(
-            f"{fitted.method:<11} {v.feasible:>10.1%} {v.infeasible:>14.1%} {v.convex:>16.1%} "
-            f"{v.nlp:>13.1%}"
+            f"{fitted.method:<11} {v.feasible:>11.1%} {v.infeasible:>14.1%} {v.convex:>16.1%} "
+            f"{v.nlp:>13.1%} {c.meets:>11.1%} {c.excludes:>13.1%} {c.projects:>13.1%}"
         )
     return lines
-
-
-def _report(run: EnvelopeRun, name: str) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    from climbplan.coupled.envelope_file import FORMAT, drawn
-
-    return {
-        "format": FORMAT,
-        "name": name,
-        "limb_names": list(run.limb_names),
-        "training_fingerprint": run.fingerprint,
-        "drawn": drawn(run),
-        "validation": {f.method: asdict(f.validation) for f in run.fitted},
-        "conditions": {f.method: asdict(f.conditions) for f in run.fitted},
-        "timings": run.timings,
-    }

@@ -143,7 +143,7 @@ def _is_complete(target: Path, loaded: LoadedDataset) -> bool:
 def _statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
     """The problem that the command line names; a spec alone imports no code."""
     problem = loaded.spec.problem
-    if problem.kind == "bookshelf":
+    if problem.kind != "program":
         if name is not None:
             raise UsageError("--problem goes with problem.kind `program` only")
         return None
@@ -171,6 +171,11 @@ def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
 
         source = functools.partial(shelf_source, problem, directory, spec.seed)
         return Recipe(source, spec.seed, spec.row_seconds, loaded.sha256)
+    if problem.kind == "terrains":
+        from climbplan.datasets.terrain_source import terrain_source
+
+        terrains = functools.partial(terrain_source, problem, directory)
+        return Recipe(terrains, spec.seed, spec.row_seconds, loaded.sha256)
     from climbplan.datasets.program_source import program_source
 
     load = functools.partial(load_problem, _full(name or ""))
@@ -190,8 +195,12 @@ def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
     place = (name or "").rpartition(":")[0]
     if place.endswith(".py"):
         files.append(Path(place).absolute())
-    solver = loaded.spec.problem.solver
-    for given in (solver.library, solver.model):
+    problem = loaded.spec.problem
+    if problem.kind == "terrains":
+        if Path(problem.robot).suffix in (".yaml", ".yml"):
+            files.append(loaded.directory.absolute() / problem.robot)
+        return tuple(files)
+    for given in (problem.solver.library, problem.solver.model):
         if given is not None:
             named = given if isinstance(given, str) else given.file
             files.append(loaded.directory.absolute() / named)

@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.climb.chaining import started
 from climbplan.climb.clearance import body_shortfall
-from climbplan.climb.coupled.planner import plan_coupled
+from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
@@ -164,9 +164,8 @@ def _convex_postures(
     scene: ClimbScene, margins: PostureMargins, save_model: Path | None
 ) -> PostureResult:
     """Postures alone, or together with forces."""
-    method = scene.spec.solver.method
-    if method == "coupled" or method == "coupled-nlp":
-        return plan_coupled(scene, margins, whole=method == "coupled-nlp")
+    if scene.spec.solver.method in COUPLED_METHODS:
+        return plan_coupled(scene, margins)
     return plan_postures(scene, margins, save_model)
 
 

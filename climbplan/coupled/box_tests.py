@@ -10,6 +10,7 @@ from climbplan.coupled.first_stage import FirstStage
 from climbplan.coupled.search import least_error, without_products
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
 from climbplan.solvers.ipopt import solve_ipopt
 
 _TIME = 2.0  # [s]
@@ -22,9 +23,13 @@ def _within(stage: FirstStage, envelope: Envelope) -> Instance | None:
     return replace(stage.instance, lower=box.lower, upper=box.upper)
 
 
-def holds_point(stage: FirstStage, envelope: Envelope) -> bool:
-    """Whether a point of P was found in the box; False proves nothing."""
-    x = stage.solve(envelope.lower, envelope.upper, (envelope.lower + envelope.upper) / 2)
+def holds_point(stage: FirstStage, envelope: Envelope, x: Array | None = None) -> bool:
+    """Whether a point of P was found in the box; False proves nothing.
+
+    x: a point of P1 to start from, found if left out.
+    """
+    if x is None:
+        x = stage.solve(envelope.lower, envelope.upper, (envelope.lower + envelope.upper) / 2)
     boxed = _within(stage, envelope)
     if x is None or boxed is None:
         return False

@@ -1,19 +1,22 @@
 """Fitted envelopes as HDF5 files, format `climbplan/envelopes`.
 
 envelopes/<method>/lower, upper (N, 6)   toe [P] and force [weights] of each limb
-envelopes/<method>  attributes `validation` and `conditions` (JSON)
+envelopes/<method>  attributes `validation` and `conditions` (JSON) of all envelopes of the method
+                    and `seconds`; with several, they are named <method>-1, <method>-2 and so on
 fitness (G, 3)  mean, spread, best of each generation
 Root attributes limb_names (JSON), position_scale [m], training_fingerprint.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import climbplan
-from climbplan.coupled.envelope_run import EnvelopeRun
+from climbplan.coupled.envelope_run import EnvelopeRun, FittedEnvelopes
 from climbplan.coupled.legs import POSITION_SCALE
 from climbplan.learning.envelope_box import Envelope
 from climbplan.plans.hdf5_layout import Layout
@@ -33,7 +36,11 @@ class StoredEnvelopes:
 
     limb_names: tuple[str, ...]
     position_scale: float  # P [m]
-    envelopes: dict[str, Envelope]  # by method
+    envelopes: dict[str, Envelope]  # by method; several of one are `<method>-1` and so on
+    fingerprint: str = ""  # sha256 of the training terrains and labels
+    spec_text: str = ""  # that `fit-envelopes` was given
+    validation: dict[str, Mapping[str, Any]] = field(default_factory=dict)  # by the same names
+    conditions: dict[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> None:
@@ -59,11 +66,22 @@ def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> No
         write_json(file, "drawn", drawn(run))
         write_dataset(file, "fitness", run.fitness, _FITNESS)
         for fitted in run.fitted:
-            group = file.create_group(f"envelopes/{fitted.method}")
-            write_dataset(group, "lower", fitted.envelope.lower, _BOX)
-            write_dataset(group, "upper", fitted.envelope.upper, _BOX)
-            write_json(group, "validation", asdict(fitted.validation))
-            write_json(group, "conditions", asdict(fitted.conditions))
+            for name, envelope in named(fitted).items():
+                group = file.create_group(f"envelopes/{name}")
+                write_dataset(group, "lower", envelope.lower, _BOX)
+                write_dataset(group, "upper", envelope.upper, _BOX)
+                write_json(group, "validation", asdict(fitted.validation))
+                write_json(group, "conditions", asdict(fitted.conditions))
+                group.attrs["seconds"] = fitted.seconds
+
+
+def named(fitted: FittedEnvelopes) -> dict[str, Envelope]:
+    """Envelopes of a method by the names they have in files."""
+    several = len(fitted.envelopes) > 1
+    return {
+        f"{fitted.method}-{k + 1}" if several else fitted.method: envelope
+        for k, envelope in enumerate(fitted.envelopes)
+    }
 
 
 def drawn(run: EnvelopeRun) -> dict[str, dict[str, int]]:
@@ -84,6 +102,7 @@ def read_envelopes(path: Path) -> StoredEnvelopes:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise reader.refuse("attribute limb_names is not a list of names")
         found = {}
+        measured: dict[str, dict[str, Mapping[str, Any]]] = {"validation": {}, "conditions": {}}
         for group in reader.members("envelopes"):
             method = group.rpartition("/")[2]
             lower = reader.array(f"{group}/lower", _BOX)
@@ -91,4 +110,16 @@ def read_envelopes(path: Path) -> StoredEnvelopes:
             if len(lower) != len(names) or (lower > upper).any():
                 raise reader.refuse(f"envelope {method!r} does not fit {len(names)} limbs")
             found[method] = Envelope(lower, upper)
-        return StoredEnvelopes(tuple(names), reader.number("", "position_scale"), found)
+            for name, table in measured.items():
+                value = reader.json(group, name)
+                if not isinstance(value, dict):
+                    raise reader.refuse(f"{group}: attribute {name} is not a JSON object")
+                table[method] = value
+        return StoredEnvelopes(
+            tuple(names),
+            reader.number("", "position_scale"),
+            found,
+            reader.text("", "training_fingerprint"),
+            reader.text("", "spec"),
+            **measured,
+        )

@@ -14,8 +14,7 @@ from climbplan.coupled.recentring import nearest_point
 from climbplan.coupled.rows import Rows
 from climbplan.coupled.statement import PostureStatement
 from climbplan.coupled.terrains import TerrainDistribution
-from climbplan.learning.envelope_box import Envelope, FirstStageLabels, Mask
-from climbplan.program.instance import Index
+from climbplan.learning.envelope_box import Envelope, EnvelopeSet
 from climbplan.program.polytope import Array
 
 Method = Literal["clustering", "genetic", "heuristic"]
@@ -26,17 +25,6 @@ _LEAST_SPREAD = 0.02  # of a factor, below which it counts as this
 def stages(statement: PostureStatement, rows: Rows, manner: Manner) -> list[FirstStage]:
     """P1 on every terrain, ready for any envelope."""
     return [FirstStage.of(statement, rows.patches(k), manner) for k in range(len(rows.terrain))]
-
-
-def labels_of(prepared: list[FirstStage]) -> FirstStageLabels:
-    """Whether P1 has a solution, for the genetic search."""
-
-    def labels(envelope: Envelope, rows: Index) -> Mask:
-        return np.array(
-            [prepared[k].solve(envelope.lower, envelope.upper) is not None for k in rows], bool
-        )
-
-    return labels
 
 
 def recentred(
@@ -96,33 +84,6 @@ class Validation:
         return self.feasible * self.infeasible
 
 
-def validate(envelopes: tuple[Envelope, ...], rows: Rows, prepared: list[FirstStage]) -> Validation:
-    """P1 and P2 on held-out rows; with several envelopes the first that has a solution counts."""
-    called: list[bool] = []
-    convex: list[bool] = []
-    nlp: list[bool] = []
-    for k, stage in enumerate(prepared):
-        points = [
-            x
-            for e in envelopes
-            if (x := stage.solve(e.lower, e.upper, (e.lower + e.upper) / 2)) is not None
-        ]
-        called.append(bool(points))
-        if rows.feasible[k]:
-            projected = any(stage.convex(x) is not None for x in points)
-            convex.append(projected)
-            nlp.append(projected or any(stage.nlp(x) is not None for x in points))
-    is_feasible = np.array(called)
-    return Validation(
-        float(is_feasible[rows.feasible].mean()),
-        float((~is_feasible[~rows.feasible]).mean()),
-        float(np.mean(convex)),
-        float(np.mean(nlp)),
-        int(rows.feasible.sum()),
-        int((~rows.feasible).sum()),
-    )
-
-
 @dataclass(frozen=True)
 class Conditions:
     """The theorem's conditions, measured: shares of terrains for which they hold."""
@@ -132,19 +93,52 @@ class Conditions:
     projects: float  # (3) of feasible terrains with a P1 point, that point's toes carry forces
 
 
-def conditions(envelope: Envelope, rows: Rows, prepared: list[FirstStage]) -> Conditions:
-    """Conditions 1 to 3 on rows; (2) by linear programs that are exact."""
-    meets, excludes, projects = [], [], []
+@dataclass(frozen=True)
+class Measured:
+    """All that held-out rows tell of a set of envelopes."""
+
+    validation: Validation
+    conditions: Conditions
+
+
+def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> Measured:
+    """The validation table's row, and conditions 1 to 3 of the union of boxes.
+
+    With several envelopes P1 is feasible where it is with one. (2) is by linear programs, exact.
+    """
+    called: list[bool] = []
+    convex, nlp, meets, excludes, projects = [], [], [], [], []
     for k, stage in enumerate(prepared):
-        if rows.feasible[k]:
-            meets.append(holds_point(stage, envelope))
-            x = stage.solve(envelope.lower, envelope.upper, (envelope.lower + envelope.upper) / 2)
-            if x is not None:
-                projects.append(stage.convex(x) is not None)
-        else:
-            excludes.append(not holds_linear_point(stage, envelope))
-    share = float(np.mean(projects)) if projects else 0.0
-    return Conditions(float(np.mean(meets)), float(np.mean(excludes)), share)
+        found = [(e, stage.solve(e.lower, e.upper, (e.lower + e.upper) / 2)) for e in envelopes]
+        points = [(e, x) for e, x in found if x is not None]
+        called.append(bool(points))
+        if not rows.feasible[k]:
+            excludes.append(not any(holds_linear_point(stage, e) for e in envelopes))
+            continue
+        projected = [(e, stage.convex(x)) for e, x in points]
+        hits = [(e, x) for e, x in projected if x is not None]
+        convex.append(bool(hits))
+        nlp.append(bool(hits) or any(stage.nlp(x) is not None for _, x in points))
+        inside = any(e.holds(x[stage.factors][None])[0] for e, x in hits)
+        meets.append(inside or any(holds_point(stage, e, x) for e, x in points))
+        if points:
+            projects.append(len(hits) == len(points))
+    is_feasible = np.array(called)
+    return Measured(
+        Validation(
+            float(is_feasible[rows.feasible].mean()),
+            float((~is_feasible[~rows.feasible]).mean()),
+            float(np.mean(convex)),
+            float(np.mean(nlp)),
+            int(rows.feasible.sum()),
+            int((~rows.feasible).sum()),
+        ),
+        Conditions(
+            float(np.mean(meets)),
+            float(np.mean(excludes)),
+            float(np.mean(projects)) if projects else 0.0,
+        ),
+    )
 
 
 def training_points(rows: Rows) -> tuple[Array, Array]:

@@ -1,14 +1,15 @@
 """P1 and P2 of one posture: envelopes in place of products, then products put right.
 
 P1 replaces the bilinear rows by McCormick envelopes on one box of (p, f), eq. (8.26), and keeps p
-and f in it. `tightened`: the box is cut with the bounds that the terrain itself sets on each toe,
-which changes no feasible point but makes the envelopes tighter.
+and f in it. `tightened`: the box is cut with the bounds that the terrain itself sets on each toe.
+`propagated`: and with those that all rows of P imply within the box, products included. Neither
+takes a feasible point away, but both make the envelopes tighter.
 P2 keeps p of P1 and solves for f (convex), or starts the nonlinear program from P1 (NLP).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,15 +18,16 @@ from scipy import sparse
 from climbplan.coupled.search import TOLERANCE, least_error
 from climbplan.coupled.statement import PostureStatement
 from climbplan.coupled.terrains import Patches
-from climbplan.program.box import Range
+from climbplan.program.box import Range, propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.ipopt import solve_ipopt
 from climbplan.solvers.linear import LinearProgram, solve_linear
 
-Manner = Literal["tightened", "published"]
+Manner = Literal["propagated", "tightened", "published"]
 _NLP_TIME = 2.0  # [s]
+_CROSSED = 1e-9  # by which bounds may cross through rounding
 
 
 @dataclass(frozen=True)
@@ -36,13 +38,14 @@ class FirstStage:
     form: LocalForm
     factors: Index  # (N, 6) columns of toe and force
     bounds: Range  # of all variables
+    propagate: bool = False  # whether rows cut the box
 
     @classmethod
     def of(
         cls,
         statement: PostureStatement,
         patches: Patches,
-        manner: Manner = "tightened",
+        manner: Manner = "propagated",
         load: Array | None = None,
     ) -> FirstStage:
         """Prepare a terrain."""
@@ -57,12 +60,14 @@ class FirstStage:
             axis=1,
         )
         lower, upper = instance.lower.copy(), instance.upper.copy()
-        if manner == "tightened":
+        if manner != "published":
             corners = patches.vertices / statement.legs.length
             at = columns[:, :3].ravel()
             lower[at] = np.maximum(lower[at], corners.min(axis=1).ravel())
             upper[at] = np.minimum(upper[at], corners.max(axis=1).ravel())
-        return cls(instance, LocalForm.of(instance), columns, Range(lower, upper))
+        return cls(
+            instance, LocalForm.of(instance), columns, Range(lower, upper), manner == "propagated"
+        )
 
     def box(self, low: Array, high: Array) -> Range | None:
         """Bounds of all variables within an envelope (N, 6) each, None if they cross."""
@@ -77,7 +82,16 @@ class FirstStage:
     def relaxed(self, low: Array, high: Array) -> Instance | None:
         """P1 on a box as a linear instance, None if the box misses the terrain."""
         box = self.box(low, high)
+        if box is not None and self.propagate:
+            box = self._propagated(box)
         return None if box is None else self.form.at(box)
+
+    def _propagated(self, box: Range) -> Range | None:
+        """What interval propagation leaves of a box, None if nothing."""
+        found = propagated_box(replace(self.instance, lower=box.lower, upper=box.upper))
+        if (found.lower > found.upper + _CROSSED).any():
+            return None
+        return Range(found.lower, np.maximum(found.lower, found.upper))
 
     def solve(self, low: Array, high: Array, centre: Array | None = None) -> Array | None:
         """A point of P1 (n,), None if it has none.

@@ -70,14 +70,16 @@ def collect_rows(
         patches = terrains.sample(np.random.default_rng([seed, drawn]))
         drawn += 1
         theta = statement.theta(patches)
-        instance = statement.program.at(theta)
-        linear = linear_point(instance)
+        # A root without a solution is a proof; one with a solution nearly always has a point, and
+        # is one of the linear part
+        root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
+        if root is not None and not wanted[True]:
+            continue
+        linear = linear_point(statement.program.at(theta))
         if linear is None:
             trivial += 1
             continue
-        root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
-        if not wanted[root is not None]:
-            # A root without a solution is a proof; one with a solution nearly always has a point
+        if root is None and not wanted[False]:
             continue
         label, x = False, linear
         if root is not None:

@@ -19,6 +19,7 @@ from climbplan.coupled.statement import PostureStatement
 from climbplan.coupled.terrains import Patches
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.reformulations.extension import no_implications
 from climbplan.solvers.ipopt import solve_ipopt
 from climbplan.solvers.linear import LinearProgram, solve_linear
 
@@ -161,7 +162,10 @@ def least_error(instance: Instance, x: Array, held: Index) -> tuple[Array, float
 
 
 def linear_with(instance: Instance, x: Array, held: Index) -> Instance:
-    """The instance with x[held] given, which makes every product linear in its other factor."""
+    """The instance with x[held] given, which makes every product linear in its other factor.
+
+    The instance has no implications.
+    """
     given = np.zeros(instance.size, bool)
     given[held] = True
     first, second = instance.products.first, instance.products.second
@@ -181,4 +185,5 @@ def linear_with(instance: Instance, x: Array, held: Index) -> Instance:
         A=sparse.csr_matrix(instance.A + instance.Q @ spread),
         products=replace(instance.products, first=none, second=none),
         Q=sparse.csr_matrix((instance.A.shape[0], 0)),
+        implications=no_implications(instance.size, 0),
     )

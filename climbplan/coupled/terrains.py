@@ -82,10 +82,12 @@ DISTRIBUTIONS = ("ground3", "wall3", "wall5")
 
 
 def distribution(name: str, robot: Robot) -> TerrainDistribution:
-    """`ground3`, `wall3` or `wall5`; raises UsageError for another name."""
+    """`ground3`, `wall3` or `wall5`; UsageError for another name, or a robot without the limbs."""
     if name not in DISTRIBUTIONS:
         raise UsageError(f"unknown terrains {name!r}: expected one of {', '.join(DISTRIBUTIONS)}")
     legs = FIVE if name == "wall5" else THREE
+    if lacking := [limb for limb in legs if limb not in robot.limb_names]:
+        raise UsageError(f"{robot.name} has no limb {lacking[0]}, on which terrains {name!r} stand")
     if name == "ground3":
         up = np.tile([0.0, 0.0, 1.0], (len(legs), 1))
         return TerrainDistribution(name, ground_legs(robot, legs), up, (0.1, 0.8))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,9 @@ class Envelope:
         return np.asarray(inside.all(axis=(1, 2)))
 
 
+EnvelopeSet = tuple[Envelope, ...]
+
+
 @dataclass(frozen=True)
 class Rates:
     """How a first stage agrees with the labels."""
@@ -45,8 +48,19 @@ class Rates:
         return self.feasible * self.infeasible
 
 
-# Whether the first stage with an envelope has a solution on given rows: (envelope, rows) -> (n,)
-FirstStageLabels = Callable[[Envelope, Index], Mask]
+# Whether the first stage has a solution on given rows, for each of some sets of envelopes: one (n,)
+# a set. With several envelopes in a set, one of them is enough.
+FirstStageLabels = Callable[[Sequence[EnvelopeSet], Index], list[Mask]]
+
+
+def stacked(envelopes: EnvelopeSet) -> Envelope:
+    """A set as one array of boxes (E, N, d)."""
+    return Envelope(np.stack([e.lower for e in envelopes]), np.stack([e.upper for e in envelopes]))
+
+
+def unstacked(boxes: Envelope) -> EnvelopeSet:
+    """The set that `stacked` was made of."""
+    return tuple(Envelope(a, b) for a, b in zip(boxes.lower, boxes.upper, strict=True))
 
 
 def exterior(points: Array) -> Envelope:

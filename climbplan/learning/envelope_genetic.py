@@ -3,7 +3,7 @@
 A chromosome is the bounds of an envelope; crossover takes each (lower, upper) pair from one parent
 or the other. Fitness: a, the share of infeasible terrains that the first stage calls feasible, is
 to be small while b, the share of feasible ones that it calls infeasible, stays under delta. The
-mutation rate falls over the generations.
+mutation rate falls over the generations. Several envelopes make one chromosome.
 """
 
 from __future__ import annotations
@@ -13,7 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.learning.envelope_box import Envelope, FirstStageLabels, Mask
+from climbplan.learning.envelope_box import (
+    Envelope,
+    EnvelopeSet,
+    FirstStageLabels,
+    Mask,
+    stacked,
+    unstacked,
+)
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
 
@@ -30,13 +37,14 @@ class GeneticOptions:
     mutation: tuple[float, float] = (0.3, 0.02)  # rate of the first and the last generation
     step: float = 0.15  # of a mutation, in widths of the hull of all first envelopes
     elite: int = 4
+    finalists: int = 10  # last generations whose best ones are tested on all training rows
 
 
 @dataclass(frozen=True)
 class GeneticResult:
-    """The best envelope on all training rows, and how fitness went."""
+    """The best envelopes on all training rows, and how fitness went."""
 
-    envelope: Envelope
+    envelopes: EnvelopeSet
     false_feasible: float  # a on all training rows
     false_infeasible: float  # b
     fitness_mean: Array  # (generations,)
@@ -47,36 +55,38 @@ class GeneticResult:
 def evolve(
     labels: FirstStageLabels,
     feasible: Mask,
-    first: Sequence[Envelope],
+    first: Sequence[EnvelopeSet],
     options: GeneticOptions | None = None,
     seed: int = 0,
     report: Callable[[float], None] | None = None,
 ) -> GeneticResult:
-    """Search from some first envelopes, which mutation spreads.
+    """Search from some first sets of envelopes, equally many in each, which mutation spreads.
 
-    labels: whether the first stage is feasible with an envelope on some rows; feasible: (n,) the
-    rows' true labels.
+    labels: whether the first stage is feasible with each of some sets on some rows; feasible: (n,)
+    the rows' true labels. The result depends on the seed alone.
     """
     chosen = options or GeneticOptions()
     rng = np.random.default_rng(seed)
-    low = np.min([e.lower for e in first], axis=0)
-    high = np.max([e.upper for e in first], axis=0)
+    given = [stacked(envelopes) for envelopes in first]
+    low = np.min([e.lower for e in given], axis=0)
+    high = np.max([e.upper for e in given], axis=0)
     step = chosen.step * np.maximum(high - low, 1e-9)
-    population = [first[k % len(first)] for k in range(chosen.population)]
+    population = [given[k % len(given)] for k in range(chosen.population)]
     population = [
-        e if k < len(first) else _mutated(e, step, 0.5, rng) for k, e in enumerate(population)
+        e if k < len(given) else _mutated(e, step, 0.5, rng) for k, e in enumerate(population)
     ]
     means, spreads, bests = [], [], []
-    contenders: dict[bytes, Envelope] = {_key(e): e for e in first}
+    contenders: dict[bytes, Envelope] = {_key(e): e for e in given}
     for generation in range(chosen.generations):
         rows = _balanced(feasible, chosen.terrains, rng)
-        fitness = np.array([_fitness(labels, feasible, e, rows, chosen)[0] for e in population])
+        fitness = np.array([f.fitness for f in _judged(labels, feasible, population, rows, chosen)])
         means.append(fitness.mean())
         spreads.append(fitness.std())
         bests.append(fitness.max())
         order = np.argsort(-fitness, kind="stable")
         best = population[int(order[0])]
-        contenders[_key(best)] = best
+        if generation >= chosen.generations - chosen.finalists:
+            contenders[_key(best)] = best
         share = generation / max(chosen.generations - 1, 1)
         rate = chosen.mutation[0] * (1 - share) + chosen.mutation[1] * share
         following = [population[int(k)] for k in order[: chosen.elite]]
@@ -87,24 +97,41 @@ def evolve(
         if report is not None:
             report((generation + 1) / chosen.generations)
     # Fitness on K terrains is noisy: the last word is said on all of them
-    everything = np.arange(len(feasible))
     finalists = list(contenders.values())
-    judged = [_fitness(labels, feasible, e, everything, chosen) for e in finalists]
-    winner = int(np.argmax([j[0] for j in judged]))
-    _, a, b = judged[winner]
+    judged = _judged(labels, feasible, finalists, np.arange(len(feasible)), chosen)
+    winner = int(np.argmax([f.fitness for f in judged]))
     return GeneticResult(
-        finalists[winner], a, b, np.array(means), np.array(spreads), np.array(bests)
+        unstacked(finalists[winner]),
+        judged[winner].a,
+        judged[winner].b,
+        np.array(means),
+        np.array(spreads),
+        np.array(bests),
     )
 
 
-def _fitness(
-    labels: FirstStageLabels, feasible: Mask, e: Envelope, rows: Index, options: GeneticOptions
-) -> tuple[float, float, float]:
-    """Fitness, a and b."""
-    called, truth = labels(e, rows), feasible[rows]
-    a = float(called[~truth].mean()) if (~truth).any() else 0.0
-    b = float((~called[truth]).mean()) if truth.any() else 0.0
-    return 1.0 - a - b - options.penalty * max(0.0, b - options.delta), a, b
+@dataclass(frozen=True)
+class _Fitness:
+    fitness: float
+    a: float
+    b: float
+
+
+def _judged(
+    labels: FirstStageLabels,
+    feasible: Mask,
+    population: Sequence[Envelope],
+    rows: Index,
+    options: GeneticOptions,
+) -> list[_Fitness]:
+    truth = feasible[rows]
+    judged = []
+    for called in labels([unstacked(e) for e in population], rows):
+        a = float(called[~truth].mean()) if (~truth).any() else 0.0
+        b = float((~called[truth]).mean()) if truth.any() else 0.0
+        beyond = options.penalty * max(0.0, b - options.delta)
+        judged.append(_Fitness(1.0 - a - b - beyond, a, b))
+    return judged
 
 
 def _balanced(feasible: Mask, count: int, rng: np.random.Generator) -> Index:

@@ -173,8 +173,18 @@ class ClimbPlan:
 
     @property
     def contact_sequence(self) -> str:
-        """Which limbs move together, step by step: "3-3: RF RM LR | RR LM LF"."""
-        return sequence_name(self.instants.lifted[::2], self.robot.limb_names)
+        """Which limbs move together, round by round: "3-3: RF RM LR | RR LM LF".
+
+        Rounds of a climb that follows, in which limbs move one after the other, are counted only.
+        """
+        lifted, names = self.instants.lifted[::2], self.robot.limb_names
+        steps = np.bincount(self.instants.round[::2], minlength=self.rounds.count + 1)
+        together = steps[self.instants.round[::2]] == 1
+        if not together.any():
+            return sequence_name(lifted, names)
+        text = sequence_name(lifted[together], names)
+        climbed = int((steps > 1).sum())
+        return f"{text}; then {climbed} rounds limb by limb" if climbed else text
 
 
 def sequence_name(moved: Mask, limb_names: tuple[str, ...]) -> str:

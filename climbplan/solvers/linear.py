@@ -12,6 +12,14 @@ from climbplan.errors import LimitReached
 from climbplan.program.polytope import Array
 from climbplan.solvers.highs_model import highs, linear_model
 
+# Tried one after the other; a small program in a hundred thousand defeats the first
+_WAYS: tuple[dict[str, str | int], ...] = (
+    {},
+    {"presolve": "off"},
+    {"simplex_scale_strategy": 0},
+    {"solver": "ipm"},
+)
+
 
 @dataclass(frozen=True)
 class LinearProgram:
@@ -52,8 +60,10 @@ def solve_linear(program: LinearProgram) -> LinearAnswer:
             program.row_upper,
         )
     )
-    for presolve in ("choose", "off"):
-        solver.setOptionValue("presolve", presolve)
+    for way in _WAYS:
+        solver.clearSolver()  # or a try starts from the basis that the last one broke
+        for option, value in way.items():
+            solver.setOptionValue(option, value)
         code = solver.run()
         status = solver.getModelStatus()
         if code == highspy.HighsStatus.kError:

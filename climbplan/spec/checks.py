@@ -86,12 +86,11 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
         return []
     if terrain.ground is not None:
         return []
+    picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
     return [
         Finding(("terrain", "regions"), f"limb {limb.name} may use none of the regions")
         for limb in parts.robot.limbs
-        if all(
-            region.limbs is not None and limb.name not in region.limbs for region in terrain.regions
-        )
+        if all(limbs is not None and limb.name not in limbs for limbs in picky)
     ]
 
 

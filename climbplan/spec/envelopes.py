@@ -26,7 +26,13 @@ class EnvelopeTerrainSpec(SpecModel):
 
 
 class EnvelopeDataSpec(SpecModel):
-    """How many labelled terrains to draw; those of the validation are held out."""
+    """How many labelled terrains to draw, or where they are; validation is held out."""
+
+    dataset: str | None = Field(
+        default=None,
+        description="dataset of `gen-data` to take them from, instead of drawing: rows of its "
+        "masks `train` and `test`, as `climbplan data split` writes them; relative to the spec",
+    )
 
     training_feasible: Count = quantity("", "feasible terrains to fit to", default=500, ge=10)
     training_infeasible: Count = quantity("", "infeasible terrains to fit to", default=500, ge=1)
@@ -51,9 +57,13 @@ class EnvelopeFitSpec(SpecModel):
     method: Literal["all", "clustering", "genetic", "heuristic"] = Field(
         default="all", description="one method, or all of them side by side"
     )
-    first_stage: Literal["published", "tightened"] = Field(
-        default="tightened",
-        description="`tightened`: toe bounds of the terrain also cut the envelope's box",
+    first_stage: Literal["published", "tightened", "propagated"] = Field(
+        default="propagated",
+        description="`tightened`: toe bounds of the terrain also cut the envelope's box; "
+        "`propagated`: and so do the bounds that all rows imply within it",
+    )
+    envelopes: Count = quantity(
+        "", "envelopes of which a posture is in one (a binary each)", default=1, ge=1, le=4
     )
     likelihood: Number = quantity(
         "", "quantile of the points' likelihood left out (p_th)", default=0.0, ge=0, lt=1
@@ -62,7 +72,7 @@ class EnvelopeFitSpec(SpecModel):
         "",
         "share of training terrains that clustering's envelope is to call feasible; its box grows "
         "until it does",
-        default=0.985,
+        default=0.99,
         gt=0,
         le=1,
     )

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
+from climbplan.spec.bookshelf_loading import root_paths
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.envelopes import EnvelopesSpec
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.motion_loading import robot_of_document
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import parse_yaml
@@ -41,10 +43,13 @@ def envelopes_of(document: Document, text: SourceText) -> LoadedEnvelopes:
     """
     findings: list[Finding] = []
     kind = find_kind(document, wanted="envelopes")
+    root_paths(document, (("data", "dataset"),))
     if isinstance(kind, Finding):
         findings.append(kind)
     spec, found = validate(document, EnvelopesSpec)
     findings += [f for f in found if f.path != ("kind",)]
-    if spec is None or findings:
-        raise SpecError(document.source, document.mistakes(findings))
+    _, robot_mistakes = robot_of_document(document, text.directory)
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
+    if spec is None or mistakes:
+        raise SpecError(document.source, mistakes)
     return LoadedEnvelopes(spec=spec, **origin_of(document, text))

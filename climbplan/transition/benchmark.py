@@ -40,7 +40,7 @@ class _Row:
     sequences: int
     motion: float  # [s] warm, median over sequences
     starts: int
-    repaired: int
+    tries: float  # homotopies of a start, mean
     verified: int
     homotopy: float  # [s] median of a start
     plan: float  # [s] a whole plan by the search
@@ -49,7 +49,7 @@ class _Row:
 def run_transition(seed: int, quick: bool, stream: TextIO) -> None:
     """Print one row for each number of rounds on the flat scene."""
     print(
-        "rounds  sequences  search [s]  motion, warm [ms]  plan [s] | starts  verified  repaired  "
+        "rounds  sequences  search [s]  motion, warm [ms]  plan [s] | starts  verified     tries  "
         "homotopy [s]  to plan by search",
         file=stream,
     )
@@ -58,7 +58,7 @@ def run_transition(seed: int, quick: bool, stream: TextIO) -> None:
         print(
             f"{row.rounds:6d}  {row.sequences:9d}  {row.search:10.2f}  {1e3 * row.motion:17.0f}  "
             f"{row.plan:8.2f} | {row.starts:6d}  {100 * row.verified / row.starts:6.0f} %  "
-            f"{row.repaired:8d}  {row.homotopy:12.2f}  {row.homotopy / row.plan:14.2f} x",
+            f"{row.tries:8.1f}  {row.homotopy:12.2f}  {row.homotopy / row.plan:14.2f} x",
             file=stream,
             flush=True,
         )
@@ -98,7 +98,7 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
         len(sequences),
         float(np.median(motions)),
         starts,
-        sum(start.repaired for start in found),
+        float(np.mean([start.tries for start in found])),
         sum(good),
         float(np.median([start.seconds for start in found])),
         planned,

@@ -9,10 +9,16 @@ distance from the surface, u in [0, 1] whether it holds the body, and dp its ste
     d_1 >= 0     complements   d_2 >= 0      between rounds every toe is on a surface
     sum u >= least number of supporting limbs,   n . f <= most load times u
 
-Pairs a, b >= 0 that complement each other have a Fischer-Burmeister function
-a + b - sqrt(a^2 + b^2) <= eps, and eps falls step by step, each program starting from the last
-point. Friction cones are pyramids here; the motion is then planned again with the sequence and the
-surfaces fixed, on the cones as they are.
+The products of all these pairs are summed up and weighed in the objective. The weight rises from
+program to program, each starting from the last point: from some weight on minimisers have products
+of zero, if such points are near (the exact penalty of such programs). Where pairs are left that do
+not complement each other, no larger weight helps: another start does.
+
+Toes keep out of a box by weights of its faces, g >= 0 with sum g = 1 and sum g_k (a_k . p - b_k)
+>= 0, which exist for exactly the points that are not inside. Distances from surfaces that do not
+bound the whole room (the top of a box) are those of the polygon, rounded off near zero. Friction
+cones are pyramids here; the motion is then planned again with the sequence and the surfaces fixed,
+on the cones as they are.
 """
 
 from __future__ import annotations
@@ -28,12 +34,11 @@ from climbplan.solvers.interruption import Deadline
 from climbplan.transition.limb_expressions import limb_expression, torques
 from climbplan.transition.motion_statement import COST_SCALE, Layout
 
-HOMOTOPY = (0.1, 0.03, 0.01, 1e-3)
 FACETS = 8
-MOST_LOAD = 4.0  # of a limb, in units of the weight
+MOST_LOAD = 1.5  # of a limb, in units of the weight
 DISTANCE = 0.2  # [m] distances and steps are measured in, so that both sides are about one
-_SMOOTH = 1e-10  # under the root
-_ITERATIONS = 150
+_ROUND_OFF = 5e-3  # [m] within which a distance from a polygon is smooth
+_ITERATIONS = 200
 _FORCE_PREFERENCE = 1e-4
 
 
@@ -44,6 +49,9 @@ class Shape:
     rounds: int  # M
     limbs: int  # N
     surfaces: int  # S, that each limb may use
+    edges: int  # E of the surfaces that do not bound the room, 0 if all do
+    solids: int  # B that toes keep out of
+    faces: int  # F of each
 
 
 @dataclass(frozen=True)
@@ -56,11 +64,7 @@ class ComplementarityProgram:
     kinds: tuple[tuple[str, int], ...]  # of one round: name and number of rows
     solver: Any
     deadline: Deadline
-
-
-def fischer_burmeister(a: Any, b: Any) -> Any:
-    """a + b - sqrt(a^2 + b^2): zero where one of a, b >= 0 is, positive where neither is."""
-    return a + b - ca.sqrt(a**2 + b**2 + _SMOOTH)
+    products: Any  # function (v, p) -> (products of all pairs, rows)
 
 
 def _variables(shape: Shape) -> Layout:
@@ -71,6 +75,7 @@ def _variables(shape: Shape) -> Layout:
             "toe": (3, n),  # after the round
             "force": (3, n * shape.surfaces),  # normal, tangent, bitangent [weight]
             "hold": (1, n),  # u
+            "side": (shape.faces, n * shape.solids),  # g
             "s": (1, 1),
         }
     )
@@ -90,10 +95,16 @@ def _numbers(shape: Shape) -> Layout:
             "softness": (3, n),
             "axes": (3, 3 * n * shape.surfaces),  # columns normal, tangent, bitangent
             "offset": (1, n * shape.surfaces),
+            "bounds_room": (1, n * shape.surfaces),  # 1 if all free space is in front of it
+            "edge_row": (3, n * shape.surfaces * shape.edges),
+            "edge_end": (1, n * shape.surfaces * shape.edges),
+            "face_row": (3, shape.solids * shape.faces),
+            "face_end": (1, shape.solids * shape.faces),
             "mu": (1, n * shape.surfaces),
             "load": (6, 1),
             "least_load": (1, 1),
             "weights": (4, 1),
+            "penalty": (1, 1),
         }
     )
 
@@ -109,16 +120,17 @@ def complementarity_program(shape: Shape) -> ComplementarityProgram:
     c = numbers.split(p)
     old = ca.vec(c["first_toe"])
     cost: Any = 0
-    rows = []
+    rows, products = [], []
     for j in range(m):
         own = v[j * variables.size : (j + 1) * variables.size]
         after = v[(j + 1) * variables.size :][:6] if j + 1 < m else c["last_pose"]
-        price, values = one(old, own, after, p)
+        price, pairs, values = one(old, own, after, p)
         cost += price
         rows.append(values)
+        products.append(pairs)
         _, at, r, k = variables.names[1]
         old = own[at : at + r * k]
-    g = ca.vertcat(*rows)
+    g, gaps = ca.vertcat(*rows), ca.vertcat(*products)
     deadline = Deadline(v.numel(), g.numel(), p.numel())
     options: dict[str, Any] = {
         "print_time": False,
@@ -136,9 +148,16 @@ def complementarity_program(shape: Shape) -> ComplementarityProgram:
             "mu_strategy": "adaptive",
         },
     }
-    problem = {"x": v, "p": p, "f": COST_SCALE * cost, "g": g}
-    solver = ca.nlpsol("complementarity", "ipopt", problem, options)
-    return ComplementarityProgram(shape, variables, numbers, kinds, solver, deadline)
+    problem = {"x": v, "p": p, "f": COST_SCALE * cost + c["penalty"] * ca.sum1(gaps), "g": g}
+    return ComplementarityProgram(
+        shape,
+        variables,
+        numbers,
+        kinds,
+        ca.nlpsol("complementarity", "ipopt", problem, options),
+        deadline,
+        ca.Function("products", [v, p], [gaps, g]),
+    )
 
 
 def _round(shape: Shape, variables: Layout, numbers: Layout) -> Any:
@@ -151,6 +170,7 @@ def _round(shape: Shape, variables: Layout, numbers: Layout) -> Any:
     com, rpy = x["pose"][:3], x["pose"][3:]
     turn = rotation(rpy)
     rows: dict[str, list[Any]] = {}
+    products: list[Any] = []
 
     def add(name: str, *expressions: Any) -> None:
         rows.setdefault(name, []).extend(expressions)
@@ -160,32 +180,29 @@ def _round(shape: Shape, variables: Layout, numbers: Layout) -> Any:
         hold, step = x["hold"][i], x["toe"][:, i] - old_toe[:, i]
         force: Any = ca.SX.zeros(3)
         pressing: Any = 0
-        distances = []
+        placed: Any = 1
         for s in range(surfaces):
             at = i * surfaces + s
             axes = c["axes"][:, 3 * at : 3 * at + 3]
             local = x["force"][:, at]
             force += axes @ local
             pressing += local[0]
-            old_distance = ca.dot(axes[:, 0], old_toe[:, i]) - c["offset"][at]
-            distance = ca.dot(axes[:, 0], x["toe"][:, i]) - c["offset"][at]
-            distances.append(distance / DISTANCE)
-            add("contact.distance", distance)
-            add("contact.complementarity", fischer_burmeister(local[0], old_distance / DISTANCE))
+            plane = ca.dot(axes[:, 0], x["toe"][:, i]) - c["offset"][at]
+            add("contact.distance", plane)
+            placed *= _distance(shape, c, at, x["toe"][:, i]) / DISTANCE
+            products.append(local[0] * _distance(shape, c, at, old_toe[:, i]) / DISTANCE)
             for k in range(FACETS):
                 angle = 2 * ca.pi * (k + 0.5) / FACETS
                 shear = local[1] * ca.cos(angle) + local[2] * ca.sin(angle)
                 add("force.friction", shear - ca.cos(ca.pi / FACETS) * c["mu"][at] * local[0])
-        if surfaces == 2:
-            add("contact.placed", fischer_burmeister(*distances))
-        else:
-            product: Any = 1
-            for distance in distances:
-                product *= distance
-            add("contact.placed", product)
-        add("switch.complementarity", fischer_burmeister(hold, ca.sumsqr(step) / DISTANCE**2))
-        add("switch.binary", fischer_burmeister(hold, 1 - hold))
+        products += [placed, hold * ca.sumsqr(step) / DISTANCE**2, hold * (1 - hold)]
         add("switch.load", pressing - MOST_LOAD * hold, c["least_load"] * hold - pressing)
+        for b in range(shape.solids):
+            side = x["side"][:, i * shape.solids + b]
+            span = slice(b * shape.faces, (b + 1) * shape.faces)
+            out = c["face_row"][:, span].T @ x["toe"][:, i] - c["face_end"][span].T
+            add("solid.outside", ca.dot(side, out))
+            add("solid.sides", ca.sum1(side))
         total += force
         moment += ca.cross(old_toe[:, i] - com, force)
         tau: Any = ca.SX.zeros(3)
@@ -205,8 +222,10 @@ def _round(shape: Shape, variables: Layout, numbers: Layout) -> Any:
                 add("force.command", limb.angles - c["softness"][:, i] * tau)
         use = tau / c["torque_limit"][:, i]
         add("force.torque", use - x["s"], -use - x["s"])
+        add("steps.toe", ca.sumsqr(step))
     add("force.equilibrium", total, moment)
     add("switch.supporting", ca.sum2(x["hold"]))
+    add("steps.com", ca.sumsqr(after[:3] - com))
     w = c["weights"]
     cost = (
         w[0] * ca.sumsqr(after[:3] - com)
@@ -217,6 +236,22 @@ def _round(shape: Shape, variables: Layout, numbers: Layout) -> Any:
     stacked = {name: ca.vertcat(*values) for name, values in rows.items()}
     kinds = tuple((name, values.numel()) for name, values in stacked.items())
     function = ca.Function(
-        "round", [old, own, after, common], [cost, ca.vertcat(*stacked.values())]
+        "round",
+        [old, own, after, common],
+        [cost, ca.vertcat(*products), ca.vertcat(*stacked.values())],
     )
     return function, kinds
+
+
+def _distance(shape: Shape, c: dict[str, Any], at: int, point: Any) -> Any:
+    """Distance of a point from a limb's surface number `at`."""
+    plane = ca.dot(c["axes"][:, 3 * at], point) - c["offset"][at]
+    if shape.edges == 0:
+        return plane
+    square = plane**2
+    for e in range(at * shape.edges, (at + 1) * shape.edges):
+        past = ca.dot(c["edge_row"][:, e], point) - c["edge_end"][e]
+        square += ca.fmax(past, 0) ** 2
+    polygon = ca.sqrt(square + _ROUND_OFF**2) - _ROUND_OFF
+    bounds = c["bounds_room"][at]
+    return bounds * plane + (1 - bounds) * polygon

@@ -1,43 +1,55 @@
-"""The complementarity method: random starts, a homotopy each, then the motion planned anew.
+"""The complementarity method: a homotopy from a random start, and from others near where it ends.
 
-What a homotopy ends with is rounded: which limbs hold in which round, and on which surface every
-toe stands. The motion is planned again with that fixed, so that nothing of eps is left in a plan.
+A homotopy ends at a point where all pairs complement each other, or at one where some do not. From
+the latter limbs that are at odds with their pairs, and some by chance, are given other rounds to
+move in, and the program is solved again from there. What complements is a contact sequence with
+its surfaces. The motion is planned again with that fixed, so that nothing of any tolerance is left
+in a plan.
 """
 
 from __future__ import annotations
 
-import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.scene import load_wrench
-from climbplan.errors import UsageError
-from climbplan.mechanics.friction import contact_frame
-from climbplan.mechanics.stiffness import joint_softness
 from climbplan.plans.climb_plan import Array, Index, Mask
 from climbplan.solvers.interruption import interruptible
-from climbplan.terrain.surfaces import Region
 from climbplan.transition.complementarity import (
-    HOMOTOPY,
-    MOST_LOAD,
     ComplementarityProgram,
     Shape,
     complementarity_program,
 )
-from climbplan.transition.footholds import GOAL, START, Footholds, Poses, reach_of
+from climbplan.transition.complementarity_numbers import (
+    numbers_of,
+    parts_of,
+    row_bounds,
+    shape_of,
+    surfaces_of,
+    variable_bounds,
+)
+from climbplan.transition.footholds import (
+    GOAL,
+    START,
+    Footholds,
+    Poses,
+    footholds_of,
+    reach_of,
+)
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Sequence, State, stance_of_move
-from climbplan.transition.stances import Laboratory, stance_forces
+from climbplan.transition.search import Sequence, State, toe_step_limits
+from climbplan.transition.stances import Laboratory
 
+PENALTIES = (0.3, 3.0, 30.0)  # weights of the products; the last two from where limbs were moved
+_COMPLEMENTS = 2e-3  # largest product of a point that complements
+_HOLDS = 1e-5  # largest violation of its rows
 _MOVED = 0.02  # [m] a shorter step is none
-_JOINT_ROOM, _STRETCH_ROOM, _TORQUE_ROOM = 0.02, 1e-3, 0.02
-_MOST_ASSIGNMENTS = 20_000  # looked through for a rounding
-_REPAIRS = 8  # roundings whose motion is planned
 _NOISE = 0.05  # [m] on random starts
-
+_TRIES = 60  # homotopies of one start
+_DRAWS = 50  # of rounds for the limbs until they are new ones
+_PRESS = 0.3  # of the weight, from which pressures start
 
 Carry = Callable[[Laboratory, Sequence], str]
 
@@ -48,157 +60,107 @@ class Start:
 
     seed: int
     reason: str  # why there is no motion, empty if there is one
-    repaired: bool  # the point itself did not round to a motion, one of its neighbours did
+    tries: int  # homotopies, the first from the random start itself
+    complemented: int  # of them ended with all pairs complementing each other
     seconds: float  # with what `carry` took
-    iterations: int  # of the homotopy
+    iterations: int  # of IPOPT
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """One scene's program with all its numbers."""
+
+    scene: TransitionScene
+    program: ComplementarityProgram
+    surfaces: Index  # (N, S)
+    numbers: Array  # the last one is the penalty
+    lower: Array
+    upper: Array
+    row_lower: Array
+    row_upper: Array
+    holds: Footholds  # that moved limbs are put on
+
+    @property
+    def shape(self) -> Shape:
+        """What the program is built for."""
+        return self.program.shape
+
+    def at(self, penalty: float) -> Array:
+        """The numbers with a penalty."""
+        return np.append(self.numbers[:-1], penalty)
 
 
 def run_start(scene: TransitionScene, seed: int, carry: Carry, deadline: float = np.inf) -> Start:
-    """One homotopy from a random start; deadline in `time.monotonic` seconds.
+    """Homotopies from a random start on until one is carried through.
 
-    carry: called with one rounding after the other until it returns no reason against it. Raises
-    UsageError for terrain with boxes or obstacles: their free space is not convex.
+    carry: called with each contact sequence found until it returns no reason against it. deadline
+    in `time.monotonic` seconds.
     """
     begin = time.perf_counter()
-    if scene.terrain.obstacles:
-        raise UsageError(
-            "method complementarity knows ground and walls only; with boxes or obstacles use "
-            "enumerate"
-        )
-    surfaces = _surfaces(scene)
-    shape = Shape(scene.spec.task.rounds, scene.robot.limb_count, surfaces.shape[1])
-    program = complementarity_program(shape)
-    numbers = _parameters(scene, program, surfaces)
-    lower, upper = _variable_bounds(scene, program)
-    v = np.clip(_random_start(scene, program, np.random.default_rng(seed)), lower, upper)
-    iterations = 0
-    program.deadline.at = deadline
-    with interruptible(program.deadline.stop):
-        for eps in HOMOTOPY:
-            row_lower, row_upper = _row_bounds(scene, program, eps)
+    problem = _problem_of(scene)
+    rng = np.random.default_rng(seed)
+    v = np.clip(_random_start(problem, rng), problem.lower, problem.upper)
+    drawn: set[bytes] = set()
+    carried: set[bytes] = set()
+    iterations = complemented = tries = 0
+    reason = "no point found at which all pairs complement each other"
+    penalties: tuple[float, ...] = PENALTIES
+    problem.program.deadline.at = deadline
+    while tries < _TRIES and time.monotonic() < deadline:
+        tries += 1
+        v, used, complements = _homotopy(problem, v, penalties)
+        iterations += used
+        if complements:
+            complemented += 1
+            lab, sequence = _rounded(problem, v)
+            fresh = sequence.moved.tobytes() not in carried
+            carried.add(sequence.moved.tobytes())
+            if fresh and _admissible(scene, sequence.moved):
+                reason = carry(lab, sequence)
+                if not reason:
+                    seconds = time.perf_counter() - begin
+                    return Start(seed, "", tries, complemented, seconds, iterations)
+        v = _moved_elsewhere(problem, v, rng, drawn)
+        penalties = PENALTIES[1:]
+    seconds = time.perf_counter() - begin
+    return Start(seed, reason, tries, complemented, seconds, iterations)
+
+
+def _problem_of(scene: TransitionScene) -> _Problem:
+    surfaces = surfaces_of(scene)
+    program = complementarity_program(shape_of(scene, surfaces))
+    lower, upper = variable_bounds(scene, program)
+    rows = row_bounds(scene, program, surfaces)
+    numbers = numbers_of(scene, program, surfaces)
+    holds = footholds_of(scene)
+    return _Problem(scene, program, surfaces, numbers, lower, upper, *rows, holds)
+
+
+def _homotopy(problem: _Problem, v: Array, penalties: tuple[float, ...]) -> tuple[Array, int, bool]:
+    """The point where a homotopy ends, IPOPT's iterations, and whether all pairs complement."""
+    program, iterations = problem.program, 0
+    for penalty in penalties:
+        with interruptible(program.deadline.stop):
             answer = program.solver(
-                x0=v, p=numbers, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper
+                x0=v,
+                p=problem.at(penalty),
+                lbx=problem.lower,
+                ubx=problem.upper,
+                lbg=problem.row_lower,
+                ubg=problem.row_upper,
             )
-            v = np.clip(np.array(answer["x"]).ravel(), lower, upper)
-            iterations += int(program.solver.stats().get("iter_count", 0))
-            if time.monotonic() > deadline:
-                break
-    reasons: list[str] = []
-    for lab, sequence, repaired in _roundings(scene, program, v, surfaces):
-        reason = carry(lab, sequence)
-        if not reason:
-            return Start(seed, "", repaired, time.perf_counter() - begin, iterations)
-        reasons.append(reason)
-    reason = reasons[0] if reasons else "no rounding has admissible forces"
-    return Start(seed, reason, False, time.perf_counter() - begin, iterations)
+        v = np.clip(np.array(answer["x"]).ravel(), problem.lower, problem.upper)
+        iterations += int(program.solver.stats().get("iter_count", 0))
+    products, rows = (np.array(x).ravel() for x in program.products(v, problem.at(0.0)))
+    off = np.maximum(problem.row_lower - rows, rows - problem.row_upper).max()
+    # NaN is no agreement either.
+    return v, iterations, bool(off <= _HOLDS and products.max() <= _COMPLEMENTS)
 
 
-def _surfaces(scene: TransitionScene) -> Index:
-    """(N, S) flat surfaces of each limb; limbs with fewer repeat their last."""
-    own = [np.flatnonzero(row) for row in scene.terrain.allowed]
-    most = max(len(r) for r in own)
-    return np.array([np.pad(r, (0, most - len(r)), mode="edge") for r in own], np.int64)
-
-
-def _parameters(scene: TransitionScene, program: ComplementarityProgram, surfaces: Index) -> Array:
-    robot, weights = scene.robot, scene.spec.posture.weights
-    axes, offsets, mu = [], [], []
-    for index in surfaces.ravel():
-        surface = scene.terrain.surfaces[index]
-        if not isinstance(surface, Region):
-            raise TypeError("transitions stand on flat surfaces")
-        axes.append(contact_frame(surface.normal).axes)  # rows: the columns of the program
-        offsets.append(surface.offset)
-        mu.append(surface.friction / scene.spec.force.safety_friction)
-    own = {
-        "first_toe": scene.start.toes.ravel(),
-        "last_pose": np.concatenate([scene.goal.com, scene.goal.rpy]),
-        "shoulder": robot.shoulder_body.ravel(),
-        "links": robot.link_lengths.ravel(),
-        "mount_yaw": robot.mount_yaw,
-        "middle": (robot.joint_lower[:, 0] + robot.joint_upper[:, 0]) / 2,
-        "torque_limit": (robot.max_torque / robot.weight).ravel(),
-        "softness": (joint_softness(robot) * robot.weight).ravel(),
-        "axes": np.array(axes).ravel(),
-        "offset": np.array(offsets),
-        "mu": np.array(mu),
-        "load": load_wrench(scene.spec, robot, scene.start.rpy) / robot.weight,
-        "least_load": np.array([scene.spec.search.least_load]),
-        "weights": np.array([weights.com, weights.rotation, weights.toe, weights.effort]),
-    }
-    return np.concatenate([own[name] for name, *_ in program.numbers.names])
-
-
-def _variable_bounds(
-    scene: TransitionScene, program: ComplementarityProgram
-) -> tuple[Array, Array]:
-    shape, spec = program.shape, scene.spec
-    n, forces = shape.limbs, shape.limbs * shape.surfaces
-    corners = np.concatenate([s.vertices for s in scene.terrain.regions])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    body = np.stack([scene.start.com, scene.goal.com])
-    turn = np.full(3, np.deg2rad(spec.posture.rotation_limit_deg))
-    span = spec.posture.steps.com_max / 2
-    floor = scene.robot.body_hull[:, 2].min()
-    least = np.maximum(body.min(axis=0) - span, [-np.inf, -np.inf, low[2] - floor + 0.02])
-    lowers, uppers = [], []
-    for j in range(shape.rounds):
-        pose_low = np.concatenate([least, -turn])
-        pose_high = np.concatenate([body.max(axis=0) + span, turn])
-        toe_low, toe_high = np.tile(low, n), np.tile(high, n)
-        if j == 0:
-            pose_low = pose_high = np.concatenate([scene.start.com, scene.start.rpy])
-        if j + 1 == shape.rounds:
-            toe_low = toe_high = scene.goal.toes.ravel()
-        push = np.tile([0.0, -MOST_LOAD, -MOST_LOAD], forces)
-        largest = (1 - _TORQUE_ROOM) / spec.force.safety_torque
-        lowers.append(np.concatenate([pose_low, toe_low, push, np.zeros(n), [0.0]]))
-        uppers.append(
-            np.concatenate(
-                [pose_high, toe_high, np.full(3 * forces, MOST_LOAD), np.ones(n), [largest]]
-            )
-        )
-    return np.concatenate(lowers), np.concatenate(uppers)
-
-
-def _row_bounds(
-    scene: TransitionScene, program: ComplementarityProgram, eps: float
-) -> tuple[Array, Array]:
-    robot, n = scene.robot, program.shape.limbs
-    least = scene.spec.task.supporting
-    joints = np.repeat(robot.joint_lower + _JOINT_ROOM, 2, axis=0).ravel()
-    joints_up = np.repeat(robot.joint_upper - _JOINT_ROOM, 2, axis=0).ravel()
-    inf = np.inf
-    fixed: dict[str, tuple[Array | float, Array | float]] = {
-        "contact.distance": (-1e-9, inf),
-        "contact.complementarity": (-inf, eps),
-        "contact.placed": (-inf, eps),
-        "switch.complementarity": (-inf, eps),
-        "switch.binary": (-inf, eps),
-        "switch.load": (-inf, 0.0),
-        "switch.supporting": (float(least), float(n)),
-        "force.friction": (-inf, 0.0),
-        "force.torque": (-inf, 0.0),
-        "force.command": (
-            (robot.joint_lower + _JOINT_ROOM / 2).ravel(),
-            (robot.joint_upper - _JOINT_ROOM / 2).ravel(),
-        ),
-        "force.equilibrium": (0.0, 0.0),
-        "transition.reach": (-1 + _STRETCH_ROOM, 1 - _STRETCH_ROOM),
-        "transition.joints": (joints, joints_up),
-    }
-    lower = [np.broadcast_to(fixed[name][0], (size,)) for name, size in program.kinds]
-    upper = [np.broadcast_to(fixed[name][1], (size,)) for name, size in program.kinds]
-    m = program.shape.rounds
-    return np.tile(np.concatenate(lower), m), np.tile(np.concatenate(upper), m)
-
-
-def _random_start(
-    scene: TransitionScene, program: ComplementarityProgram, rng: np.random.Generator
-) -> Array:
+def _random_start(problem: _Problem, rng: np.random.Generator) -> Array:
     """Poses and toes somewhere on their ways, holds and pressures at random."""
-    shape = program.shape
-    n, forces, m = shape.limbs, shape.limbs * shape.surfaces, shape.rounds
+    scene, shape = problem.scene, problem.shape
+    n, m = shape.limbs, shape.rounds
     start, goal = scene.start, scene.goal
     out = []
     share = np.sort(rng.uniform(0.0, 1.0, (m + 1, n)), axis=0)[1:, :, None]
@@ -208,78 +170,117 @@ def _random_start(
         rpy = start.rpy + part * (goal.rpy - start.rpy) + _NOISE * rng.uniform(-1, 1, 3)
         toes = start.toes + share[j] * (goal.toes - start.toes)
         toes = toes + _NOISE * rng.uniform(-1, 1, toes.shape)
-        force = np.zeros((forces, 3))
-        force[:, 0] = rng.uniform(0.0, 0.5, forces)
-        out.append(
-            np.concatenate([com, rpy, toes.ravel(), force.ravel(), rng.uniform(0.2, 0.8, n), [0.3]])
-        )
+        force = np.zeros((n * shape.surfaces, 3))
+        force[:, 0] = rng.uniform(0.0, 0.5, n * shape.surfaces)
+        parts = {
+            "pose": np.concatenate([com, rpy]),
+            "toe": toes,
+            "force": force,
+            "hold": rng.uniform(0.2, 0.8, n),
+            "side": np.full(n * shape.solids * shape.faces, 1 / max(shape.faces, 1)),
+            "s": np.array([0.3]),
+        }
+        out += [parts[name].ravel() for name, *_ in problem.program.variables.names]
     return np.concatenate(out)
 
 
-def _roundings(
-    scene: TransitionScene, program: ComplementarityProgram, v: Array, surfaces: Index
-) -> Iterator[tuple[Laboratory, Sequence, bool]]:
-    """Sequences close to a point: as it has them, then those nearest of limbs that move once.
-
-    The latter, which count as repaired, only where stances find admissible forces at the point's
-    poses.
-    """
-    m = program.shape.rounds
-    parts = [_parts(program, own) for own in v.reshape(m, program.variables.size)]
-    toes = np.stack([scene.start.toes, *(p["toe"].T for p in parts)])  # (M + 1, N, 3)
+def _moved_elsewhere(
+    problem: _Problem, v: Array, rng: np.random.Generator, known: set[bytes]
+) -> Array:
+    """A point like v in which some limbs move in other rounds, those at odds first."""
+    shape, scene = problem.shape, problem.scene
+    parts = parts_of(problem.program, v)
     hold = np.stack([p["hold"][0] for p in parts])  # (M, N)
-    step = np.linalg.norm(np.diff(toes, axis=0), axis=-1)
-    moved = (hold < 0.5) & (step > _MOVED)
+    step = _steps(scene, parts)
+    odds = (hold * step**2).sum(axis=0) + (hold * (1 - hold)).sum(axis=0)
+    own = np.argmax((1 - hold) * step, axis=0)  # (N,) the round in which each limb moves most
+    path = np.full((shape.rounds, shape.limbs), START)
+    after = np.arange(shape.rounds)[:, None] >= own
+    path[after] = GOAL
+    worst = np.argsort(-odds)[: rng.integers(1, 3)]
+    for _ in range(_DRAWS):
+        some = rng.choice(shape.limbs, rng.integers(1, max(2, shape.limbs // 2 + 1)), replace=False)
+        drawn = path.copy()
+        for limb in set(worst) | set(some) | set(_too_far(problem, drawn)):
+            drawn[:, limb] = _random_path(problem, int(limb), rng)
+        moved = np.diff(np.vstack([np.full(shape.limbs, START), drawn]), axis=0) != 0
+        if _admissible(scene, moved) and moved.tobytes() not in known:
+            break
+    known.add(moved.tobytes())
+    return np.clip(_along(problem, parts, drawn, moved), problem.lower, problem.upper)
+
+
+def _too_far(problem: _Problem, path: Index) -> Index:
+    """Limbs whose way goes straight to a goal that is further than one step."""
+    scene = problem.scene
+    far = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > toe_step_limits(scene)
+    return np.flatnonzero(far & (path <= GOAL).all(axis=0))
+
+
+def _random_path(problem: _Problem, limb: int, rng: np.random.Generator) -> Index:
+    """Footholds (M,) of a limb after each round: its goal at once, or by one between."""
+    m, holds = problem.shape.rounds, problem.holds
+    path = np.full(m, START)
+    between = [c for c in range(2, holds.count) if holds.real[limb, c]]
+    straight = np.linalg.norm(holds.toe[limb, GOAL] - holds.toe[limb, START])
+    far = straight > toe_step_limits(problem.scene)[limb]
+    if between and m > 1 and far:
+        first, last = np.sort(rng.choice(m, 2, replace=False))
+        path[first:] = rng.choice(between)
+        path[last:] = GOAL
+    else:
+        path[rng.integers(m) :] = GOAL
+    return path
+
+
+def _along(problem: _Problem, parts: list[dict[str, Array]], path: Index, moved: Mask) -> Array:
+    """The point with toes on footholds (M, N), limbs that move not holding, others pressing."""
+    shape, scene, holds = problem.shape, problem.scene, problem.holds
+    limb = np.arange(shape.limbs)
+    toes = holds.toe[limb, path]  # (M, N, 3)
+    region = np.concatenate([scene.start.region[None], holds.region[limb, path]])
+    out = []
+    for j, own in enumerate(parts):
+        force = np.zeros((shape.limbs, shape.surfaces, 3))
+        first = np.argmax(problem.surfaces == region[j][:, None], axis=1)
+        force[limb, first, 0] = np.where(moved[j], 0.0, _PRESS)
+        new = {
+            "toe": toes[j].ravel(),
+            "hold": np.where(moved[j], 0.05, 0.95),
+            "force": force.ravel(),
+        }
+        for name, *_ in problem.program.variables.names:
+            out.append(new.get(name, own[name].T.ravel()))
+    return np.concatenate(out)
+
+
+def _admissible(scene: TransitionScene, moved: Mask) -> bool:
+    """Some limbs move in every round, never too many, and all that have to."""
+    most = scene.robot.limb_count - scene.spec.task.supporting
+    counts = moved.sum(axis=1)
     far = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > _MOVED
+    return bool(counts.min() > 0 and counts.max() <= most and (moved.any(axis=0) >= far).all())
+
+
+def _steps(scene: TransitionScene, parts: list[dict[str, Array]]) -> Array:
+    """(M, N) toe steps [m]."""
+    toes = np.stack([scene.start.toes, *(p["toe"].T for p in parts)])
+    return np.asarray(np.linalg.norm(np.diff(toes, axis=0), axis=-1))
+
+
+def _rounded(problem: _Problem, v: Array) -> tuple[Laboratory, Sequence]:
+    """The contact sequence of a point whose pairs complement each other."""
+    scene, m = problem.scene, problem.shape.rounds
+    parts = parts_of(problem.program, v)
+    hold = np.stack([p["hold"][0] for p in parts])
+    moved = (hold < 0.5) & (_steps(scene, parts) > _MOVED)
     poses = Poses(
         np.stack([*(p["pose"][:3, 0] for p in parts), scene.goal.com]),
         np.stack([*(p["pose"][3:, 0] for p in parts), scene.goal.rpy]),
     )
-    lab = _laboratory(scene, toes, poses, surfaces)
-    most = scene.robot.limb_count - scene.spec.task.supporting
-    counts = moved.sum(axis=1)
-    if counts.min() > 0 and counts.max() <= most and (moved.any(axis=0) >= far).all():
-        yield lab, Sequence(_states(moved), tuple(range(m + 1)), 0.0, np.inf), False
-    yield from _nearest(lab, hold, far, most)
-
-
-def _nearest(
-    lab: Laboratory, hold: Array, far: Mask, most: int
-) -> Iterator[tuple[Laboratory, Sequence, bool]]:
-    """Sequences in which every limb moves once, those nearest to the holds (M, N) first."""
-    m = len(hold)
-    limbs = np.flatnonzero(far)
-    if m ** len(limbs) > _MOST_ASSIGNMENTS:
-        return
-    rounds = np.array(list(itertools.product(range(m), repeat=len(limbs))))  # (A, limbs)
-    counts = (rounds[:, None, :] == np.arange(m)[:, None]).sum(axis=2)  # (A, M)
-    rounds = rounds[(counts >= 1).all(axis=1) & (counts <= most).all(axis=1)]
-    away = hold[rounds, limbs].sum(axis=1)  # a limb that moves ought not to hold
-    rounds = rounds[np.argsort(away, kind="stable")]
-    moved = np.zeros((len(rounds), m, hold.shape[1]), bool)
-    moved[np.arange(len(rounds))[:, None], rounds, limbs] = True
-    states = [_states(one) for one in moved]
-    pairs = [
-        (stance_of_move(a, b), j)
-        for one in states
-        for j, (a, b) in enumerate(itertools.pairwise(one))
-    ]
-    known = dict.fromkeys(pairs)
-    if not known:
-        return
-    use = stance_forces(
-        lab,
-        np.array([stance for stance, _ in known], np.int64),
-        np.array([j for _, j in known], np.int64),
-    ).use
-    holds = dict(zip(known, np.isfinite(use), strict=True))
-    found = 0
-    for number, one in enumerate(states):
-        if all(holds[pair] for pair in pairs[number * m : (number + 1) * m]):
-            yield lab, Sequence(one, tuple(range(m + 1)), 0.0, np.inf), True
-            found += 1
-            if found == _REPAIRS:
-                return
+    toes = np.stack([scene.start.toes, *(p["toe"].T for p in parts)])  # (M + 1, N, 3)
+    lab = _laboratory(scene, toes, poses, problem.surfaces)
+    return lab, Sequence(_states(moved), tuple(range(m + 1)), 0.0, np.inf)
 
 
 def _laboratory(scene: TransitionScene, toes: Array, poses: Poses, surfaces: Index) -> Laboratory:
@@ -302,7 +303,7 @@ def _laboratory(scene: TransitionScene, toes: Array, poses: Poses, surfaces: Ind
     return Laboratory(scene, holds, poses, reach_of(scene, holds, poses))
 
 
-def _states(moved: Array) -> tuple[State, ...]:
+def _states(moved: Mask) -> tuple[State, ...]:
     """Foothold numbers after each round: a limb's last move takes it to its goal."""
     m, n = moved.shape
     states = np.full((m + 1, n), START)
@@ -311,10 +312,3 @@ def _states(moved: Array) -> tuple[State, ...]:
             last = not moved[j + 1 :, i].any()
             states[j + 1, i] = (GOAL if last else 2 + j) if moved[j, i] else states[j, i]
     return tuple(tuple(int(x) for x in row) for row in states)
-
-
-def _parts(program: ComplementarityProgram, own: Array) -> dict[str, Array]:
-    return {
-        name: own[at : at + rows * columns].reshape(columns, rows).T
-        for name, at, rows, columns in program.variables.names
-    }

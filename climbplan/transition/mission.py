@@ -15,8 +15,8 @@ from climbplan.climb.planner import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene, Stance, build_scene
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import to_body
-from climbplan.spec.climb import ClimbSpec, StartSpec, TaskSpec
-from climbplan.spec.transition import TransitionSpec
+from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, StartSpec, TaskSpec
+from climbplan.spec.transition import TransitionPostureSpec, TransitionSpec
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.scene import TransitionScene
 
@@ -76,11 +76,24 @@ def _climb_spec(spec: TransitionSpec, start: StartSpec) -> ClimbSpec:
         robot=spec.robot,
         terrain=spec.terrain,
         task=task,
-        posture=climb.posture,
+        posture=_within(climb.posture, spec.posture),
         force=spec.force,
         trajectory=spec.trajectory,
         seed=spec.seed,
     )
+
+
+def _within(own: PosturePlannerSpec, whole: TransitionPostureSpec) -> PosturePlannerSpec:
+    """The climb's posture planner, bounded by what the whole plan is verified against."""
+    steps = own.steps.model_copy(
+        update={
+            "com_max": min(own.steps.com_max, whole.steps.com_max),
+            "toe_max": min(own.steps.toe_max, whole.steps.toe_max),
+            "rotation_max_deg": min(own.steps.rotation_max_deg, whole.steps.rotation_max_deg),
+        }
+    )
+    clearance = max(own.body_clearance, whole.body_clearance)
+    return own.model_copy(update={"steps": steps, "body_clearance": clearance})
 
 
 def joined_rounds(first: Rounds, tail: Rounds) -> Rounds:

@@ -206,14 +206,18 @@ def _by_search(run: Run) -> Found:
     """All sequences, and the motion of the best that holds."""
     scene, clock = run.scene, run.clock
     with clock.stage("search"):
-        search = Search(scene)
+        deadline = time.monotonic() + scene.spec.solver.time_limit
+        search = Search(scene, deadline=deadline)
         found = search.sequences()
         if not found:
-            raise no_sequence(scene)
+            raise no_sequence(scene, deadline)
     outcome = [""] * len(found)
     done: Complete | None = None
     iterations = tried = 0
     for sequence in found[: scene.spec.search.tried]:
+        if time.monotonic() > deadline:
+            outcome[tried] = "time limit"
+            break
         attempt = carry_through(run, search.lab, sequence)
         iterations += attempt.iterations
         outcome[tried] = attempt.reason or "chosen"

@@ -23,12 +23,12 @@ _LISTED = 3  # sequences whose refusal is told
 _LOOKED_INTO = 400  # kinematic sequences whose forces are asked for
 
 
-def no_sequence(scene: TransitionScene) -> Infeasible:
+def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> Infeasible:
     """The error that says why the search found nothing.
 
     Its proof is that of the search: over the footholds and poses that it looks at.
     """
-    kinematic = Search(scene, forces=False)
+    kinematic = Search(scene, forces=False, deadline=deadline)
     found = kinematic.sequences()
     task = scene.spec.task
     asked = f"{task.rounds} rounds" + (f" as {task.sequence}" if task.sequence else "")

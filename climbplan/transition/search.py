@@ -11,11 +11,13 @@ safety factors it allows, are dynamic programs.
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from climbplan.errors import LimitReached
 from climbplan.plans.climb_plan import Array, Index, Mask, sequence_name
 from climbplan.transition.footholds import (
     GOAL,
@@ -32,6 +34,7 @@ from climbplan.transition.stances import (
     stance_forces,
 )
 
+_BATCH = 5000  # force problems between two looks at the clock
 State = tuple[int, ...]  # a foothold number for every limb
 
 
@@ -67,6 +70,7 @@ class Search:
 
     scene: TransitionScene
     forces: bool = True  # False: kinematics only
+    deadline: float = np.inf  # in `time.monotonic` seconds
     lab: Laboratory = field(init=False)
     tally: Tally = field(default_factory=Tally)
     _use: dict[State, Array] = field(default_factory=dict)  # stance -> (B,) 1 / S_tau
@@ -88,12 +92,13 @@ class Search:
         """All sequences of the spec's rounds, best first by the spec's ranking.
 
         Of sequences that move the same limbs in the same rounds the cheapest stands for all.
+        Raises LimitReached where time is up before any is known; later the list is cut short.
         """
         self._explore()
         best: dict[bytes, Sequence] = {}
         most = 20 * self.scene.spec.search.most
         for number, states in enumerate(self._paths()):
-            if number == most:
+            if number == most or (best and self._late()):
                 self.tally.truncated = True
                 break
             found = self._through_poses(states)
@@ -116,6 +121,18 @@ class Search:
     def name(self, sequence: Sequence) -> str:
         """Such as "3-3: RF RM LR | RR LM LF"."""
         return sequence_name(sequence.moved, self.scene.robot.limb_names)
+
+    def _late(self) -> bool:
+        return time.monotonic() > self.deadline
+
+    def _require_time(self, number: int) -> None:
+        """Raises LimitReached once time is up."""
+        if self._late():
+            looked = f"{self.tally.problems} force problems solved, round {number + 1} not finished"
+            raise LimitReached(
+                f"time limit in the search over stance sets: {looked}; a sequence asked for "
+                "(`task.sequence`), fewer rounds or `search.between: boxes` make it smaller"
+            )
 
     # States and moves
 
@@ -165,7 +182,10 @@ class Search:
         task = self.scene.spec.task
         current = {self._initial()}
         for number in range(task.rounds):
-            moves = {state: list(self._moves(state, number)) for state in current}
+            moves: dict[State, list[State]] = {}
+            for state in current:
+                self._require_time(number)
+                moves[state] = list(self._moves(state, number))
             yield number, moves
             current = {
                 after
@@ -202,7 +222,11 @@ class Search:
         pairs = [(stance, b) for stance, at in wanted.items() for b in np.flatnonzero(at)]
         stances = np.array([stance for stance, _ in pairs], np.int64)
         poses = np.array([b for _, b in pairs], np.int64)
-        found = stance_forces(self.lab, stances, poses).use
+        found = np.empty(len(pairs))
+        for first in range(0, len(pairs), _BATCH):
+            self._require_time(number)
+            rows = slice(first, first + _BATCH)
+            found[rows] = stance_forces(self.lab, stances[rows], poses[rows]).use
         self.tally.problems += len(pairs)
         self.tally.stances += len(wanted.keys() - self._use.keys())
         for (stance, b), use in zip(pairs, found, strict=True):

@@ -117,3 +117,12 @@ def test_samples_stay_in_their_distribution(robot: Robot) -> None:
         assert (off <= terrains.jitter + 1e-12).all()
     with pytest.raises(UsageError, match="unknown terrains"):
         distribution("ceiling", Robot.from_spec(load_robot("silvia")))
+
+
+def test_a_program_that_defeats_presolve_is_still_decided(robot: Robot) -> None:
+    """HiGHS 1.15 ends with neither answer on this terrain, and from the basis it leaves."""
+    terrains = distribution("wall3", robot)
+    statement = posture_statement(terrains.legs)
+    patches = terrains.sample(np.random.default_rng([3, 351]))
+    theta = statement.theta(patches)
+    assert solve_relaxed(terrains.legs, patches, theta["force"], theta["moment"]) is None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from climbplan.coupled.box_tests import holds_linear_point, holds_point
-from climbplan.coupled.envelope_fit import heuristic, recentred, stages, validate
-from climbplan.coupled.first_stage import FirstStage
+from climbplan.coupled.envelope_fit import heuristic, measure, recentred, stages
+from climbplan.coupled.first_stage import FirstStage, Manner
+from climbplan.coupled.first_stage_labels import LabelledTerrains, labels_of
 from climbplan.coupled.rows import Rows, collect_rows
 from climbplan.coupled.statement import PostureStatement, posture_statement
 from climbplan.coupled.terrains import TerrainDistribution, distribution
@@ -34,7 +38,8 @@ def _boxes(rows: Rows) -> list[Envelope]:
 def test_a_point_in_the_box_makes_the_first_stage_feasible(case: Case) -> None:
     _, statement, rows = case
     seen = set()
-    for prepared in (stages(statement, rows, "published"), stages(statement, rows, "tightened")):
+    for manner in get_args(Manner):
+        prepared = stages(statement, rows, manner)
         for stage in prepared:
             for box in _boxes(rows):
                 feasible = stage.solve(box.lower, box.upper) is not None
@@ -48,12 +53,51 @@ def test_a_point_in_the_box_makes_the_first_stage_feasible(case: Case) -> None:
 
 def test_tightening_only_takes_points_away(case: Case) -> None:
     _, statement, rows = case
-    wide = stages(statement, rows, "published")
-    tight = stages(statement, rows, "tightened")
-    for a, b in zip(wide, tight, strict=True):
-        for box in _boxes(rows):
-            if b.solve(box.lower, box.upper) is not None:
-                assert a.solve(box.lower, box.upper) is not None
+    manners: tuple[Manner, ...] = ("published", "tightened", "propagated")
+    called = np.array(
+        [
+            [
+                [stage.solve(box.lower, box.upper) is not None for box in _boxes(rows)]
+                for stage in stages(statement, rows, manner)
+            ]
+            for manner in manners
+        ]
+    )
+    wide, tight, tightest = called
+    assert (wide >= tight).all()
+    assert (tight >= tightest).all()
+    assert wide.sum() > tight.sum() or tight.sum() > tightest.sum()
+
+
+def test_points_of_p_survive_propagation(case: Case) -> None:
+    """A box drawn about a point of P keeps that point, whatever the rows cut off."""
+    _, statement, rows = case
+    for k, stage in enumerate(stages(statement, rows, "propagated")):
+        if not rows.feasible[k]:
+            continue
+        point = rows.point[k]
+        local = stage.relaxed(point - 0.15, point + 0.1)
+        assert local is not None
+        at = stage.factors
+        assert (local.lower[at] <= point + 1e-7).all()
+        assert (local.upper[at] >= point - 1e-7).all()
+        width = (local.upper - local.lower)[at]
+        assert (width <= 0.25 + 1e-9).all()
+
+
+def test_labels_do_not_depend_on_the_number_of_processes(case: Case) -> None:
+    terrains, statement, rows = case
+    known = np.where(rows.feasible[:, None, None], rows.point, np.nan)[:, None]
+    labelled = LabelledTerrains(terrains.legs, rows.terrain, "propagated", known, "case")
+    prepared = stages(statement, rows, "propagated")
+    sets = [(box,) for box in _boxes(rows)]
+    chosen = np.array([0, 3, 5, 8, 11])
+    alone = labels_of(labelled, prepared)(sets, chosen)
+    shared = labels_of(labelled, prepared, jobs=2)(sets, chosen)
+    np.testing.assert_array_equal(alone, shared)
+    # The shortcut by known points changes nothing
+    unknown = replace(labelled, known=np.full_like(known, np.nan))
+    np.testing.assert_array_equal(alone, labels_of(unknown, prepared)(sets, chosen))
 
 
 def test_labels_and_points_of_rows(case: Case) -> None:
@@ -100,9 +144,9 @@ def test_validation_counts(case: Case) -> None:
     terrains, statement, rows = case
     prepared = stages(statement, rows, "published")
     ones = np.ones((3, 6))
-    everything = validate((Envelope(-ones, ones),), rows, prepared)
+    everything = measure((Envelope(-ones, ones),), rows, prepared).validation
     assert (everything.feasible, everything.nlp) == (1.0, 1.0)
-    nothing = validate((Envelope(0.99 * ones, ones),), rows, prepared)
+    nothing = measure((Envelope(0.99 * ones, ones),), rows, prepared).validation
     assert (nothing.feasible, nothing.infeasible, nothing.nlp) == (0.0, 1.0, 0.0)
     expert = heuristic(terrains)
     assert (expert.lower <= expert.upper).all()

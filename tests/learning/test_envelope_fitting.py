@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from climbplan.learning.envelope_box import Envelope, exterior
+from climbplan.learning.envelope_box import Envelope, EnvelopeSet, exterior
 from climbplan.learning.envelope_clustering import fit_clusters, largest_box
 from climbplan.learning.envelope_genetic import GeneticOptions, evolve
 
@@ -57,23 +58,38 @@ def test_two_clusters_are_told_apart() -> None:
         assert cluster.envelope.holds(good)[cluster.kept].all()
 
 
-def _disc_labels(envelope: Envelope, rows: np.ndarray) -> np.ndarray:
-    """Row k is the interval [k, k + 1] / 20: feasible with a box that meets it."""
+def _disc_labels(sets: Sequence[EnvelopeSet], rows: np.ndarray) -> list[np.ndarray]:
+    """Row k is the interval [k, k + 1] / 20: feasible with a box of the set that meets it."""
     low = rows / 20
-    return (envelope.lower[0, 0] <= low + 0.05) & (envelope.upper[0, 0] >= low)
+    return [
+        np.any([(e.lower[0, 0] <= low + 0.05) & (e.upper[0, 0] >= low) for e in boxes], axis=0)
+        for boxes in sets
+    ]
 
 
 def test_genetic_search_finds_the_interval() -> None:
     feasible = np.zeros(20, bool)
     feasible[6:13] = True
-    first = [Envelope(np.array([[0.0]]), np.array([[1.0]]))]
+    first = [(Envelope(np.array([[0.0]]), np.array([[1.0]])),)]
     options = GeneticOptions(population=20, generations=25, terrains=14)
     found = evolve(_disc_labels, feasible, first, options, seed=3)
     assert found.false_infeasible <= options.delta
     assert found.false_feasible <= 2 / 13
     assert found.fitness_best[-1] > found.fitness_best[0]
     again = evolve(_disc_labels, feasible, first, options, seed=3)
-    np.testing.assert_array_equal(found.envelope.lower, again.envelope.lower)
+    np.testing.assert_array_equal(found.envelopes[0].lower, again.envelopes[0].lower)
+
+
+def test_genetic_search_of_two_boxes() -> None:
+    """Two separate intervals: one box alone would hold what is between them."""
+    feasible = np.zeros(20, bool)
+    feasible[[2, 3, 4, 14, 15, 16]] = True
+    boxes = [Envelope(np.array([[a]]), np.array([[b]])) for a, b in ((0.0, 0.5), (0.5, 1.0))]
+    options = GeneticOptions(population=20, generations=25, terrains=14)
+    found = evolve(_disc_labels, feasible, [tuple(boxes)], options, seed=1)
+    assert len(found.envelopes) == 2
+    assert found.false_infeasible <= options.delta
+    assert found.false_feasible <= 4 / 14  # each box may touch its neighbours
 
 
 def test_exterior_is_tight() -> None:

@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.errors import UsageError
 from climbplan.plans.climb_file import read_climb, write_climb
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import verify
@@ -122,11 +121,3 @@ def test_complementarity_finds_its_own_sequence(rounds: int, tmp_path: Path) -> 
     assert verification.passed, verification.table()
     assert found.rounds.count == rounds
     assert found.instants.lifted[::2].any(axis=1).all()
-
-
-def test_complementarity_knows_no_boxes() -> None:
-    loaded = load_transition(
-        SPECS / "transition_bricks.yaml", ["task.sequence=null", "solver.method=complementarity"]
-    )
-    with pytest.raises(UsageError, match="boxes"):
-        plan_transition(loaded)

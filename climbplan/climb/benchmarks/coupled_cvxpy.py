@@ -12,15 +12,21 @@ from climbplan.program.instance import Instance
 from climbplan.reformulations.local_envelopes import LocalForm
 
 
-def cvxpy_stages(pinned: Instance, within: Range, force: Variable) -> float:
-    """P1, then P2 at its postures, both by Clarabel; returns P1's cost."""
+def cvxpy_stages(
+    pinned: Instance, within: Range, force: Variable, one_by_one: bool = False
+) -> float:
+    """P1, then P2 at its postures, both by Clarabel; returns P1's cost.
+
+    one_by_one: a constraint for every ball, as limbs and rounds are written down, instead of one
+    for all balls from matrices that are there.
+    """
     import cvxpy
 
     cp: Any = cvxpy
 
     local = LocalForm.of(pinned).at(within)
     x = cp.Variable(local.size)
-    problem = cp.Problem(cp.Minimize(_cost(cp, local, x)), _constraints(cp, local, x))
+    problem = cp.Problem(cp.Minimize(_cost(cp, local, x)), _constraints(cp, local, x, one_by_one))
     value = float(problem.solve(solver=cp.CLARABEL))
     n = pinned.size
     y = cp.Variable(n)
@@ -50,11 +56,17 @@ def _between(row: Any, lower: Any, upper: Any) -> list[Any]:
     return [row[low] >= lower[low], row[high] <= upper[high]]
 
 
-def _constraints(cp: Any, instance: Instance, x: Any) -> list[Any]:
+def _constraints(cp: Any, instance: Instance, x: Any, one_by_one: bool) -> list[Any]:
     out = _between(instance.A @ x, instance.row_lower, instance.row_upper)
     out += _between(x, instance.lower, instance.upper)
     for balls in instance.balls:
         d = balls.f.shape[1]
+        if one_by_one:
+            out += [
+                cp.norm(balls.F[k * d : (k + 1) * d] @ x + balls.f[k], 2) <= radius
+                for k, radius in enumerate(balls.radius)
+            ]
+            continue
         vectors = cp.reshape(balls.F @ x, (balls.count, d), order="C") + balls.f
         out.append(cp.norm(vectors, 2, axis=1) <= balls.radius)
     return out

@@ -1,140 +1,218 @@
-"""Coupled planning of a climb: P1 with envelopes, then P2 on the exact balance.
+"""Coupled planning of a climb (chapter 5.2): toes and forces by one of several methods.
 
-P1 in two parts: regions are chosen by the posture planner's branch and bound among those that can
-hold a limb's load; with regions given, P1 is a convex program with McCormick envelopes. P2
-keeps the toes and looks for forces (a linear program); where there are none, or on request, IPOPT
-solves P with the regions of P1 from there. The answer is judged by the exact check of P. Its bound
-is that of the postures alone: forces only take postures away.
+coupled        P1 with one envelope, P2 convex, IPOPT where that fails
+coupled-modes  P1 with one of several envelopes in each round, then P2
+coupled-nlp    P1, then IPOPT on everything
+coupled-micp   envelopes on a grid: a bound of P, or with a learned envelope a faster search
+spatial        SCIP on P itself
+
+The answer is judged by the exact check of P, whatever the method. What the reported bound is valid
+for is told with it.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-import numpy as np
-
-from climbplan.climb.coupled.envelopes import braced_envelope
-from climbplan.climb.coupled.statement import coupled_program, envelope_range, loadable
-from climbplan.climb.postures.explanation import explain_infeasible
+from climbplan.climb.coupled.accurate import solve_accurate
+from climbplan.climb.coupled.envelopes import NamedEnvelope, chosen_envelopes
+from climbplan.climb.coupled.modes import first_stage_with_modes
+from climbplan.climb.coupled.preparation import Prepared, prepare
+from climbplan.climb.coupled.stages import Candidate, put_right, two_stages
 from climbplan.climb.postures.planner import (
     PostureResult,
     refuse_unsuitable,
     rotation_warnings,
     to_rounds,
 )
-from climbplan.climb.postures.statement import PostureMargins, posture_program
+from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
-from climbplan.coupled.legs import POSITION_SCALE
-from climbplan.coupled.search import least_error
-from climbplan.errors import LimitReached
-from climbplan.learning.envelope_box import Envelope
-from climbplan.program import Program
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
-from climbplan.reformulations.local_envelopes import LocalForm
-from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.convex import solve_convex
-from climbplan.solvers.ipopt import solve_ipopt
-from climbplan.solvers.registry import solve
-from climbplan.solvers.result import relative_gap
+from climbplan.errors import Infeasible, LimitReached
+from climbplan.solvers.result import SolverResult, relative_gap
+from climbplan.solvers.scip_bilinear import solve_minlp_scip
 
-TOLERANCE = 1e-6  # of P's constraints: metres, weights, weights times metres
+COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
+
+_P = (
+    "postures and contact forces of the ends of rounds: rotations linearised, workspaces as balls, "
+    "friction pyramids inscribed, every limb carrying posture.least_load"
+)
+ALONE = f"{_P}; from postures without forces, which is lower"
 
 
-def plan_coupled(
-    scene: ClimbScene,
-    margins: PostureMargins | None = None,
-    whole: bool = False,
-    envelope: Envelope | None = None,
-) -> PostureResult:
-    """Postures whose forces balance, by `coupled`, or with `whole` by `coupled-nlp`.
+@dataclass(frozen=True)
+class Answer:
+    """What a method found."""
 
-    envelope: of all limbs; the braced robot's if left out. Raises Infeasible where postures alone
-    have no solution, and LimitReached where the method finds none, which proves nothing.
+    candidate: Candidate
+    bound: float  # valid for P
+    holds_for: str
+    nodes: int
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> PostureResult:
+    """Postures whose forces balance, by the method of the spec.
+
+    Raises Infeasible where postures alone have no solution (or where the method proves that P has
+    none), and LimitReached where it finds none, which proves nothing.
     """
     refuse_unsuitable(scene)
-    chosen = margins or PostureMargins()
-    box = braced_envelope(scene) if envelope is None else envelope
-    options = scene.spec.solver
     start = time.monotonic()
-    scene = loadable(scene, box)
-    postures = posture_program(scene, chosen)
-    alone = postures.at()
-    first = solve(alone, options.posture, gap=options.gap, time_limit=options.time_limit)
-    if first.status == "infeasible":
-        raise explain_infeasible(scene, postures, alone)
-    if first.x is None or first.assignment is None:
-        raise LimitReached(f"coupled planner: no postures within {options.time_limit:g} s")
-    program = coupled_program(scene, chosen, box)
-    instance = program.at()
-    guess = np.clip(np.zeros(instance.size), instance.lower, instance.upper)
-    guess[: alone.size] = first.x  # forces come behind the posture program's variables
-    x, way = _balanced(scene, program, instance, guess, first.assignment, box, whole)
-    result = replace(
-        first,
-        x=x,
-        objective=instance.objective(x),
+    prepared = prepare(scene, margins or PostureMargins())
+    answer = _METHODS[scene.spec.solver.method](prepared)
+    x = answer.candidate.x
+    objective = prepared.instance.objective(x)
+    bound = min(answer.bound, objective)
+    gap = relative_gap(objective, bound)
+    result = SolverResult(
         status="feasible",
-        solver=f"{first.solver}, {way}",
+        x=x,
+        assignment=answer.candidate.assignment,
+        objective=objective,
+        bound=bound,
+        gap=gap,
+        nodes=answer.nodes,
+        time=time.monotonic() - start,
+        solver=f"{prepared.solver}, {answer.candidate.way}",
+        log=(),
     )
-    rounds = to_rounds(scene, program, result)
+    rounds = to_rounds(prepared.scene, prepared.program, result)
+    sizes = {
+        **prepared.program.counts(),
+        **answer.notes,
+        "bound_holds_for": answer.holds_for,
+        "seconds": result.time,
+    }
     return PostureResult(
         rounds=rounds,
-        status="feasible",
-        objective=instance.objective(x),
-        bound=first.bound,
-        gap=relative_gap(instance.objective(x), first.bound),
-        nodes=first.nodes,
+        status="optimal" if gap <= scene.spec.solver.gap else "feasible",
+        objective=objective,
+        bound=bound,
+        gap=gap,
+        nodes=answer.nodes,
         solver=result.solver,
-        sizes={**program.counts(), "seconds": time.monotonic() - start},
+        sizes=sizes,
         warnings=rotation_warnings(rounds),
     )
 
 
-def _balanced(
-    scene: ClimbScene,
-    program: Program,
-    instance: Instance,
-    first: Array,
-    assignment: Index,
-    box: Envelope,
-    whole: bool,
-) -> tuple[Array, str]:
-    """A point of P with the chosen regions, and how it was found."""
-    pinned = PinnedForm.of(instance).at(first, assignment, compact=True)
-    x = first_stage(scene, program, pinned, box)
-    if x is not None and not whole:
-        projected = second_stage(program, pinned, x)
-        if projected is not None:
-            return projected, "Clarabel and HiGHS"
-    start = first if x is None else x
-    found = solve_ipopt(pinned, start=start, time_limit=scene.spec.solver.time_limit)
-    if found.x is None:
-        reason = "no point of P1" if x is None else "P2 found no balance at P1's postures"
-        raise LimitReached(
-            f"method {scene.spec.solver.method}: {reason}, and IPOPT none near them; the regions "
-            "were chosen without forces, so this proves nothing"
+def _not_found(prepared: Prepared, why: str) -> LimitReached:
+    method = prepared.scene.spec.solver.method
+    return LimitReached(f"method {method}: {why}, which proves nothing")
+
+
+def told(*envelopes: NamedEnvelope) -> dict[str, Any]:
+    """Envelopes as reports name them."""
+    return {"envelopes": {e.name: e.fit for e in envelopes}}
+
+
+def _coupled(prepared: Prepared) -> Answer:
+    options = prepared.scene.spec.solver
+    envelope = chosen_envelopes(prepared.scene)[0]
+    local = options.method == "coupled-nlp"
+    found = two_stages(prepared, envelope.box, options.time_limit, local)
+    if found is None:
+        raise _not_found(
+            prepared, f"no point of P1 with envelope {envelope.name} that P2 or IPOPT puts right"
         )
-    return found.x, "IPOPT"
+    return Answer(found, prepared.bound, ALONE, prepared.nodes, told(envelope))
 
 
-def first_stage(
-    scene: ClimbScene, program: Program, pinned: Instance, box: Envelope
-) -> Array | None:
-    """P1 with regions given: the convex program with envelopes (n,), None without a solution."""
-    within = envelope_range(scene, program, pinned, box, POSITION_SCALE)
-    local = LocalForm.of(pinned).at(within)
-    found = solve_convex(local, "clarabel", tolerance=TOLERANCE).x
-    return None if found is None else found[: pinned.size]
+def _modes(prepared: Prepared) -> Answer:
+    options = prepared.scene.spec.solver
+    envelopes = chosen_envelopes(prepared.scene, several=True)
+    first = first_stage_with_modes(prepared, envelopes, options.time_limit)
+    names = ", ".join(e.name for e in envelopes)
+    if first is None:
+        raise _not_found(prepared, f"no point of P1 with envelopes {names}")
+    found = put_right(prepared, first.candidate, options.time_limit)
+    if found is None:
+        raise _not_found(prepared, "neither P2 nor IPOPT puts P1 right")
+    notes = {**told(*envelopes), "modes": list(first.modes)}
+    return Answer(found, prepared.bound, ALONE, prepared.nodes + first.nodes, notes)
 
 
-def second_stage(program: Program, pinned: Instance, x: Array) -> Array | None:
-    """P2, convex: forces at the postures of P1; None if none balance."""
-    force = program.variables["force"]
-    kept = np.ones(pinned.size, bool)
-    kept[force.start : force.stop] = False
-    found = least_error(pinned, x, np.flatnonzero(kept))
-    if found is None or pinned.violation(found[0]) > TOLERANCE:
-        return None
-    return found[0]
+def _known(prepared: Prepared) -> Candidate | None:
+    """A point of P to begin from: forces at the postures alone, or IPOPT from there."""
+    first = Candidate(prepared.guess, prepared.assignment, "postures")
+    return put_right(prepared, first, prepared.scene.spec.solver.time_limit)
+
+
+def _accurate(prepared: Prepared) -> Answer:
+    options = prepared.scene.spec.solver
+    envelope = chosen_envelopes(prepared.scene)[0] if options.envelopes else None
+    known = _known(prepared)
+    if known is not None and envelope is None:
+        cost = prepared.instance.objective(known.x)
+        if relative_gap(cost, prepared.bound) <= options.gap:
+            closed = {"closed_by": "postures alone: forces balance at them"}
+            return Answer(known, prepared.bound, f"{_P}; closed by postures alone", 0, closed)
+    found = solve_accurate(
+        prepared,
+        known,
+        None if envelope is None else envelope.box,
+        options.mixed,
+        options.pieces,
+        options.gap,
+        options.time_limit,
+    )
+    if found.infeasible and envelope is None:
+        raise Infeasible(
+            f"no postures with forces that balance: the mixed-integer relaxation on "
+            f"{options.pieces} pieces has no solution (method {options.method})"
+        )
+    if found.best is None:
+        raise _not_found(prepared, f"no point of P within {options.time_limit:g} s")
+    micp: dict[str, Any] = {
+        "binaries": found.binaries,
+        "variables": found.variables,
+        "rows": found.rows,
+        "nodes": found.nodes,
+        "tightening_programs": found.tightening,
+        "tightening_seconds": found.tightening_time,
+        "solver_seconds": found.solver_time,
+        "solver": found.solver,
+    }
+    if envelope is None:
+        bound = max(found.bound, prepared.bound)
+        held = f"{_P}; from envelopes on {options.pieces} pieces of each toe coordinate"
+        return Answer(found.best, bound, held, found.nodes, {"micp": micp})
+    micp["value_within_envelope"] = found.bound
+    notes = {**told(envelope), "micp": micp}
+    held = f"{ALONE}; the program's own value is that within the envelope, which is no bound"
+    return Answer(found.best, prepared.bound, held, found.nodes, notes)
+
+
+def _spatial(prepared: Prepared) -> Answer:
+    options = prepared.scene.spec.solver
+    known = _known(prepared)
+    found = solve_minlp_scip(
+        prepared.instance,
+        gap=options.gap,
+        time_limit=options.time_limit,
+        start=None if known is None else known.x,
+    )
+    if found.status == "infeasible":
+        raise Infeasible(f"no postures with forces that balance: {found.log[-1]}")
+    best = known
+    if found.x is not None and found.assignment is not None and found.objective is not None:
+        own = Candidate(found.x, found.assignment, "SCIP")
+        if known is None or found.objective < prepared.instance.objective(known.x):
+            best = own
+    if best is None:
+        raise _not_found(prepared, f"no point of P within {options.time_limit:g} s")
+    best = replace(best, way=f"{best.way}, SCIP") if best is known else best
+    notes = {"scip": found.log[-1]}
+    return Answer(best, max(found.bound, prepared.bound), f"{_P}; from SCIP", found.nodes, notes)
+
+
+_METHODS = {
+    "coupled": _coupled,
+    "coupled-nlp": _coupled,
+    "coupled-modes": _modes,
+    "coupled-micp": _accurate,
+    "spatial": _spatial,
+}

@@ -146,6 +146,16 @@ def _transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[_
     yield _apart("task.goal.com", rounds.com[at_end], task.goal.com)
     for name, toe in task.goal.toes.items():
         yield _apart(f"task.goal.toes.{name}", own[-1, names.index(name)], toe)
+    climb = spec.climb.posture.steps
+    pose = np.diff(np.hstack([rounds.com, rounds.rpy])[at_end:], axis=0)
+    toes = np.linalg.norm(np.diff(rounds.toes[at_end:], axis=0), axis=-1)
+    for key, made, most in (
+        ("com_max", np.linalg.norm(pose[:, :3], axis=1), climb.com_max),
+        ("toe_max", toes, climb.toe_max),
+        ("rotation_max_deg", np.abs(pose[:, 3:]), math.radians(climb.rotation_max_deg)),
+    ):
+        excess = float(made.max(initial=0.0)) - most
+        yield _Difference(f"climb.posture.steps.{key}", max(excess, 0.0))
     order = [names[i] for i in gait.order()[~first]]
     single = (gait.moved[~first].sum(axis=1) == 1).all()
     gaits = list(spec.climb.gait or names) * spec.climb.rounds

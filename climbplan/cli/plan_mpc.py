@@ -15,6 +15,8 @@ from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode
 
+LIBRARY_FILE = "library.h5"
+
 
 def plan_mpc(
     context: typer.Context,
@@ -25,7 +27,7 @@ def plan_mpc(
     time_limit: TimeLimit = None,
     method: Annotated[
         str | None,
-        typer.Option("--method", metavar="NAME", help="Method, such as search or nlp."),
+        typer.Option("--method", metavar="NAME", help="Method: search, nlp or online."),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -35,8 +37,9 @@ def plan_mpc(
     """Plan a quadruped's walk: footsteps, gait, body motion and contact forces together.
 
     Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. Exit code 4 if a limit was reached without a plan, 5 if the plan fails its
-    verification.
+    figures/. Method `online` walks in closed loop and also leaves library.h5, which
+    `library.file` takes. Exit code 4 if a limit was reached without a plan, 5 if the plan fails
+    its verification, as when the robot falls.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
@@ -55,7 +58,15 @@ def plan_mpc(
 
         with StageProgress(session) as progress:
             with placed_mistakes(loaded):
-                found = plan_walk(loaded, progress.report)
+                if loaded.spec.solver.method == "online":
+                    from climbplan.mpc.library import write_library
+                    from climbplan.mpc.online_run import run_online
+
+                    run = run_online(loaded, progress.report)
+                    found = run.plan
+                    write_library(run.library, directory.path / LIBRARY_FILE, run.key)
+                else:
+                    found = plan_walk(loaded, progress.report)
             progress.report("verify", 0.0)  # ends the bar before lines are printed
             for line in found.summary:
                 session.note(line)

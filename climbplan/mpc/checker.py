@@ -44,6 +44,15 @@ LIMITS = {
     "state.tilt": Limit(0, "rad", "roll and pitch within a right angle (Table 8.4)"),
     "gait.contacts": Limit(0, "", "intervals with fewer standing legs than asked for"),
 }
+LOOP_LIMITS = {
+    "workspace.whole_stance": Limit(
+        1e-4, "m", "standing toes are inside their boxes at the interval's end too"
+    ),
+    "workspace.standing": Limit(
+        0.02, "m", "standing toes at most so far outside their boxes, at every sample"
+    ),
+    "loop.upright": Limit(1.05, "rad", "the body never falls"),
+}
 WINDOW = 0.4  # [s] of the rollouts
 
 
@@ -51,6 +60,12 @@ def check_trajectory(task: WalkTask, found: WalkTrajectory) -> tuple[Check, ...]
     """All checks; those of continuous time are told but not judged for forward Euler."""
     with np.errstate(all="ignore"):  # absurd numbers become infinite or NaN and fail
         return tuple(_checks(task, found))
+
+
+def check_loop(task: WalkTask, found: WalkTrajectory, push: Array) -> tuple[Check, ...]:
+    """All checks of a closed loop's samples; push (T, 3): outside changes of velocity [m/s]."""
+    with np.errstate(all="ignore"):
+        return tuple(_loop_checks(task, found, push))
 
 
 def failures(checks: tuple[Check, ...]) -> str:
@@ -67,6 +82,39 @@ def _checks(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
     at_start = np.abs(state[0] - task.start.state).max(), np.abs(toes[0] - task.start.toes).max()
     yield judge("start.state", max(at_start))
     after = knot_step(task.body, task.integrator, task.step, state[:-1], toes[:-1], force[:-1])
+    yield from _steps(task, after, state)
+    yield from _rollouts(task, found)
+    yield from _forces(task, found)
+    yield from _feet(task, found)
+    tilt = np.abs(state[:, 6:8]).max(axis=1)
+    yield worst(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
+    missing = np.maximum(task.least_contacts - found.gait.contact[:-1].sum(axis=1), 0)
+    yield worst(task, "gait.contacts", missing.astype(float))
+
+
+def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator[Check]:
+    state, toes, force, contact = found.state, found.toes, found.force, found.gait.contact
+    begun = state[0].copy()
+    begun[VELOCITY] -= push[0]
+    at_start = np.abs(begun - task.start.state).max(), np.abs(toes[0] - task.start.toes).max()
+    yield judge("start.state", max(at_start))
+    after = knot_step(task.body, task.integrator, task.step, state[:-1], toes[:-1], force[:-1])
+    after[:, VELOCITY] += push[1:]
+    yield from _steps(task, after, state)
+    yield from _forces(task, found)
+    stays = contact[:-1] & contact[1:]
+    slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
+    yield worst(task, "contact.no_slip", slip)
+    level = task.ground.height[found.gait.region]
+    yield worst(task, "contact.region", np.where(contact, np.abs(toes[..., 2] - level), 0.0))
+    spots = toes_in_body(state, toes)
+    beyond = (np.abs(spots - task.body.toe_center) - task.body.toe_half).max(axis=-1)
+    yield worst(task, "workspace.standing", np.where(contact, beyond, -1.0))
+    tilt = np.abs(state[:, 6:8]).max(axis=1)
+    yield worst(task, "loop.upright", np.where(np.isfinite(tilt), tilt, np.inf))
+
+
+def _steps(task: WalkTask, after: Array, state: Array) -> Iterator[Check]:
     off = np.abs(after - state[1:])
     for name, part in (
         ("position", POSITION),
@@ -75,13 +123,6 @@ def _checks(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
         ("spin", SPIN),
     ):
         yield worst(task, f"dynamics.{name}", off[:, part].max(axis=1))
-    yield from _rollouts(task, found)
-    yield from _forces(task, found)
-    yield from _feet(task, found)
-    tilt = np.abs(state[:, 6:8]).max(axis=1)
-    yield worst(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
-    missing = np.maximum(task.least_contacts - found.gait.contact[:-1].sum(axis=1), 0)
-    yield worst(task, "gait.contacts", missing.astype(float))
 
 
 def _rollouts(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
@@ -138,6 +179,10 @@ def _feet(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
     swinging[0] = False
     yield worst(task, "swing.height", np.where(swinging, short, 0.0))
     spots = toes_in_body(found.state, toes)
+    if task.whole_stance:
+        after = toes_in_body(found.state[1:], toes[:-1])
+        over = (np.abs(after - task.body.toe_center) - task.body.toe_half).max(axis=-1)
+        yield worst(task, "workspace.whole_stance", np.where(contact[:-1], over, -1.0))
     room = np.abs(spots - task.body.toe_center) - task.body.toe_half
     beyond = room.max(axis=-1)
     used = (1.0 + room / task.body.toe_half).max(axis=-1)
@@ -165,7 +210,7 @@ def worst(task: WalkTask, name: str, residuals: Array, used: Array | None = None
 
 def judge(name: str, residual: float) -> Check:
     """A check by its name in `LIMITS`; NaN never passes."""
-    limit = LIMITS[name]
+    limit = (LIMITS | LOOP_LIMITS)[name]
     residual = float(residual) + 0.0
     if math.isnan(residual):
         residual = math.inf

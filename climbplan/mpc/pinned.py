@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.mpc.dynamics import BodyNumbers, knot_model
 from climbplan.mpc.footing import HELD, Footing, footing_of, place_toes, toe_heights
-from climbplan.mpc.task import LEGS, STATE, Array, Gait, WalkTask
+from climbplan.mpc.task import LEGS, STATE, Array, Flags, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
@@ -236,12 +236,32 @@ class PinnedProgram:
     def _reach(
         self, at: Iterate, toes: Array, offset: Array, sensitivity: Array
     ) -> tuple[Array, Array, Array]:
+        parts = [self._stance(at, toes[1:], offset, sensitivity, self.gait.contact[1:], 1)]
+        if self.task.whole_stance:
+            leaving = self.gait.contact[:-1] & ~self.gait.contact[1:]
+            parts.append(self._stance(at, toes[:-1], offset, sensitivity, leaving, 0))
+        parts.append(self._swing(at, offset, sensitivity))
+        rows, low, high = zip(*parts, strict=True)
+        return np.concatenate(rows), np.concatenate(low), np.concatenate(high)
+
+    def _stance(
+        self,
+        at: Iterate,
+        toes: Array,
+        offset: Array,
+        sensitivity: Array,
+        standing: Flags,
+        later: int,
+    ) -> tuple[Array, Array, Array]:
+        """Standing toes in their boxes at knots 1 to N.
+
+        toes (N, 4, 3): of those knots (later = 1), or of the ones before, just before they lift.
+        """
         model, body = self.model, self.task.body
-        model.later_state[:], model.later_toes[:] = at.state[1:], toes[1:]
+        model.later_state[:], model.later_toes[:] = at.state[1:], toes
         model.linearise_toes()
         low = body.toe_center - body.toe_half + self.margin
         high = body.toe_center + body.toe_half - self.margin
-        standing = self.gait.contact[1:]
         n, leg = np.nonzero(standing)
         R, T = model.body_world[n], model.spots_by_angles[n, leg]  # (M, 3, 3) each
         S = sensitivity[n + 1]
@@ -249,16 +269,15 @@ class PinnedProgram:
         moved = offset[n + 1] - at.state[n + 1]
         here = model.spots[n, leg] + np.einsum("mij,mj->mi", T, moved[:, 6:9])
         here -= np.einsum("mij,mj->mi", R, moved[:, :3])
-        index = self.footing.foothold[n + 1, leg]
+        index = self.footing.foothold[n + later, leg]
         for m in np.flatnonzero(index >= 0):
             column = self.foot_column + 2 * index[m]
             rows[m, :, column : column + 2] += R[m, :, :2] * FOOT_SCALE
             here[m] -= R[m, :, :2] @ at.spots[index[m]]
-        swing_rows, swing_low, swing_high = self._swing(at, offset, sensitivity)
         return (
-            np.concatenate([rows.reshape(3 * len(n), self.size), swing_rows]),
-            np.concatenate([(low[leg] - here).ravel(), swing_low]),
-            np.concatenate([(high[leg] - here).ravel(), swing_high]),
+            rows.reshape(3 * len(n), self.size),
+            (low[leg] - here).ravel(),
+            (high[leg] - here).ravel(),
         )
 
     def _swing(self, at: Iterate, offset: Array, sensitivity: Array) -> tuple[Array, Array, Array]:

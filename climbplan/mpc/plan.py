@@ -7,7 +7,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from climbplan.mpc.answer import Improvement
-from climbplan.mpc.task import WalkTask, WalkTrajectory
+from climbplan.mpc.task import Array, WalkTask, WalkTrajectory, Whole
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """What a closed loop adds to its samples; figures of a tick stand at all its samples."""
+
+    push: Array  # (T, 3) [m/s] change of velocity at each sample, which its state contains
+    tick_time: Array  # (T,) [s]
+    solve_time: Array  # (T,) [s]
+    candidates_tried: Whole  # (T,)
+    winner: Whole  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3 none
+    warnings: tuple[str, ...]  # of ticks, each with its time
+
 
 STATUSES = ("feasible", "limit")
 
@@ -31,6 +44,7 @@ class WalkPlan:
     solvers: dict[str, Any]
     sizes: dict[str, Any]
     history: tuple[Improvement, ...] = ()
+    loop: LoopRecord | None = None  # of `online`
     bound: float | None = None
     gap: float | None = None
     warnings: tuple[str, ...] = ()

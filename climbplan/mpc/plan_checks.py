@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError
-from climbplan.mpc.checker import check_trajectory
+from climbplan.mpc.checker import check_loop, check_trajectory
+from climbplan.mpc.closed_loop import sampled_task
 from climbplan.mpc.cost import cost_terms
 from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.problem import build_task
@@ -44,7 +45,10 @@ def plan_checks(plan: WalkPlan) -> Iterator[Check]:
         return
     yield _spec_values(plan)
     yield _objective(plan)
-    yield from check_trajectory(plan.task, plan.trajectory)
+    if plan.loop is not None:
+        yield from check_loop(plan.task, plan.trajectory, plan.loop.push)
+    else:
+        yield from check_trajectory(plan.task, plan.trajectory)
 
 
 def _faults_of(task: WalkTask) -> Iterator[str]:
@@ -89,6 +93,8 @@ def _spec_values(plan: WalkPlan) -> Check:
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
     }
     if asked is not None:
+        if plan.loop is not None:
+            asked = sampled_task(asked, plan.task.knots)
         apart |= _task_apart(plan.task, asked)
     worst = max(apart, key=lambda key: apart[key])
     check = _judge("file.spec_values", apart[worst], worst)
@@ -112,7 +118,7 @@ def _task_apart(stored: WalkTask, asked: WalkTask) -> dict[str, float]:
         one, other = vars(vars(stored)[holder]), vars(vars(asked)[holder])
         for name, value in one.items():
             apart[f"{holder}.{name}"] = _difference(value, other[name])
-    for name in ("knots", "step", "integrator", "lift", "least_contacts"):
+    for name in ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance"):
         apart[name] = _difference(vars(stored)[name], vars(asked)[name])
     return apart
 

@@ -14,7 +14,7 @@ import climbplan
 from climbplan.errors import PlanFileError
 from climbplan.mpc.answer import Improvement
 from climbplan.mpc.ground import Ground
-from climbplan.mpc.plan import STATUSES, WalkPlan
+from climbplan.mpc.plan import STATUSES, LoopRecord, WalkPlan
 from climbplan.mpc.task import (
     ANGLES,
     LEGS,
@@ -73,6 +73,13 @@ HISTORY = {
     "objective": Layout(("H",), "", may_be_infinite=True),
     "bound": Layout(("H",), "", may_be_infinite=True),
 }
+LOOP = {
+    "push": Layout(("T", 3), "m/s", "world"),
+    "tick_time": Layout(("T",), "s"),
+    "solve_time": Layout(("T",), "s"),
+    "candidates_tried": Layout(("T",), kind="int"),
+    "winner": Layout(("T",), kind="int"),
+}
 _TEXTS = Layout(("*",), kind="text")
 _NOTES = {
     "axes": "body frame x forward, y left, z up; world frame z up",
@@ -119,6 +126,10 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
         for name, layout in HISTORY.items():
             values = np.array([vars(step)[name] for step in plan.history], float)
             write_dataset(history, name, values, layout)
+        if plan.loop is not None:
+            for name, layout in LOOP.items():
+                write_dataset(file, name, vars(plan.loop)[name], layout)
+            write_dataset(file, "tick_warnings", plan.loop.warnings, _TEXTS)
         write_dataset(file, "warnings", plan.warnings, _TEXTS)
         write_dataset(file, "summary", plan.summary, _TEXTS)
 
@@ -179,6 +190,7 @@ def _write_header(file: h5py.File, plan: WalkPlan) -> None:
     file.attrs["step"] = plan.task.step
     file.attrs["lift"] = plan.task.lift
     file.attrs["least_contacts"] = plan.task.least_contacts
+    file.attrs["whole_stance"] = np.bool_(plan.task.whole_stance)
     for name in ("timings", "solvers", "sizes"):
         write_json(file, name, vars(plan)[name])
     write_json(file, "terms", dict(plan.terms))
@@ -249,6 +261,7 @@ def _read(reader: Reader) -> WalkPlan:
             Improvement(*(float(history[name][k]) for name in HISTORY))
             for k in range(len(history["seconds"]))
         ),
+        loop=_read_loop(reader) if task.integrator == "rk4" else None,
         bound=_optional(reader, "bound"),
         gap=_optional(reader, "gap"),
         warnings=reader.texts("warnings", _TEXTS),
@@ -313,7 +326,13 @@ def _read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         ),
         lift=reader.number("", "lift"),
         least_contacts=reader.integer("", "least_contacts"),
+        whole_stance=reader.flag("", "whole_stance"),
     )
+
+
+def _read_loop(reader: Reader) -> LoopRecord:
+    parts = {name: reader.array(name, layout) for name, layout in LOOP.items()}
+    return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), **parts)
 
 
 def _optional(reader: Reader, name: str) -> float | None:

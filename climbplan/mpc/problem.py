@@ -102,6 +102,7 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
         ),
         lift=spec.task.lift,
         least_contacts=spec.task.least_contacts,
+        whole_stance=spec.task.whole_stance,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.mpc.answer import Improvement, WalkAnswer
 from climbplan.mpc.footing import gait_of
-from climbplan.mpc.gaits import enough_contacts, starting_gaits, with_regions
+from climbplan.mpc.gaits import CYCLES, enough_contacts, starting_gaits, with_regions
 from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
 from climbplan.mpc.task import LEGS, Flags, Gait, WalkTask
 
@@ -31,6 +31,7 @@ class SearchLimits:
     seconds: float
     gaits: int = 100_000  # beyond the named ones
     seed: int = 0
+    names: tuple[str, ...] = tuple(CYCLES)  # gaits to begin with
 
 
 def search(task: WalkTask, limits: SearchLimits, first: tuple[Gait, ...] = ()) -> WalkAnswer:
@@ -90,7 +91,7 @@ class _Search:
     def first_round(self, first: tuple[Gait, ...]) -> None:
         """Given and named gaits: a glance at each, then the most promising in full."""
         glances: list[GaitAnswer] = []
-        for gait in (*first, *starting_gaits(self.task)):
+        for gait in (*first, *starting_gaits(self.task, self.limits.names)):
             if glances and self.seconds > _FIRST_SHARE * self.limits.seconds:
                 break
             if gait.key not in self.seen:
@@ -98,7 +99,8 @@ class _Search:
                 glances.append(solve_gait(self.task, gait, None, _GLANCE, agreement=ROUGHLY))
         for k, glance in enumerate(sorted(glances, key=lambda found: found.predicted)):
             enough = k >= _PROMISING and self.holds
-            if glance.trajectory is None or enough or self.spent:
+            late = self.seconds > self.limits.seconds
+            if glance.trajectory is None or enough or late:
                 break
             self.refine(glance)
 

@@ -112,6 +112,10 @@ def worst_reach(task: WalkTask, trajectory: WalkTrajectory) -> float:
     spots = toes_in_body(trajectory.state, trajectory.toes)
     beyond = (np.abs(spots - body.toe_center) - body.toe_half).max(axis=-1)  # (N + 1, 4)
     beyond[0] = np.where(trajectory.gait.contact[0], beyond[0], -np.inf)
+    if task.whole_stance:
+        standing = toes_in_body(trajectory.state[1:], trajectory.toes[:-1])
+        after = (np.abs(standing - body.toe_center) - body.toe_half).max(axis=-1)
+        beyond[1:] = np.maximum(beyond[1:], np.where(trajectory.gait.contact[:-1], after, -np.inf))
     return float(beyond.max())
 
 

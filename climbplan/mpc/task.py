@@ -82,6 +82,7 @@ class WalkTask:
     weights: Weights
     lift: float  # [m] of a swinging toe above the ground it leaves and reaches
     least_contacts: int  # standing legs in every interval
+    whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
 
     @property
     def weight(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -71,11 +73,12 @@ def gait(plan: WalkPlan) -> Figure:
     most = max(float(push.max()), 1e-9)
     for leg in range(LEGS):
         color = palette.limb_color(leg)
-        for n in range(task.knots):
-            if found.gait.contact[n, leg]:
-                shade = 0.25 + 0.75 * push[n, leg] / most
-                bar = (task.step * n, LEGS - 1 - leg - 0.36)
-                ax.add_patch(Rectangle(bar, task.step, 0.72, color=color, alpha=shade, lw=0))
+        for first, last in _even(np.where(found.gait.contact[:-1, leg], push[:, leg], -1.0)):
+            if found.gait.contact[first, leg]:
+                shade = 0.25 + 0.75 * push[first, leg] / most
+                bar = (task.step * first, LEGS - 1 - leg - 0.36)
+                wide = task.step * (last - first)
+                ax.add_patch(Rectangle(bar, wide, 0.72, color=color, alpha=shade, lw=0))
     style_axes(ax)
     ax.set_xlim(0, task.step * task.knots)
     ax.set_ylim(-0.6, LEGS - 0.4)
@@ -87,6 +90,12 @@ def gait(plan: WalkPlan) -> Figure:
     panel_title(ax, "Standing legs", f"darkest: {most:.0f} N")
     heading(figure, f"{_title(plan)}: gait", plan.method)
     return figure
+
+
+def _even(values: Array) -> list[tuple[int, int]]:
+    """Runs [first, last) of equal values."""
+    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
+    return list(pairwise(edges))
 
 
 def snapshots(plan: WalkPlan) -> Figure:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from climbplan.mpc.checker import LIMITS
+from climbplan.mpc.checker import LIMITS, LOOP_LIMITS
+from climbplan.mpc.closed_loop import SUBSTEPS
 from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.mpc.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
@@ -89,15 +90,50 @@ def _report(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
         "warnings": list(plan.warnings),
         "tracking": _tracking(plan),
         "gait": {
-            "standing": gait_words(plan.trajectory.gait.contact),
-            "contact": plan.trajectory.gait.contact[:-1].astype(int).tolist(),
+            "standing": gait_words(plan.trajectory.gait.contact[:: _stride(plan)]),
+            "contact": plan.trajectory.gait.contact[: -1 : _stride(plan)].astype(int).tolist(),
         },
+        "online": _online(plan),
         "history": [vars(step) for step in plan.history],
         "figures": [f"figures/{name}.png" for name in FIGURES],
         "units": {"velocity": "m/s", "attitude": "rad", "force": "N", "history.seconds": "s"},
     }
     whole: dict[str, Any] = finite(report)
     return whole
+
+
+def _stride(plan: WalkPlan) -> int:
+    """Samples in a knot."""
+    return SUBSTEPS if plan.loop is not None else 1
+
+
+def _online(plan: WalkPlan) -> dict[str, Any] | None:
+    """Times, winners and warnings of the ticks."""
+    if plan.loop is None:
+        return None
+    loop, every = plan.loop, slice(0, max(len(plan.loop.winner) - 1, 1), SUBSTEPS)
+    winner, times = loop.winner[every], loop.tick_time[every]
+    return {
+        "ticks": len(winner),
+        "tick_time": {
+            "median": float(np.median(times)),
+            "most99": float(np.percentile(times, 99)),
+            "largest": float(times.max()),
+        },
+        "solve_time_median": float(np.median(loop.solve_time[every])),
+        "candidates_mean": float(loop.candidates_tried[every].mean()),
+        "winners": {
+            "plan before": int((winner == -1).sum()),
+            "neighbours": int((winner >= 0).sum()),
+            "named gaits": int((winner == -2).sum()),
+            "safe stance": int((winner == -3).sum()),
+        },
+        "pushes": [
+            {"time": float(plan.task.step * n), "velocity": loop.push[n].tolist()}
+            for n in np.flatnonzero(loop.push.any(axis=1))
+        ],
+        "warnings": list(loop.warnings),
+    }
 
 
 def _tracking(plan: WalkPlan) -> dict[str, Any]:
@@ -122,7 +158,7 @@ def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]
         ("Seed", report["seed"]),
         ("Spec SHA-256", report["spec_sha256"]),
     ]
-    meanings = {name: limit.meaning for name, limit in (LIMITS | FILE_LIMITS).items()}
+    meanings = {name: limit.meaning for name, limit in (LIMITS | LOOP_LIMITS | FILE_LIMITS).items()}
     template = Template(PARTS.joinpath("walk.html").read_text(encoding="utf-8"))
     history = report["history"][-12:]
     return template.substitute(
@@ -155,6 +191,13 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     for name, unit in (("velocity", "m/s"), ("attitude", "rad"), ("height", "m")):
         end = f"{tracked[name]['end']:.2g} {unit}"
         yield Card(f"Off in {name}", end, f"at the end; mean {tracked[name]['mean']:.2g} {unit}")
+    if report["online"] is not None:
+        tick = report["online"]["tick_time"]
+        shown = f"99 % {1e3 * tick['most99']:.2f} ms"
+        yield Card("Tick", f"{1e3 * tick['median']:.2f} ms", shown)
+        won = report["online"]["winners"]
+        yield Card("Ticks", str(report["online"]["ticks"]), plain_words(won))
+        return
     yield Card("Standing legs", report["gait"]["standing"], "interval by interval")
     yield Card(
         "Time", f"{report['timings']['method']:.2f} s", f"{report['sizes']['gaits tried']} gaits"

@@ -117,6 +117,11 @@ class WalkTaskSpec(SpecModel):
     least_contacts: Count = quantity(
         "", "legs that stand in every interval at least", default=0, ge=0, le=4
     )
+    whole_stance: bool = Field(
+        default=False,
+        description="standing toes stay in their boxes until the interval's end, while the body "
+        "moves on; as published only at knots",
+    )
     lift: Number = quantity(
         "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12
     )
@@ -152,10 +157,11 @@ class WalkWeightsSpec(SpecModel):
 class WalkSolverSpec(SpecModel):
     """Method and limits."""
 
-    method: Literal["search", "nlp"] = Field(
+    method: Literal["search", "nlp", "online"] = Field(
         default="search",
         description="`search`: local search over gaits, each solved by SQP; `nlp`: contacts as "
-        "complementarity, from the guess of a trot",
+        "complementarity, from the guess of a trot; `online`: closed loop with integers from a "
+        "library of solved walks",
     )
     time_limit: Number = quantity("s", "of the search, or of IPOPT", default=2.0, gt=0)
     gaits: Count | None = quantity(
@@ -167,6 +173,51 @@ class WalkSolverSpec(SpecModel):
     guess: Literal[
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
     ] = Field(default="trot", description="gait that `nlp` starts from")
+
+
+class WalkLibrarySpec(SpecModel):
+    """Solved walks from random starts, which `online` takes its integers from."""
+
+    size: Count = quantity("", "walks, each solved by `search`", default=12, ge=0, le=100_000)
+    gaits: Count = quantity(
+        "", "gaits tried for each beyond the named ones", default=5, ge=0, le=10_000
+    )
+    file: str | None = Field(
+        default=None,
+        min_length=1,
+        description="library.h5 of an earlier run, of which `size` walks are used; solved anew if "
+        "left out",
+    )
+
+
+class PushSpec(SpecModel):
+    """A sudden change of the body's velocity."""
+
+    time: Number = quantity("s", "when", ge=0)
+    velocity: Vector = quantity("m/s", "change, world frame")
+
+
+class SensorNoiseSpec(SpecModel):
+    """Standard deviations of what the controller is told at each tick."""
+
+    velocity: Number = quantity("m/s", "of each component", default=0.0, ge=0)
+    angles_deg: Number = quantity("deg", "of roll, pitch, yaw", default=0.0, ge=0)
+    spin: Number = quantity("rad/s", "of the angular velocity", default=0.0, ge=0)
+    position: Number = quantity("m", "of height and toes", default=0.0, ge=0)
+
+
+class WalkLoopSpec(SpecModel):
+    """The closed loop of `online`: nonlinear rigid body in continuous time."""
+
+    duration: Number = quantity("s", "simulated time", default=3.0, gt=0, le=600)
+    pushes: tuple[PushSpec, ...] = Field(default=(), description="disturbances")
+    noise: SensorNoiseSpec = SensorNoiseSpec()
+    """Errors of the measurements."""
+    candidates: Count = quantity("", "neighbours tried at most in a tick", default=8, ge=1, le=1000)
+    enough: Count = quantity(
+        "", "answers that hold, of which the cheapest is taken", default=2, ge=1, le=1000
+    )
+    iterations: Count = quantity("", "QPs for each gait", default=2, ge=1, le=100)
 
 
 class MpcSpec(SpecModel):
@@ -187,7 +238,26 @@ class MpcSpec(SpecModel):
     """The objective."""
     solver: WalkSolverSpec = WalkSolverSpec()
     """Method and limits."""
+    library: WalkLibrarySpec = WalkLibrarySpec()
+    """What `online` takes its integers from."""
+    loop: WalkLoopSpec = WalkLoopSpec()
+    """The closed loop of `online`."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
+
+    @model_validator(mode="after")
+    def _online_can(self) -> Self:
+        faults = []
+        if self.solver.method == "online":
+            if self.terrain.regions:
+                faults.append(Fault("terrain.regions", "`online` walks on flat ground only"))
+            if self.task.integrator != "mean":
+                message = "`online` runs in continuous time, which needs `integrator: mean`"
+                faults.append(Fault("task.integrator", message))
+        elif self.task.whole_stance and self.solver.method == "nlp":
+            message = "`nlp` states the workspace at knots only; use `search`"
+            faults.append(Fault("task.whole_stance", message))
+        refuse(faults)
+        return self
 
 
 class RigidBodySpec(SpecModel):

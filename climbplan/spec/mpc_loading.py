@@ -10,6 +10,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from climbplan.errors import SpecError, SpecMistake
+from climbplan.spec.bookshelf_loading import root_paths
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
@@ -49,6 +50,7 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     kind = find_kind(document, wanted="mpc")
     if isinstance(kind, Finding):
         findings.append(kind)
+    root_paths(document, (("library", "file"),))
     spec, found = validate(document, MpcSpec)
     findings += [f for f in found if f.path != ("kind",)]
     robot, robot_mistakes = _robot(document, text.directory)

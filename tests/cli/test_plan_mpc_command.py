@@ -10,7 +10,7 @@ import pytest
 from command_line import RunCommand
 
 SPECS = Path(__file__).parents[2] / "specs"
-FEW = ["-s", "solver.gaits=5", "--time-limit", "60"]
+FEW = ["-s", "solver.gaits=1", "--time-limit", "8"]
 
 
 @pytest.mark.parametrize("name", ["mpc_disturbance", "mpc_turn", "mpc_stairs"])
@@ -51,3 +51,27 @@ def test_bad_values_and_no_plan(run_command: RunCommand) -> None:
     assert done.code == 4
     assert "no plan found" in done.err
     assert not Path("none").exists()
+
+
+def test_closed_loop_and_its_library(run_command: RunCommand, workplace: Path) -> None:
+    spec = str(SPECS / "mpc_recovery.yaml")
+    small = ["-s", "library.size=2", "-s", "library.gaits=0", "-s", "loop.duration=1.28"]
+    done = run_command("plan-mpc", spec, *small, "-o", "loop", "--json")
+    assert done.code == 0, done.err
+    online = json.loads(done.out)["online"]
+    assert online["ticks"] == 16
+    assert online["pushes"][0]["velocity"] == [-1.5, 0.0, 0.0]
+    with h5py.File(workplace / "loop" / "plan.h5") as file:
+        assert file.attrs["integrator"] == "rk4"
+        samples = len(file["time"])
+        for name in ("solve_time", "tick_time", "candidates_tried", "winner"):
+            assert file[name].shape == (samples,)
+    again = ["-s", "library.file=loop/library.h5"]
+    more = run_command("plan-mpc", spec, "-s", "library.size=9", *again, "-o", "more")
+    assert more.code == 2
+    assert "library.size asks for 9" in more.err
+    assert run_command("plan-mpc", spec, "-s", "task.integrator=euler").code == 2
+    fall = ["-s", "loop.pushes=[{time: 0.5, velocity: [0, -6, 0]}]"]
+    fell = run_command("plan-mpc", spec, *small, *again, *fall, "-o", "fall")
+    assert fell.code == 5
+    assert "the robot fell" in fell.err

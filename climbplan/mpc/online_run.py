@@ -1,0 +1,189 @@
+"""A closed-loop run of a spec: its library, the loop, and the plan that records it."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.mpc.closed_loop import SUBSTEPS, Loop, Noise, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.cost import cost_terms
+from climbplan.mpc.library import Library, build_library, read_library
+from climbplan.mpc.online import OnlineController, OnlineSettings, horizon_of
+from climbplan.mpc.plan import LoopRecord, WalkPlan
+from climbplan.mpc.problem import build_task
+from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
+from climbplan.spec.mpc import WalkLibrarySpec
+from climbplan.spec.mpc_loading import LoadedMpc
+
+Progress = Callable[[str, float], None]
+MOST_WARNINGS = 20  # of ticks, told one by one
+
+
+@dataclass(frozen=True)
+class OnlineRun:
+    """The record of a loop, and the library to be kept beside it."""
+
+    plan: WalkPlan
+    library: Library
+    key: str  # of the task that the library was made for
+
+
+def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
+    """Build or read the library, then walk.
+
+    Raises:
+        SpecError: values that do not go together.
+        UsageError, PlanFileError: a library that cannot be used.
+    """
+    report = report or _silent
+    spec = loaded.spec
+    task = build_task(spec, loaded.robot, loaded.source)
+    key = library_key(task)
+    begin = time.perf_counter()
+    report("library", 0.0)
+    library = library_of(task, spec.library, loaded.directory, spec.seed, key, report)
+    ready = time.perf_counter()
+    settings = OnlineSettings(spec.loop.candidates, spec.loop.enough, spec.loop.iterations)
+    controller = OnlineController(task, library, settings)
+    noise = spec.loop.noise
+    loop = run_loop(
+        controller,
+        task,
+        spec.loop.duration,
+        [Push(push.time, np.array(push.velocity, float)) for push in spec.loop.pushes],
+        Noise(noise.velocity, float(np.deg2rad(noise.angles_deg)), noise.spin, noise.position),
+        spec.seed,
+        lambda share: report("walk", share),
+    )
+    walked = time.perf_counter()
+    plan = _plan(loaded, task, library, loop, ready - begin, walked - ready)
+    return OnlineRun(plan, library, key)
+
+
+def library_of(
+    task: WalkTask,
+    spec: WalkLibrarySpec,
+    directory: Path,
+    seed: int,
+    key: str,
+    report: Progress,
+) -> Library:
+    """The first `size` walks of a file, or as many solved anew."""
+    if spec.file is None:
+        start = replace(task.start, state=_at_rest(task))
+        rested = replace(task, start=start)
+        return build_library(
+            rested, spec.size, seed, spec.gaits, lambda share: report("library", share)
+        )
+    library = read_library(directory / spec.file, key)
+    if library.walks < spec.size:
+        raise UsageError(
+            f"{spec.file}: {library.walks} walks with sections, library.size asks for {spec.size}"
+        )
+    return library.first(spec.size)
+
+
+def library_key(task: WalkTask) -> str:
+    """Equal for tasks that differ in their start only."""
+    digest = hashlib.sha256()
+    ahead = horizon_of(task)
+    for holder in (ahead.body, ahead.ground, ahead.reference, ahead.weights):
+        for value in vars(holder).values():
+            digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
+    rest = (task.step, task.integrator, task.lift, task.least_contacts, task.whole_stance)
+    digest.update(repr(rest).encode())
+    return digest.hexdigest()
+
+
+def _at_rest(task: WalkTask) -> Array:
+    state = np.zeros(len(task.start.state))
+    state[2] = task.reference.height[0]
+    return state
+
+
+def _plan(
+    loaded: LoadedMpc,
+    task: WalkTask,
+    library: Library,
+    loop: Loop,
+    building: float,
+    walking: float,
+) -> WalkPlan:
+    spec, found = loaded.spec, loop.trajectory
+    samples = len(found.state)
+    whole = sampled_task(task, samples - 1)
+    tick = np.minimum(np.arange(samples) // SUBSTEPS, loop.ticks - 1)
+    commands = loop.commands
+    terms = cost_terms(whole, found.state, found.force)
+    warned = [
+        f"{k * task.step:.2f} s: {command.warning}"
+        for k, command in enumerate(commands)
+        if command.warning
+    ]
+    back = recovered(loop, task)
+    told = [] if back else ["the mean velocity at the end is not the reference's"]
+    if loop.fell is not None:
+        told = [f"the robot fell after {loop.fell:.2f} s"]
+    if warned:
+        told.append(f"{len(warned)} of {len(commands)} ticks with a warning, first {warned[0]}")
+    times = 1e3 * np.array([command.tick_time for command in commands])
+    median, most = np.percentile(times, [50, 99])
+    won = np.array([command.winner for command in commands])
+    speed = found.state[:, VELOCITY]
+    robot = f"{task.body.name} {task.body.mass:g} kg, {loop.ticks} ticks"
+    chosen = {"plan before": won == -1, "neighbours": won >= 0}
+    chosen |= {"named gaits": won == -2, "safe stance": won == -3}
+    shares = ", ".join(f"{name} {count.sum()}" for name, count in chosen.items())
+    range_ = f"forward speed from {speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s"
+    reach = f"largest overreach {1e3 * loop.overreach:.0f} mm"
+    summary = (
+        f"{loaded.name}   {robot}, library of {library.walks} walks, {len(library)} sections",
+        f"online   tick median {median:.2f} ms, 99 % {most:.2f} ms   {shares}",
+        f"walk   {'recovered' if back else 'not recovered'}   {range_}, {reach}",
+    )
+    return WalkPlan(
+        name=loaded.name,
+        title=spec.title,
+        method="online",
+        status="feasible",
+        task=whole,
+        trajectory=found,
+        objective=sum(terms.values()),
+        terms=terms,
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        seed=spec.seed,
+        timings={"library": building, "walk": walking, "method": walking},
+        solvers={"method": "online", "daqp": metadata.version("daqp")},
+        sizes={
+            "knots": loop.ticks,
+            "walks": library.walks,
+            "sections": len(library),
+            "gaits tried": sum(command.tried for command in commands),
+        },
+        loop=LoopRecord(
+            push=loop.pushed,
+            tick_time=np.array([c.tick_time for c in commands])[tick],
+            solve_time=np.array([c.solve_time for c in commands])[tick],
+            candidates_tried=_whole([c.tried for c in commands])[tick],
+            winner=_whole([c.winner for c in commands])[tick],
+            warnings=tuple(warned[:MOST_WARNINGS]),
+        ),
+        warnings=tuple(told),
+        summary=summary,
+    )
+
+
+def _whole(values: list[int]) -> Whole:
+    return np.array(values, np.int64)
+
+
+def _silent(stage: str, fraction: float) -> None:
+    pass

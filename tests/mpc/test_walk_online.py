@@ -1,0 +1,131 @@
+"""Online: the library, the tick on its own, and the loop with the nonlinear body."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from walk_tasks import walk_task
+
+from climbplan.errors import PlanFileError, UsageError
+from climbplan.mpc.checker import check_loop, failures
+from climbplan.mpc.closed_loop import Noise, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.library import (
+    Library,
+    Situation,
+    build_library,
+    mirrored,
+    read_library,
+    write_library,
+)
+from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
+from climbplan.mpc.online_run import library_key
+from climbplan.mpc.task import VELOCITY, WalkTask
+
+TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return build_library(TASK, 3, 0, gaits=0)
+
+
+def situation(task: WalkTask) -> Situation:
+    start = task.start
+    return Situation(start.state, start.toes, start.toes, np.ones(4, bool))
+
+
+def test_sections_and_mirror(library: Library) -> None:
+    assert library.walks == 3
+    assert len(library) == 30
+    twice = mirrored(TASK, mirrored(TASK, library))
+    np.testing.assert_allclose(twice.features, library.features, atol=1e-12)
+    np.testing.assert_allclose(twice.toes, library.toes)
+    one, other = library.features[0], mirrored(TASK, library).features[0]
+    assert one[1] == -other[1]
+    assert library.nearest(library.features[7], 3)[0] == 7
+
+
+def test_library_file(library: Library, tmp_path: Path) -> None:
+    path = tmp_path / "library.h5"
+    write_library(library, path, "this")
+    again = read_library(path, "this")
+    for name, value in vars(library).items():
+        np.testing.assert_array_equal(vars(again)[name], value)
+    with pytest.raises(UsageError, match="another robot"):
+        read_library(path, "that")
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(PlanFileError):
+        read_library(path, "this")
+
+
+def test_key_is_that_of_the_task_not_of_its_start() -> None:
+    moved = walk_task((1.0, 0, 0), integrator="mean", least_contacts=2, whole_stance=True)
+    assert library_key(moved) == library_key(TASK)
+    slower = walk_task(integrator="mean", least_contacts=2, reference={"velocity": [1, 0, 0]})
+    assert library_key(slower) != library_key(TASK)
+
+
+def test_walks_under_a_push_in_continuous_time(library: Library) -> None:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    loop = run_loop(controller, TASK, 2.0, [Push(0.81, np.array([-1.0, 0, 0]))])
+    assert recovered(loop, TASK)
+    speed = loop.trajectory.state[:, VELOCITY][:, 0]
+    assert speed[163:200].min() < 1.2  # the push was felt
+    whole = sampled_task(TASK, len(speed) - 1)
+    assert failures(check_loop(whole, loop.trajectory, loop.pushed)) == ""
+    # A push that the record hides is found.
+    assert "dynamics.velocity" in failures(check_loop(whole, loop.trajectory, 0 * loop.pushed))
+
+
+def test_noise_is_borne(library: Library) -> None:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    noise = Noise(velocity=0.03, angles=0.005, spin=0.03, position=0.002)
+    one = run_loop(controller, TASK, 1.2, noise=noise, seed=4)
+    assert one.fell is None
+    other = run_loop(OnlineController(TASK, library, OnlineSettings()), TASK, 1.2)
+    assert np.abs(one.trajectory.state - other.trajectory.state).max() > 1e-3
+
+
+def test_an_empty_library_is_told(library: Library) -> None:
+    empty = library.first(0)
+    command = OnlineController(TASK, empty, OnlineSettings()).tick(situation(TASK))
+    assert "library is empty" in command.warning
+    assert np.isfinite(command.trajectory.force).all()
+
+
+def broken(kind: str) -> Situation:
+    good = situation(TASK)
+    state, toes = good.state.copy(), good.toes.copy()
+    if kind == "nan":
+        state[4] = np.nan
+    elif kind == "speed":
+        state[3] = 1e3
+    elif kind == "tilt":
+        state[7] = 1.5
+    else:
+        toes[2] = [30.0, 0.0, 0.0]
+    return replace(good, state=state, toes=toes)
+
+
+@pytest.mark.parametrize("kind", ["nan", "speed", "tilt", "toes"])
+def test_measurements_that_cannot_be(library: Library, kind: str) -> None:
+    command = OnlineController(TASK, library, OnlineSettings()).tick(broken(kind))
+    assert command.winner == SAFE
+    assert "safe stance: " in command.warning
+    force = command.trajectory.force[0]
+    assert np.isfinite(force).all()
+    assert force[:, 2].sum() == pytest.approx(TASK.weight)
+    assert command.trajectory.gait.contact.all()
+
+
+def test_a_push_that_nobody_survives_is_a_fall(library: Library) -> None:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    loop = run_loop(controller, TASK, 2.0, [Push(0.5, np.array([0, -6.0, 0]))])
+    assert loop.fell is not None
+    assert not recovered(loop, TASK)
+    whole = sampled_task(TASK, len(loop.trajectory.state) - 1)
+    told = failures(check_loop(whole, loop.trajectory, loop.pushed))
+    assert "loop.upright" in told or "workspace.standing" in told

@@ -17,7 +17,8 @@ def new(
         str,
         typer.Argument(
             metavar="KIND",
-            help="Kind of spec: climb, bookshelf, program, dataset, strategy, robot.",
+            help="Kind of spec: climb, bookshelf, limms, program, dataset, strategy, "
+            "robot, module.",
         ),
     ],
     directory: Annotated[

@@ -15,6 +15,8 @@ from climbplan.errors import ExitCode
 if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.limms_loading import LoadedLimms
+    from climbplan.spec.limms_module import ModuleSpec
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
@@ -58,7 +60,14 @@ def validate(
 
 
 def _kind_looked_into(
-    loaded: LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec,
+    loaded: LoadedClimb
+    | LoadedDataset
+    | LoadedLimms
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | ModuleSpec
+    | RobotSpec,
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
@@ -67,11 +76,12 @@ def _kind_looked_into(
     """
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.limms_loading import LoadedLimms
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
 
-    if isinstance(loaded, LoadedDataset | LoadedProgram | LoadedStrategy):
+    if isinstance(loaded, LoadedDataset | LoadedLimms | LoadedProgram | LoadedStrategy):
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities

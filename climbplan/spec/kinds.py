@@ -13,6 +13,8 @@ from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.dataset import DatasetSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
+from climbplan.spec.limms import LimmsSpec
+from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.strategy import StrategySpec
@@ -24,7 +26,9 @@ KINDS: dict[str, type[SpecModel]] = {
     "program": ProgramSpec,
     "dataset": DatasetSpec,
     "strategy": StrategySpec,
+    "limms": LimmsSpec,
     "robot": RobotSpec,
+    "module": ModuleSpec,
 }
 
 Model = TypeVar("Model", bound=SpecModel)

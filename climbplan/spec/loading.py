@@ -17,6 +17,8 @@ from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, Task
 from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.limms_loading import LoadedLimms, limms_of, module_of
+from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program_loading import LoadedProgram, program_of
@@ -67,7 +69,16 @@ def load_climb(
 
 def load_spec(
     source: str | Path, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb | LoadedDataset | LoadedProgram | LoadedShelf | LoadedStrategy | RobotSpec:
+) -> (
+    LoadedClimb
+    | LoadedDataset
+    | LoadedLimms
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | ModuleSpec
+    | RobotSpec
+):
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -80,6 +91,10 @@ def load_spec(
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
     if kind == "robot":
         return robot_of(document)
+    if kind == "module":
+        return module_of(document)
+    if kind == "limms":
+        return limms_of(document, text)
     if kind == "program":
         return program_of(document, text)
     if kind == "dataset":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
 KNOTS = 8  # intervals of a phase
+BUMP = 0.2  # [m]
 SPEED = 0.45  # [m/s] of the guess
 
 
@@ -104,20 +105,39 @@ def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array
     return float(shares[bad[0] - 1]) if len(bad) and bad[0] > 0 else float(not len(bad))
 
 
-def guess_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[Trace]:
-    """A slow straight motion through the way, and a parabola if the box is thrown."""
+def bumps(first: Array, last: Array) -> list[Array]:
+    """Sideways detours (3,) of a straight way: none, and both ways along two directions."""
+    along = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)
+    one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    one /= np.linalg.norm(one)
+    other = np.cross(along, one)
+    return [np.zeros(3), *(BUMP * sign * side for side in (one, other) for sign in (1, -1))]
+
+
+def guess_for(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, bump: Array | None = None
+) -> list[Trace]:
+    """A slow straight motion through the way, and a parabola if the box is thrown.
+
+    bump: a sideways detour of every leg of the way.
+    """
     corners = way_points(task)
     if task.throw:
         share = 0.92 * release_share(scene, limbs, corners[-2], corners[-1])
         corners[-1] = corners[-2] + share * (corners[-1] - corners[-2])
-    traces = []
-    for (first, last), block in zip(
-        zip(corners[:-1], corners[1:], strict=True), task.way.blocks, strict=True
-    ):
+    blocks = list(task.way.blocks)
+    if task.throw:
+        # Time runs differently in wind-up and throw: a phase of its own for each
+        corners = np.insert(corners, -1, 0.4 * corners[-2] + 0.6 * corners[-1], axis=0)
+        blocks.append(blocks[-1])
+    traces: list[Trace] = []
+    for (first, last), block in zip(pairwise(corners), blocks, strict=True):
         length = float(np.linalg.norm(last - first))
         duration = max(length / SPEED, 0.4)
         share = np.linspace(0, 1, KNOTS + 1)[:, None]
         position = first + share * (last - first)
+        if bump is not None:
+            position = np.clip(position + np.sin(np.pi * share) * bump, block[0], block[1])
         velocity = np.broadcast_to((last - first) / duration, position.shape)
         feet = np.array([[limb.fixed_position for limb in limbs]] * (KNOTS + 1))
         angles = np.stack(
@@ -155,7 +175,7 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     down = np.array([0, 0, -GRAVITY])
     velocity = (goal - release) / duration - down * duration / 2
     times = np.linspace(0, duration, 2)[:, None]
-    phase = Phase("flight", block[0], block[1], 1, 0.02, 2.0)
+    phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
     return Trace(
         phase,
         duration,
@@ -172,9 +192,20 @@ def plan_held(
     scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float
 ) -> Outcome:
     """Solve the program of one held stage."""
-    guess = guess_for(scene, limbs, task)
+    corners = way_points(task)
+    guesses = [
+        guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])
+    ]
+    guess = min(guesses, key=jerkiness)
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
     return solve(scene, limbs, guess, ends, time_limit=time_limit)
+
+
+def jerkiness(traces: Sequence[Trace]) -> float:
+    """Largest turn of a joint between two knots of a guess [rad]."""
+    return max(
+        float(np.abs(np.diff(t.angles, axis=0)).max()) for t in traces if t.phase.kind == "held"
+    )
 
 
 def combinations(

@@ -24,6 +24,8 @@ CONE_SHARE = 0.96
 PATCH_MARGIN = 0.05  # [m] of a foot from the edge of the ground it stands on
 RANGE_MARGIN = 0.02  # [rad]
 LEAST_FORCE = 0.05  # [N] on a foot that stands
+TURNING = 0.2  # weight of squared joint speeds against time
+SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
 LIFT = 0.05  # [m] of a foot half-way through its swing
 
 
@@ -91,7 +93,8 @@ class _Store:
 
 
 def chain_function(module: ModuleSpec) -> ca.Function:
-    """All points (3, 8) and the last rotation (9) of a module whose first end is at the origin."""
+    """Points (3, 8), last rotation, and velocity and spin (6) of a module whose first end is at the
+    origin, from angles and rates."""
     q = ca.SX.sym("q", 6)
     position, rotation = ca.SX.zeros(3), ca.SX.eye(3)
     points = [position]
@@ -105,7 +108,12 @@ def chain_function(module: ModuleSpec) -> ca.Function:
         rotation = rotation @ turn
         points.append(position)
     points.append(position + module.link_lengths[6] * rotation[:, 2])
-    return ca.Function("chain", [q], [ca.horzcat(*points), rotation])
+    rate = ca.SX.sym("rate", 6)
+    moved = ca.jtimes(points[-1], q, rate)
+    turned = ca.reshape(ca.jtimes(ca.vec(rotation), q, rate), 3, 3)
+    spin = turned @ rotation.T
+    velocity = ca.vertcat(moved, spin[2, 1], spin[0, 2], spin[1, 0])
+    return ca.Function("chain", [q, rate], [ca.horzcat(*points), rotation, velocity])
 
 
 @dataclass(frozen=True)
@@ -138,6 +146,7 @@ def solve(
     options = {
         "ipopt.print_level": 0,
         "print_time": False,
+        "expand": True,
         "ipopt.sb": "yes",
         "ipopt.max_iter": iterations,
         "ipopt.max_cpu_time": time_limit,
@@ -146,7 +155,8 @@ def solve(
         "ipopt.acceptable_tol": 1e-3,
         "ipopt.acceptable_constr_viol_tol": 1e-7,
         "ipopt.acceptable_iter": 6,
-        "ipopt.mu_strategy": "adaptive",
+        "ipopt.mu_strategy": __import__("os").environ.get("MU","adaptive"),
+        **({"ipopt.hessian_approximation":"limited-memory"} if __import__("os").environ.get("LM") else {}),
         "ipopt.mumps_mem_percent": 200,
     }
     solver = ca.nlpsol("limms", "ipopt", nlp, options)
@@ -216,7 +226,7 @@ class _Program:
             self.cost += 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2)
         self.cost += duration
         feet = self._feet(phase, guess)
-        q = self._kinematics(phase, guess, p, feet, step, cuts)
+        q = self._kinematics(phase, guess, p, v, feet, step, cuts)
         force = self._forces(phase, guess, p, a, feet)
         if self.last is None:
             self.first_p, self.first_v = p[0], v[0]
@@ -296,6 +306,7 @@ class _Program:
         phase: Phase,
         guess: Trace,
         p: list[ca.MX],
+        p_velocity: list[ca.MX],
         feet: list[list[ca.MX]],
         step: ca.MX,
         cuts: Sequence[Cut],
@@ -316,7 +327,7 @@ class _Program:
                 r_first, r_last = limb.other_rotation, limb.box_rotation
                 if limb.box_end == 0:
                     r_first, r_last = r_last, r_first
-                points, rotation = self.chain(q[k][i])
+                points, rotation, _ = self.chain(q[k][i], ca.DM.zeros(6))
                 turned = ca.DM(r_first)
                 store.equal(first + turned @ points[:, 7] - last)
                 error = ca.DM(r_first.T @ r_last).T @ rotation
@@ -327,6 +338,7 @@ class _Program:
                         error[1, 0] - error[0, 1],
                     )
                 )
+                self._away_from_singular(q[k][i], limb.branch)
                 for cut in cuts:
                     if cut.limb == i and cut.knot == k:
                         point = first + turned @ points[:, cut.point]
@@ -334,19 +346,43 @@ class _Program:
                             point = point - p[k]
                         store.add(ca.dot(ca.DM(cut.normal), point), cut.offset, np.inf)
         limit = SPEED_SHARE * module.max_joint_speed
+        if phase.kind == "held":
+            self._rates(p_velocity, q, limit)
         for i in range(len(self.limbs)):
             for k in range(count):
                 change = q[k + 1][i] - q[k][i]
                 store.add(change - limit * step, -np.inf, 0.0)
                 store.add(change + limit * step, 0.0, np.inf)
-                self.cost += 0.01 * ca.sumsqr(change) / step
-            if count >= 2:
+                self.cost += TURNING * ca.sumsqr(change) / step
+            if count >= 2 and phase.kind != "held":
                 for k, weights in ((0, (-3, 4, -1)), (count, (1, -4, 3))):
                     rows = q[:3] if k == 0 else q[-3:]
                     end = sum(w * row[i] for w, row in zip(weights, rows, strict=True))
                     store.add(end - 2 * limit * step, -np.inf, 0.0)
                     store.add(end + 2 * limit * step, 0.0, np.inf)
         return q
+
+    def _away_from_singular(self, q: ca.MX, branch: tuple[int, int, int]) -> None:
+        """Keep to one branch of the inverse: wrist off the first axis, elbow and wrist bent."""
+        lengths = self.scene.module.link_lengths
+        shoulder, elbow, wrist = branch
+        upper, fore = lengths[2], lengths[3] + lengths[4]
+        reach = upper * ca.sin(q[1]) + fore * ca.sin(q[1] + q[2])
+        self.store.add(shoulder * reach, SINGULAR[0], np.inf)
+        self.store.add(elbow * q[2], SINGULAR[1], np.inf)
+        self.store.add(wrist * q[4], SINGULAR[2], np.inf)
+
+    def _rates(self, velocity: list[ca.MX], q: list[list[ca.MX]], limit: float) -> None:
+        """Exact joint speeds at the knots of arms: near a straight elbow differences mislead."""
+        for k, row in enumerate(q):
+            for i, limb in enumerate(self.limbs):
+                rate = self.store.variable("rate", np.zeros(6), -limit, limit)
+                _, _, moved = self.chain(row[i], rate)
+                if limb.box_end == 1:
+                    wanted = ca.DM(limb.other_rotation.T) @ velocity[k]
+                else:
+                    wanted = -ca.DM(limb.box_rotation.T) @ velocity[k]
+                self.store.equal(moved - ca.vertcat(wanted, ca.DM.zeros(3)))
 
     def _forces(
         self,
@@ -387,13 +423,16 @@ class _Program:
                     row.append(ca.MX.zeros(3))
                     continue
                 start = guess.force[k, i]
-                f = store.variable("f", start, [-most, -most, LEAST_FORCE], most)
-                store.add(ca.sumsqr(f) / most**2, 0.0, 1.0)
+                low = [-1.0, -1.0, LEAST_FORCE / most]
+                unit = store.variable("f", start / most, low, 1.0)
+                f = most * unit
+                store.add(ca.sumsqr(unit), 0.0, 1.0)
                 # Friction cone of a foot on the ground, eq. (6.8)
-                store.add((friction * f[2]) ** 2 - f[0] ** 2 - f[1] ** 2, 0.0, np.inf)
+                cone = (friction * unit[2]) ** 2 - unit[0] ** 2 - unit[1] ** 2
+                store.add(cone, 0.0, np.inf)
                 total += f
                 moment += ca.cross(feet[k][i] - p[k], f)
-                self.cost += 1e-5 * ca.sumsqr(f)
+                self.cost += 0.01 * ca.sumsqr(unit)
                 row.append(f)
             store.equal((mass * (a[k] + up) - total) / 10.0)
             if len(phase.swing) < len(self.limbs):

@@ -12,7 +12,8 @@ from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
 from climbplan.limms.limbs import limb_angles, limb_points
-from climbplan.limms.program import Ends, Outcome, solve
+from climbplan.limms.cuts import solve_clear
+from climbplan.limms.program import Cut, Ends, Outcome, solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
@@ -196,9 +197,13 @@ def plan_held(
     guesses = [
         guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])
     ]
-    guess = min(guesses, key=jerkiness)
+    first = min(guesses, key=jerkiness)
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
-    return solve(scene, limbs, guess, ends, time_limit=time_limit)
+
+    def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
+        return solve(scene, limbs, guess or first, ends, cuts, time_limit)
+
+    return solve_clear(scene, limbs, once)
 
 
 def jerkiness(traces: Sequence[Trace]) -> float:

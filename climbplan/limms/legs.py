@@ -12,6 +12,7 @@ from climbplan.limms.corridor import Way
 from climbplan.limms.gaits import Gait, guess_for
 from climbplan.limms.held import clearance
 from climbplan.limms.limbs import leg, limb_angles
+from climbplan.limms.cuts import solve_clear
 from climbplan.limms.program import PATCH_MARGIN, Cut, Ends, Outcome, solve
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb
@@ -91,11 +92,15 @@ def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
 
 def plan_legs(
     scene: Scene, stands: Sequence[Stand], gait: Gait, way: Way, start: Array, goal: Array,
-    time_limit: float, cuts: Sequence[Cut] = (), iterations: int = 300,
+    time_limit: float, iterations: int = 300,
 ) -> Outcome:
     """Solve the program of one contact sequence."""
     limbs = legs_of(stands)
     feet = np.array([s.foot for s in stands])
-    guess = guess_for(scene, limbs, gait, way, start, goal, feet, [s.patch for s in stands])
+    first = guess_for(scene, limbs, gait, way, start, goal, feet, [s.patch for s in stands])
     ends = Ends(start, goal, 0.0)
-    return solve(scene, limbs, guess, ends, cuts, time_limit, iterations)
+
+    def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
+        return solve(scene, limbs, guess or first, ends, cuts, time_limit, iterations)
+
+    return solve_clear(scene, limbs, once)

@@ -34,7 +34,7 @@ def box_path(trace: Trace, time: Array) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration (n, 3) at times (n,) of a phase."""
     count = trace.phase.intervals
     step = trace.duration / count
-    k = np.clip((time / step).astype(int), 0, count - 1)
+    k = np.clip((time / step + 1e-9).astype(int), 0, count - 1)
     t = (time - k * step)[:, None]
     a0, a1 = trace.acceleration[k], trace.acceleration[k + 1]
     slope = (a1 - a0) / step
@@ -43,6 +43,15 @@ def box_path(trace: Trace, time: Array) -> tuple[Array, Array, Array]:
         trace.velocity[k] + a0 * t + slope * t**2 / 2,
         a0 + slope * t,
     )
+
+
+def knot_samples(trace: Trace) -> Array:
+    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples."""
+    count = trace.phase.intervals
+    inner = samples(trace.duration / count)
+    step = trace.duration / count
+    whole = [k * step + inner[:-1] for k in range(count)]
+    return np.concatenate([*whole, [trace.duration]])
 
 
 def other_ends(trace: Trace, limb: int, is_swinging: bool, time: Array) -> Array:
@@ -70,7 +79,7 @@ def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) 
 
 def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     scene, phase = world.scene, trace.phase
-    time = samples(trace.duration)
+    time = knot_samples(trace)
     position, velocity, acceleration = box_path(trace, time)
     held = phase.kind == "held"
     world.box_mode = MANIPULATED if held else QUADRUPED

@@ -92,7 +92,7 @@ def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
 
 def plan_legs(
     scene: Scene, stands: Sequence[Stand], gait: Gait, way: Way, start: Array, goal: Array,
-    time_limit: float, iterations: int = 300,
+    time_limit: float, iterations: int = 200,
 ) -> Outcome:
     """Solve the program of one contact sequence."""
     limbs = legs_of(stands)

@@ -24,6 +24,7 @@ FORCE_SHARE = 0.985
 CONE_SHARE = 0.96
 PATCH_MARGIN = 0.05  # [m] of a foot from the edge of the ground it stands on
 RANGE_MARGIN = 0.02  # [rad]
+APPROACH_MARGIN = 0.15  # [rad] further
 LEAST_FORCE = 0.05  # [N] on a foot that stands
 TURNING = 0.2  # weight of squared joint speeds against time
 SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
@@ -315,9 +316,15 @@ class _Program:
         if phase.kind == "flight":
             return [[] for _ in p]
         reach = np.array(module.joint_range) - RANGE_MARGIN
+        # Where latches close, a module still has to get there: along the anchor's normal
+        latching = reach - (APPROACH_MARGIN if self.last is None else 0.0)
         q = [
-            [store.variable("q", guess.angles[k, i], -reach, reach) for i in range(len(self.limbs))]
+            [
+                store.variable("q", guess.angles[k, i], -bound, bound)
+                for i in range(len(self.limbs))
+            ]
             for k in range(count + 1)
+            for bound in ((latching if k == 0 else reach),)
         ]
         for k in range(count + 1):
             for i, limb in enumerate(self.limbs):

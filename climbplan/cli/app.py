@@ -33,6 +33,7 @@ from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
+from climbplan.cli.plan_limms import plan_limms
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
 from climbplan.cli.solve import solve
@@ -94,6 +95,7 @@ for _command in (
     plan_climb,
     fit_strategy,
     solve_bookshelf,
+    plan_limms,
     solve,
     gen_data,
     verify,

@@ -38,15 +38,22 @@ class Gait:
         return sum(bool(s) for s in self.swings)
 
 
-def gaits(limbs: int, blocks: int, length: float, most_steps: int) -> Iterator[Gait]:
+def gaits(
+    limbs: int, blocks: int, shift: Array, reach: float, most_steps: int
+) -> Iterator[Gait]:
     """Contact sequences, those with the fewest phases first.
 
-    length: of the way [m]; crawls too short by far are left out.
+    shift: from start to goal (3,) [m]; reach: from an anchor of the box to a foot at most [m]. Feet
+    stay ahead of their faces, so that standing feet let the box go no further than their reach;
+    crawls too short by far are left out as well.
     """
-    yield Gait("stand", ((),) * blocks)
+    length = float(np.linalg.norm(shift))
+    if np.abs(shift[:2]).max() <= reach:
+        yield Gait("stand", ((),) * blocks)
     everything = tuple(range(limbs))
     if most_steps >= 1:
-        yield Gait("leap", ((), everything, ()))
+        # Time runs differently in crouching and pushing off, in landing and coming to rest
+        yield Gait("leap", ((), (), everything, (), ()))
     for cycles in range(1, most_steps // limbs + 1):
         if length > 0.75 * cycles:
             continue
@@ -115,7 +122,7 @@ def guess_for(
             wanted, ground = nominal_feet(scene, limbs, aim, below)
             for i in swing:
                 target[i], target_patches[i] = wanted[i], ground[i]
-        count = (8 if leap else 4) if swing else (8 if gait.steps <= 1 else 3)
+        count = (12 if leap else 4) if swing else (7 if gait.steps <= 1 else 3)
         share = np.linspace(0, 1, count + 1)[:, None]
         length = float(np.linalg.norm(last - first))
         duration = 0.35 if leap else max(length / SPEED, 0.35 if not swing else 0.6)
@@ -163,7 +170,7 @@ def _centre_path(scene: Scene, gait: Gait, way: Way, start: Array, goal: Array) 
         push[2] = np.clip(start[2] + 0.25, low[2], high[2])
         push[:2] = np.clip(start[:2] + 0.35 * (goal - start)[:2], low[:2], high[:2])
         land = goal + np.array([0, 0, 0.05])
-        return np.array([start, push, land, goal])
+        return np.array([start, start + 0.6 * (push - start), push, land, goal, goal])
     raised, lowered = start.copy(), goal.copy()
     ground = start[2] - scene.box_size[0, 2] / 2
     raised[2] = max(start[2], ground + HEIGHT)

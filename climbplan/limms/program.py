@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from climbplan.limms.chain import ROLLS
-from climbplan.limms.scene import GRAVITY, Array, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace, held_forces
 from climbplan.spec.limms_module import ModuleSpec
 
@@ -25,6 +25,7 @@ CONE_SHARE = 0.96
 PATCH_MARGIN = 0.05  # [m] of a foot from the edge of the ground it stands on
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further
+OWN_SIDE = 0.02  # [m] of a foot ahead of its face of the box
 LEAST_FORCE = 0.05  # [N] on a foot that stands
 TURNING = 0.2  # weight of squared joint speeds against time
 SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
@@ -345,6 +346,10 @@ class _Program:
                     )
                 )
                 self._away_from_singular(q[k][i], limb.branch)
+                if limb.is_leg and i not in phase.swing:
+                    # Each foot on its own side of the box (chapter 6.3, support polygon)
+                    ahead = ca.dot(ca.DM(SIDE_NORMALS[limb.side]), feet[k][i] - on_box)
+                    store.add(ahead, OWN_SIDE, np.inf)
                 for cut in cuts:
                     if cut.limb == i and cut.knot == k:
                         point = first + turned @ points[:, cut.point]

@@ -30,15 +30,18 @@ def walk(
     if way is None:
         attempts.notes.append("there is no way for the box")
         return None
-    length = float(np.linalg.norm(scene.goal - start))
-    for gait in gaits(4, len(way.blocks), length, most_steps):
+    reach = sum(scene.module.link_lengths[:5])  # the last link but one stands upright
+    for gait in gaits(4, len(way.blocks), scene.goal - start, reach, most_steps):
         toward = _toward(way, start, scene.goal, gait)
         choices = [first_stands(scene, side, start, toward) for side in range(4)]
         if not all(choices):
             attempts.notes.append("quadruped: a side of the box cannot be latched by a leg")
             return None
+        most = 400 if gait.steps == 0 else 200
         for stands in _stand_sets(choices, 2):
-            outcome = plan_legs(scene, stands, gait, way, start, scene.goal, min(left, 25.0))
+            outcome = plan_legs(
+                scene, stands, gait, way, start, scene.goal, min(left, 25.0), most
+            )
             attempts.count(outcome, f"quadruped, {gait.name}")
             if not outcome.solved:
                 continue

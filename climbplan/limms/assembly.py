@@ -28,7 +28,7 @@ _SPOKES = 16
 
 
 def initial(scene: Scene) -> Progress:
-    """Where everything is at the start: modules straight, upright or along their anchor's normal."""
+    """Where everything is at the start: modules straight, upright or along anchors' normals."""
     count = scene.count
     position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
     for module in range(count):
@@ -53,17 +53,21 @@ def spots(scene: Scene, height: float, target: Pose, around: Array) -> Iterator[
         for angle in np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False):
             flat = target.position[:2] + ring * np.array([np.cos(angle), np.sin(angle)])
             point = np.array([*flat, height])
-            if any(
-                abs(p.height - height) < 1e-6 and p.inside(point, 0.05) for p in scene.patches
-            ):
+            if any(abs(p.height - height) < 1e-6 and p.inside(point, 0.05) for p in scene.patches):
                 found.append(point)
     found.sort(key=lambda point: float(np.linalg.norm(point - around)))
     yield from found
 
 
 def latch_from_ground(
-    world: Progress, module: int, target: Pose, anchor: int, mode: int, name: str,
-    rng: np.random.Generator, tries: int = 4,
+    world: Progress,
+    module: int,
+    target: Pose,
+    anchor: int,
+    mode: int,
+    name: str,
+    rng: np.random.Generator,
+    tries: int = 4,
 ) -> Progress:
     """Drive to a point from which the last end reaches `target`, latch it, and lift the first end.
 
@@ -98,7 +102,9 @@ def latch_from_ground(
                     raise
                 break
             return attempt
-    raise Blocked(f"{name}: no place to stand from which module {scene.module_names[module]} reaches")
+    raise Blocked(
+        f"{name}: no place to stand from which module {scene.module_names[module]} reaches"
+    )
 
 
 def latch_arm(
@@ -112,8 +118,9 @@ def latch_arm(
     return latch_from_ground(world, module, target, anchor, ARM, name, rng), 0
 
 
-def reach_box(world: Progress, limb: Limb, box: Array, angles: Array, name: str,
-              rng: np.random.Generator) -> None:
+def reach_box(
+    world: Progress, limb: Limb, box: Array, angles: Array, name: str, rng: np.random.Generator
+) -> None:
     """Bring an arm's free end to its anchor of the box at rest, touching but not latched.
 
     Raises:
@@ -137,8 +144,9 @@ def latch_box(world: Progress, limbs: Sequence[Limb]) -> None:
             world.mode[limb.module] = LEG
 
 
-def stand_leg(world: Progress, module: int, stand: Stand, angles: Array, name: str,
-              rng: np.random.Generator) -> None:
+def stand_leg(
+    world: Progress, module: int, stand: Stand, angles: Array, name: str, rng: np.random.Generator
+) -> None:
     """Drive a module to its first foothold and bring its last end to the box, not latched yet.
 
     Raises:

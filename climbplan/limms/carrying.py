@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 
@@ -114,9 +114,7 @@ def _limb(scene: Scene, module: int, connection: Connection) -> Limb:
     return arm(module, connection.side, root, box_end)
 
 
-def _choices(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask
-) -> list[list[tuple[float, Limb]]]:
+def _choices(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[tuple[float, Limb]]]:
     corners = np.vstack([task.start, task.way.crossings, task.goal])
     if task.throw:
         share = release_share(scene, limbs, corners[-2], corners[-1])
@@ -124,7 +122,7 @@ def _choices(
     path = np.vstack(
         [
             first + np.linspace(0, 1, 9)[:, None] * (last - first)
-            for first, last in zip(corners[:-1], corners[1:], strict=True)
+            for first, last in pairwise(corners)
         ]
     )
     return [
@@ -134,7 +132,10 @@ def _choices(
 
 
 def _whole(
-    scene: Scene, limbs: Sequence[Limb], connections: Sequence[Connection], outcome: Outcome,
+    scene: Scene,
+    limbs: Sequence[Limb],
+    connections: Sequence[Connection],
+    outcome: Outcome,
     rng: np.random.Generator,
 ) -> Progress:
     """Everything from the modules' start to the goal.

@@ -17,7 +17,7 @@ from climbplan.limms.scene import Array
 from climbplan.spec.limms_module import ModuleSpec
 
 ROLLS = (True, False, False, True, False, True)
-BRANCHES: tuple[tuple[int, int, int], ...] = tuple(product((1, -1), repeat=3))  # type: ignore[assignment]
+BRANCHES = tuple(product((1, -1), (1, -1), (1, -1)))
 POINTS = 8
 
 

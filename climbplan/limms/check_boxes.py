@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.limms.dense import events, fine_times, hermite
 from climbplan.limms.distances import block_gap
-from climbplan.limms.dense import fine_times, events, hermite
 from climbplan.limms.limits import judge
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array
@@ -131,5 +131,3 @@ def _holders(plan: LimmsPlan, b: int, sample: int) -> list[tuple[int, int]]:
             if 0 <= side < 4:
                 found[side] = (m, end)
     return found
-
-

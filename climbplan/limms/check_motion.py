@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def _dwell(plan: LimmsPlan, module: ModuleSpec) -> Check:
     for m, name in enumerate(plan.module_names):
         for anchors in (motion.base_anchor[:, m], motion.tip_anchor[:, m]):
             edges = [0, *(np.flatnonzero(np.diff(anchors)) + 1).tolist(), len(anchors)]
-            for first, last in zip(edges[:-1], edges[1:], strict=True):
+            for first, last in pairwise(edges):
                 if anchors[first] < 0 or first == 0 or last == len(anchors):
                     continue
                 held = float(motion.time[last - 1] - motion.time[first])

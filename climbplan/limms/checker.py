@@ -91,19 +91,19 @@ def _spec_values(plan: LimmsPlan) -> Check:
         return judge("file.spec_values", np.inf, str(error).splitlines()[0])
     if spec is None or findings:
         return judge("file.spec_values", np.inf, "the spec is not valid")
-    boxes = [spec.box, *spec.parked]
+    sizes = [spec.box.size, *(box.size for box in spec.parked)]
     free = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions])
     solids = np.array(solid_blocks(free), float)
     anchors = np.array([a.position for a in spec.terrain.anchors], float).reshape(-1, 3)
     pairs = {
-        "box.size": (np.array([b.size for b in boxes], float), plan.box_size),
+        "box.size": (np.array(sizes, float), plan.box_size),
         "box.mass": (np.array([spec.box.mass]), plan.box_mass[:1]),
         "box.goal": (np.array(spec.box.goal, float), plan.goal[0]),
         "box.start": (np.array(spec.box.start, float), plan.motion.box_position[0, 0]),
         "box.arrival_speed": (np.array([spec.box.arrival_speed]), np.array([plan.arrival_speed])),
         "terrain.friction": (np.array([spec.terrain.friction]), np.array([plan.friction])),
         "terrain.regions": (solids, plan.solids),
-        "terrain.anchors": (anchors, plan.motion.anchor_position[0, 4 * len(boxes) :]),
+        "terrain.anchors": (anchors, plan.motion.anchor_position[0, 4 * len(sizes) :]),
     }
     worst, where = 0.0, ""
     for name, (said, stored) in pairs.items():

@@ -50,7 +50,9 @@ def gap_within(segments: Array, radius: float) -> Array:
     """Gaps (..., 3) between links of one module that share no joint [m]."""
     pairs = [
         segment_to_segment(
-            segments[..., i, 0, :], segments[..., i, 1, :], segments[..., j, 0, :],
+            segments[..., i, 0, :],
+            segments[..., i, 1, :],
+            segments[..., j, 0, :],
             segments[..., j, 1, :],
         )
         for i, j in _OWN_PAIRS

@@ -44,7 +44,10 @@ def centre_blocks(scene: Scene) -> Array:
     for low, high in solids:
         taken |= ((grid > low) & (grid < high)).all(axis=-1)
     free = ~taken
-    spans = [[(a, b) for a in range(n) for b in range(a + 1, n + 1)] for n in free.shape]
+    spans = [
+        [(a, b) for a in range(size) for b in range(a + 1, size + 1)]
+        for size in tuple(int(n) for n in free.shape)
+    ]
     # Summed-volume table: how many free cells a span of cells holds
     table = np.zeros(np.array(free.shape) + 1, int)
     table[1:, 1:, 1:] = free.cumsum(0).cumsum(1).cumsum(2)
@@ -87,10 +90,8 @@ def ways(blocks: Array, start: Array, goal: Array) -> Way | None:
         for p in (start, goal)
     ]
     queue: list[tuple[float, float, int, tuple[int, ...], tuple[tuple[float, ...], ...]]] = []
-    for k in np.flatnonzero(inside[0]):
-        heapq.heappush(
-            queue, (float(np.linalg.norm(goal - start)), 0.0, int(k), (int(k),), ())
-        )
+    for k in (k for k, holds in enumerate(inside[0]) if holds):
+        heapq.heappush(queue, (float(np.linalg.norm(goal - start)), 0.0, int(k), (int(k),), ()))
     closed: dict[int, float] = {}
     while queue:
         _, cost, k, chain, crossings = heapq.heappop(queue)

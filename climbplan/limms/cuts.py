@@ -62,21 +62,38 @@ def collisions(scene: Scene, limbs: Sequence[Limb], number: int, trace: Trace) -
         segments = link_segments(points, radius)
         gap = gap_to_blocks(segments, fixed[:, 0], fixed[:, 1], radius)
         for knot, link, solid in np.argwhere(gap < -1e-4):
-            found += _cut(number, int(knot), i, int(link), points.position[knot], fixed[solid],
-                          radius, None)
+            found += _cut(
+                number, int(knot), i, int(link), points.position[knot], fixed[solid], radius, None
+            )
         box_gap = gap_to_blocks(
-            segments, (trace.position - half[0])[:, None], (trace.position + half[0])[:, None],
+            segments,
+            (trace.position - half[0])[:, None],
+            (trace.position + half[0])[:, None],
             radius,
         )[..., 0]
         for knot, link in np.argwhere(box_gap < -1e-4):
             block = np.array([-half[0], half[0]])
-            found += _cut(number, int(knot), i, int(link), points.position[knot], block, radius,
-                          trace.position[knot])
+            found += _cut(
+                number,
+                int(knot),
+                i,
+                int(link),
+                points.position[knot],
+                block,
+                radius,
+                trace.position[knot],
+            )
     return found
 
 
 def _cut(
-    phase: int, knot: int, limb: int, link: int, points: Array, block: Array, radius: float,
+    phase: int,
+    knot: int,
+    limb: int,
+    link: int,
+    points: Array,
+    block: Array,
+    radius: float,
     box: Array | None,
 ) -> list[Cut]:
     """Keep both ends of a link beyond the face of a block that it is nearest to leave by."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ def events(time: Array) -> list[tuple[int, int]]:
     """First and last sample of every stretch between events."""
     cuts = np.flatnonzero(np.diff(time) <= 0) + 1
     edges = [0, *cuts.tolist(), len(time)]
-    return [(a, b - 1) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 2]
+    return [(a, b - 1) for a, b in itertools.pairwise(edges) if b - a >= 2]
 
 
 def hermite(time: Array, values: Array, rates: Array, at: Array) -> tuple[Array, Array]:
@@ -42,7 +43,7 @@ def hermite(time: Array, values: Array, rates: Array, at: Array) -> tuple[Array,
     k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     shape = (len(at),) + (1,) * (values.ndim - 1)
     h = (time[k + 1] - time[k]).reshape(shape)
-    s = ((at - time[k])).reshape(shape) / h
+    s = (at - time[k]).reshape(shape) / h
     a, b, da, db = values[k], values[k + 1], rates[k] * h, rates[k + 1] * h
     value = (
         (2 * s**3 - 3 * s**2 + 1) * a
@@ -96,8 +97,15 @@ def anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array) -> Pose:
 
 
 def _points(
-    plan: LimmsPlan, module: ModuleSpec, m: int, first: int, span: slice, time: Array, at: Array,
-    box: Array, angles: Array,
+    plan: LimmsPlan,
+    module: ModuleSpec,
+    m: int,
+    first: int,
+    span: slice,
+    time: Array,
+    at: Array,
+    box: Array,
+    angles: Array,
 ) -> Points:
     """All points of one module, from whichever of its ends is held: terrain, box, ground."""
     motion = plan.motion

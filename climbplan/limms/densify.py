@@ -110,9 +110,7 @@ def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     world.add(**fields)
 
 
-def _place(
-    fields: dict[str, object], module: int, angles: Array, rates: Array, base: Pose
-) -> None:
+def _place(fields: dict[str, object], module: int, angles: Array, rates: Array, base: Pose) -> None:
     for key, value in (
         ("angles", angles),
         ("rates", rates),
@@ -132,19 +130,20 @@ def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Ar
 
 
 def _foot_forces(
-    scene: Scene, limbs: Sequence[Limb], trace: Trace, time: Array, box: Array,
-    acceleration: Array, feet: Array,
+    scene: Scene,
+    limbs: Sequence[Limb],
+    trace: Trace,
+    time: Array,
+    box: Array,
+    acceleration: Array,
+    feet: Array,
 ) -> Array:
     """Forces (n, limbs, 3) between the knots: straight lines, then the least change that balances
     forces and moments exactly."""
     knots = np.linspace(0, trace.duration, len(trace.force))
     n = len(limbs)
     force = np.stack(
-        [
-            np.interp(time, knots, trace.force[:, i, axis])
-            for i in range(n)
-            for axis in range(3)
-        ],
+        [np.interp(time, knots, trace.force[:, i, axis]) for i in range(n) for axis in range(3)],
         axis=-1,
     )
     standing = [i for i in range(n) if i not in trace.phase.swing]

@@ -38,9 +38,7 @@ class Gait:
         return sum(bool(s) for s in self.swings)
 
 
-def gaits(
-    limbs: int, blocks: int, shift: Array, reach: float, most_steps: int
-) -> Iterator[Gait]:
+def gaits(limbs: int, blocks: int, shift: Array, reach: float, most_steps: int) -> Iterator[Gait]:
     """Contact sequences, those with the fewest phases first.
 
     shift: from start to goal (3,) [m]; reach: from an anchor of the box to a foot at most [m]. Feet
@@ -88,7 +86,9 @@ def foothold(scene: Scene, patch: int, point: Array) -> Array:
     return np.array([*flat, ground.height])
 
 
-def nominal_feet(scene: Scene, limbs: Sequence[Limb], box: Array, below: float) -> tuple[Array, list[int]]:
+def nominal_feet(
+    scene: Scene, limbs: Sequence[Limb], box: Array, below: float
+) -> tuple[Array, list[int]]:
     """Footholds (limbs, 3) round a box centre, and their patches."""
     points, patches = [], []
     for limb in limbs:
@@ -102,8 +102,14 @@ def nominal_feet(scene: Scene, limbs: Sequence[Limb], box: Array, below: float) 
 
 
 def guess_for(
-    scene: Scene, limbs: Sequence[Limb], gait: Gait, way: Way, start: Array, goal: Array,
-    first_feet: Array, first_patches: Sequence[int],
+    scene: Scene,
+    limbs: Sequence[Limb],
+    gait: Gait,
+    way: Way,
+    start: Array,
+    goal: Array,
+    first_feet: Array,
+    first_patches: Sequence[int],
 ) -> list[Trace]:
     """A slow motion of a contact sequence along a way, feet moved to nominal places on the way."""
     corners = _centre_path(scene, gait, way, start, goal)
@@ -148,13 +154,16 @@ def guess_for(
             acceleration[:, 2] = -GRAVITY
         limits = (0.1, 1.0) if leap else (0.15, 6.0) if swing else (0.05, 8.0)
         phase = Phase(
-            "quadruped", block[0], block[1], count, *limits, swing=swing,
+            "quadruped",
+            block[0],
+            block[1],
+            count,
+            *limits,
+            swing=swing,
             patches=dict(enumerate(target_patches)),
         )
         velocity = np.broadcast_to((last - first) / duration, position.shape)
-        traces.append(
-            Trace(phase, duration, position, velocity, acceleration, angles, path, load)
-        )
+        traces.append(Trace(phase, duration, position, velocity, acceleration, angles, path, load))
         feet, patches = target, target_patches
     return traces
 
@@ -181,12 +190,10 @@ def _centre_path(scene: Scene, gait: Gait, way: Way, start: Array, goal: Array) 
 
 def _block_for(way: Way, first: Array, last: Array) -> Array:
     """The block that holds both ends of a phase best."""
+
     def outside(block: Array) -> float:
         return float(
-            sum(
-                np.maximum(np.maximum(block[0] - p, p - block[1]), 0).sum()
-                for p in (first, last)
-            )
+            sum(np.maximum(np.maximum(block[0] - p, p - block[1]), 0).sum() for p in (first, last))
         )
 
     best: Array = min(way.blocks, key=outside)

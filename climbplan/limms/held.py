@@ -11,8 +11,8 @@ import numpy as np
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
-from climbplan.limms.limbs import limb_angles, limb_points
 from climbplan.limms.cuts import solve_clear
+from climbplan.limms.limbs import limb_angles, limb_points
 from climbplan.limms.program import Cut, Ends, Outcome, solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
@@ -124,8 +124,8 @@ def guess_for(
     """
     corners = way_points(task)
     if task.throw:
-        share = 0.92 * release_share(scene, limbs, corners[-2], corners[-1])
-        corners[-1] = corners[-2] + share * (corners[-1] - corners[-2])
+        reached = 0.92 * release_share(scene, limbs, corners[-2], corners[-1])
+        corners[-1] = corners[-2] + reached * (corners[-1] - corners[-2])
     blocks = list(task.way.blocks)
     if task.throw:
         # Time runs differently in wind-up and throw: a phase of its own for each
@@ -189,14 +189,10 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     )
 
 
-def plan_held(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float
-) -> Outcome:
+def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float) -> Outcome:
     """Solve the program of one held stage."""
     corners = way_points(task)
-    guesses = [
-        guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])
-    ]
+    guesses = [guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])]
     first = min(guesses, key=jerkiness)
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.corridor import Way
+from climbplan.limms.cuts import solve_clear
 from climbplan.limms.gaits import Gait, guess_for
 from climbplan.limms.held import clearance
 from climbplan.limms.limbs import leg, limb_angles
-from climbplan.limms.cuts import solve_clear
 from climbplan.limms.program import PATCH_MARGIN, Cut, Ends, Outcome, solve
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.statement import Limb, Trace
 
 _SIDEWAYS = (-0.3, -0.15, 0.0, 0.15, 0.3)
 _AWAY = (0.3, 0.38, 0.46, 0.54, 0.62)
@@ -32,7 +32,9 @@ class Stand:
     trouble: float
 
 
-def first_stands(scene: Scene, side: int, start: Array, toward: Array, most: int = 3) -> list[Stand]:
+def first_stands(
+    scene: Scene, side: int, start: Array, toward: Array, most: int = 3
+) -> list[Stand]:
     """Footholds from which a module latches to a side of the box at rest, best first.
 
     toward: (n, 3) centres of the box later on, which count as trouble where they are out of reach.
@@ -53,16 +55,20 @@ def first_stands(scene: Scene, side: int, start: Array, toward: Array, most: int
         )
         # Also where the patch is nearest
         near = np.clip(points[:, :2], patch.lower + PATCH_MARGIN, patch.upper - PATCH_MARGIN)
-        points = np.unique(np.round(np.column_stack([near, np.full(len(near), patch.height)]), 4), axis=0)
+        points = np.unique(
+            np.round(np.column_stack([near, np.full(len(near), patch.height)]), 4), axis=0
+        )
         for point in points:
             if not patch.inside(point, PATCH_MARGIN - 1e-6):
                 continue
             if normal @ (point - start) < half + 0.02:
                 continue  # a foot stands on its own side of the box
             for branch in BRANCHES:
-                angles, missing = limb_angles(scene, limb, path, np.tile(point, (len(path), 1)), branch)
+                angles, missing = limb_angles(
+                    scene, limb, path, np.tile(point, (len(path), 1)), branch
+                )
                 excess = in_range(scene.module, angles)
-                if missing[0] > -1e-9 and missing[0] > 0 or excess[0] > -0.03:
+                if (missing[0] > -1e-9 and missing[0] > 0) or excess[0] > -0.03:
                     continue
                 feet = np.tile(point, (len(path), 1, 1))
                 gap = clearance(scene, [limb], path, feet, angles[:, None])
@@ -76,23 +82,25 @@ def first_stands(scene: Scene, side: int, start: Array, toward: Array, most: int
     found.sort(key=lambda s: s.trouble)
     kept: list[Stand] = []
     for stand in found:
-        if all(
-            np.linalg.norm(stand.foot - k.foot) > 0.1 or stand.branch != k.branch for k in kept
-        ):
+        if all(np.linalg.norm(stand.foot - k.foot) > 0.1 or stand.branch != k.branch for k in kept):
             kept.append(stand)
     return kept[:most]
 
 
 def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
     """Legs that stand on first footholds; module numbers are those of the stands' order."""
-    return tuple(
-        replace(leg(i, s.side, 1, s.branch)) for i, s in enumerate(stands)
-    )
+    return tuple(replace(leg(i, s.side, 1, s.branch)) for i, s in enumerate(stands))
 
 
 def plan_legs(
-    scene: Scene, stands: Sequence[Stand], gait: Gait, way: Way, start: Array, goal: Array,
-    time_limit: float, iterations: int = 200,
+    scene: Scene,
+    stands: Sequence[Stand],
+    gait: Gait,
+    way: Way,
+    start: Array,
+    goal: Array,
+    time_limit: float,
+    iterations: int = 200,
 ) -> Outcome:
     """Solve the program of one contact sequence."""
     limbs = legs_of(stands)

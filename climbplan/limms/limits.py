@@ -21,7 +21,9 @@ LIMITS = {
     "joint.range": Limit(1e-6, "rad", "joint angles within their ranges"),
     "joint.speed": Limit(1e-4, "rad/s", "joint speeds within their limit"),
     "ground.stand": Limit(1e-4, "m", "standing ends are on the ground, upright"),
-    "ground.speed": Limit(1e-4, "m/s", "modules that drive keep their speed limit, feet stand still"),
+    "ground.speed": Limit(
+        1e-4, "m/s", "modules that drive keep their speed limit, feet stand still"
+    ),
     "ground.free": Limit(0, "", "a free module has an end on the ground"),
     "clear.solids": Limit(1e-4, "m", "links stay out of what is solid"),
     "clear.boxes": Limit(1e-4, "m", "links stay out of the boxes"),
@@ -35,7 +37,9 @@ LIMITS = {
     "latch.moment": Limit(1e-4, "N m", "latches hold the moment of an arm's force"),
     "force.limit": Limit(1e-4, "N", "forces within what a contact holds"),
     "force.friction": Limit(1e-4, "N", "foot forces within the friction cone, pushing"),
-    "force.unattached": Limit(1e-9, "N", "no force at an anchor without a module, or with a foot in the air"),
+    "force.unattached": Limit(
+        1e-9, "N", "no force at an anchor without a module, or with a foot in the air"
+    ),
     "support.sides": Limit(1e-4, "m", "each foot stands on its own side of the box"),
     "goal.reached": Limit(1e-4, "m", "the box ends at its goal"),
     "goal.speed": Limit(1e-4, "m/s", "and no faster than it may arrive"),

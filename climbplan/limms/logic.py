@@ -59,7 +59,7 @@ def broken(plan: LimmsPlan) -> dict[int, Mask]:
             np.add.at(legs, (at[is_leg], here[at[is_leg]]), 1)
             is_arm = np.isin(mode[at, module], (2, 3))
             np.add.at(arms, (at[is_arm], here[at[is_arm]]), 1)
-    legs, arms = legs.reshape(count, boxes, 4), arms.reshape(count, boxes, 4)
+    by_legs, by_arms = legs.reshape(count, boxes, 4), arms.reshape(count, boxes, 4)
     held = holds[:, : 4 * boxes].reshape(count, boxes, 4)
     quadruped, manipulated = box_mode == 4, box_mode == 3
     box_of = np.where(on_box, ends // 4, 0)
@@ -71,11 +71,11 @@ def broken(plan: LimmsPlan) -> dict[int, Mask]:
         | (ends >= anchors + 2 * mode.shape[1]).any(axis=(1, 2))
         | ~np.isin(mode, (1, 2, 3, 4, 5)).all(axis=1)
         | ~np.isin(box_mode, (1, 2, 3, 4)).all(axis=1),
-        1: (quadruped[..., None] & (legs != 1)).any(axis=(1, 2)),
-        2: ((legs > 0) & ~quadruped[..., None]).any(axis=(1, 2)),
+        1: (quadruped[..., None] & (by_legs != 1)).any(axis=(1, 2)),
+        2: ((by_legs > 0) & ~quadruped[..., None]).any(axis=(1, 2)),
         3: (on_box & (its_mode == 4) & ~np.isin(mode, (4, 5))[..., None]).any(axis=(1, 2)),
         4: (is_leg & ((on_box.sum(-1) != 1) | on_wall.any(-1))).any(axis=1),
-        5: (manipulated & (arms.sum(-1) == 0)).any(axis=1),
+        5: (manipulated & (by_arms.sum(-1) == 0)).any(axis=1),
         6: (on_box & (its_mode == 3) & ~np.isin(mode, (2, 3))[..., None]).any(axis=(1, 2)),
         7: (is_arm & (on_wall.sum(-1) != 1)).any(axis=1),
         8: (on_wall.any(-1) & ~is_arm).any(axis=1),

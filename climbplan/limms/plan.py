@@ -74,7 +74,10 @@ class LimmsPlan:
 
 
 def motion_of(
-    stretches: Sequence[Stretch], module: Any, wall_position: Array, box_size: Array,
+    stretches: Sequence[Stretch],
+    module: Any,
+    wall_position: Array,
+    box_size: Array,
     box_start: Array,
 ) -> tuple[Motion, tuple[tuple[str, float, float], ...]]:
     """Stretches put end to end, and the times of each; parked boxes rest."""

@@ -126,5 +126,3 @@ def _plan(
 
 def _with_summary(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
     return replace(plan, summary=summary_lines(plan, attempts.notes))
-
-

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -75,14 +76,15 @@ class _Store:
     g_low: list[Array] = field(default_factory=list)
     g_high: list[Array] = field(default_factory=list)
 
-    def variable(self, name: str, start: Array, low: float | Array, high: float | Array) -> ca.MX:
-        start = np.atleast_1d(np.asarray(start, float))
-        symbol = ca.MX.sym(name, len(start))
+    def variable(
+        self, name: str, start: float | Array, low: float | Array, high: float | Array
+    ) -> ca.MX:
+        value = np.atleast_1d(np.asarray(start, float))
+        symbol = ca.MX.sym(name, len(value))
         self.x.append(symbol)
-        low, high = np.broadcast_to(low, start.shape), np.broadcast_to(high, start.shape)
-        self.start.append(np.clip(start, low, high))
-        self.low.append(low)
-        self.high.append(high)
+        self.low.append(np.broadcast_to(low, value.shape))
+        self.high.append(np.broadcast_to(high, value.shape))
+        self.start.append(np.clip(value, self.low[-1], self.high[-1]))
         return symbol
 
     def add(self, expression: ca.MX, low: float | Array, high: float | Array) -> None:
@@ -145,8 +147,8 @@ def solve(
         parts.phase(number, trace, [c for c in cuts if c.phase == number])
     parts.finish(ends)
     x, g = ca.vertcat(*store.x), ca.vertcat(*store.g)
-    nlp = {"x": x, "f": parts.cost, "g": g}
-    options = {
+    nlp: dict[str, Any] = {"x": x, "f": parts.cost, "g": g}
+    options: dict[str, Any] = {
         "ipopt.print_level": 0,
         "print_time": False,
         "expand": True,
@@ -252,7 +254,9 @@ class _Program:
 
     def finish(self, ends: Ends) -> None:
         """Rest at the start; the goal at the end."""
-        assert self.last is not None and self.first_p is not None and self.first_v is not None
+        assert self.last is not None
+        assert self.first_p is not None
+        assert self.first_v is not None
         store = self.store
         store.equal(self.first_p - ca.DM(ends.start))
         store.equal(self.first_v)
@@ -273,13 +277,14 @@ class _Program:
                 for k in range(count + 1):
                     feet[k].append(ca.MX(ca.DM(limb.fixed_position)))
                 continue
-            if self.footholds[i] is None:
-                self.footholds[i] = self._foothold(phase.patches[i], guess.feet[0, i])
+            before = self.footholds[i]
+            if before is None:
+                before = self._foothold(phase.patches[i], guess.feet[0, i])
+                self.footholds[i] = before
             if i not in phase.swing:
                 for k in range(count + 1):
-                    feet[k].append(self.footholds[i])
+                    feet[k].append(before)
                 continue
-            before = self.footholds[i]
             after = self._foothold(phase.patches[i], guess.feet[-1, i])
             self.footholds[i] = after
             path = [before]
@@ -320,10 +325,7 @@ class _Program:
         # Where latches close, a module still has to get there: along the anchor's normal
         latching = reach - (APPROACH_MARGIN if self.last is None else 0.0)
         q = [
-            [
-                store.variable("q", guess.angles[k, i], -bound, bound)
-                for i in range(len(self.limbs))
-            ]
+            [store.variable("q", guess.angles[k, i], -bound, bound) for i in range(len(self.limbs))]
             for k in range(count + 1)
             for bound in ((latching if k == 0 else reach),)
         ]
@@ -434,7 +436,7 @@ class _Program:
                     row.append(ca.MX.zeros(3))
                     continue
                 start = guess.force[k, i]
-                low = [-1.0, -1.0, LEAST_FORCE / most]
+                low = np.array([-1.0, -1.0, LEAST_FORCE / most])
                 unit = store.variable("f", start / most, low, 1.0)
                 f = most * unit
                 store.add(ca.sumsqr(unit), 0.0, 1.0)

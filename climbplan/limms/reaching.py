@@ -6,6 +6,8 @@ free, else found by random trees; the last centimetres to an anchor run along it
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,7 +72,7 @@ def _smooth(corners: Array, most: float) -> tuple[Array, Array, Array]:
     most: largest rate of any coordinate.
     """
     times, values, rates = [np.zeros(1)], [corners[:1]], [np.zeros_like(corners[:1])]
-    for first, last in zip(corners[:-1], corners[1:], strict=True):
+    for first, last in itertools.pairwise(corners):
         duration = max(1.5 * float(np.abs(last - first).max()) / most, 0.02)
         t = samples(duration)
         s = t / duration
@@ -93,8 +95,14 @@ def _free_of(world: Progress, module: int, root: Pose, root_end: int, margin: fl
 
 
 def move_joints(
-    world: Progress, module: int, root: Pose, root_end: int, goal: Array, name: str,
-    rng: np.random.Generator, margin: float = MARGIN,
+    world: Progress,
+    module: int,
+    root: Pose,
+    root_end: int,
+    goal: Array,
+    name: str,
+    rng: np.random.Generator,
+    margin: float = MARGIN,
 ) -> None:
     """Add a motion of one module to joint angles `goal`, its root end fixed.
 
@@ -116,7 +124,12 @@ def move_joints(
 
 
 def add_motion(
-    world: Progress, module: int, points: Points, time: Array, angles: Array, rates: Array,
+    world: Progress,
+    module: int,
+    points: Points,
+    time: Array,
+    angles: Array,
+    rates: Array,
     name: str,
 ) -> None:
     """Add a motion of one module while all else rests."""
@@ -132,7 +145,12 @@ def add_motion(
 
 
 def straight_in(
-    world: Progress, module: int, root: Pose, root_end: int, target: Pose, ending: Array,
+    world: Progress,
+    module: int,
+    root: Pose,
+    root_end: int,
+    target: Pose,
+    ending: Array,
     length: float,
 ) -> Array | None:
     """Angles (n, 6) along an anchor's normal into it, ending at `ending`; None where it fails.
@@ -167,8 +185,14 @@ def straight_in(
 
 
 def reach(
-    world: Progress, module: int, root: Pose, root_end: int, target: Pose, ending: Array,
-    name: str, rng: np.random.Generator,
+    world: Progress,
+    module: int,
+    root: Pose,
+    root_end: int,
+    target: Pose,
+    ending: Array,
+    name: str,
+    rng: np.random.Generator,
 ) -> None:
     """Bring the free end of a module into an anchor, ending with angles `ending`.
 
@@ -209,9 +233,7 @@ def leave(world: Progress, module: int, root: Pose, root_end: int, name: str) ->
     raise Blocked(f"{name}: module {world.scene.module_names[module]} cannot draw back")
 
 
-def follow(
-    world: Progress, module: int, root: Pose, root_end: int, path: Array, name: str
-) -> None:
+def follow(world: Progress, module: int, root: Pose, root_end: int, path: Array, name: str) -> None:
     """Add a motion of one module whose free end moves straight, through angles (n, 6).
 
     Its frame is solved anew at every sample, so that it stays on its line.
@@ -296,7 +318,7 @@ def drive(world: Progress, module: int, goal: Array, name: str, rng: np.random.G
         raise Blocked(f"{name}: no free way on the ground")
     corners = np.column_stack([path, np.full(len(path), start[2])])
     times, places = [np.zeros(1)], [corners[:1]]
-    for first, last in zip(corners[:-1], corners[1:], strict=True):
+    for first, last in itertools.pairwise(corners):
         length = float(np.linalg.norm(last - first))
         if length < 1e-9:
             continue

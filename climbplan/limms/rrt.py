@@ -1,4 +1,4 @@
-"""A way between two points round what is in the way: rapidly growing random trees from both ends."""
+"""A way between two points round what is in the way: random trees grown from both ends."""
 
 from __future__ import annotations
 

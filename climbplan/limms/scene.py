@@ -7,6 +7,7 @@ pi about x, eq. (6.1). A module that stands on the ground stands upright.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,9 +156,9 @@ def ground_patches(free: Array, solids: Array) -> tuple[Patch, ...]:
                 [
                     _covered((x0 + x1) / 2, (y0 + y1) / 2, height + 1e-4, free)
                     and _covered((x0 + x1) / 2, (y0 + y1) / 2, height - 1e-4, solids)
-                    for y0, y1 in zip(ys[:-1], ys[1:], strict=True)
+                    for y0, y1 in itertools.pairwise(ys)
                 ]
-                for x0, x1 in zip(xs[:-1], xs[1:], strict=True)
+                for x0, x1 in itertools.pairwise(xs)
             ]
         )
         found = [

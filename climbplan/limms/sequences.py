@@ -142,7 +142,9 @@ def _misfit(scene: Scene, connections: tuple[Connection, ...], box: np.ndarray) 
     a = scene.module.link_lengths
     stretch, ends = sum(a[2:5]), (a[0] + a[1], a[5] + a[6])
     for connection, offset in zip(connections, offsets, strict=True):
-        shoulder = scene.wall_position[connection.root] + ends[0] * scene.wall_normal[connection.root]
+        shoulder = (
+            scene.wall_position[connection.root] + ends[0] * scene.wall_normal[connection.root]
+        )
         wrist = box + offset + ends[1] * offset / np.linalg.norm(offset)
         if np.linalg.norm(wrist - shoulder) > stretch:
             return "reach"

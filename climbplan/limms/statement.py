@@ -71,7 +71,5 @@ def held_forces(offsets: Array, force_limit: float, moment_limit: float) -> Arra
         balance[3:, 3 * (n + i) : 3 * (n + i) + 3] = np.eye(3)
     weight = np.repeat([force_limit**2, moment_limit**2], 3 * n)
     wanted = np.vstack([np.eye(3), np.zeros((3, 3))])
-    share = (weight[:, None] * balance.T) @ np.linalg.solve(
-        (balance * weight) @ balance.T, wanted
-    )
+    share = (weight[:, None] * balance.T) @ np.linalg.solve((balance * weight) @ balance.T, wanted)
     return np.asarray(share)

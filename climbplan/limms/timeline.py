@@ -76,9 +76,16 @@ class Progress:
     def copy(self) -> Progress:
         """An independent copy to try something on."""
         return Progress(
-            self.scene, self.box.copy(), self.box_mode, self.base_position.copy(),
-            self.base_rotation.copy(), self.angles.copy(), self.mode.copy(),
-            self.base_anchor.copy(), self.tip_anchor.copy(), self.grounded.copy(),
+            self.scene,
+            self.box.copy(),
+            self.box_mode,
+            self.base_position.copy(),
+            self.base_rotation.copy(),
+            self.angles.copy(),
+            self.mode.copy(),
+            self.base_anchor.copy(),
+            self.tip_anchor.copy(),
+            self.grounded.copy(),
             list(self.stretches),
         )
 

@@ -39,9 +39,7 @@ def walk(
             return None
         most = 400 if gait.steps == 0 else 200
         for stands in _stand_sets(choices, 2):
-            outcome = plan_legs(
-                scene, stands, gait, way, start, scene.goal, min(left, 25.0), most
-            )
+            outcome = plan_legs(scene, stands, gait, way, start, scene.goal, min(left, 25.0), most)
             attempts.count(outcome, f"quadruped, {gait.name}")
             if not outcome.solved:
                 continue
@@ -56,7 +54,7 @@ def _toward(way: Way, start: Array, goal: Array, gait: Gait) -> Array:
     """Centres of the box that the first footholds have to serve."""
     if gait.steps == 0:
         return np.vstack([way.crossings, goal])
-    return np.array([start + [0, 0, 0.15]])
+    return (start + np.array([0, 0, 0.15]))[None]
 
 
 def _stand_sets(choices: Sequence[Sequence[Stand]], most: int) -> Iterator[tuple[Stand, ...]]:

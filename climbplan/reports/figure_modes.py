@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -37,8 +39,13 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
     panel_title(top, "Modes", "text: the anchors that a module's ends are latched to")
     style_axes(top)
     for axis, label in enumerate("xyz"):
-        below.plot(motion.time, motion.box_position[:, 0, axis], label=label,
-                   color=palette.LIMBS[axis], linewidth=1.4)
+        below.plot(
+            motion.time,
+            motion.box_position[:, 0, axis],
+            label=label,
+            color=palette.LIMBS[axis],
+            linewidth=1.4,
+        )
         below.axhline(plan.goal[0, axis], color=palette.LIMBS[axis], linewidth=0.7, linestyle=":")
     below.set_xlabel("time [s]")
     below.set_ylabel("box [m]")
@@ -53,7 +60,7 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
-    return [(a, b - 1) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [(a, b - 1) for a, b in itertools.pairwise(edges)]
 
 
 def _latches(plan: LimmsPlan, module: int, row: int, ax) -> None:  # type: ignore[no-untyped-def]

@@ -39,8 +39,10 @@ def key_poses(plan: LimmsPlan) -> Figure:
         panel_title(ax, f"{time:.2f} s", plain(stage, 24))
     for ax in axes:
         ax.set_axis_off()
-    handles = [Line2D([], [], color=palette.limb_color(m), linewidth=4)
-               for m in range(len(plan.module_names))]
+    handles = [
+        Line2D([], [], color=palette.limb_color(m), linewidth=4)
+        for m in range(len(plan.module_names))
+    ]
     foot_legend(figure, handles, [plain(name, 12) for name in plan.module_names])
     return figure
 
@@ -62,8 +64,9 @@ def _bounds(plan: LimmsPlan) -> tuple[Array, Array]:
 
 
 def _corners(low: Array, high: Array) -> Array:
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1])
-                     for z in (low[2], high[2])])
+    return np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
 
 
 def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
@@ -80,14 +83,25 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
         centre = plan.motion.box_position[sample, b]
         color = palette.OBSTACLE if b == 0 else palette.MUTED
         _block(ax, centre - size / 2, centre + size / 2, color, 0.55)
-    goal = silhouette(_CAMERA.project(_corners(plan.goal[0] - plan.box_size[0] / 2,
-                                               plan.goal[0] + plan.box_size[0] / 2)))
+    goal = silhouette(
+        _CAMERA.project(
+            _corners(plan.goal[0] - plan.box_size[0] / 2, plan.goal[0] + plan.box_size[0] / 2)
+        )
+    )
     ax.add_patch(Polygon(goal, fill=False, edgecolor=palette.FAILURE, linestyle="--", linewidth=1))
     for m in range(len(plan.module_names)):
         points = _CAMERA.project(plan.motion.joint_position[sample, m])
-        ax.plot(points[:, 0], points[:, 1], color=palette.limb_color(m), linewidth=3.2,
-                solid_capstyle="round", marker="o", markersize=2.6, markerfacecolor="white",
-                markeredgewidth=0.6)
+        ax.plot(
+            points[:, 0],
+            points[:, 1],
+            color=palette.limb_color(m),
+            linewidth=3.2,
+            solid_capstyle="round",
+            marker="o",
+            markersize=2.6,
+            markerfacecolor="white",
+            markeredgewidth=0.6,
+        )
 
 
 def _block(ax: Axes, low: Array, high: Array, color: str, alpha: float) -> None:
@@ -97,5 +111,12 @@ def _block(ax: Axes, low: Array, high: Array, color: str, alpha: float) -> None:
     for face in _FACES:
         normal = corners[list(face)].mean(axis=0) - centre
         if _CAMERA.faces_viewer(normal):
-            ax.add_patch(Polygon(flat[list(face)], facecolor=color, edgecolor=palette.INK,
-                                 linewidth=0.6, alpha=alpha))
+            ax.add_patch(
+                Polygon(
+                    flat[list(face)],
+                    facecolor=color,
+                    edgecolor=palette.INK,
+                    linewidth=0.6,
+                    alpha=alpha,
+                )
+            )

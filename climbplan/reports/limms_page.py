@@ -72,7 +72,7 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
         ),
         loads_note=escape(
             f"Largest values from the box's forces alone; limits {limits['force']:.0f} N and "
-            f"{limits['torque']:.0f} N m. Modules have no mass in the plan: held level and straight, "
+            f"{limits['torque']:.0f} N m. Modules have no mass in the plan: held level, straight, "
             f"one needs {limits['own_weight_torque']:.1f} N m for itself."
         ),
         checks=check_rows(report, {name: limit.meaning for name, limit in LIMITS.items()}),
@@ -92,8 +92,11 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Box", f"{box['mass']:g} kg", f"{1e3 * report['objective']:.2f} mm off its goal")
     yield Card("Motion", f"{report['duration']:.1f} s", f"arrives at {box['final_speed']:.2f} m/s")
     yield Card("Modes of the box", " → ".join(name for name, _ in box["modes"]))
-    yield Card("Planned in", f"{report['timings']['total']:.1f} s",
-               f"{report['sizes']['programs']} programs")
+    yield Card(
+        "Planned in",
+        f"{report['timings']['total']:.1f} s",
+        f"{report['sizes']['programs']} programs",
+    )
     force = max(m["force"] for m in report["modules"])
     yield Card("Largest force", f"{force:.1f} N", f"limit {report['limits']['force']:.0f} N")
 
@@ -102,9 +105,7 @@ def _data(plan: LimmsPlan) -> str:
     """Frames and scene as JSON, rounded to 0.1 mm."""
     motion = plan.motion
     count = len(motion.time)
-    values = np.column_stack(
-        [motion.box_position[:, 0], motion.joint_position.reshape(count, -1)]
-    )
+    values = np.column_stack([motion.box_position[:, 0], motion.joint_position.reshape(count, -1)])
     forced = np.zeros(count, bool)
     events = np.flatnonzero(np.diff(motion.time) <= 0)
     forced[events] = forced[events + 1] = True
@@ -133,9 +134,7 @@ def _data(plan: LimmsPlan) -> str:
             for c, h in zip(motion.box_position[0, 1:], half[1:], strict=True)
         ],
         "regions": free.tolist(),
-        "ground": [
-            [[*p.lower.tolist(), p.height], [*p.upper.tolist(), p.height]] for p in ground
-        ],
+        "ground": [[[*p.lower.tolist(), p.height], [*p.upper.tolist(), p.height]] for p in ground],
         "stages": [list(stage) for stage in plan.stages],
         "lower": everything.min(axis=0).tolist(),
         "upper": everything.max(axis=0).tolist(),

@@ -80,9 +80,7 @@ def module_of(document: Document) -> ModuleSpec:
     return module
 
 
-def _module(
-    document: Document, directory: Path
-) -> tuple[ModuleSpec | None, list[SpecMistake]]:
+def _module(document: Document, directory: Path) -> tuple[ModuleSpec | None, list[SpecMistake]]:
     reference = document.value.get("robot", "limms")
     if not isinstance(reference, str) or not reference:
         return None, []  # the model says what is wrong with it

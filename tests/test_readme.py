@@ -1,4 +1,4 @@
-"""Every command and code block of the README runs as printed."""
+"""Every command and code block of the README, and of the rooms' own pages, runs as printed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,20 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-SHELL_LINES = [
-    line
-    for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-    for line in block.splitlines()
-    if line.strip() and not line.startswith("#")
-]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "climbplan").glob("*/README.md"))]
+
+
+def shell_lines(page: str) -> list[str]:
+    """The commands of a page, in their order."""
+    return [
+        line
+        for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL)
+        for line in block.splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
+
+
+SHELL_LINES = shell_lines(README)
 
 
 def run(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -60,14 +68,22 @@ def test_main_command_plans_and_verifies(folder: Path) -> None:
     assert made == {"plan.h5", "report.json", "report.html", "figures"}
 
 
-def test_other_commands_run_in_order(folder: Path) -> None:
-    lines = [line for line in SHELL_LINES if line.startswith("climbplan ")]
-    assert lines
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.parent.name)
+def test_other_commands_run_in_order(page: Path, tmp_path: Path) -> None:
+    (tmp_path / "specs").symlink_to(ROOT / "specs")
+    lines = [line for line in shell_lines(page.read_text()) if line.startswith("climbplan ")]
+    assert lines or page != PAGES[0]
     for line in lines:
         if line.startswith("climbplan bench"):
             continue  # minutes long: run by hand, with the table they print
-        done = run(line, folder)
+        done = run(line, tmp_path)
         assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.parent.name)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), target
 
 
 def test_commands_of_the_table_exist(folder: Path) -> None:
@@ -93,7 +109,8 @@ def test_specs_of_the_table_exist() -> None:
 
 
 def test_no_placeholder_is_left() -> None:
-    assert not re.search(r"@[A-Z]+@|TODO|placeholder", README)
+    for page in PAGES:
+        assert not re.search(r"@[A-Z]+@|TODO|placeholder", page.read_text()), page
 
 
 def test_yaml_block_is_a_valid_spec(tmp_path: Path) -> None:

@@ -18,13 +18,14 @@ from climbplan.bookshelf.methods import MethodSetting, prepare
 from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
 from climbplan.bookshelf.runs import checked, compile_first
 from climbplan.bookshelf.scene import Array, PublishedTolerances, Scene, Scenes, Shelf
+from climbplan.bookshelf.scene_file import DATASET_KIND
 from climbplan.bookshelf.scene_source import shelf_of
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.dataset import Dataset, DatasetFrame, Indices, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.spec.dataset import BookshelfProblemSpec
 
-KIND = "bookshelf"
+KIND = DATASET_KIND
 _MEANINGS = ("contact", "published")
 
 
@@ -196,6 +197,6 @@ def _facts(frame: DatasetFrame) -> tuple[int, Shelf, str]:
             **{name: float(numbers[name]) for name in own},
             published=PublishedTolerances(**{name: float(published[name]) for name in theirs}),
         )
-    except (UsageError, KeyError) as error:
+    except (UsageError, KeyError, OverflowError) as error:  # OverflowError: a number of many digits
         raise PlanFileError(f"facts: {error}") from error
     return count, shelf, str(meaning)

@@ -20,18 +20,16 @@ OVERLAP = 0.05  # of cosines, sines and normals
 END = 1.5  # [mm] beyond the frame
 
 
-def published_partitions(
-    program: Program, frame: tuple[float, float, float]
-) -> tuple[Partition, ...]:
-    """Partitions of a bookshelf program; frame: left, right, height [mm]."""
-    left, right, height = frame
+def published_partitions(program: Program) -> tuple[Partition, ...]:
+    """Partitions of a bookshelf program, over the frame that its centres may be in."""
     variables = program.variables
+    center = variables["center"]
     cos, sin = variables["cos"], variables["sin"]
     found = [_arc(cos.start + k, sin.start + k) for k in range(math.prod(cos.shape))]
     found += each(variables["normal"], uniform(-1.0, 1.0, NORMALS, OVERLAP))
     vertex = variables["vertex"]
     index = np.arange(vertex.start, vertex.stop).reshape(vertex.shape)
-    for axis, (low, high) in enumerate(((left, right), (0.0, height))):
+    for axis, (low, high) in enumerate(zip(center.lower[0], center.upper[0], strict=True)):
         ends = pieces(np.linspace(low, high, CORNERS + 1))
         ends[0, 0] -= END
         ends[-1, 1] += END

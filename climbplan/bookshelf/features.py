@@ -47,4 +47,9 @@ def feature_map(kind: ShelfFeatures, shelf: Shelf) -> Features:
 
 def feature_scale(kind: ShelfFeatures, count: int) -> Array | None:
     """What features (p,) are divided by in distances; None: by their standard deviations."""
-    return None if kind == "raw" else np.ones(4 * count + 2)
+    return None if kind == "raw" else np.ones(feature_count(kind, count))
+
+
+def feature_count(kind: ShelfFeatures, count: int) -> int:
+    """How many features a scene with `count` stored books has."""
+    return 5 * count + 2 if kind == "raw" else 4 * count + 2

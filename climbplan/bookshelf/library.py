@@ -14,37 +14,61 @@ from climbplan.bookshelf.mirror import Solved, mirrored
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import read_shelf_plan
 from climbplan.bookshelf.points import features_of, point_of, theta_of
+from climbplan.bookshelf.scene import Shelf, State
+from climbplan.bookshelf.shelf_context import context_of, require_context
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.library import Frame, Library
 from climbplan.plans import dataset_file
 from climbplan.plans.plan_format import plan_format
 from climbplan.program import Program
 from climbplan.program.instance import Index
-from climbplan.spec.bookshelf import ShelfLibrarySpec
+from climbplan.spec.bookshelf import Meaning, ShelfLibrarySpec
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a library is to serve."""
+
+    shelf: Shelf
+    meaning: Meaning
+    count: int  # of stored books
 
 
 def read_library(
-    program: Program, count: int, source: ShelfLibrarySpec, directory: Path
+    program: Program, wanted: Wanted, source: ShelfLibrarySpec, directory: Path
 ) -> Library:
-    """The placements of a plan file or dataset, as points of a program with `count` stored books.
+    """The placements of a plan file or dataset, as points of the program of what is wanted.
 
     Each scene counts twice, the second time as seen in a mirror: twice the data for nothing.
     The slot of the inserted book is a label: the statement leaves it to the lines.
 
     Raises:
         PlanFileError: no such file, damaged, or no plan or dataset of a bookshelf.
-        UsageError: another number of stored books, or no placement in it.
+        UsageError: another number of stored books, another shelf or meaning that the spec does not
+            let pass, or no placement in it.
     """
     path = directory / source.file
     plan = solved_scenes(path)
-    if plan.scenes.count != count:
+    if plan.scenes.count != wanted.count:
         raise UsageError(
-            f"library {path}: its scenes have {plan.scenes.count} stored books, expected {count}"
+            f"library {path}: its scenes have {plan.scenes.count} stored books, expected "
+            f"{wanted.count}"
         )
+    if not source.foreign:
+        _require_own(plan, wanted, path)
     solved = placed_scenes(plan)[: source.size]
     if not solved:
         raise UsageError(f"library {path}: no scene in it has a placement")
     return library_of(program, solved, features_of, middle=mirror_middle(plan)).library
+
+
+def _require_own(plan: ShelfPlan, wanted: Wanted, path: Path) -> None:
+    """Raises UsageError if a plan's scenes stand on another shelf or have another meaning."""
+    theirs = context_of(plan.shelf, plan.meaning, plan.scenes.count, "raw")
+    try:
+        require_context(theirs, wanted.shelf, wanted.meaning, wanted.count, f"library {path}")
+    except UsageError as error:
+        raise UsageError(f"{error}; solver.library.foreign: true takes it all the same") from error
 
 
 @dataclass(frozen=True)
@@ -111,7 +135,25 @@ def library_of(
 
 
 def solved_scenes(path: Path) -> ShelfPlan:
-    """Scenes and placements of a file, whichever format it has."""
+    """Scenes and placements of a file, whichever format it has.
+
+    Raises PlanFileError for a file that is missing, damaged or none of solved scenes, and for a
+    state or slot that there is not.
+    """
+    plan = _plan_of(path)
+    found, n = plan.solutions, plan.scenes.count
+    wrong = ((found.state < 0) | (found.state >= len(State))).any(axis=1)
+    wrong = (wrong | (found.slot < 0) | (found.slot > n)) & found.placed
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise PlanFileError(
+            f"{path}: scene {k}: states {found.state[k].tolist()} and slot {found.slot[k]} of its "
+            f"placement, expected 0 to {len(State) - 1} and 0 to {n}"
+        )
+    return plan
+
+
+def _plan_of(path: Path) -> ShelfPlan:
     if plan_format(path) != dataset_file.FORMAT:
         return read_shelf_plan(path)
     try:

@@ -67,7 +67,7 @@ def prepare(setting: MethodSetting, count: int) -> SceneMethod:
 
 def _learned(setting: MethodSetting, count: int, judge: Judge, budget: Budget) -> SceneMethod:
     from climbplan.bookshelf.learned_methods import Convex, WithFallback, neighbours_start
-    from climbplan.bookshelf.library import read_library
+    from climbplan.bookshelf.library import Wanted, read_library
     from climbplan.bookshelf.statement_methods import Mpcc
     from climbplan.learning.neighbours import NearestProblems
 
@@ -82,7 +82,8 @@ def _learned(setting: MethodSetting, count: int, judge: Judge, budget: Budget) -
             f"method {solver.method!r} takes candidates from solved scenes: give a plan file of "
             "`climbplan solve-bookshelf` or a dataset as solver.library.file"
         )
-    library = read_library(judge.program, count, solver.library, setting.directory)
+    wanted = Wanted(setting.shelf, setting.meaning, count)
+    library = read_library(judge.program, wanted, solver.library, setting.directory)
     if solver.method == "mpcc":
         near = NearestProblems.of(library, "strategies")
         return Mpcc(judge, budget, neighbours_start(near, solver.candidates or 3))

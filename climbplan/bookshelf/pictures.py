@@ -21,7 +21,7 @@ from matplotlib.patheffects import Normal, Stroke
 
 from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.rectangles import corners
-from climbplan.bookshelf.scene import Array, Scene, Shelf, State, States
+from climbplan.bookshelf.scene import Array, Scene, Shelf, State, States, state_label
 
 # Told apart with any common colour blindness (after Okabe and Ito): both leans, both flats.
 COLORS = {
@@ -139,7 +139,7 @@ def draw_before(ax: Axes, scene: Scene, shelf: Shelf) -> None:
     states = states_before(scene.pose[:, 2])
     outline = 1e3 * corners(scene.pose, scene.size)
     for k in range(scene.count):
-        _draw_book(ax, outline[k], COLORS[State(int(states[k]))], str(k))
+        _draw_book(ax, outline[k], _color(states[k]), str(k))
     _set_view(ax, shelf, float(outline[..., 1].max(initial=0.0)))
 
 
@@ -162,7 +162,7 @@ def draw_after(ax: Axes, item: Pictured, shelf: Shelf) -> None:
     for k in range(scene.count):
         # The label makes way for the arrow.
         aside = _LABEL_ASIDE if moved(scene, placement, k) else 0.0
-        _draw_book(ax, after[k], COLORS[State(int(placement.state[k]))], str(k), aside)
+        _draw_book(ax, after[k], _color(placement.state[k]), str(k), aside)
     _draw_book(ax, after[-1], INSERTED, hatch="////")
     for k in range(scene.count):
         if moved(scene, placement, k):
@@ -245,9 +245,14 @@ def _set_view(ax: Axes, shelf: Shelf, highest: float) -> None:
     ax.tick_params(colors=_MUTED, labelsize=8, length=2)
 
 
+def _color(state: int) -> str:
+    """Of a state as a file has it: red for one that there is not."""
+    return {int(known): color for known, color in COLORS.items()}.get(int(state), _FAILURE)
+
+
 def _legend(figure: Figure, states: Sequence[int]) -> None:
     handles: list[Patch | Line2D] = [
-        Patch(facecolor=COLORS[State(s)], label=State(s).label) for s in states
+        Patch(facecolor=_color(state), label=state_label(state)) for state in states
     ]
     handles.append(Patch(facecolor=INSERTED, edgecolor="white", hatch="////", label="inserted"))
     handles.append(Line2D([], [], color=_MUTED, lw=0.9, ls=(0, (3, 2)), label="before"))

@@ -10,7 +10,7 @@ from typing import TextIO
 
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import read_shelf_plan
-from climbplan.bookshelf.scene import State
+from climbplan.bookshelf.scene import state_label
 from climbplan.plans.atomic_file import written_aside
 
 HEADER = (
@@ -51,7 +51,7 @@ def _rows(plan: ShelfPlan) -> Iterator[list[str | float | int]]:
             before = scenes.pose[k, book].tolist() if stored else [""] * 3
             placed = found.state[k, book] >= 0
             after = found.pose[k, book].tolist() if placed else [""] * 3
-            state = State(int(found.state[k, book])).label if placed else ""
+            state = state_label(int(found.state[k, book])) if placed else ""
             name = str(book) if stored else "inserted"
             size = scenes.sizes[k, book].tolist()
             yield [k, found.status[k], cost, name, *size, *before, *after, state]

@@ -24,6 +24,7 @@ Unit = Literal["m", "mm"]
 
 _SCALE: dict[str, float] = {"m": 1.0, "mm": 1e-3}
 _LARGEST = 100.0  # [m] beyond this a number is a slip of units
+_SMALLEST = 1e-6  # [m] a thinner book is one as well
 _COLUMNS = ("x", "y", "angle", "height", "width")
 
 
@@ -49,6 +50,12 @@ _LABELS = {
     State.LEAN_RIGHT: "leaning right",
     State.FLAT_RIGHT: "flat right",
 }
+
+
+def state_label(number: int) -> str:
+    """The label of a state as a file has it, which may be none."""
+    known = {int(state): label for state, label in _LABELS.items()}
+    return known.get(number, f"no state ({number})")
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,8 @@ class Shelf:
         numbers = (self.left, self.right, self.height, self.book_gap, self.wall_gap)
         if not all(map(math.isfinite, (*numbers, self.lean_margin))):
             raise UsageError(f"shelf: expected finite numbers, got {self}")
+        if max(map(abs, (*numbers, self.lean_margin))) > _LARGEST:
+            raise UsageError(f"shelf: expected numbers up to {_LARGEST:g} m, got {self}")
         if self.left >= self.right or self.height <= 0:
             raise UsageError("shelf: expected left < right and height > 0")
         if min(self.book_gap, self.wall_gap, self.lean_margin) < 0:
@@ -223,9 +232,9 @@ class Scenes:
 
 
 def _wrong(values: Array, first_size: int = 3) -> NDArray[np.bool_]:
-    """Entries that are not finite, too large, or not positive from column `first_size` on."""
+    """Entries that are not finite or too large, or too small from column `first_size` on."""
     wrong = ~(np.abs(values) <= _LARGEST)
-    wrong[..., first_size:] |= ~(values[..., first_size:] > 0)
+    wrong[..., first_size:] |= ~(values[..., first_size:] >= _SMALLEST)
     return wrong
 
 
@@ -234,6 +243,8 @@ def _shown(value: float) -> str:
         return f"{value}, expected a finite number"
     if abs(value) > _LARGEST:
         return f"{value:g}, expected at most {_LARGEST:g} in size"
+    if value > 0:
+        return f"{value:g}, expected at least {_SMALLEST:g}"
     return f"{value:g}, expected more than 0"
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
 from climbplan.bookshelf.scene import Scenes, Unit
 from climbplan.errors import PlanFileError
 from climbplan.plans.dataset_file import FORMAT as DATASET_FORMAT
+from climbplan.plans.dataset_file import read_dataset_file
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
@@ -19,14 +19,12 @@ from climbplan.spec.fields import nearest
 FORMAT = "climbplan/scenes"
 FORMAT_VERSION = 1
 GROUP = "scenes"
+DATASET_KIND = "bookshelf"  # of datasets of scenes
+_THETA = Layout(("S", "P"), "m, rad", "shelf")
 
 
 class NoSuchGroup(PlanFileError):
     """The file is sound, but not the group that was asked for."""
-
-
-_PARAMETERS = Layout(("S", "P"), may_be_nan=True)
-_THETA = Layout(("S", "P"), "m, rad", "shelf")
 
 
 def write_scenes(scenes: Scenes, path: Path, origin: dict[str, Any], group: str = GROUP) -> None:
@@ -58,22 +56,23 @@ def read_scenes(path: Path, group: str = "") -> Scenes:
     """
     with opened_store(path) as file:
         reader = Reader(path, file)
-        if file.attrs.get("format") == DATASET_FORMAT:
-            return _drawn_scenes(reader, group)
+        # Files of scenes that others wrote need not have a format.
+        if reader.has_attribute("", "format") and reader.text("", "format") == DATASET_FORMAT:
+            return _drawn_scenes(path, group)
         holder = _holder(reader, file, group.strip("/"))
         name = f"{holder}/theta" if holder else "theta"
         theta = reader.array(name, _THETA)
         return Scenes.from_theta(theta, _unit(reader, name))
 
 
-def _drawn_scenes(reader: Reader, group: str) -> Scenes:
+def _drawn_scenes(path: Path, group: str) -> Scenes:
     """The scenes of a dataset, but for rows whose scene could not be drawn."""
     if group:
-        raise NoSuchGroup(f"{reader.path}: is a dataset, which has no groups of scenes")
-    if reader.root.attrs.get("kind") != "bookshelf":
-        raise reader.refuse("is a dataset of another problem, expected bookshelf scenes")
-    theta = reader.array("parameters", _PARAMETERS)
-    return Scenes.from_theta(theta[np.isfinite(theta).all(axis=1)], "m")
+        raise NoSuchGroup(f"{path}: is a dataset, which has no groups of scenes")
+    data = read_dataset_file(path)
+    if data.frame.kind != DATASET_KIND:
+        raise PlanFileError(f"{path}: is a dataset of another problem, expected bookshelf scenes")
+    return Scenes.from_theta(data.parameters[data.drawn], "m")
 
 
 def _holder(reader: Reader, file: h5py.File, group: str) -> str:

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.envelope_grids import published_partitions
-from climbplan.bookshelf.features import Features, feature_map
+from climbplan.bookshelf.features import Features, feature_count, feature_map
 from climbplan.bookshelf.learned_methods import Convex, answer_of, check_of
 from climbplan.bookshelf.methods import MethodSetting, convex_solver
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene
 from climbplan.bookshelf.scene_method import SceneMethod
+from climbplan.bookshelf.shelf_context import require_context
 from climbplan.bookshelf.statement_methods import Judge
-from climbplan.bookshelf.training import require_context
 from climbplan.errors import UsageError
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
-from climbplan.learning.pipeline import Checked, PipelineOptions, run_pipeline
+from climbplan.learning.pipeline import Checked, PipelineOptions, PipelineResult, run_pipeline
 from climbplan.learning.reduce import ReducedPrograms
 from climbplan.program.instance import Instance
 from climbplan.solvers.sqp import SqpOptions
@@ -45,6 +45,10 @@ class ReducedScenes:
     def solve(self, scene: Scene) -> SceneAnswer:
         """The best placement of the clusters that were solved."""
         begin = time.perf_counter()
+        return answer_of(self.judge, scene, self.tried(scene), begin, "reduced programs")
+
+    def tried(self, scene: Scene) -> PipelineResult:
+        """What became of each candidate."""
         theta = theta_of(scene)
         instance = self.judge.program.at(theta)
         judge, found_one = check_of(self.judge, scene), [False]
@@ -64,8 +68,7 @@ class ReducedScenes:
         )
         # The programs keep the time limit; what the last one found is made exact in any case.
         options = PipelineOptions(sqp=self.sqp, good_enough=self.gap_mm2)
-        found = run_pipeline(instance, candidates, options, check)
-        return answer_of(self.judge, scene, found, begin, "reduced programs")
+        return run_pipeline(instance, candidates, options, check)
 
 
 def trained_method(setting: MethodSetting, count: int, judge: Judge) -> SceneMethod:
@@ -85,23 +88,25 @@ def trained_method(setting: MethodSetting, count: int, judge: Judge) -> SceneMet
     if model.kind != solver.method:
         raise UsageError(f"{path}: a model of kind {model.kind!r}, method is {solver.method!r}")
     require_context(model.context, setting.shelf, setting.meaning, count, str(path))
-    model.library.require(judge.program)
+    try:
+        model.library.require(judge.program, feature_count(_features_of(model), count))
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
     return model_method(model, setting, judge)
+
+
+def _features_of(model: StrategyModel) -> ShelfFeatures:
+    return "raw" if model.context["features"] == "raw" else "gaps"
 
 
 def model_method(model: StrategyModel, setting: MethodSetting, judge: Judge) -> SceneMethod:
     """A model as a method, on the shelf of the judge, whatever it was trained on."""
     solver, shelf = setting.solver, setting.shelf
-    kind: ShelfFeatures = "raw" if model.context["features"] == "raw" else "gaps"
-    features = feature_map(kind, shelf)
+    features = feature_map(_features_of(model), shelf)
     if model.kind == "reduce":
-        vertex = judge.program.variables["vertex"]
-        low, high = vertex.lower[0, 0], vertex.upper[0, 0]
         programs = ReducedPrograms(
             ranking=model.clusters(),
-            partitions=published_partitions(
-                judge.program, (float(low[0]), float(high[0]), float(high[1]))
-            ),
+            partitions=published_partitions(judge.program),
             squares="envelope" if judge.meaning == "contact" else "secant",
             solver=solver.solver or "highs",
             seconds=solver.time_limit,

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from climbplan.bookshelf import scene_file
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
@@ -16,6 +13,7 @@ from climbplan.bookshelf.mirror import Solved
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Shelf
 from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.shelf_context import context_of, require_context
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.errors import UsageError
@@ -26,51 +24,6 @@ from climbplan.spec.bookshelf import Meaning
 from climbplan.spec.strategy_loading import LoadedStrategy
 
 Report = Callable[[str, float], None]
-_SAME = 1e-9  # [m, rad] shelves that differ by less are the same
-
-
-def context_of(shelf: Shelf, meaning: str, count: int, features: str) -> dict[str, Any]:
-    """What a model of bookshelf scenes serves: shelf, meaning, number of stored books, features."""
-    return {
-        "problem": "bookshelf",
-        "books": count,
-        "meaning": meaning,
-        "shelf": asdict(shelf),
-        "features": features,
-    }
-
-
-def require_context(
-    given: Mapping[str, Any], shelf: Shelf, meaning: str, count: int, where: object
-) -> None:
-    """Raises UsageError naming the first thing in which a model's context differs."""
-    wanted = context_of(shelf, meaning, count, str(given.get("features")))
-    if given.get("problem") != "bookshelf":
-        raise UsageError(f"{where}: made for problem {given.get('problem')!r}, not for bookshelves")
-    if given.get("features") not in ("gaps", "raw"):
-        raise UsageError(f"{where}: features {given.get('features')!r} that there are not")
-    for key in ("books", "meaning"):
-        if given.get(key) != wanted[key]:
-            raise UsageError(
-                f"{where}: made for {key} {given.get(key)!r}, here it is {wanted[key]!r}"
-            )
-    theirs, ours = _flat(given.get("shelf")), _flat(wanted["shelf"])
-    for key, expected in ours.items():
-        found = theirs.get(key)
-        if not isinstance(found, float | int) or not math.isclose(found, expected, abs_tol=_SAME):
-            raise UsageError(
-                f"{where}: made for a shelf whose {key} is {found}, here it is {expected:g}"
-            )
-
-
-def _flat(shelf: object) -> dict[str, Any]:
-    """A shelf's numbers, those of the published meaning among them."""
-    if not isinstance(shelf, Mapping):
-        return {}
-    inner = shelf.get("published")
-    published = inner if isinstance(inner, Mapping) else {}
-    own = {str(key): value for key, value in shelf.items() if key != "published"}
-    return own | {f"published {key}": value for key, value in published.items()}
 
 
 def shelf_data(loaded: LoadedStrategy, report: Report | None = None) -> TrainingData:

@@ -29,11 +29,15 @@ from climbplan.cli.console import (
 from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
+from climbplan.cli.fit_envelopes import fit_envelopes
+from climbplan.cli.fit_stiffness import fit_stiffness
 from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.plan_limms import plan_limms
+from climbplan.cli.plan_mpc import plan_mpc
+from climbplan.cli.plan_transition import plan_transition
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
 from climbplan.cli.solve import solve
@@ -93,7 +97,11 @@ app = typer.Typer(
 )
 for _command in (
     plan_climb,
+    plan_mpc,
+    plan_transition,
+    fit_envelopes,
     fit_strategy,
+    fit_stiffness,
     solve_bookshelf,
     plan_limms,
     solve,

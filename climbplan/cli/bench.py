@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 
@@ -16,18 +18,23 @@ BENCHMARKS = {
     "posture": "posture planner against SCIP on the same statement",
     "force": "force planner against CVXPY and Clarabel on the same instants",
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
+    "coupled": "positions and forces together: against CVXPY, and on random slippery bands",
+    "transition": "complementarity from random starts against the search over stance sets",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
 }
-_QUICK = {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100}
-_QUICK_STRATEGIES = {
-    "count": 12,
-    "some": 2,
-    "few": 6,
-    "seconds": 10.0,
-    "library_size": 100,
-    "methods": "random,knn,forest,network",
+_QUICK: dict[str, dict[str, Any]] = {  # of comparisons on bookshelf scenes
+    "bookshelf": {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100},
+    "strategies": {
+        "count": 12,
+        "some": 2,
+        "few": 6,
+        "clusters": 1,
+        "seconds": 10.0,
+        "library_size": 100,
+        "methods": "random,knn,forest,network",
+    },
 }
 _PANEL = "bench bookshelf, bench strategies"
 
@@ -113,6 +120,16 @@ def bench(
             rich_help_panel=_PANEL,
         ),
     ] = None,
+    clusters: Annotated[
+        int | None,
+        typer.Option(
+            "--clusters",
+            metavar="N",
+            min=0,
+            help="Clusters whose reduced programs HiGHS and SCIP solve, bench strategies [6].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
     library_size: Annotated[
         int | None,
         typer.Option(
@@ -162,24 +179,29 @@ def bench(
         "few": few,
         "seconds": time_limit,
         "library_size": library_size,
+        "clusters": clusters,
     }
     given = {key: value for key, value in given.items() if value is not None}
-    if name not in ("bookshelf", "strategies") and (given or out is not None or as_json):
+    if name not in _QUICK and (given or out is not None or as_json):
         raise UsageError(
             "options from --scenes to --json go with `bench bookshelf` and `bench strategies`"
         )
     if name == "strategies" and published is not None:
         raise UsageError("--published goes with `bench bookshelf`")
+    if name == "bookshelf" and clusters is not None:
+        raise UsageError("--clusters goes with `bench strategies`")
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
-        if chosen == "bookshelf":
-            given = {**(_QUICK if quick else {}), **given, "seed": seed}
-            _bench_bookshelf(session, given, out, force, as_json)
+        if chosen in _QUICK:
+            wanted = {**(_QUICK[chosen] if quick else {}), **given, "seed": seed}
+            _bench_scenes(session, _comparison(chosen, wanted), out, force, as_json)
             continue
-        if chosen == "strategies":
-            given = {**(_QUICK_STRATEGIES if quick else {}), **given, "seed": seed}
-            _bench_strategies(session, given, out, force, as_json)
+        if chosen == "transition":
+            from climbplan.transition.benchmark import run_transition
+
+            with standard_output() as stream:
+                run_transition(seed, quick, stream)
             continue
         from climbplan.climb.benchmarks.run import run
 
@@ -187,55 +209,54 @@ def bench(
             run(chosen, seed, quick, stream)
 
 
-def _bench_bookshelf(
-    session: Session, given: dict[str, Any], out: Path | None, force: bool, as_json: bool
-) -> None:
-    """Run it; a directory that is taken is refused before."""
-    from climbplan.bookshelf.benchmarks.run import (
-        BenchOptions,
-        bench_bookshelf,
-        write_files,
-        write_text,
+@dataclass(frozen=True)
+class _Comparison:
+    """A comparison of methods on bookshelf scenes, ready to run and to be told."""
+
+    run: Callable[[Callable[[str, float], None]], Any]
+    plain: Callable[[Any], dict[str, Any]]
+    write_files: Callable[[Any, Path], None]
+    write_text: Callable[[Any, TextIO], None]
+
+
+def _comparison(name: str, given: dict[str, Any]) -> _Comparison:
+    if name == "bookshelf":
+        from climbplan.bookshelf.benchmarks import run as of_methods
+
+        methods = of_methods.BenchOptions(**given)
+        return _Comparison(
+            lambda report: of_methods.bench_bookshelf(methods, report),
+            lambda result: of_methods.as_json(result, methods),
+            lambda result, path: of_methods.write_files(result, methods, path),
+            of_methods.write_text,
+        )
+    from climbplan.bookshelf.benchmarks import strategies, strategy_tables
+
+    options = strategies.StrategyOptions(**given)
+    return _Comparison(
+        lambda report: strategies.bench_strategies(options, report),
+        lambda result: strategies.as_json(result, options),
+        lambda result, path: strategy_tables.write_files(result, options, path),
+        strategy_tables.write_text,
     )
-    from climbplan.bookshelf.benchmarks.run import as_json as plain
-    from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
-
-    options = BenchOptions(**given)
-    with ExitStack() as stack:
-        directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
-        with StageProgress(session) as progress:
-            result = bench_bookshelf(options, progress.report)
-        if directory is not None:
-            write_files(result, options, directory.path)
-            directory.publish()
-    if as_json:
-        print_json(plain(result, options))
-        return
-    with standard_output() as stream:
-        write_text(result, stream)
 
 
-def _bench_strategies(
-    session: Session, given: dict[str, Any], out: Path | None, force: bool, as_json: bool
+def _bench_scenes(
+    session: Session, chosen: _Comparison, out: Path | None, force: bool, as_json: bool
 ) -> None:
     """Run it; a directory that is taken is refused before."""
-    from climbplan.bookshelf.benchmarks.strategies import StrategyOptions, bench_strategies
-    from climbplan.bookshelf.benchmarks.strategies import as_json as plain
-    from climbplan.bookshelf.benchmarks.strategy_tables import write_files, write_text
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
 
-    options = StrategyOptions(**given)
     with ExitStack() as stack:
         directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
         with StageProgress(session) as progress:
-            result = bench_strategies(options, progress.report)
+            result = chosen.run(progress.report)
         if directory is not None:
-            write_files(result, options, directory.path)
+            chosen.write_files(result, directory.path)
             directory.publish()
     if as_json:
-        print_json(plain(result, options))
+        print_json(chosen.plain(result))
         return
     with standard_output() as stream:
-        write_text(result, stream)
+        chosen.write_text(result, stream)

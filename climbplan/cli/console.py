@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator
@@ -14,6 +15,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from climbplan.errors import ClimbplanError, SpecError, UsageError
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tabs and ends of lines
 
 
 @dataclass
@@ -26,17 +29,23 @@ class Session:
     def note(self, line: str) -> None:
         """A line about the run, on standard error unless quiet."""
         if not self.quiet:
-            print(line, file=sys.stderr, flush=True)
+            print(harmless(line), file=sys.stderr, flush=True)
 
     @property
     def shows_progress(self) -> bool:
         return not self.quiet and sys.stderr.isatty()
 
 
+def harmless(text: str) -> str:
+    """Text with control characters written out: names and reasons in files from elsewhere must not
+    drive a terminal."""
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+
+
 def print_result(text: str) -> None:
     """The result of a command, on standard output."""
     with standard_output() as stream:
-        print(text, file=stream)
+        print(harmless(text), file=stream)
 
 
 def print_json(value: Any) -> None:
@@ -64,12 +73,12 @@ def standard_output() -> Iterator[TextIO]:
 def print_error(error: ClimbplanError) -> None:
     """A mistake for people; those of a spec start with file and line, as editors expect."""
     text = str(error) if isinstance(error, SpecError) else f"error: {error}"
-    print(text, file=sys.stderr)
+    print(harmless(text), file=sys.stderr)
 
 
 def warn(message: str) -> None:
     """Something that a person should know although the run goes on; quiet does not hide it."""
-    print(f"warning: {message}", file=sys.stderr)
+    print(harmless(f"warning: {message}"), file=sys.stderr)
 
 
 class _LogLines(logging.Handler):

@@ -31,7 +31,7 @@ def export(
     """Write a plan as CSV and print the file's path.
 
     Of a climb its trajectory (trajectory.csv), of a bookshelf plan the places of all books
-    (placements.csv).
+    (placements.csv), of a walk its samples (walk.csv).
     """
     path = find_plan(plan)
     from climbplan.cli.plan_kinds import plan_kind, warn_of_failure

@@ -143,7 +143,7 @@ def _is_complete(target: Path, loaded: LoadedDataset) -> bool:
 def _statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
     """The problem that the command line names; a spec alone imports no code."""
     problem = loaded.spec.problem
-    if problem.kind == "bookshelf":
+    if problem.kind != "program":
         if name is not None:
             raise UsageError("--problem goes with problem.kind `program` only")
         return None
@@ -171,12 +171,15 @@ def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
 
         source = functools.partial(shelf_source, problem, directory, spec.seed)
         return Recipe(source, spec.seed, spec.row_seconds, loaded.sha256)
+    if problem.kind == "terrains":
+        from climbplan.datasets.terrain_source import terrain_source
+
+        terrains = functools.partial(terrain_source, problem, directory)
+        return Recipe(terrains, spec.seed, spec.row_seconds, loaded.sha256)
     from climbplan.datasets.program_source import program_source
 
     load = functools.partial(load_problem, _full(name or ""))
-    library = problem.solver.library
-    path = directory / library if library is not None else None
-    stated = functools.partial(program_source, load, problem, path)
+    stated = functools.partial(program_source, load, problem, directory)
     return Recipe(stated, spec.seed, spec.row_seconds, loaded.sha256)
 
 
@@ -187,15 +190,20 @@ def _full(name: str) -> str:
 
 
 def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
-    """Files that rows depend on: the statement, and the library of methods that learn."""
+    """Files that rows depend on: the statement, and the library or model of learned methods."""
     files = []
     place = (name or "").rpartition(":")[0]
     if place.endswith(".py"):
         files.append(Path(place).absolute())
-    library = loaded.spec.problem.solver.library
-    if library is not None:
-        given = library if isinstance(library, str) else library.file
-        files.append(loaded.directory.absolute() / given)
+    problem = loaded.spec.problem
+    if problem.kind == "terrains":
+        if Path(problem.robot).suffix in (".yaml", ".yml"):
+            files.append(loaded.directory.absolute() / problem.robot)
+        return tuple(files)
+    for given in (problem.solver.library, problem.solver.model):
+        if given is not None:
+            named = given if isinstance(given, str) else given.file
+            files.append(loaded.directory.absolute() / named)
     return tuple(files)
 
 

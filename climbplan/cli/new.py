@@ -17,7 +17,7 @@ def new(
         str,
         typer.Argument(
             metavar="KIND",
-            help="Kind of spec: climb, bookshelf, limms, program, dataset, strategy, "
+            help="Kind: climb, transition, bookshelf, mpc, limms, program, dataset, strategy, "
             "robot, module.",
         ),
     ],

@@ -78,6 +78,30 @@ class _Bookshelf:
         export_csv(path, out)
 
 
+class _Walk:
+    csv_name = "walk.csv"
+
+    def verify(self, path: Path) -> Verification:
+        from climbplan.mpc.verification import verify
+
+        return verify(path)
+
+    def write_report(self, path: Path, directory: Path) -> None:
+        from climbplan.reports.walk_report import write_report
+
+        write_report(path, directory)
+
+    def report_dict(self, path: Path) -> dict[str, object]:
+        from climbplan.reports.walk_report import report_dict
+
+        return report_dict(path)
+
+    def export_csv(self, path: Path, out: Path | TextIO) -> None:
+        from climbplan.mpc.trajectory_csv import export_csv
+
+        export_csv(path, out)
+
+
 class _Dataset:
     csv_name = "dataset.csv"
 
@@ -135,8 +159,10 @@ class _Limms:
 
 _KINDS: dict[str, PlanKind] = {
     "climbplan/climb": _Climb(),
+    "climbplan/transition": _Climb(),
     "climbplan/bookshelf": _Bookshelf(),
     "climbplan/limms": _Limms(),
+    "climbplan/mpc": _Walk(),
     "climbplan/dataset": _Dataset(),
 }
 

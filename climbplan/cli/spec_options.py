@@ -40,16 +40,17 @@ def spec_overrides(
 
 
 def _solver_key(name: str) -> str:
-    """`solver.posture` or `solver.force`, whichever accepts this solver."""
+    """`solver.posture`, `solver.force` or `solver.mixed`, the first that accepts this solver."""
     accepted = {}
-    for key in ("posture", "force"):
+    for key in ("posture", "force", "mixed"):
         slot = slot_at(SolverSpec, (key,))
         accepted[key] = slot.choices if slot is not None else ()
         if name in accepted[key]:
             return f"solver.{key}"
-    near = nearest(name, [*accepted["posture"], *accepted["force"]])
+    near = nearest(name, [name for names in accepted.values() for name in names])
     raise UsageError(
         f"--solver {name}: no such solver; posture problem: {', '.join(accepted['posture'])}; "
-        f"force problem: {', '.join(accepted['force'])}"
+        f"force problem: {', '.join(accepted['force'])}; "
+        f"mixed-integer program: {', '.join(accepted['mixed'])}"
         + (f" (did you mean {near!r}?)" if near else "")
     )

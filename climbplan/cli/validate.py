@@ -15,12 +15,15 @@ from climbplan.errors import ExitCode
 if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.limms_loading import LoadedLimms
     from climbplan.spec.limms_module import ModuleSpec
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.robot import RobotSpec
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
 
 def validate(
@@ -60,14 +63,19 @@ def validate(
 
 
 def _kind_looked_into(
-    loaded: LoadedClimb
-    | LoadedDataset
-    | LoadedLimms
-    | LoadedProgram
-    | LoadedShelf
-    | LoadedStrategy
-    | ModuleSpec
-    | RobotSpec,
+    loaded: (
+        LoadedClimb
+        | LoadedDataset
+        | LoadedEnvelopes
+        | LoadedLimms
+        | LoadedMpc
+        | LoadedProgram
+        | LoadedShelf
+        | LoadedStrategy
+        | LoadedTransition
+        | ModuleSpec
+        | RobotSpec
+    ),
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
@@ -76,12 +84,23 @@ def _kind_looked_into(
     """
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.envelopes_loading import LoadedEnvelopes
     from climbplan.spec.limms_loading import LoadedLimms
     from climbplan.spec.loading import LoadedClimb
+    from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
+    from climbplan.spec.transition_loading import LoadedTransition
 
-    if isinstance(loaded, LoadedDataset | LoadedLimms | LoadedProgram | LoadedStrategy):
+    if isinstance(
+        loaded, LoadedDataset | LoadedEnvelopes | LoadedLimms | LoadedProgram | LoadedStrategy
+    ):
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedMpc):
+        from climbplan.mpc.problem import build_task
+
+        with placed_mistakes(loaded):
+            build_task(loaded.spec, loaded.robot, loaded.source)
         return loaded.spec.kind
     if isinstance(loaded, LoadedShelf):
         from climbplan.bookshelf.oddities import oddities
@@ -91,9 +110,17 @@ def _kind_looked_into(
             warn(f"{loaded.source}: {line}")
         return loaded.spec.kind
     if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.chaining import started
         from climbplan.climb.scene import build_scene
 
+        loaded = started(loaded)
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source)
+        return loaded.spec.kind
+    if isinstance(loaded, LoadedTransition):
+        from climbplan.transition.scene import build_transition
+
+        with placed_mistakes(loaded):
+            build_transition(loaded)
         return loaded.spec.kind
     return loaded.kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.model import FreeRegion
@@ -12,13 +12,13 @@ from climbplan.terrain.model import FreeRegion
 _STEPS = 12  # poses checked along a round
 
 
-def hull_world(scene: ClimbScene, com: Array, rpy: Array) -> Array:
+def hull_world(scene: MotionScene, com: Array, rpy: Array) -> Array:
     """Corners (..., 8, 3) of the body hull at poses (..., 3), exact rotation."""
     rotation = rotation_world_body(rpy)
     return com[..., None, :] + np.einsum("...ij,vj->...vi", rotation, scene.robot.body_hull)
 
 
-def body_shortfall(scene: ClimbScene, rounds: Rounds) -> Array:
+def body_shortfall(scene: MotionScene, rounds: Rounds) -> Array:
     """By how much each round misses the clearance asked for, (M,) [m], 0 where it is kept.
 
     A pose is clear of a choice if its hull lies in one of the choice's free regions.

@@ -6,18 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import ClimbScene, MotionScene
 from climbplan.plans.climb_plan import Instants, Mask, Rounds
 from climbplan.robots.kinematics import JOINTS, inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
 BETWEEN = 1e-3  # [m] kept beyond the links' radius: what a link may lose between checked poses
+NARROW = 0.05  # [m] last part of a tibia, which narrows to its toe where it stands
 _STEPS = 6  # poses checked along a push
 _TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
 
 
-def least_room(scene: ClimbScene) -> float:
+def least_room(scene: MotionScene) -> float:
     """Distance [m] that link axes have to keep from obstacles at every checked pose."""
     return scene.robot.limb_radius + BETWEEN
 
@@ -37,7 +38,7 @@ class LimbShortfall:
     link: int
     obstacle: str
 
-    def words(self, scene: ClimbScene) -> str:
+    def words(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
         radius = scene.robot.limb_radius
         name = f"{scene.robot.limb_names[self.limb]}'s {JOINTS[self.link]}"
@@ -47,7 +48,7 @@ class LimbShortfall:
         )
 
 
-def limb_shortfall(scene: ClimbScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
+def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
     """Where standing limbs come closest to an obstacle, None where there is no obstacle.
 
     Looked at along every push, from the placing of a limb to the next lift, and at the start.
@@ -64,7 +65,7 @@ def limb_shortfall(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Lim
     flat = (x.reshape(-1, *x.shape[2:]) for x in (com, rpy, toes))
     points = limb_points(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
     room, obstacles = least_room(scene), scene.terrain.obstacles
-    found = closest_link(obstacles, points, room)
+    found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
     pose, limb = found.index
     where = "start posture"
     if pose > 0:
@@ -73,12 +74,21 @@ def limb_shortfall(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Lim
     return LimbShortfall(room - found.distance, where, limb, found.link, name)
 
 
-def limb_points(scene: ClimbScene, com: Array, rpy: Array, toes: Array) -> Array:
+def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:
     """Joints and toes (P, N, 4, 3) of limbs with toes (P, N, 3) in the world, NaN out of reach."""
     robot = scene.robot
     angles = inverse(robot, to_body(com, rpy, toes)).best()
     points = joint_points_body(robot, angles)
     return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
+
+
+def narrowed(points: Array) -> Array:
+    """Joints and toe (..., 4, 3) with the tibia ending where it narrows to its toe."""
+    shorter = points.copy()
+    tibia = points[..., 3, :] - points[..., 2, :]
+    length = np.linalg.norm(tibia, axis=-1, keepdims=True)
+    shorter[..., 3, :] -= tibia * np.minimum(NARROW / np.maximum(length, 1e-9), 1.0)
+    return shorter
 
 
 @dataclass(frozen=True)
@@ -91,13 +101,23 @@ class Closest:
     obstacle: int
 
 
-def closest_link(obstacles: tuple[Solid, ...], points: Array, enough: float) -> Closest:
+def closest_link(
+    obstacles: tuple[Solid, ...], points: Array, enough: float, stood_upon: Mask
+) -> Closest:
     """The least distance of links from obstacles; links with NaN are left out.
 
-    points: (..., 4, 3) joints and toe [m].
+    points: (..., 4, 3) joints and toe [m]. stood_upon: (..., O) obstacles that limbs may stand on,
+    to which the last part of a tibia, that narrows to its toe, may come close.
     """
+    starts, whole = points[..., :-1, :], points[..., 1:, :]
+    shorter = narrowed(points)[..., 1:, :]
     distance = np.stack(
-        [link_distances(s, points[..., :-1, :], points[..., 1:, :], enough) for s in obstacles],
+        [
+            link_distances(
+                solid, starts, np.where(stood_upon[..., o, None, None], shorter, whole), enough
+            )
+            for o, solid in enumerate(obstacles)
+        ],
         axis=-1,
     )
     distance = np.where(np.isnan(distance), np.inf, distance)
@@ -131,7 +151,7 @@ def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Ar
     for end, distance in zip(flat, faces, strict=True):
         foot = end[:, None] - distance[..., None] * solid.A  # (S, F, 3)
         on_face = (foot @ solid.A.T - solid.b).max(axis=-1) <= _TOUCHING
-        best = np.minimum(best, np.where(on_face & (distance > 0), distance, np.inf).min(axis=1))
+        best = np.minimum(best, np.where(on_face & (distance >= 0), distance, np.inf).min(axis=1))
     return np.where((bound < 0) & _meets(faces), bound, best)
 
 

@@ -10,14 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.climb.chaining import started
 from climbplan.climb.clearance import body_shortfall
+from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
+from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
@@ -32,6 +35,7 @@ Progress = Callable[[str, float], None]
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
+_STEADYINGS = 3  # times postures are planned nearer to the stance for a body that is not stable
 
 
 @dataclass
@@ -72,7 +76,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
     Infeasible if the statement is, SwingBlocked if a swing stays blocked, and LimitReached if
     tightening does not lead to a plan.
     """
-    if save_model is not None and scene.spec.solver.method == "nlp":
+    if save_model is not None and scene.spec.solver.method != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     bound: float | None = None
@@ -84,16 +88,16 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 posture = plan_postures_nlp(scene, clock.report)
             else:
                 try:
-                    posture = plan_postures(scene, margins, save_model)
+                    posture = _convex_postures(scene, margins, save_model)
                 except Infeasible as error:
                     if not notes:
                         raise
-                    raise _not_found(notes, failure) from error  # no proof: it was tightened
+                    raise _not_found(scene, notes, failure) from error  # no proof: it was tightened
         # Tightening only adds constraints: the first bound is the one of the statement.
         bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
             shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
-            if shortfall > 1e-9 and scene.spec.solver.method == "micp":
+            if shortfall > 1e-9 and scene.spec.solver.method != "nlp":
                 margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
                 notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
                 continue
@@ -116,7 +120,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 notes.append(f"{wider}: {near}")
                 continue
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
-    raise _not_found(notes, failure)
+    raise _not_found(scene, notes, failure)
 
 
 def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:
@@ -156,13 +160,25 @@ def _clear_of_obstacles(
         raise _LimbsTooNear(words, short, blocked) from blocked
 
 
-def _not_found(notes: list[str], failure: ReachFailure | SwingBlocked | None) -> NoPlanFound:
+def _convex_postures(
+    scene: ClimbScene, margins: PostureMargins, save_model: Path | None
+) -> PostureResult:
+    """Postures alone, or together with forces."""
+    if scene.spec.solver.method in COUPLED_METHODS:
+        return plan_coupled(scene, margins)
+    return plan_postures(scene, margins, save_model)
+
+
+def _not_found(
+    scene: ClimbScene, notes: list[str], failure: ReachFailure | SwingBlocked | None
+) -> NoPlanFound:
     """What to raise when tightening did not lead to a plan, which proves nothing."""
     if isinstance(failure, SwingBlocked):
         return failure
     last = str(failure) if failure is not None else notes[-1]
     return LimitReached(
-        f"method micp found no postures that pass the exact checks ({len(notes)} tightenings); "
+        f"method {scene.spec.solver.method} found no postures that pass the exact checks "
+        f"({len(notes)} tightenings); "
         f"last: {last}; --method nlp plans with joint bounds"
     )
 
@@ -185,6 +201,46 @@ def _shrunk(scene: ClimbScene, margins: PostureMargins, failure: ReachFailure) -
     return replace(margins, stance_radius=radius)
 
 
+@dataclass(frozen=True)
+class SupportedMotion:
+    """A motion with contact forces that carry it at every instant."""
+
+    motion: Motion
+    forces: Forces
+
+
+def plan_support(scene: ClimbScene, motion: Motion, clock: StageClock) -> SupportedMotion:
+    """Forces for a motion; where the braced body would buckle, for one nearer to the stance.
+
+    Postures are planned without regard to stability. Limbs nearer to their stance are stiffer
+    against the body's sway, so that where stability is part of all that stands against the forces,
+    postures are planned again with smaller stance workspaces. The motion keeps the bound of the
+    first. Raises Infeasible and LimitReached of `plan_forces`, about the first motion.
+    """
+    try:
+        with clock.stage("force"):
+            return SupportedMotion(motion, plan_forces(scene, motion.instants))
+    except NoForces as error:
+        if not (error.unsteady and scene.spec.posture.stance_workspace):
+            raise
+        first = error
+    for number in range(1, _STEADYINGS + 1):
+        radius = scene.robot.stance_radius * _STANCE_SHRINK**number
+        near = replace(scene, robot=replace(scene.robot, stance_radius=radius))
+        try:
+            steadier = plan_motion(near, clock)
+            with clock.stage("force"):
+                forces = plan_forces(scene, steadier.instants)
+        except (NoPlanFound, ReachFailure):
+            continue
+        reason = str(first.conflicts[0]).split(";", maxsplit=1)[0]
+        note = f"stance workspaces tightened to {1e3 * radius:.0f} mm: {reason}"
+        posture = _bounded_by(steadier.posture, motion.posture.bound, scene)
+        notes = (*steadier.tightenings, note)
+        return SupportedMotion(replace(steadier, posture=posture, tightenings=notes), forces)
+    raise first
+
+
 def plan_climb(
     loaded: LoadedClimb,
     report: Progress | None = None,
@@ -199,12 +255,12 @@ def plan_climb(
     from climbplan.climb.study import run_study
 
     clock = StageClock(report or (lambda stage, fraction: None))
+    loaded = started(loaded)
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source)
-    motion = plan_motion(scene, clock, save_model)
+    supported = plan_support(scene, plan_motion(scene, clock, save_model), clock)
+    motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
-    with clock.stage("force"):
-        forces = plan_forces(scene, instants)
     with clock.stage("trajectory"):
         trajectory = plan_trajectory(scene, rounds, instants, forces, motion.swings)
     study = None
@@ -254,7 +310,7 @@ def deflection_warnings(forces: Forces) -> tuple[str, ...]:
     return (text,)
 
 
-def step_limits(scene: ClimbScene) -> StepLimits:
+def step_limits(scene: MotionScene) -> StepLimits:
     """The bounds a plan is verified against."""
     steps, force = scene.spec.posture.steps, scene.spec.force
     return StepLimits(

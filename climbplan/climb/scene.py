@@ -12,6 +12,7 @@ from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb import ClimbSpec, PostureSpec
+from climbplan.spec.motion import MotionSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Surface
@@ -31,18 +32,25 @@ class Stance:
 
 
 @dataclass(frozen=True)
-class ClimbScene:
-    """All numbers the planner starts from."""
+class MotionScene:
+    """All numbers that stages shared by climbs and transitions start from."""
 
-    spec: ClimbSpec
+    spec: MotionSpec
     robot: Robot
     terrain: Terrain
     start: Stance
     goal: Stance
+
+
+@dataclass(frozen=True)
+class ClimbScene(MotionScene):
+    """All numbers the planner starts from."""
+
+    spec: ClimbSpec
     gait: tuple[int, ...]  # limbs in the order in which they move
 
 
-def _stance(
+def stance_of(
     posture: PostureSpec, key: str, robot: Robot, terrain: Terrain, mistakes: list[SpecMistake]
 ) -> Stance:
     """Stated toes, or the surface points nearest to the limbs' nominal stances."""
@@ -86,15 +94,15 @@ def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -
     return surface.project(toe + near * (nearest - toe))
 
 
-def _with_stance(robot: Robot, spec: ClimbSpec) -> Robot:
+def with_stance(robot: Robot, stance: dict[str, tuple[float, float, float]]) -> Robot:
     """The robot with the task's own nominal toe positions."""
-    stance = robot.stance_body.copy()
-    for name, toe in spec.task.stance.items():
-        stance[robot.limb_names.index(name)] = toe
-    return replace(robot, stance_body=stance)
+    nominal = robot.stance_body.copy()
+    for name, toe in stance.items():
+        nominal[robot.limb_names.index(name)] = toe
+    return replace(robot, stance_body=nominal)
 
 
-def load_wrench(spec: ClimbSpec, robot: Robot, rpy: Array) -> Array:
+def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
     """Payload weight and external load as force and moment about the body origin.
 
     rpy: (..., 3) [rad]. Returns (..., 6) [N, N m], world frame.
@@ -112,17 +120,19 @@ def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") ->
 
     Raises SpecError for toes off their surfaces and UsageError for malformed terrain.
     """
-    robot = _with_stance(Robot.from_spec(robot_spec), spec)
+    if spec.task.start.plan is not None:
+        raise ValueError("the start is still in its plan file")
+    robot = with_stance(Robot.from_spec(robot_spec), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
-    start = _stance(spec.task.start, "task.start", robot, terrain, mistakes)
+    start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     stance = to_body(start.com, start.rpy, start.toes)
     for name in spec.task.stance:
         limb = robot.limb_names.index(name)
         stance[limb] = robot.stance_body[limb]
     robot = replace(robot, stance_body=stance)
-    goal = _stance(spec.task.goal, "task.goal", robot, terrain, mistakes)
+    goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)
     if mistakes:
         raise SpecError(source, mistakes)
     order = spec.task.gait or robot.limb_names

@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from joblib import Parallel, delayed
 
-from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.planner import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
@@ -25,12 +24,14 @@ def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
     """Label and message of one grid point: feasible exactly where `plan-climb` finds a plan."""
     here = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
     scene = build_scene(here.spec, here.robot, here.source)
+    clock = StageClock(lambda stage, fraction: None)
     try:
-        motion = plan_motion(scene, StageClock(lambda stage, fraction: None))
+        motion = plan_motion(scene, clock)
     except (ReachFailure, Infeasible, LimitReached) as error:
         return _NO_POSTURE, str(error).splitlines()[0]
     try:
-        forces = plan_forces(scene, motion.instants)
+        supported = plan_support(scene, motion, clock)
+        motion, forces = supported.motion, supported.forces
         plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
     except (Infeasible, ReachFailure, LimitReached) as error:
         conflicts = error.conflicts if isinstance(error, Infeasible) else []

@@ -21,9 +21,11 @@ def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
     nodes = plan.sizes["posture"]["nodes"]
     seconds = plan.timings
     solved = f"{instants.count} of {instants.count}"
+    modes = plan.sizes["posture"].get("modes")
     return (
         f"{plan.name:<16} {head}",
         f"{'posture':<9} {plan.status:<9} {seconds['posture']:.2f} s   {cost}, {nodes} nodes",
+        *([f"{'modes':<9} {', '.join(modes)}"] if modes else []),
         f"{'force':<9} {solved:<9} {seconds['force']:.2f} s   {least_safety(plan)}",
     )
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.limb_clearance import LimbShortfall, closest_link, least_room
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, Infeasible
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
@@ -55,21 +55,21 @@ class SwingBlocked(Infeasible):
         super().__init__("no clear swing path", [conflict])
 
 
-def swings_of(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
-    """All limb moves of a posture sequence in their order."""
+def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
+    """All limb moves of a posture sequence in their order, limbs that move at once by number."""
     names, toes, found = scene.robot.limb_names, rounds.toes[0], []
     for k in range(0, instants.count, 2):
-        limb = int(np.flatnonzero(instants.lifted[k])[0])
-        normals = instants.normal[[k, k + 1], limb]
         new = instants.toes[k + 1]
         pose = instants.com[k], instants.rpy[k]
         where = instants.label(k, names)
-        found.append(Swing(limb, *pose, toes[limb], new[limb], normals, where))
+        for limb in (int(i) for i in np.flatnonzero(instants.lifted[k])):
+            normals = instants.normal[[k, k + 1], limb]
+            found.append(Swing(limb, *pose, toes[limb], new[limb], normals, where))
         toes = new
     return tuple(found)
 
 
-def swing_paths(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
+def swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
     """Way points of all limb moves of a posture sequence.
 
     Raises as `swing_path`; of several swings that links block, for the one that misses most.
@@ -87,7 +87,7 @@ def swing_paths(scene: ClimbScene, rounds: Rounds, instants: Instants) -> tuple[
     return tuple(paths)
 
 
-def swing_path(scene: ClimbScene, swing: Swing) -> Array:
+def swing_path(scene: MotionScene, swing: Swing) -> Array:
     """Way points (P, 3) from above the old contact to above the new one [m].
 
     Raises SwingBlocked where the limb's links cannot miss the obstacles, and Infeasible naming
@@ -128,12 +128,29 @@ def swing_path(scene: ClimbScene, swing: Swing) -> Array:
     )
 
 
-def _links_too_near(scene: ClimbScene, swing: Swing, links: Array | None) -> LimbShortfall | None:
+def together(paths: list[Array]) -> Array:
+    """Paths (P, limbs, 3) of as many points as the longest, for limbs that swing at once.
+
+    Each keeps its own corners; points are added in the middle of its longest pieces.
+    """
+    count = max(len(path) for path in paths)
+    out = []
+    for way in paths:
+        path = way
+        while len(path) < count:
+            piece = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+            middle = path[piece : piece + 2].mean(axis=0)
+            path = np.insert(path, piece + 1, middle, axis=0)
+        out.append(path)
+    return np.stack(out, axis=1)
+
+
+def _links_too_near(scene: MotionScene, swing: Swing, links: Array | None) -> LimbShortfall | None:
     """The link that comes closest to an obstacle, if that is closer than links may come."""
     obstacles, room = scene.terrain.obstacles, least_room(scene)
     if links is None or not obstacles:
         return None
-    found = closest_link(obstacles, links, room)
+    found = closest_link(obstacles, links, room, scene.terrain.stood_upon[swing.limb])
     if found.distance >= room - 1e-9:
         return None
     name = obstacles[found.obstacle].name

@@ -1,8 +1,9 @@
 """The playable motion between the planned instants.
 
-A limb's step is: unload (the others take its load), lift along the normal, swing clear of the
-terrain, lower, press (it takes load again), push (the body moves on). Joints are commanded beyond
-the angles of the moving body by what the contact forces bend them. Forces go straight from one
+A step of one limb or several is: unload (the others take the load), lift along the normal, swing
+clear of the terrain, lower, press (they take load again), push (the body moves on). Joints are
+commanded beyond the angles of the moving body by what the contact forces bend them. Forces go
+straight from one
 balanced set to the next while the body goes straight from pose to pose, so that they balance the
 load all the way, and friction cones, being convex, hold them all the way.
 """
@@ -16,8 +17,8 @@ import numpy as np
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import state_forces
-from climbplan.climb.scene import ClimbScene
-from climbplan.climb.swing import swing_paths
+from climbplan.climb.scene import MotionScene
+from climbplan.climb.swing import swing_paths, together
 from climbplan.errors import Infeasible, ReachFailure, UsageError
 from climbplan.mechanics.stiffness import deflections_for_forces, joint_softness, rigid_motion
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
@@ -61,7 +62,7 @@ class _Keyframes:
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
 
 
-def _start_load(scene: ClimbScene, rounds: Rounds, instants: Instants) -> _Load:
+def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> _Load:
     """Forces of the start posture with all limbs on the surface.
 
     Raises Infeasible if the start posture cannot hold itself.
@@ -76,7 +77,7 @@ def _start_load(scene: ClimbScene, rounds: Rounds, instants: Instants) -> _Load:
     return _loads(standing, forces.force, forces.com_deflection)[0]
 
 
-def _placing_loads(scene: ClimbScene, instants: Instants, lifted: list[_Load]) -> list[_Load]:
+def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[_Load]) -> list[_Load]:
     """Forces of all limbs before each push, when the body is where the limb was lifted.
 
     Those of the lift would do, with the placed limb idle; they stay where nothing better is found.
@@ -99,7 +100,7 @@ def _placing_loads(scene: ClimbScene, instants: Instants, lifted: list[_Load]) -
 
 
 def _all_standing(
-    scene: ClimbScene, instants: Instants, pose: Index, ground: Index, toes: Array
+    scene: MotionScene, instants: Instants, pose: Index, ground: Index, toes: Array
 ) -> Instants:
     """Instants with all limbs in contact: body poses of some, surfaces under the toes of others."""
     angles = inverse(scene.robot, to_body(instants.com[pose], instants.rpy[pose], toes)).best()
@@ -124,7 +125,7 @@ def _loads(instants: Instants, force: Array, com_deflection: Array) -> list[_Loa
 
 
 def plan_trajectory(
-    scene: ClimbScene,
+    scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
     forces: Forces,
@@ -142,7 +143,7 @@ def plan_trajectory(
     paths = swing_paths(scene, rounds, instants) if swings is None else swings
     frames = _keyframes(scene, rounds, instants, forces, paths)
     travel = float(np.linalg.norm(np.diff(rounds.com, axis=0), axis=1).sum())
-    steps = rounds.count * robot.limb_count
+    steps = instants.count // 2
     nominal = travel / scene.spec.trajectory.speed / steps  # [s] one limb step
     rate = scene.spec.trajectory.rate
     least = np.ceil(_least_durations(robot, frames) * rate)
@@ -163,7 +164,7 @@ def plan_trajectory(
 
 
 def _keyframes(
-    scene: ClimbScene,
+    scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
     forces: Forces,
@@ -177,6 +178,7 @@ def _keyframes(
     contact: list[Mask] = []
     share: list[float] = []
     label: list[str] = []
+    ways_left = iter(paths)
 
     def to(where: Array, pressing: _Load, touching: Mask, part: float, name: str) -> None:
         com.append(com[-1])
@@ -188,22 +190,22 @@ def _keyframes(
         label.append(name)
 
     for k in range(0, instants.count, 2):
-        limb = int(np.flatnonzero(instants.lifted[k])[0])
+        limbs = np.flatnonzero(instants.lifted[k])
         name = instants.label(k, names)
         everyone = np.ones(len(names), bool)
         others = ~instants.lifted[k]
         old, new = toes[-1], instants.toes[k + 1]
-        path = paths[k // 2]
+        ways = together([next(ways_left) for _ in limbs])  # (P, limbs, 3)
 
-        def swung(point: Array, standing: Array = old, limb: int = limb) -> Array:
+        def swung(points: Array, standing: Array = old, limbs: Index = limbs) -> Array:
             out = standing.copy()
-            out[limb] = point
+            out[limbs] = points
             return out
 
         to(old, held[k], everyone, _UNLOAD, name)
-        to(swung(path[0]), held[k], others, _LIFT, name)
-        for point in path[1:]:
-            to(swung(point), held[k], others, _SWING / (len(path) - 1), name)
+        to(swung(ways[0]), held[k], others, _LIFT, name)
+        for points in ways[1:]:
+            to(swung(points), held[k], others, _SWING / (len(ways) - 1), name)
         to(new, held[k], others, _LOWER, name)
         to(new, placed[k // 2], everyone, _PRESS, name)
         to(new, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))

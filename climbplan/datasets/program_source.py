@@ -6,15 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 from climbplan.learning.dataset_rows import ProgramRows
-from climbplan.learning.program_run import library_of, settings_of
+from climbplan.learning.program_run import library_of, model_of, settings_of
 from climbplan.program.problem import Problem
 from climbplan.spec.dataset import ProgramProblemSpec
 
 
 def program_source(
-    load: Callable[[], Problem], spec: ProgramProblemSpec, library: Path | None
+    load: Callable[[], Problem], spec: ProgramProblemSpec, directory: Path
 ) -> ProgramRows:
-    """A stated problem; `load` imports it. `library`: solved rows for methods that need them."""
-    problem = load()
-    solved = None if library is None else library_of(problem, library)
-    return ProgramRows(problem, spec.solver.method, settings_of(spec.solver, solved))
+    """A stated problem; `load` imports it. The spec's files are looked up from `directory`.
+
+    Raises PlanFileError or UsageError for a library or model that does not serve the problem.
+    """
+    problem, solver = load(), spec.solver
+    library = None if solver.library is None else library_of(problem, directory / solver.library)
+    model = None if solver.model is None else model_of(problem, directory / solver.model.file)
+    return ProgramRows(problem, solver.method, settings_of(solver, library, model))

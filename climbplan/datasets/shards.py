@@ -178,6 +178,7 @@ def _rows_of(part: Dataset) -> list[Row]:
     """A part of a shard as rows again, to be completed."""
     rows = []
     for k in range(part.count):
+        solution = {name: value[k] for name, value in part.solution.items()}
         drawn = bool(np.isfinite(part.parameters[k]).all())
         rows.append(
             Row(
@@ -187,11 +188,12 @@ def _rows_of(part: Dataset) -> list[Row]:
                 answer=RowAnswer(
                     status=part.status[k],
                     message=part.message[k],
-                    solution={name: value[k] for name, value in part.solution.items()},
+                    solution=solution,
                     integers=part.integers[k],
                     objective=float(part.objective[k]),
                     bound=float(part.bound[k]),
                     time=float(part.time[k]),
+                    evidence=solution,
                 ),
             )
         )

@@ -1,6 +1,7 @@
 """Verification of a dataset: every row's solution by the problem's own exact check.
 
-Scenes of books are checked from the file alone, rows of a stated program with its statement.
+Scenes of books and terrains are checked from the file alone, rows of a stated program with its
+statement. That a terrain is infeasible is proved again.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ import numpy as np
 
 from climbplan.bookshelf import dataset_rows as shelf
 from climbplan.bookshelf.plan_checks import solution_checks
+from climbplan.coupled import dataset_rows as terrains
+from climbplan.coupled.search import TOLERANCE, find_posture
+from climbplan.coupled.terrains import Patches
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.learning import dataset_rows as programs
 from climbplan.plans.checks.check import Check
@@ -34,6 +38,8 @@ MEANINGS = {
     "rows.bound": "no bound exceeds its cost",
     "split.shared": "problems that are in both train and test",
     "block.residual": "the statement's worst block at every answered row",
+    "rows.linear": "points of infeasible rows satisfy all rows of P but the bilinear ones",
+    "rows.proof": "infeasible rows whose infeasibility is not proved again",
     "objective": "costs are those of the stored solutions",
 }
 _RELATIVE = 1e-6
@@ -84,6 +90,8 @@ def _row_checks(data: Dataset, path: Path, problem: Problem | None) -> Iterator[
     elif data.frame.kind == programs.KIND:
         if problem is not None:
             yield from _program_checks(data, problem)
+    elif data.frame.kind == terrains.KIND:
+        yield from _terrain_checks(data, path)
     else:
         raise PlanFileError(f"{path}: rows of an unknown kind, {data.frame.kind!r}")
 
@@ -135,6 +143,30 @@ def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
     yield _worst("rows.integers", apart, 0.0, rows=rows)
     yield _worst("block.residual", worst, tolerance, rows=rows)
     yield _worst("objective", off, _RELATIVE, "relative", rows=rows)
+
+
+def _terrain_checks(data: Dataset, path: Path) -> Iterator[Check]:
+    statement = terrains.statement_of(data.frame, path)
+    feasible = np.flatnonzero(data.feasible)
+    infeasible = np.array([k for k, word in enumerate(data.status) if word == "infeasible"], int)
+    residual, linear = np.zeros(len(feasible)), np.zeros(len(infeasible))
+    proved = 0
+    for k, row in enumerate(feasible):
+        patches = Patches.from_vector(data.parameters[row])
+        instance = statement.program.at(statement.theta(patches))
+        residual[k] = instance.violation(terrains.point_of(statement, data, int(row)))
+    for k, row in enumerate(infeasible):
+        patches = Patches.from_vector(data.parameters[row])
+        instance = statement.program.at(statement.theta(patches))
+        x = terrains.point_of(statement, data, row)
+        linear[k] = terrains.linear_violation(instance, x)
+        nodes = int(data.solution["nodes"][row])
+        answer = find_posture(statement, patches, nodes=max(nodes, 1))
+        proved += answer.status == "infeasible"
+    yield _worst("block.residual", residual, TOLERANCE, rows=feasible)
+    yield _worst("objective", np.abs(data.objective[feasible]), 0.0, rows=feasible)
+    yield _worst("rows.linear", linear, TOLERANCE, rows=infeasible)
+    yield _count("rows.proof", len(infeasible) - proved)
 
 
 def _count(name: str, faults: int) -> Check:

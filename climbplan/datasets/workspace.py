@@ -105,11 +105,6 @@ class Workspace:
         """The run is complete: nothing here is needed any more."""
         shutil.rmtree(self.path, ignore_errors=True)
 
-    def discard_if_empty(self) -> None:
-        """A run that made no row leaves nothing."""
-        if not any(self.path.glob("*.shard")):
-            self.remove()
-
     def _open(self) -> None:
         note = self.path / _NOTE
         if note.exists() and not self._resume and not self._force:

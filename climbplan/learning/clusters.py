@@ -63,16 +63,17 @@ def clustered(vectors: Array, options: ClusterOptions, seed: int) -> Index:
             f"{options.method} finds no cluster of {options.least} or more among "
             f"{len(vectors)} solutions: more data, or fewer members"
         )
-    size = np.bincount(label[inside])
-    rank = np.empty(len(size), np.int64)
-    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
-    out = np.where(inside, rank[label], OUTLIER)
+    out = label.copy()
     if options.outliers == "nearest" and not inside.all():
         from scipy.spatial import cKDTree
 
         _, nearest = cKDTree(vectors[inside]).query(vectors[~inside])
-        out[~inside] = out[inside][nearest]
-    return out
+        out[~inside] = label[inside][nearest]
+    found = out != OUTLIER
+    size = np.bincount(out[found])
+    rank = np.empty(len(size), np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return np.where(found, rank[out], OUTLIER)
 
 
 def _labels(vectors: Array, options: ClusterOptions, seed: int) -> Index:

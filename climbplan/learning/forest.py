@@ -1,6 +1,7 @@
 """Random forests: votes of trees that each saw other rows and features (Breiman 2001).
 
-Published: 150 trees, Gini impurity, depth 75 for strategies; 1000 trees for clusters of ReDUCE.
+Published: 150 trees, Gini impurity, depth 75 for strategies; 1000 trees for clusters of
+ReDUCE, of which 150 are taken here unless more are asked for.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from climbplan.learning.quiet_training import quiet_training
 from climbplan.learning.trees import LEAF, Trees, joined
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
+
+_TREES_AT_ONCE = 20
 
 
 @dataclass(frozen=True)
@@ -59,31 +62,39 @@ def fit_forest(
     """
     from sklearn.ensemble import RandomForestClassifier
 
-    grower = RandomForestClassifier(
-        n_estimators=trees, criterion="gini", max_depth=depth, random_state=seed, n_jobs=jobs
-    )
-    with quiet_training():
-        grower.fit(features, labels)
-    known = np.asarray(grower.classes_, np.int64)
     parts, label, share, count = [], [], [], []
-    for tree in grower.estimators_:
-        grown = tree.tree_
-        inner = grown.children_left >= 0
-        parts.append(
-            Trees(
-                root=np.zeros(1, np.int64),
-                feature=np.where(inner, grown.feature, LEAF).astype(np.int64),
-                threshold=np.where(inner, grown.threshold, 0.0),
-                left=np.where(inner, grown.children_left, LEAF).astype(np.int64),
-                right=np.where(inner, grown.children_right, LEAF).astype(np.int64),
-            )
+    # scikit-learn keeps a number a class at every node: many trees of many classes do not fit into
+    # memory at once, the few that are not zero do. Batches draw on, as one forest would.
+    numbers = np.random.RandomState(seed)
+    for grown_trees in range(0, trees, _TREES_AT_ONCE):
+        grower = RandomForestClassifier(
+            n_estimators=min(_TREES_AT_ONCE, trees - grown_trees),
+            criterion="gini",
+            max_depth=depth,
+            random_state=numbers,
+            n_jobs=jobs,
         )
-        value = grown.value[:, 0, :] * ~inner[:, None]
-        value = value / np.maximum(value.sum(axis=1), 1e-300)[:, None]
-        node, column = np.nonzero(value)
-        label.append(known[column])
-        share.append(value[node, column])
-        count.append(np.bincount(node, minlength=len(inner)))
+        with quiet_training():
+            grower.fit(features, labels)
+        known = np.asarray(grower.classes_, np.int64)
+        for tree in grower.estimators_:
+            grown = tree.tree_
+            inner = grown.children_left >= 0
+            parts.append(
+                Trees(
+                    root=np.zeros(1, np.int64),
+                    feature=np.where(inner, grown.feature, LEAF).astype(np.int64),
+                    threshold=np.where(inner, grown.threshold, 0.0),
+                    left=np.where(inner, grown.children_left, LEAF).astype(np.int64),
+                    right=np.where(inner, grown.children_right, LEAF).astype(np.int64),
+                )
+            )
+            value = grown.value[:, 0, :] * ~inner[:, None]
+            value = value / np.maximum(value.sum(axis=1), 1e-300)[:, None]
+            node, column = np.nonzero(value)
+            label.append(known[column])
+            share.append(value[node, column])
+            count.append(np.bincount(node, minlength=len(inner)))
     return Forest(
         trees=joined(parts),
         first=np.concatenate([[0], np.cumsum(np.concatenate(count))]).astype(np.int64),

@@ -37,7 +37,7 @@ class FitOptions:
     rounds: int = 60
     rate: float = 0.1
     leaves: int = 31
-    cluster_trees: int = 1000
+    cluster_trees: int = 150
     clusters: ClusterOptions = field(default_factory=ClusterOptions)
     seed: int = 0
 

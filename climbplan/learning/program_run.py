@@ -13,7 +13,8 @@ from climbplan.errors import PlanFileError, SpecError, SpecMistake, UsageError
 from climbplan.learning.dataset_rows import library_of_dataset
 from climbplan.learning.envelope_rounds import EnvelopeOptions
 from climbplan.learning.library import Frame, Library
-from climbplan.learning.methods import MethodResult, MethodSettings, solve_instance
+from climbplan.learning.method_task import MethodSettings
+from climbplan.learning.methods import MethodResult, solve_instance
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
 from climbplan.plans import dataset_file

@@ -2,7 +2,9 @@
 
 Online the reduced mixed-integer programs of the likeliest clusters are solved one after the other;
 the integers of each optimum become candidates, from the optimum itself and from the cluster's
-nearest solutions with the same integers, and the pipeline makes them exact.
+nearest solutions with the same integers, and the pipeline makes them exact. Envelopes are not the
+products: integers that are best over them need not hold, or be best. So the cluster's other
+strategies follow, nearest first; each costs milliseconds where the program took seconds.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from climbplan.errors import UsageError
 from climbplan.learning.envelope_rounds import MICP_SOLVERS
 from climbplan.learning.library import Library
 from climbplan.learning.ranking import Scorer, checked_features
-from climbplan.learning.reduced import ReducedForm, Reduction
+from climbplan.learning.reduced import ROOM, ReducedForm, Reduction
 from climbplan.learning.strategy import Candidate, candidate_of
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
@@ -26,6 +28,7 @@ from climbplan.reformulations.grids import Partition
 from climbplan.solvers.registry import require
 
 _STARTS = 3  # of the nearest solutions with the same integers, besides the optimum itself
+OTHERS = 20  # of a cluster's strategies that follow, at most
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class ClusterRanking:
         found: list[Candidate] = []
         seen: set[int] = set()
         for cluster in self.ranked(features, self.count):
-            for row in self._near(features, self.members(int(cluster))):
+            for row in self.strategies(features, int(cluster)):
                 number = int(self.library.strategy[row])
                 if number not in seen:
                     seen.add(number)
@@ -65,6 +68,12 @@ class ClusterRanking:
                 if len(found) >= most:
                     return found
         return found
+
+    def strategies(self, features: Array, cluster: int) -> Index:
+        """The cluster's nearest row of each of its strategies, nearest first."""
+        rows = self._near(features, self.members(cluster))
+        _, first = np.unique(self.library.strategy[rows], return_index=True)
+        return np.asarray(rows[np.sort(first)])
 
     def alike(self, features: Array, cluster: int, values: Array, alternatives: Index) -> Index:
         """The cluster's rows with these integers, nearest first."""
@@ -90,11 +99,20 @@ class ClusterSolve:
     seconds: float
 
 
+@dataclass(frozen=True)
+class ClusterOptimum:
+    """How a reduced program went, and the integers and point it found."""
+
+    told: ClusterSolve
+    candidate: Candidate | None
+
+
 @dataclass
 class ReducedPrograms:
     """The reduced programs of a ranking's clusters, built when they are first needed.
 
-    solver: highs, scip or gurobi. seconds: time limit of one program.
+    solver: highs, scip or gurobi. seconds: time limit of one program. room: around a cluster's
+    solutions, see `Reduction.of`. others: strategies of a cluster that follow its program's.
     """
 
     ranking: ClusterRanking
@@ -103,6 +121,8 @@ class ReducedPrograms:
     solver: str = "highs"
     gap: float = 1e-2
     seconds: float = 60.0
+    room: float = ROOM
+    others: int = OTHERS
     report: Callable[[ClusterSolve], None] | None = None
     _forms: dict[int, ReducedForm] = field(default_factory=dict)
 
@@ -123,6 +143,7 @@ class ReducedPrograms:
             library.alternatives[rows],
             library.frame.integer,
             self.squares,
+            self.room,
         )
 
     def candidates(
@@ -135,6 +156,8 @@ class ReducedPrograms:
         done: Callable[[], bool] | None = None,
     ) -> Iterator[Candidate]:
         """Candidates of the likeliest clusters, each solved when those before are used up.
+
+        Scores are the programs' optima; infinite for strategies that follow.
 
         most: clusters that are solved in any case. more: further ones, until `done`. time_limit:
         [s] of all of them together.
@@ -149,6 +172,21 @@ class ReducedPrograms:
     def _of_cluster(
         self, instance: Instance, features: Array, cluster: int, seconds: float
     ) -> Iterator[Candidate]:
+        found = self.solved(instance, cluster, seconds)
+        library = self.ranking.library
+        tried: set[int] = set()
+        if found.candidate is not None:
+            yield found.candidate
+            x, alternatives = found.candidate.values, found.candidate.alternatives
+            for row in self.ranking.alike(features, cluster, x, alternatives)[:_STARTS]:
+                tried.add(int(row))
+                yield candidate_of(library, int(row), found.candidate.score)
+        for row in self.ranking.strategies(features, cluster)[: self.others]:
+            if int(row) not in tried:
+                yield candidate_of(library, int(row), np.inf)
+
+    def solved(self, instance: Instance, cluster: int, seconds: float) -> ClusterOptimum:
+        """The reduced program of a cluster at an instance, solved."""
         start = time.perf_counter()
         if cluster not in self._forms:
             self._forms[cluster] = self.reduction(cluster).form(instance)
@@ -156,15 +194,12 @@ class ReducedPrograms:
         program = form.at(instance)
         solve = require(MICP_SOLVERS[self.solver]).load()
         found = solve(program.instance, gap=self.gap, time_limit=seconds)
+        spent = time.perf_counter() - start
+        told = ClusterSolve(cluster, form.reduction.binary_count, found.status, spent)
         if self.report is not None:
-            spent = time.perf_counter() - start
-            binaries = form.reduction.binary_count
-            self.report(ClusterSolve(cluster, binaries, found.status, spent))
+            self.report(told)
         if found.x is None:
-            return
+            return ClusterOptimum(told, None)
         x = found.x[: instance.size]
-        alternatives = program.alternatives(found.x)
-        library = self.ranking.library
-        yield Candidate(x, alternatives, x, score=float(found.objective or 0.0))
-        for row in self.ranking.alike(features, cluster, x, alternatives)[:_STARTS]:
-            yield candidate_of(library, int(row), float(found.objective or 0.0))
+        score = float(found.objective or 0.0)
+        return ClusterOptimum(told, Candidate(x, program.alternatives(found.x), x, score=score))

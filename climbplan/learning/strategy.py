@@ -19,7 +19,7 @@ class Candidate:
     start: Array  # (N,)
     number: int = -1  # of the strategy in the library it comes from
     row: int = -1  # of the solved problem whose point is the start
-    score: float = 0.0  # distance or minus probability: less is better
+    score: float = 0.0  # distance, minus probability, cost: less is better
 
 
 class Strategy(Protocol):

@@ -1,7 +1,8 @@
 """Decision trees as plain arrays, all nodes of all trees one after the other.
 
-A child always stands behind its parent, so that no walk from a root can come round again: files
-from elsewhere are refused if theirs do not.
+A child always stands behind its one parent, so that no walk from a root can come round again, and
+none is longer than the deepest trees that a spec may ask for: files from elsewhere are refused if
+theirs are not so.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
 
 LEAF = -1
+DEEPEST = 1000  # a walk of a million steps would seem to hang
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,16 @@ class Trees:
             behind = (child > node) & (child < end)
             if (inner & ~behind).any() or (~inner & (child != LEAF)).any():
                 raise UsageError("trees: a node's child does not stand behind it in its tree")
+        children = np.concatenate([self.left[inner], self.right[inner]])
+        if (np.bincount(children, minlength=M) > 1).any():
+            raise UsageError("trees: a node is the child of two")
+        level = self.root
+        for _ in range(DEEPEST + 1):
+            level = level[inner[level]]
+            if not len(level):
+                return
+            level = np.concatenate([self.left[level], self.right[level]])
+        raise UsageError(f"trees: a tree is deeper than {DEEPEST}")
 
 
 def joined(trees: list[Trees]) -> Trees:

@@ -1,4 +1,4 @@
-"""Climb plans as HDF5 files: writing them, and reading them back exactly."""
+"""Climb and transition plans as HDF5 files: writing them, and reading them back exactly."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from climbplan.plans.climb_plan import (
     Forces,
     Instants,
     Rounds,
+    Sequences,
     StepLimits,
     Study,
     Trajectory,
@@ -60,6 +61,10 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
         write_dataset(file, "summary", plan.summary, layout.TEXTS)
         if plan.study is not None:
             _write_study(file.create_group("study"), plan.study)
+        if plan.sequences is not None:
+            group = file.create_group("sequences")
+            _write_fields(group, plan.sequences, layout.SEQUENCES_TEXTS)
+            _write_fields(group, plan.sequences, layout.SEQUENCES)
 
 
 def read_climb(path: Path) -> ClimbPlan:
@@ -97,7 +102,7 @@ def read_as_found(path: Path) -> Reading:
 
 def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
     texts = {
-        "format": layout.FORMAT,
+        "format": layout.FORMATS[plan.kind],
         "climbplan_version": plan.climbplan_version,
         "created": plan.created,
         "name": plan.name,
@@ -105,6 +110,8 @@ def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
         "spec_sha256": plan.spec_sha256,
         "status": plan.status,
     }
+    if plan.kind == "transition":
+        texts["contact_sequence"] = plan.contact_sequence
     for name, text in texts.items():
         write_text(file, name, text)
     file.attrs["format_version"] = layout.FORMAT_VERSION
@@ -147,8 +154,9 @@ def _require_format(reader: Reader) -> None:
     if not reader.has_attribute("", "format"):
         raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
     found = reader.text("", "format")
-    if found != layout.FORMAT:
-        raise reader.refuse(f"holds {found!r}, expected {layout.FORMAT!r}")
+    if found not in layout.FORMATS.values():
+        expected = " or ".join(repr(name) for name in layout.FORMATS.values())
+        raise reader.refuse(f"holds {found!r}, expected {expected}")
     version = reader.integer("", "format_version")
     if version != layout.FORMAT_VERSION:
         newer = "; a newer climbplan reads it" if version > layout.FORMAT_VERSION else ""
@@ -156,6 +164,8 @@ def _require_format(reader: Reader) -> None:
 
 
 def _read(reader: Reader) -> ClimbPlan:
+    kinds = {name: kind for kind, name in layout.FORMATS.items()}
+    kind = kinds[reader.text("", "format")]
     robot = _read_robot(reader)
     rounds = Rounds(**_arrays(reader, "rounds", layout.ROUNDS))
     instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
@@ -164,7 +174,7 @@ def _read(reader: Reader) -> ClimbPlan:
     bounds = _arrays(reader, "limits", layout.LIMITS)
     bounds |= {name: reader.number("limits", name) for name in layout.LIMITS_NUMBERS}
     limits = StepLimits(**bounds)
-    _require_counts(reader)
+    _require_counts(reader, kind)
     terrain = read_terrain(reader, "terrain")
     for name, region in (("rounds/region", rounds.region), ("instants/region", instants.region)):
         if region.min() < 0 or region.max() >= len(terrain.surfaces):
@@ -199,10 +209,12 @@ def _read(reader: Reader) -> ClimbPlan:
         created=reader.text("", "created"),
         climbplan_version=reader.text("", "climbplan_version"),
         summary=reader.texts("summary", layout.TEXTS),
+        kind=kind,
+        sequences=_read_sequences(reader) if reader.has("sequences") else None,
     )
 
 
-def _require_counts(reader: Reader) -> None:
+def _require_counts(reader: Reader, kind: str) -> None:
     """Dimensions that follow from one another, and that nothing is empty."""
     size = reader.dimensions
     if size["N"] < 3:
@@ -210,7 +222,13 @@ def _require_counts(reader: Reader) -> None:
     if size["M1"] < 2:
         raise reader.refuse("rounds holds no round")
     expected = 2 * size["N"] * (size["M1"] - 1)
-    if size["K"] != expected:
+    if kind == "transition":
+        if size["K"] % 2 or size["K"] < 2 * (size["M1"] - 1):
+            raise reader.refuse(
+                f"instants holds {size['K']} instants, expected at least 2 for each of "
+                f"{size['M1'] - 1} rounds, and an even number"
+            )
+    elif size["K"] != expected:
         raise reader.refuse(
             f"instants holds {size['K']} instants, expected 2 for each of {size['N']} limbs in "
             f"each of {size['M1'] - 1} rounds: {expected}"
@@ -232,6 +250,15 @@ def _read_robot(reader: Reader) -> Robot:
     fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
     fields |= _arrays(reader, "robot", layout.ROBOT)
     return Robot(name=reader.text("robot", "name"), **fields)
+
+
+def _read_sequences(reader: Reader) -> Sequences:
+    reader.group("sequences")
+    fields: dict[str, Any] = {
+        name: reader.texts(f"sequences/{name}", shape)
+        for name, shape in layout.SEQUENCES_TEXTS.items()
+    }
+    return Sequences(**fields, **_arrays(reader, "sequences", layout.SEQUENCES))
 
 
 def _read_study(reader: Reader) -> Study:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from climbplan.plans.hdf5_layout import Layout
 
-FORMAT = "climbplan/climb"
+FORMATS = {"climb": "climbplan/climb", "transition": "climbplan/transition"}
+FORMAT = FORMATS["climb"]
 FORMAT_VERSION = 1
 STATUSES = ("optimal", "feasible", "infeasible", "limit")
 
@@ -108,6 +109,13 @@ ALLOWED = Layout(("N", "R"), kind="bool")
 # terrain/obstacles/<index> and terrain/free_choices/<index>/<index>: {x : A x <= b}
 VERTICES = Layout(("*", 3), "m", "world")
 HALF_SPACES = {"A": Layout(("*", 3), "", "world"), "b": Layout(("*",), "m")}
+
+SEQUENCES = {
+    "cost": Layout(("Q",)),
+    "safety_torque": Layout(("Q",), may_be_infinite=True),
+    "safety_friction": Layout(("Q",), may_be_infinite=True),
+}
+SEQUENCES_TEXTS = {"name": Layout(("Q",), kind="text"), "outcome": Layout(("Q",), kind="text")}
 
 TEXTS = Layout(("*",), kind="text")
 STUDY_LABEL = Layout(("*", "*"), kind="int")

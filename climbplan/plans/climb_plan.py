@@ -1,4 +1,4 @@
-"""A climb plan in memory, field by field as in its file.
+"""A climb or transition plan in memory, field by field as in its file.
 
 Shapes: N limbs, M rounds, K instants, T samples, R surfaces. World frame, z up; SI units.
 Forces act on the robot, from the terrain.
@@ -37,10 +37,13 @@ class Rounds:
 
 @dataclass(frozen=True)
 class Instants:
-    """The 2 N instants a round at which forces are planned: after each lift and each push."""
+    """The instants at which forces are planned: after each lift and each push.
+
+    A climb has 2 N a round, one limb after the other; a transition lifts several limbs at once.
+    """
 
     round: Index  # (K,) 1..M
-    lifted: Mask  # (K, N) the limb in the air
+    lifted: Mask  # (K, N) the limbs in the air
     contact: Mask  # (K, N) limbs that carry load
     com: Array  # (K, 3) planned body origin [m]
     rpy: Array  # (K, 3) [rad]
@@ -57,13 +60,16 @@ class Instants:
         return len(self.round)
 
     def label(self, k: int, limb_names: tuple[str, ...]) -> str:
-        """Where instant k stands in the gait: "round 3, LM lifted" or "round 3, LM placed"."""
-        per_round = 2 * len(limb_names)
-        lifted = np.flatnonzero(self.lifted[k])
-        if len(lifted):
-            return f"round {self.round[k]}, {limb_names[lifted[0]]} lifted"
-        pushes = (k % per_round) // 2 + 1
-        return f"round {self.round[k]}, push {pushes}"
+        """Where instant k stands in the gait: "round 3, LM lifted" or "round 3, push 2"."""
+        here = f"round {self.round[k]}"
+        if self.lifted[k].any():
+            return (
+                f"{here}, {' '.join(limb_names[i] for i in np.flatnonzero(self.lifted[k]))} lifted"
+            )
+        same = self.round == self.round[k]
+        if same.sum() <= 2:
+            return f"{here}, push"
+        return f"{here}, push {(int(same[: k + 1].sum()) + 1) // 2}"
 
 
 @dataclass(frozen=True)
@@ -124,8 +130,19 @@ class Study:
 
 
 @dataclass(frozen=True)
+class Sequences:
+    """All contact sequences that a search found for a transition, the chosen one marked."""
+
+    name: tuple[str, ...]  # (Q,) "3-3: RF RM LR | RR LM LF"
+    cost: Array  # (Q,) of its best way through the poses searched
+    safety_torque: Array  # (Q,) the largest S_tau it allows, at the friction asked for
+    safety_friction: Array  # (Q,) the largest S_mu it allows, at the torque asked for
+    outcome: tuple[str, ...]  # (Q,) what became of it: "chosen", "planned", or why it was refused
+
+
+@dataclass(frozen=True)
 class ClimbPlan:
-    """Everything a climb plan file holds."""
+    """Everything a climb or transition plan file holds."""
 
     name: str
     robot: Robot
@@ -151,3 +168,27 @@ class ClimbPlan:
     created: str = ""
     climbplan_version: str = ""
     summary: tuple[str, ...] = field(default=())  # lines for the terminal
+    kind: str = "climb"  # or "transition"
+    sequences: Sequences | None = None
+
+    @property
+    def contact_sequence(self) -> str:
+        """Which limbs move together, round by round: "3-3: RF RM LR | RR LM LF".
+
+        Rounds of a climb that follows, in which limbs move one after the other, are counted only.
+        """
+        lifted, names = self.instants.lifted[::2], self.robot.limb_names
+        steps = np.bincount(self.instants.round[::2], minlength=self.rounds.count + 1)
+        together = steps[self.instants.round[::2]] == 1
+        if not together.any():
+            return sequence_name(lifted, names)
+        text = sequence_name(lifted[together], names)
+        climbed = int((steps > 1).sum())
+        return f"{text}; then {climbed} rounds limb by limb" if climbed else text
+
+
+def sequence_name(moved: Mask, limb_names: tuple[str, ...]) -> str:
+    """The name of a contact sequence, moved: (S, N) limbs of each step."""
+    counts = "-".join(str(int(step.sum())) for step in moved)
+    limbs = [" ".join(limb_names[i] for i in np.flatnonzero(step)) for step in moved]
+    return f"{counts}: {' | '.join(limbs)}"

@@ -8,6 +8,7 @@ split/train, test   (n) masks, where `data split` made them
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -43,6 +44,7 @@ _NAMES = {
 _MASK = Layout(("n",), kind="bool")
 _SAFE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 _MOST_ARRAYS = 64
+_LARGEST = 1e30  # beyond this squares overflow
 _KINDS: dict[str, Kind] = {"float": "float", "int": "int", "bool": "bool"}
 
 
@@ -157,7 +159,9 @@ def _objective_unit(reader: Reader) -> str:
 
 
 def _require_sound(reader: Reader, data: Dataset) -> None:
-    """Rows that claim an answer have one."""
+    """There are rows, and those that claim an answer have one."""
+    if not data.count:
+        raise reader.refuse("no rows")
     if reader.not_finite:
         raise reader.refuse(f"numbers that are not finite in {', '.join(reader.not_finite)}")
     if foreign := sorted(set(data.status) - set(STATUSES)):
@@ -172,13 +176,19 @@ def _require_sound(reader: Reader, data: Dataset) -> None:
     if infinite.any():
         raise reader.refuse(f"row {int(np.argmax(infinite))}: parameters are infinite")
     for name, value in {
+        "time": data.time,
         "parameters": data.parameters,
         "objective": data.objective,
         **{f"solution/{key}": array for key, array in data.solution.items()},
     }.items():
-        bad = ~np.isfinite(value.reshape(len(value), -1)).all(axis=1) & data.feasible
+        table = value.reshape(len(value), -1)
+        bad = ~np.isfinite(table).all(axis=1) & data.feasible
         if bad.any():
             raise reader.refuse(f"row {int(np.argmax(bad))}: {name} is not finite")
+        large = ((np.abs(table) > _LARGEST) & np.isfinite(table)).any(axis=1)
+        if large.any():
+            row = int(np.argmax(large))
+            raise reader.refuse(f"row {row}: {name} holds numbers beyond {_LARGEST:g}")
 
 
 def _layouts(reader: Reader) -> dict[str, Layout]:
@@ -206,4 +216,8 @@ def _mapping(reader: Reader, name: str) -> dict[str, Any]:
     value = reader.json("", name)
     if not isinstance(value, dict):
         raise reader.refuse(f"attribute {name} is not a JSON object")
+    try:
+        json.dumps(value, allow_nan=False)  # what could not be written again
+    except ValueError as error:
+        raise reader.refuse(f"attribute {name} holds a number that is not finite") from error
     return value

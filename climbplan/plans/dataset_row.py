@@ -26,6 +26,7 @@ class RowAnswer:
     objective: float = math.nan
     bound: float = -math.inf
     time: float = 0.0  # [s]
+    evidence: Mapping[str, NDArray[Any]] | None = None  # what a row without an answer holds instead
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,9 @@ def dataset_of(frame: DatasetFrame, rows: Sequence[Row]) -> Dataset:
             if answer.integers is not None:
                 integers[k] = answer.integers
             for name, value in answer.solution.items():
+                solution[name][k] = value
+        elif answer.evidence is not None:
+            for name, value in answer.evidence.items():
                 solution[name][k] = value
     return Dataset(
         frame=frame,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.bookshelf.plan import ShelfPlan
-from climbplan.bookshelf.scene import State
+from climbplan.bookshelf.scene import state_label
 from climbplan.bookshelf.summary import TRIVIAL, Spread, nontrivial
 
 LISTED = 40  # scenes listed one by one
@@ -96,7 +96,7 @@ def _books(plan: ShelfPlan) -> list[dict[str, Any]]:
                 "size": scene.sizes[book].tolist(),
                 "before": scene.pose[book].tolist() if stored else None,
                 "after": found.pose[0, book].tolist() if placed else None,
-                "state": State(int(found.state[0, book])).label if placed else None,
+                "state": state_label(int(found.state[0, book])) if placed else None,
             }
         )
     return entries

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from climbplan.plans.climb_file import read_climb
-from climbplan.plans.climb_layout import FORMAT, FORMAT_VERSION
+from climbplan.plans.climb_layout import FORMAT_VERSION, FORMATS
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import Verification, verify
 from climbplan.reports.climb_figures import UNITS, key_figures
@@ -17,6 +17,7 @@ from climbplan.reports.figure_forces import forces
 from climbplan.reports.figure_postures import postures
 from climbplan.reports.figure_region import region
 from climbplan.reports.figure_safety import safety
+from climbplan.reports.figure_schedule import schedule
 from climbplan.reports.figure_series import friction, torque
 from climbplan.reports.page import build_page
 from climbplan.reports.plan_spec import plan_spec
@@ -53,19 +54,28 @@ def write_report(
     plan = read_climb(plan_path)
     report = _report(plan, verification or verify(plan_path))
     images = {name: png(draw(plan)) for name, draw in figure_functions(plan).items()}
-    page = build_page(plan, report, {"Postures": images["postures"]})
+    shown = {name.capitalize(): images[name] for name in ("schedule", "postures") if name in images}
+    page = build_page(plan, report, shown)
     write_files(directory, report, page, images)
 
 
 def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
-    """The figures of a plan by file name; the feasible region only with a study."""
-    return {**FIGURES, **({"region": region} if plan.study is not None else {})}
+    """The figures of a plan by file name; the feasible region only with a study.
+
+    A transition also has its contact schedule.
+    """
+    own: dict[str, Callable[[ClimbPlan], Figure]] = {}
+    if plan.study is not None:
+        own["region"] = region
+    if plan.kind == "transition":
+        own["schedule"] = schedule
+    return {**FIGURES, **own}
 
 
 def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
     spec = plan_spec(plan)
     return {
-        "format": FORMAT,
+        "format": FORMATS[plan.kind],
         "format_version": FORMAT_VERSION,
         "climbplan_version": plan.climbplan_version,
         "created": plan.created,
@@ -90,6 +100,27 @@ def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
         **key_figures(plan),
+        **_transition(plan),
         "figures": [f"figures/{name}.png" for name in figure_functions(plan)],
         "units": UNITS,
     }
+
+
+def _transition(plan: ClimbPlan) -> dict[str, Any]:
+    """The contact sequence, and all that the search found."""
+    if plan.kind != "transition":
+        return {}
+    listed: list[dict[str, Any]] = []
+    if plan.sequences is not None:
+        found = plan.sequences
+        for row, name in enumerate(found.name):
+            listed.append(
+                {
+                    "name": name,
+                    "cost": float(found.cost[row]),
+                    "safety_torque": finite(float(found.safety_torque[row])),
+                    "safety_friction": finite(float(found.safety_friction[row])),
+                    "outcome": found.outcome[row],
+                }
+            )
+    return {"contact_sequence": plan.contact_sequence, "sequences": listed}

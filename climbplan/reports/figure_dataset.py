@@ -88,8 +88,13 @@ def states(plan: ShelfPlan) -> Figure:
     inserted = plan.solutions.state[placed, -1]
     groups = ((before, palette.MUTED), (after, COLORS["optimal"]), (inserted, palette.LIMBS[1]))
     for k, (values, color) in enumerate(groups):
-        share = np.bincount(values, minlength=len(State)) / max(1, len(values))
-        left.bar(np.arange(len(State)) + 0.27 * (k - 1), 100 * share, width=0.25, color=color)
+        share = np.mean(values[:, None] == np.arange(len(State)), axis=0) if len(values) else 0.0
+        left.bar(
+            np.arange(len(State)) + 0.27 * (k - 1),
+            100.0 * np.broadcast_to(share, len(State)),
+            width=0.25,
+            color=color,
+        )
     left.set_xticks(range(len(State)), [state.label.replace(" ", "\n") for state in State])
     style_axes(left)
     left.set_ylabel("books [%]")

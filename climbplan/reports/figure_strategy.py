@@ -43,9 +43,14 @@ def spaces(model: StrategyModel, columns: Index, seed: int) -> Figure:
     handles = [Line2D([], [], ls="", marker="o", ms=6, color=_color(k)) for k in range(_NAMED)]
     handles = [*handles[: len(largest)], Line2D([], [], ls="", marker="o", ms=6, color=_REST)]
     word = "cluster" if clusters else "strategy"
-    names = [f"{word} {int(k)}: {int((inside == k).sum())}" for k in largest]
+    # Nine names have to fit into one row.
+    names = [f"{int(k)} ({int((inside == k).sum())})" for k in largest]
     foot_legend(figure, handles, [*names, "others"])
-    heading(figure, f"{word.capitalize()} of each solved problem", f"{len(rows)} of {library.size}")
+    heading(
+        figure,
+        f"{word.capitalize()} of each solved problem",
+        f"{len(rows)} of {library.size} drawn; in colour: {word} (problems)",
+    )
     return figure
 
 
@@ -126,8 +131,11 @@ def _scatter(ax: Axes, plane: Array, group: Index, largest: Index) -> None:
         mine = group == number
         ax.scatter(plane[mine, 0], plane[mine, 1], s=9, color=_color(k), linewidths=0)
     style_axes(ax)
+    # Places in a map of neighbours have no unit.
     ax.set_xticks([])
     ax.set_yticks([])
+    for side in ("left", "bottom"):
+        ax.spines[side].set_visible(False)
 
 
 def _color(k: int) -> str:

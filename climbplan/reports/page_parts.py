@@ -74,6 +74,30 @@ def check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> str:
     return "".join(rows)
 
 
+def sequence_section(report: Mapping[str, Any]) -> str:
+    """All contact sequences that a search found, as a table; nothing where there was none."""
+    found = report.get("sequences")
+    if not found:
+        return ""
+
+    def factor(value: float | None) -> str:
+        return "no load" if value is None else f"{value:.2f}"
+
+    rows = "".join(
+        f"<tr><th>{escape(row['name'])}</th><td>{row['cost']:.5f}</td>"
+        f"<td>{factor(row['safety_torque'])}</td><td>{factor(row['safety_friction'])}</td>"
+        f"<td>{escape(row['outcome'])}</td></tr>"
+        for row in found
+    )
+    return (
+        "<h3>Contact sequences found</h3>"
+        f"<p class='note'>{len(found)} of so many rounds; safety factors are the largest each "
+        "allows on the poses searched.</p>"
+        "<div class='scroll'><table><thead><tr><th>sequence</th><th>cost</th><th>Sτ</th>"
+        f"<th>Sμ</th><th></th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
 def verdict(report: Mapping[str, Any]) -> str:
     """How the verification went, in a sentence."""
     checks = report["verification"]

@@ -6,16 +6,19 @@ from climbplan.errors import SpecError
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.kinds import validate
+from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.yaml_source import parse_yaml
 
 
-def plan_spec(plan: ClimbPlan) -> ClimbSpec | None:
-    """The plan's own spec; None if its text is not a climb spec of this version.
+def plan_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | None:
+    """The plan's own spec; None if its text is not a spec of its kind in this version.
 
     A report is made of the plan's numbers, so a text that cannot be read only leaves gaps.
     """
     try:
-        spec, _ = validate(parse_yaml(plan.spec_text, "spec"), ClimbSpec)
+        document = parse_yaml(plan.spec_text, "spec")
+        if plan.kind == "transition":
+            return validate(document, TransitionSpec)[0]
+        return validate(document, ClimbSpec)[0]
     except SpecError:
         return None
-    return spec

@@ -43,22 +43,24 @@ class ClarabelSession:
             clarabel.NonnegativeConeT(len(above) + len(below)),
         ]
         for balls in instance.balls:
-            d = balls.f.shape[1]
-            for k, radius in enumerate(balls.radius):
-                part = balls.F[k * d : (k + 1) * d]
-                blocks.append(sparse.vstack([sparse.csr_matrix((1, n)), -part]).tocsr())
-                edges.append(np.concatenate([[radius], balls.f[k]]))
-                cones.append(clarabel.SecondOrderConeT(d + 1))
+            K, d = balls.f.shape
+            # Before the d rows of every ball one without entries, for its radius
+            entry = sparse.coo_matrix(balls.F)
+            row = entry.row + entry.row // d + 1
+            shape = (K * (d + 1), n)
+            blocks.append(sparse.csr_matrix((-entry.data, (row, entry.col)), shape=shape))
+            edges.append(np.column_stack([balls.radius, balls.f]).ravel())
+            cones += [clarabel.SecondOrderConeT(d + 1)] * K
         P = sparse.triu(instance.P, format="csc")
         A = sparse.vstack(blocks).tocsc()
         P.sort_indices()
         A.sort_indices()
         b = np.concatenate(edges)
-        shape = tuple(
+        pattern = tuple(
             np.asarray(part, np.int64).tobytes()
             for part in (equal, above, below, P.indptr, P.indices, A.indptr, A.indices)
         )
-        if self._solver is not None and shape == self._shape:
+        if self._solver is not None and pattern == self._shape:
             self._solver.update(P=P.data, q=instance.q, A=A.data, b=b)
         else:
             settings = clarabel.DefaultSettings()
@@ -66,7 +68,7 @@ class ClarabelSession:
             settings.presolve_enable = False  # it would forbid updates
             settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = _ACCURACY
             self._solver = clarabel.DefaultSolver(P, instance.q, A, b, cones, settings)
-            self._shape = shape
+            self._shape = pattern
         solution = self._solver.solve()
         x: Array | None = None
         bound = -np.inf

@@ -130,11 +130,16 @@ class ShelfLibrarySpec(SpecModel):
 
     file: str = Field(
         min_length=1,
-        description="a plan file of `solve-bookshelf` with as many stored books; relative to the "
-        "spec",
+        description="a plan file of `solve-bookshelf`, or a dataset of `gen-data`, with as many "
+        "stored books; relative to the spec",
     )
     size: Count | None = quantity(
         "", "how many of its scenes to use, the first ones; all if left out", default=None, ge=1
+    )
+    foreign: bool = Field(
+        default=False,
+        description="also take scenes of another shelf or meaning: every answer is checked on this "
+        "shelf in this meaning, but fewer candidates hold",
     )
 
 

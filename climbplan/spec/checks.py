@@ -16,6 +16,7 @@ from climbplan.spec.document import Finding, KeyPath, dotted
 from climbplan.spec.fields import explain_unknown_key, nearest, slot_at
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.terrain import TerrainSpec
+from climbplan.spec.transition import TransitionTaskSpec
 from climbplan.spec.wording import findings_of, shown
 
 
@@ -24,7 +25,7 @@ class ClimbParts:
     """The parts of a climb spec that are valid on their own; None where one is not."""
 
     terrain: TerrainSpec | None
-    task: TaskSpec | None
+    task: TaskSpec | TransitionTaskSpec | None
     posture: PosturePlannerSpec | None
     solver: SolverSpec | None
     robot: RobotSpec | None
@@ -46,8 +47,10 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
         named += [(("task", "start", "toes", name), name) for name in parts.task.start.toes]
         named += [(("task", "goal", "toes", name), name) for name in parts.task.goal.toes]
         named += [(("task", "stance", name), name) for name in parts.task.stance]
-        named += [(("task", "stance", name), name) for name in parts.task.stance]
-        gait = parts.task.gait or ()
+        if isinstance(parts.task, TransitionTaskSpec):
+            named += [(("task", "step_max", name), name) for name in parts.task.step_max]
+            named += [(("task", "sequence"), name) for names in parts.task.limbs for name in names]
+        gait = (parts.task.gait if isinstance(parts.task, TaskSpec) else None) or ()
         named += [(("task", "gait", i), name) for i, name in enumerate(gait)]
         known = [name for name in gait if name in limbs]
         if gait and len(known) == len(gait) and sorted(known) != sorted(limbs):
@@ -58,6 +61,11 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
             (("terrain", "regions", i, "limbs", j), name)
             for i, region in enumerate(parts.terrain.regions)
             for j, name in enumerate(region.limbs or ())
+        ]
+        named += [
+            (("terrain", "boxes", i, "limbs", j), name)
+            for i, box in enumerate(parts.terrain.boxes)
+            for j, name in enumerate(box.limbs or ())
         ]
     found += [
         Finding(
@@ -76,12 +84,13 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
     terrain = parts.terrain
     if terrain is None or parts.robot is None or terrain.walls or terrain.tube:
         return []
+    if terrain.ground is not None:
+        return []
+    picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
     return [
         Finding(("terrain", "regions"), f"limb {limb.name} may use none of the regions")
         for limb in parts.robot.limbs
-        if all(
-            region.limbs is not None and limb.name not in region.limbs for region in terrain.regions
-        )
+        if all(limbs is not None and limb.name not in limbs for limbs in picky)
     ]
 
 

@@ -23,6 +23,29 @@ class PostureSpec(SpecModel):
     )
 
 
+class StartSpec(PostureSpec):
+    """The posture to start from, given here or by another plan."""
+
+    com: Vector = quantity("m", "body origin in the world", default=(0.0, 0.0, 0.0))
+    plan: str | None = Field(
+        default=None,
+        min_length=1,
+        description="plan file of a transition or climb, whose last posture is the start; instead "
+        "of `com`, `rpy_deg` and `toes`",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        given = self.model_fields_set - {"plan"}
+        if self.plan is None and "com" not in given:
+            expected = "three numbers: body origin in the world [m]"
+            refuse([Fault("com", f"missing, expected {expected}, or `plan`: a plan file")])
+        if self.plan is not None:
+            because = "unknown beside `plan`, whose last posture is the start"
+            refuse([Fault(name, because) for name in sorted(given)])
+        return self
+
+
 class GoalSpec(PostureSpec):
     """The posture to reach."""
 
@@ -52,7 +75,7 @@ class TaskSpec(SpecModel):
     """Start, goal, rounds and load."""
 
     rounds: Count = quantity("", "number of rounds; every limb moves once a round", ge=1, le=200)
-    start: PostureSpec = Field(description="posture before the first round")
+    start: StartSpec = Field(description="posture before the first round")
     goal: GoalSpec = Field(description="posture after the last round")
     gait: tuple[str, ...] | None = Field(
         default=None,
@@ -78,6 +101,12 @@ class PostureWeights(SpecModel):
     com: Number = quantity("", "W_COM on body steps", default=0.01, gt=0)
     toe: Number = quantity("", "W_s on toe steps", default=0.01, gt=0)
     rotation: Number = quantity("m^2/rad^2", "W_ROT on rotation steps", default=1e-3, gt=0)
+    force: Number = quantity(
+        "m^2",
+        "weight of the squared contact forces, in weights of the robot (coupled methods only)",
+        default=0.0,
+        ge=0,
+    )
 
 
 class PostureSteps(SpecModel):
@@ -135,6 +164,14 @@ class PosturePlannerSpec(SpecModel):
     body_clearance: Number = quantity(
         "m", "distance the body hull keeps from obstacles and walls", default=0.02, ge=0
     )
+    least_load: Number = quantity(
+        "weight",
+        "upward force of every limb at the end of a round at least, in weights of the robot "
+        "(coupled methods only): toes then keep off places that hold nothing",
+        default=0.04,
+        ge=0,
+        lt=1,
+    )
 
 
 class ForcePlannerSpec(SpecModel):
@@ -174,10 +211,28 @@ class TrajectorySpec(SpecModel):
 class SolverSpec(SpecModel):
     """Which method and solver, and when to stop."""
 
-    method: Literal["micp", "nlp"] = Field(
+    method: Literal[
+        "micp", "nlp", "coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial"
+    ] = Field(
         default="micp",
         description="`micp`: globally optimal postures, small rotations; `nlp`: exact rotations, "
-        "curved terrain",
+        "curved terrain. Postures and contact forces together: `coupled`, moments by a learned "
+        "envelope and then put right; `coupled-modes`, one of several envelopes in each round; "
+        "`coupled-micp`, moments by envelopes on a grid, with a bound; `coupled-nlp`, one "
+        "nonlinear program; `spatial`, SCIP on everything, for a round or two",
+    )
+    envelopes: tuple[str, ...] = Field(
+        default=(),
+        description="envelopes of the coupled methods: `ground3`, `wall3`, `wall5` (shipped; "
+        "`wall5:genetic` for another fit than clustering), `expert`, or the path of an "
+        "envelopes.h5; left out: by the regions' normals, for `coupled-modes` ground3 and wall5, "
+        "for `coupled-micp` none, without which its bound holds for the exact problem",
+    )
+    pieces: Count = quantity(
+        "", "pieces of each toe coordinate's range (`coupled-micp`)", default=4, ge=1, le=64
+    )
+    mixed: Literal["highs", "gurobi"] = Field(
+        default="highs", description="solver of the mixed-integer program (`coupled-micp`)"
     )
     posture: Literal["branch-and-bound", "scip", "gurobi"] = Field(
         default="branch-and-bound", description="solver of the posture program (`micp`)"

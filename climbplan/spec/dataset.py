@@ -1,4 +1,4 @@
-"""Dataset spec (`kind: dataset`): many sampled problems of one kind, each solved (chapter 7.2)."""
+"""Dataset spec (`kind: dataset`): many sampled problems of one kind, each solved (7.2, 5.2.2)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
 from climbplan.spec.bookshelf import Meaning, ShelfSolverSpec, ShelfSpec
+from climbplan.spec.envelopes import EnvelopeTerrainSpec
 from climbplan.spec.program import ProgramSolverSpec
 
 Whole = tuple[Count, Count]
@@ -85,7 +86,50 @@ class ProgramProblemSpec(SpecModel):
     """Method and limits."""
 
 
-ProblemSpec = Annotated[BookshelfProblemSpec | ProgramProblemSpec, Field(discriminator="kind")]
+class TerrainSolverSpec(SpecModel):
+    """Branch and bound over parts of the patches."""
+
+    method: Literal["exact"] = Field(
+        default="exact", description="`exact`: a posture, or the proof that there is none"
+    )
+    nodes: Count = quantity(
+        "", "of the search, after which a terrain stays undecided", default=300, ge=1
+    )
+    time_limit: Number = quantity(
+        "s",
+        "of a row, its draws included; a worker beyond ten times it is ended",
+        default=60.0,
+        gt=0,
+    )
+
+
+class TerrainsProblemSpec(SpecModel):
+    """Random terrains, one patch for each limb: whether the robot can stand on them, and how."""
+
+    kind: Literal["terrains"] = Field(description="always `terrains`")
+    robot: str = Field(
+        min_length=1, description="built-in robot (`silvia`) or path of a robot YAML"
+    )
+    terrain: EnvelopeTerrainSpec
+    """What terrains are drawn from."""
+    share_feasible: Number = quantity(
+        "",
+        "share of rows for which a feasible terrain is drawn; the others get an infeasible one on "
+        "which forces alone would balance",
+        default=0.5,
+        ge=0,
+        le=1,
+    )
+    attempts: Count = quantity(
+        "", "terrains drawn for one row before it is given up", default=5000, ge=1, le=1_000_000
+    )
+    solver: TerrainSolverSpec = TerrainSolverSpec()
+    """Limits."""
+
+
+ProblemSpec = Annotated[
+    BookshelfProblemSpec | ProgramProblemSpec | TerrainsProblemSpec, Field(discriminator="kind")
+]
 
 
 class DatasetSpec(SpecModel):
@@ -130,7 +174,17 @@ class ProgramDatasetSpec(DatasetSpec):
     """What is sampled and solved."""
 
 
-BY_PROBLEM: dict[str, type[ShelfDatasetSpec] | type[ProgramDatasetSpec]] = {
+class TerrainsDatasetSpec(DatasetSpec):
+    """A dataset of terrains."""
+
+    problem: TerrainsProblemSpec
+    """What is sampled and solved."""
+
+
+BY_PROBLEM: dict[
+    str, type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | type[TerrainsDatasetSpec]
+] = {
     "bookshelf": ShelfDatasetSpec,
     "program": ProgramDatasetSpec,
+    "terrains": TerrainsDatasetSpec,
 }

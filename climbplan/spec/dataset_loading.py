@@ -8,24 +8,34 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf_loading import root_paths
-from climbplan.spec.dataset import BY_PROBLEM, ProgramDatasetSpec, ShelfDatasetSpec
+from climbplan.spec.dataset import (
+    BY_PROBLEM,
+    ProgramDatasetSpec,
+    ShelfDatasetSpec,
+    TerrainsDatasetSpec,
+)
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.motion_loading import robot_of_document
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
 from climbplan.spec.yaml_source import parse_yaml
 
-_PATHS = (("problem", "solver", "library", "file"), ("problem", "solver", "library"))
+_PATHS = (
+    ("problem", "solver", "library", "file"),
+    ("problem", "solver", "library"),
+    ("problem", "solver", "model", "file"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedDataset(LoadedSpec):
     """A dataset spec and the text it came from."""
 
-    spec: ShelfDatasetSpec | ProgramDatasetSpec
+    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec
 
 
 def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedDataset:
@@ -54,14 +64,17 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
         raise SpecError(document.source, document.mistakes([*findings, model]))
     spec, found = validate(document, model)
     findings += [f for f in found if f.path != ("kind",)]
-    if spec is None or findings:
-        raise SpecError(document.source, document.mistakes(findings))
+    mistakes = document.mistakes(findings)
+    if model is TerrainsDatasetSpec:
+        mistakes += robot_of_document(document, text.directory, ("problem", "robot"))[1]
+    if spec is None or mistakes:
+        raise SpecError(document.source, mistakes)
     return LoadedDataset(spec=spec, **origin_of(document, text))
 
 
 def _model_of(
     document: Document,
-) -> type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | Finding:
+) -> type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | type[TerrainsDatasetSpec] | Finding:
     """The model that `problem.kind` asks for, or what is wrong with it."""
     known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
     problem = document.value.get("problem")

@@ -12,7 +12,10 @@ from climbplan.spec.fields import nearest
 # What `climbplan new KIND` writes; the most telling example of each kind.
 FIRST_EXAMPLE = {
     "climb": "climb_obstacle",
+    "transition": "transition_flat",
     "bookshelf": "bookshelf_scene",
+    "mpc": "mpc_forward",
+    "envelopes": "envelopes_wall3",
     "program": "cart_pole",
     "dataset": "dataset_bookshelf",
     "strategy": "strategy_bookshelf",

@@ -12,17 +12,23 @@ from climbplan.spec.bookshelf import BookshelfSpec
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.dataset import DatasetSpec
 from climbplan.spec.document import Document, Finding
+from climbplan.spec.envelopes import EnvelopesSpec
 from climbplan.spec.fields import nearest
 from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.strategy import StrategySpec
+from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.wording import findings_of, shown
 
 KINDS: dict[str, type[SpecModel]] = {
     "climb": ClimbSpec,
+    "transition": TransitionSpec,
+    "mpc": MpcSpec,
     "bookshelf": BookshelfSpec,
+    "envelopes": EnvelopesSpec,
     "program": ProgramSpec,
     "dataset": DatasetSpec,
     "strategy": StrategySpec,

@@ -5,31 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
-from pydantic import ValidationError
-
-from climbplan.errors import SpecError, SpecMistake
-from climbplan.spec.base import SpecModel
-from climbplan.spec.bookshelf_loading import LoadedShelf, shelf_of_document
+from climbplan.errors import SpecError
+from climbplan.spec.bookshelf_loading import LoadedShelf, root_paths, shelf_of_document
 from climbplan.spec.checks import ClimbParts, check_parts, check_study
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
+from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.limms_loading import LoadedLimms, limms_of, module_of
 from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.motion_loading import part_of, robot_of_document
+from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program_loading import LoadedProgram, program_of
 from climbplan.spec.robot import RobotSpec
-from climbplan.spec.robot_source import UnknownRobot, load_robot, robot_of
+from climbplan.spec.robot_source import robot_of
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.strategy_loading import LoadedStrategy, strategy_of
 from climbplan.spec.terrain import TerrainSpec
+from climbplan.spec.transition_loading import LoadedTransition, transition_of_document
 from climbplan.spec.yaml_source import parse_yaml
-
-Model = TypeVar("Model", bound=SpecModel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +70,13 @@ def load_spec(
 ) -> (
     LoadedClimb
     | LoadedDataset
+    | LoadedEnvelopes
     | LoadedLimms
+    | LoadedMpc
     | LoadedProgram
     | LoadedShelf
     | LoadedStrategy
+    | LoadedTransition
     | ModuleSpec
     | RobotSpec
 ):
@@ -95,12 +96,18 @@ def load_spec(
         return module_of(document)
     if kind == "limms":
         return limms_of(document, text)
+    if kind == "envelopes":
+        return envelopes_of(document, text)
     if kind == "program":
         return program_of(document, text)
     if kind == "dataset":
         return dataset_of(document, text)
+    if kind == "mpc":
+        return mpc_of(document, text)
     if kind == "strategy":
         return strategy_of(document, text)
+    if kind == "transition":
+        return transition_of_document(document, text)
     return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)
 
 
@@ -124,12 +131,13 @@ def _loaded(document: Document, text: SourceText) -> LoadedClimb:
 
 def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpec]:
     findings: list[Finding] = []
+    root_paths(document, [("task", "start", "plan")])
     kind = find_kind(document, wanted="climb")
     if isinstance(kind, Finding):
         findings.append(kind)
     spec, found = validate(document, ClimbSpec)
     findings += [f for f in found if f.path != ("kind",)]
-    robot, robot_mistakes = _robot_of_climb(document, text.directory)
+    robot, robot_mistakes = robot_of_document(document, text.directory)
     findings += check_parts(_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)
@@ -139,39 +147,11 @@ def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpe
     return spec, robot
 
 
-def _robot_of_climb(
-    document: Document, directory: Path
-) -> tuple[RobotSpec | None, list[SpecMistake]]:
-    reference = document.value.get("robot")
-    if not isinstance(reference, str) or not reference:
-        return None, []  # the model says what is wrong with it
-    try:
-        return load_robot(reference, directory), []
-    except UnknownRobot as error:
-        finding = Finding(("robot",), str(error), error.suggestion)
-        return None, [document.mistake(finding)]
-    except SpecError as error:
-        return None, [
-            # Without a line the file itself is at fault, and so the key that names it.
-            replace(m, source=m.source or error.source)
-            if m.line
-            else document.mistake(Finding(("robot",), f"{error.source}: {m.message}", m.suggestion))
-            for m in error.mistakes
-        ]
-
-
 def _parts(document: Document, robot: RobotSpec | None) -> ClimbParts:
     return ClimbParts(
-        terrain=_part(document, "terrain", TerrainSpec),
-        task=_part(document, "task", TaskSpec),
-        posture=_part(document, "posture", PosturePlannerSpec),
-        solver=_part(document, "solver", SolverSpec),
+        terrain=part_of(document, "terrain", TerrainSpec),
+        task=part_of(document, "task", TaskSpec),
+        posture=part_of(document, "posture", PosturePlannerSpec),
+        solver=part_of(document, "solver", SolverSpec),
         robot=robot,
     )
-
-
-def _part(document: Document, key: str, model: type[Model]) -> Model | None:
-    try:
-        return model.model_validate(document.value.get(key, {}))
-    except ValidationError:
-        return None  # reported with the whole

@@ -111,7 +111,7 @@ class ProgramSolverSpec(SpecModel):
     library: str | None = Field(
         default=None,
         min_length=1,
-        description="a plan file of an earlier run of the same problem, relative to the spec; "
+        description="a plan file or dataset of the same problem, relative to the spec; "
         "relative to where you are if set on the command line",
     )
     model: ModelFileSpec | None = Field(
@@ -136,6 +136,19 @@ class ProgramSolverSpec(SpecModel):
     time_limit: Number = quantity("s", "time limit of one instance", default=60.0, gt=0)
     envelopes: EnvelopeSpec = EnvelopeSpec()
     """Grids and disjunctions."""
+
+    @model_validator(mode="after")
+    def _has_what_it_learns_from(self) -> Self:
+        faults: list[Fault] = []
+        started = self.method == "mpcc" and self.start == "knn"
+        if self.library is None and (started or (self.method == "knn" and self.model is None)):
+            message = f"method `{self.method}` takes integers from a library: expected one"
+            faults.append(Fault("library", message))
+        if self.method in ("forest", "boosting", "network", "reduce") and self.model is None:
+            message = f"method `{self.method}` needs a trained model: expected `file: model.h5`"
+            faults.append(Fault("model", message))
+        refuse(faults)
+        return self
 
 
 class ProgramSpec(SpecModel):
@@ -166,16 +179,6 @@ class ProgramSpec(SpecModel):
             faults.append(Fault("", "expected either `theta` or `sample`, got both"))
         if self.theta is not None:
             faults += _theta_faults(self.theta)
-        needs = self.solver.method == "knn" or (
-            self.solver.method == "mpcc" and self.solver.start == "knn"
-        )
-        solver = self.solver
-        if needs and solver.library is None and (solver.method == "mpcc" or solver.model is None):
-            message = f"method `{solver.method}` takes integers from a library: expected one"
-            faults.append(Fault("solver.library", message))
-        if solver.method in ("forest", "boosting", "network", "reduce") and solver.model is None:
-            message = f"method `{solver.method}` needs a trained model: expected `file: model.h5`"
-            faults.append(Fault("solver.model", message))
         refuse(faults)
         return self
 

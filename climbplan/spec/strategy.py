@@ -77,7 +77,9 @@ class ReduceSpec(SpecModel):
         default="nearest",
         description="solutions in no cluster join the `nearest` one, or are left out as published",
     )
-    trees: Count = quantity("", "trees of the forest", default=1000, ge=1, le=10_000)
+    trees: Count = quantity(
+        "", "trees of the forest; published: 1000", default=150, ge=1, le=10_000
+    )
 
 
 class ModelSpec(SpecModel):

@@ -1,4 +1,4 @@
-"""Terrain spec: contact regions, walls, tubes, obstacles and free space."""
+"""Terrain spec: ground, boxes, walls, tubes, contact regions, obstacles and free space."""
 
 from __future__ import annotations
 
@@ -70,6 +70,9 @@ class WallsSpec(SpecModel):
     )
     along: Interval = quantity("m", "extent of both walls along y, from and to")
     up: Interval = quantity("m", "extent of both walls along z, from and to")
+    friction: Number | None = quantity(
+        "", "friction coefficient; `terrain.friction` if left out", default=None, gt=0
+    )
 
     @model_validator(mode="after")
     def _extents(self) -> Self:
@@ -80,6 +83,47 @@ class WallsSpec(SpecModel):
             meet = -self.gap / opening
             faults.append(Fault("along", f"the walls meet at y = {meet:.3g} m, inside the extent"))
         refuse(faults)
+        return self
+
+
+class GroundSpec(SpecModel):
+    """Level ground, a rectangle that all limbs may stand on."""
+
+    height: Number = quantity("m", "z of the ground", default=0.0)
+    across: Interval = quantity("m", "extent along x, from and to")
+    along: Interval = quantity("m", "extent along y, from and to")
+    friction: Number | None = quantity(
+        "", "friction coefficient; `terrain.friction` if left out", default=None, gt=0
+    )
+
+    @model_validator(mode="after")
+    def _extents(self) -> Self:
+        refuse([*_interval_fault("across", self.across), *_interval_fault("along", self.along)])
+        return self
+
+
+class BoxSpec(SpecModel):
+    """An axis-aligned solid box whose top is a contact region: a brick, a step."""
+
+    name: str = Field(min_length=1, description="name used in reports")
+    lower: Vector = quantity("m", "lower corner")
+    upper: Vector = quantity("m", "upper corner")
+    friction: Number | None = quantity(
+        "", "friction coefficient of its top; `terrain.friction` if left out", default=None, gt=0
+    )
+    limbs: tuple[str, ...] | None = Field(
+        default=None, description="limbs that may stand on it; all if left out"
+    )
+
+    @model_validator(mode="after")
+    def _extents(self) -> Self:
+        refuse(
+            [
+                Fault("lower", f"the box is empty along {axis}: lower {low:g}, upper {high:g}")
+                for axis, low, high in zip("xyz", self.lower, self.upper, strict=True)
+                if low >= high
+            ]
+        )
         return self
 
 
@@ -129,6 +173,10 @@ class TerrainSpec(SpecModel):
     friction: Number = quantity("", "friction coefficient where a region has none", gt=0)
     regions: tuple[RegionSpec, ...] = Field(default=(), description="flat contact regions")
     walls: WallsSpec | None = Field(default=None, description="two walls as one region each")
+    ground: GroundSpec | None = Field(default=None, description="level ground to stand on")
+    boxes: tuple[BoxSpec, ...] = Field(
+        default=(), description="solid boxes whose tops limbs may stand on"
+    )
     tube: TubeSpec | None = Field(default=None, description="round tube instead of flat regions")
     obstacles: tuple[SolidSpec, ...] = Field(
         default=(), description="solids that body, limbs and swing paths must clear"
@@ -140,16 +188,22 @@ class TerrainSpec(SpecModel):
 
     @model_validator(mode="after")
     def _some_surface(self) -> Self:
-        flat = bool(self.regions) or self.walls is not None
+        flat = bool(self.regions or self.boxes) or self.walls is not None
+        flat = flat or self.ground is not None
         faults = []
         if self.tube is not None and flat:
             faults.append(
-                Fault("tube", "expected either flat regions (`regions`, `walls`) or `tube`")
+                Fault(
+                    "tube", "expected either flat regions (`regions`, `walls`, `ground`) or `tube`"
+                )
             )
         if not flat and self.tube is None:
             faults.append(Fault("", "nothing to stand on: expected `regions`, `walls` or `tube`"))
         seen = {"left": "a wall", "right": "a wall"} if self.walls is not None else {}
+        if self.ground is not None:
+            seen["ground"] = "the ground"
         names = [
+            *((b.name, f"boxes.{i}") for i, b in enumerate(self.boxes)),
             *((r.name, f"regions.{i}") for i, r in enumerate(self.regions)),
             *((s.name, f"obstacles.{i}") for i, s in enumerate(self.obstacles)),
             *((s.name, f"free_regions.{i}") for i, s in enumerate(self.free_regions)),

@@ -5,17 +5,19 @@ from __future__ import annotations
 import itertools
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.spec.terrain import TerrainSpec, WallsSpec
+from climbplan.spec.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
 _log = logging.getLogger(__name__)
+_ON_FACE = 1e-6  # [m] a surface this close to a face of a solid lies on it
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,12 @@ class Terrain:
         """The flat regions (none in a tube)."""
         return tuple(s for s in self.surfaces if isinstance(s, Region))
 
+    @cached_property
+    def stood_upon(self) -> NDArray[np.bool_]:
+        """(N, O) obstacles with a face on which a surface lies that limb i may stand on."""
+        lies = [[_lies_on(surface, solid) for solid in self.obstacles] for surface in self.surfaces]
+        return self.allowed @ np.array(lies, bool).reshape(len(self.surfaces), len(self.obstacles))
+
     @property
     def solids(self) -> tuple[Solid, ...]:
         """Obstacles and the material behind flat regions, for collision checks."""
@@ -56,6 +64,16 @@ class Terrain:
         candidates = np.flatnonzero(self.allowed[limb])
         distances = [self.surfaces[r].distance(point) for r in candidates]
         return int(candidates[int(np.argmin(distances))])
+
+
+def _lies_on(surface: Surface, solid: Solid) -> bool:
+    """Whether a flat surface covers part of a face of a solid."""
+    if not isinstance(surface, Region):
+        return False
+    distance = surface.vertices @ solid.A.T - solid.b  # (V, F)
+    on_face = np.abs(distance).max(axis=0) < _ON_FACE
+    inside = bool((distance < _ON_FACE).all())
+    return inside and bool((on_face & (solid.A @ surface.normal > 0)).any())
 
 
 def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
@@ -74,6 +92,24 @@ def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
             corners.reverse()
         built.append(Region.from_vertices(name, np.array(corners), friction))
     return built[0], built[1]
+
+
+def _level_region(
+    name: str, across: tuple[float, float], along: tuple[float, float], z: float, friction: float
+) -> Region:
+    """A level rectangle seen from above."""
+    corners = [(across[i], along[j], z) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    return Region.from_vertices(name, np.array(corners, float), friction)
+
+
+def _ground_region(ground: GroundSpec, friction: float) -> Region:
+    return _level_region("ground", ground.across, ground.along, ground.height, friction)
+
+
+def _box_top(box: BoxSpec, friction: float) -> Region:
+    sides = zip(box.lower[:2], box.upper[:2], strict=True)
+    across, along = sides
+    return _level_region(box.name, across, along, box.upper[2], friction)
 
 
 def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
@@ -115,6 +151,10 @@ def _free_choices(
     )
 
 
+def _friction(own: float | None, spec: TerrainSpec) -> float:
+    return spec.friction if own is None else own
+
+
 def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
     """The terrain of a spec for a robot.
 
@@ -129,11 +169,17 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         )
         allowed.append([True] * robot.limb_count)
     if spec.walls is not None:
-        for region in _wall_regions(spec.walls, spec.friction):
+        for region in _wall_regions(spec.walls, _friction(spec.walls.friction, spec)):
             surfaces.append(region)
             allowed.append([side in (region.name, "any") for side in robot.sides])
+    if spec.ground is not None:
+        surfaces.append(_ground_region(spec.ground, _friction(spec.ground.friction, spec)))
+        allowed.append([True] * robot.limb_count)
+    for box in spec.boxes:
+        surfaces.append(_box_top(box, _friction(box.friction, spec)))
+        allowed.append([box.limbs is None or name in box.limbs for name in robot.limb_names])
     for item in spec.regions:
-        friction = item.friction if item.friction is not None else spec.friction
+        friction = _friction(item.friction, spec)
         if item.rectangle is not None:
             flat = item.rectangle
             region = Region.from_rectangle(
@@ -149,7 +195,8 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
     _warn_of_hidden_patches(surfaces)
-    obstacles = tuple(Solid.from_spec(s) for s in spec.obstacles)
+    boxes = [Solid.from_box(b.name, np.array(b.lower), np.array(b.upper)) for b in spec.boxes]
+    obstacles = (*(Solid.from_spec(s) for s in spec.obstacles), *boxes)
     return Terrain(
         surfaces=tuple(surfaces),
         allowed=np.array(allowed, bool).T,

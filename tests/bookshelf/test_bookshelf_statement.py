@@ -146,7 +146,7 @@ def test_the_published_counts() -> None:
         program = bookshelf(3, SHELF, meaning)  # type: ignore[arg-type]
         assert program.counts()["binary"] == 18
         scene = Scene(np.zeros((3, 3)), np.full((3, 2), 0.05), np.array([0.05, 0.02]))
-        parts = published_partitions(program, (-88.0, 88.0, 110.0))
+        parts = published_partitions(program)
         form = McCormick(parts, "log2").apply(program.at(theta_of(scene)))
         assert form.instance.binary_count == 130
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 from bookshelf_scenes import PUBLISHED
 
-from climbplan.bookshelf.scene import Scenes
+from climbplan.bookshelf.dataset_rows import frame_of
+from climbplan.bookshelf.scene import Scenes, Shelf
 from climbplan.bookshelf.scene_file import read_scenes, write_scenes
 from climbplan.errors import PlanFileError, UsageError
+from climbplan.plans.dataset import Dataset
+from climbplan.plans.dataset_file import write_dataset_file
 
 SHIPPED = Path(__file__).parents[2] / "specs" / "bookshelf_scenes.h5"
 
@@ -87,17 +91,42 @@ def test_scenes_of_a_dataset(tmp_path: Path) -> None:
     """Rows whose scene could not be drawn are left out; other problems have no scenes."""
     path = tmp_path / "dataset.h5"
     scenes = Scenes.from_theta(np.array([[-40, 40, 0, 80, 20, 90, 30.0]]), "mm")
-    theta = np.vstack([scenes.theta("m"), np.full((1, 7), np.nan)])
-    for kind in ("bookshelf", "program"):
-        with h5py.File(path, "w") as file:
-            file.attrs["format"], file.attrs["kind"] = "climbplan/dataset", kind
-            file.create_dataset("parameters", data=theta).attrs["units"] = ""
-        if kind == "bookshelf":
-            found = read_scenes(path)
-            assert len(found) == 1
-            np.testing.assert_allclose(found.theta("mm"), scenes.theta("mm"))
-            with pytest.raises(PlanFileError, match="no groups"):
-                read_scenes(path, "scenes")
-        else:
-            with pytest.raises(PlanFileError, match="another problem"):
-                read_scenes(path)
+    rows = _rows(np.vstack([scenes.theta("m"), np.full((1, 7), np.nan)]))
+    write_dataset_file(rows, path)
+    found = read_scenes(path)
+    np.testing.assert_allclose(found.theta("mm"), scenes.theta("mm"))
+    with pytest.raises(PlanFileError, match="no groups"):
+        read_scenes(path, "scenes")
+    write_dataset_file(replace(rows, frame=replace(rows.frame, kind="program")), path)
+    with pytest.raises(PlanFileError, match="another problem"):
+        read_scenes(path)
+
+
+def _rows(parameters: np.ndarray) -> Dataset:
+    """Rows without answers."""
+    frame = frame_of(1, Shelf(), "contact")
+    count = len(parameters)
+    return Dataset(
+        frame=frame,
+        parameters=parameters,
+        feasible=np.zeros(count, bool),
+        solution={
+            name: np.full((count, *layout.shape[1:]), -1 if layout.kind == "int" else np.nan)
+            for name, layout in frame.layouts.items()
+        },
+        integers=np.full((count, len(frame.integer_names)), -1),
+        objective=np.full(count, np.nan),
+        bound=np.full(count, -np.inf),
+        time=np.zeros(count),
+        seed=np.arange(count),
+        row=np.arange(count),
+        status=("failed",) * count,
+        message=("stopped",) * count,
+        name="rows",
+        title="",
+        spec_text="",
+        spec_sha256="0" * 64,
+        base_seed=0,
+        timings={},
+        solvers={},
+    )

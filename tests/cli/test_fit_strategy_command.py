@@ -186,3 +186,35 @@ def test_a_hostile_model_ends_with_exit_code_2(
     done = run_command("solve-bookshelf", few_scenes, *model, "-o", "out")
     assert done.code == 2
     assert "does not stand behind it" in done.err
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('"right": 0.08111', '"right": 1' + "0" * 400, "a shelf whose right is 1000"),
+        ('"right": 0.08111', '"right": NaN', "a shelf whose right is nan m"),
+        ('"right": 0.08111', '"right": true', "a shelf whose right is True"),
+        ('"books": 3', '"books": 1' + "0" * 400, "made for books 1000"),
+        ('"features": "gaps"', '"features": "raw"', "14 features, expected 17"),
+    ],
+)
+def test_a_hostile_context_is_refused_with_the_file_and_briefly(
+    run_command: RunCommand,
+    models: dict[str, Path],
+    few_scenes: str,
+    before: str,
+    after: str,
+    words: str,
+) -> None:
+    path = Path("hostile.h5")
+    path.write_bytes(models["knn"].read_bytes())
+    with h5py.File(path, "r+") as file:
+        context = str(file.attrs["context"])
+        assert before in context
+        file.attrs["context"] = context.replace(before, after)
+    model = ("--set", f"solver.model.file={path}", "--method", "knn")
+    done = run_command("solve-bookshelf", few_scenes, *model, "-o", "out")
+    assert done.code == 2
+    assert "hostile.h5: " in done.err
+    assert words in done.err
+    assert len(done.err) < 400

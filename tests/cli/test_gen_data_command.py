@@ -138,6 +138,53 @@ def test_hostile_file_is_bad_usage(dataset: Path, run_command: RunCommand) -> No
     assert run_command("data", "info", "out").code == 2
 
 
+def test_reasons_of_a_hostile_file_do_not_drive_the_terminal(
+    dataset: Path, run_command: RunCommand
+) -> None:
+    data = read_dataset_file(dataset)
+    message = ("\x1b]0;owned\x07\x9b2J", *data.message[1:])
+    status = ("failed", *data.status[1:])
+    feasible = np.append(False, data.feasible[1:])
+    write_dataset_file(replace(data, message=message, status=status, feasible=feasible), dataset)
+    outcome = run_command("data", "info", "out")
+    assert outcome.code == 0
+    assert r"\x1b]0;owned\x07\x9b2J" in outcome.out
+    assert not set(outcome.out) & {"\x1b", "\x07", "\x9b"}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("solution/state", 99, "states [99, 99, 99] and slot"),
+        ("solution/slot", -7, "slot -7 of its placement"),
+        ("solution/pose", 1e300, "solution/pose holds numbers beyond 1e+30"),
+        ("objective", -1e308, "objective holds numbers beyond 1e+30"),
+        ("parameters", 1e-320, "expected at least 1e-06"),
+        ("facts", "9" * 400, "facts: int too large"),
+        ("facts", "1e999", "facts holds a number that is not finite"),
+        ("facts", "1e300", "shelf: expected numbers up to 100 m"),
+    ],
+)
+def test_a_hostile_dataset_is_no_library(
+    dataset: Path, run_command: RunCommand, name: str, value: object, words: str
+) -> None:
+    with h5py.File(dataset, "r+") as file:
+        if name == "facts":
+            assert "0.05911" in file.attrs["facts"]
+            file.attrs["facts"] = file.attrs["facts"].replace("0.05911", str(value))
+        else:
+            file[name][...] = value
+    outcome = run_command(
+        "fit-strategy", str(ROOT / "specs" / "strategy_bookshelf.yaml"),
+        "--set", "data.files=[out/dataset.h5]",
+    )  # fmt: skip
+    assert outcome.code == 2
+    assert words in outcome.err
+    if name == "solution/state":
+        assert run_command("report", "out", "--force").code == 0
+        assert run_command("verify", "out").code == 5
+
+
 def test_a_finished_dataset_is_not_overwritten(dataset: Path, run_command: RunCommand) -> None:
     outcome = run_command("gen-data", "small_data.yaml", "--out", "out")
     assert outcome.code == 2
@@ -216,7 +263,7 @@ def test_export_says_what_it_can_write(dataset: Path, run_command: RunCommand) -
 def test_a_dataset_is_a_library_of_the_bookshelf(dataset: Path, run_command: RunCommand) -> None:
     Path("scene.yaml").write_text(
         "kind: bookshelf\n"
-        "shelf: {left_mm: -59, right_mm: 59}\n"
+        "shelf: {left_mm: -59.11, right_mm: 59.11}\n"
         "scene:\n"
         "  books: [{x_mm: -40, height_mm: 60, width_mm: 20}, {x_mm: 10, height_mm: 60, "
         "width_mm: 20}]\n"
@@ -225,6 +272,14 @@ def test_a_dataset_is_a_library_of_the_bookshelf(dataset: Path, run_command: Run
     )
     outcome = run_command("solve-bookshelf", "scene.yaml", "--out", "placed")
     assert outcome.code == 0, outcome.err
+    other = ("--set", "shelf.right_mm=60", "--out", "other")
+    outcome = run_command("solve-bookshelf", "scene.yaml", *other)
+    assert outcome.code == 2
+    assert "made for a shelf whose right is 0.05911 m, here it is 0.06 m" in outcome.err
+    taken = run_command(
+        "solve-bookshelf", "scene.yaml", *other, "-s", "solver.library.foreign=true"
+    )
+    assert taken.code == 0, taken.err
     data = read_dataset_file(dataset)
     write_dataset_file(replace(data, frame=replace(data.frame, kind="toy")), dataset)
     outcome = run_command("solve-bookshelf", "scene.yaml", "--out", "again")

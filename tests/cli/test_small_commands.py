@@ -87,7 +87,8 @@ def test_other_examples(run_command: RunCommand, workplace: Path) -> None:
 def test_schema(run_command: RunCommand) -> None:
     assert json.loads(run_command("schema", "climb").out)["$id"] == "urn:climbplan:spec:climb"
     assert json.loads(run_command("schema", "robot").out)["$id"] == "urn:climbplan:spec:robot"
-    kinds = {"climb", "bookshelf", "program", "dataset", "strategy", "robot"}
+    kinds = {"climb", "transition", "bookshelf", "envelopes", "program", "dataset"}
+    kinds |= {"strategy", "mpc", "robot"}
     assert set(json.loads(run_command("schema").out)["$defs"]) == kinds
 
 
@@ -148,7 +149,8 @@ def test_doctor_covers_every_dependency() -> None:
 
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
-    names = ["posture", "force", "plan", "growth", "bookshelf", "strategies"]
+    names = ["posture", "force", "plan", "coupled", "transition", "growth", "bookshelf"]
+    names += ["strategies"]
     assert [line.split()[0] for line in listed] == names
 
 

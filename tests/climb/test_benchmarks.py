@@ -52,5 +52,13 @@ def test_published_setting_has_its_published_size() -> None:
 
 
 def test_unknown_benchmarks_are_refused() -> None:
-    with pytest.raises(UsageError, match="posture, force, plan, growth"):
+    with pytest.raises(UsageError, match="posture, force, plan, coupled, growth"):
         table("speed")
+
+
+def test_coupled_stages_are_faster_than_a_modelling_layer_and_agree() -> None:
+    text = table("coupled")
+    costs = [float(c) for c in re.findall(r"\d+\.\d +\d+\.\d +(0\.\d+)$", text, re.MULTILINE)]
+    assert len(costs) == 3
+    assert max(costs) - min(costs) <= 2e-5
+    assert re.search(r"^coupled +\d of 4", text, re.MULTILINE)

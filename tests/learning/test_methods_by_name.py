@@ -14,14 +14,10 @@ from climbplan.learning.clusters import solution_columns
 from climbplan.learning.conflicts import conflicting_blocks
 from climbplan.learning.envelope_rounds import EnvelopeOptions
 from climbplan.learning.library import Frame, Library
-from climbplan.learning.methods import (
-    METHODS,
-    NEEDS_MODEL,
-    Method,
-    MethodSettings,
-    solve_instance,
-)
+from climbplan.learning.method_task import Method, MethodSettings
+from climbplan.learning.methods import METHODS, solve_instance
 from climbplan.learning.model import FitOptions, ModelKind, fit
+from climbplan.learning.pinned_methods import NEEDS_MODEL
 from climbplan.learning.pinning import PinnedSolver, at_point, solve_candidate
 from climbplan.program import Problem, Program
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -109,6 +110,70 @@ def test_reduced_program_bounds_the_best_of_its_cluster(library: Library, solver
         assert best == pytest.approx(library.objective[row], rel=1e-3, abs=1e-3)
 
 
+def test_pieces_shrink_to_the_solutions_in_them(library: Library) -> None:
+    rows = np.flatnonzero(library.features[:, 0] > 1)
+    points = library.points[rows]
+    args = (PARTITIONS, points, library.alternatives[rows], library.frame.integer)
+    whole, shrunk = Reduction.of(*args, room=np.inf), Reduction.of(*args, room=0.05)
+    assert shrunk.binary_count == whole.binary_count
+    for before, after in zip(whole.partitions, shrunk.partitions, strict=True):
+        width = before.upper - before.lower
+        assert (after.lower >= before.lower).all()
+        assert (after.upper <= before.upper).all()
+        values = points[:, after.variables]
+        inside = (values[:, None] >= after.lower - 1e-9) & (values[:, None] <= after.upper + 1e-9)
+        assert inside.all(axis=2).any(axis=1).all()
+        for low, high, most in zip(after.lower, after.upper, width, strict=True):
+            mine = values[((values >= low - 1e-9) & (values <= high + 1e-9)).all(axis=1)]
+            assert (mine.min(axis=0) - low <= 0.05 * most + 1e-9).all()
+            assert (high - mine.max(axis=0) <= 0.05 * most + 1e-9).all()
+    assert any(
+        (after.upper - after.lower < 0.9 * (before.upper - before.lower)).any()
+        for before, after in zip(whole.partitions, shrunk.partitions, strict=True)
+    )
+
+
+def test_other_strategies_of_the_cluster_follow_its_program(library: Library) -> None:
+    instance = PROGRAM.at({"goal": library.features[0]})
+    options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
+    ranking = fit(library, options, solution_columns(instance)).clusters()
+    goal = library.features[0]
+    cluster = int(ranking.ranked(goal, 1)[0])
+    nearest = ranking.strategies(goal, cluster)
+    members = ranking.members(cluster)
+    assert len(nearest) == len(np.unique(library.strategy[members]))
+    distance = np.linalg.norm((library.features[nearest] - goal) / ranking.scale, axis=1)
+    assert (np.diff(distance) >= 0).all()
+    for row in nearest:
+        alike = members[library.strategy[members] == library.strategy[row]]
+        apart = np.linalg.norm((library.features[alike] - goal) / ranking.scale, axis=1)
+        assert library.strategy[row] in library.strategy[members]
+        assert apart.min() == pytest.approx(
+            float(np.linalg.norm((library.features[row] - goal) / ranking.scale))
+        )
+    found = list(ReducedPrograms(ranking, PARTITIONS).candidates(instance, goal, 1))
+    scored = [np.isfinite(candidate.score) for candidate in found]
+    assert scored == sorted(scored, reverse=True)  # the program's first
+    assert {c.number for c in found if c.number >= 0} >= set(library.strategy[nearest])
+    none = list(ReducedPrograms(ranking, PARTITIONS, others=0).candidates(instance, goal, 1))
+    assert all(np.isfinite(candidate.score) for candidate in none)
+
+
+def test_a_cluster_whose_program_has_no_point_still_offers_its_strategies(
+    library: Library,
+) -> None:
+    options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
+    instance = PROGRAM.at({"goal": library.features[0]})
+    ranking = fit(library, options, solution_columns(instance)).clusters()
+    nowhere = replace(instance, lower=np.where(instance.integer, instance.lower, 3.9))
+    solves: list[ClusterSolve] = []
+    programs = ReducedPrograms(ranking, PARTITIONS, report=solves.append)
+    found = list(programs.candidates(nowhere, library.features[0], 1))
+    assert solves[0].status == "infeasible"
+    cluster = int(ranking.ranked(library.features[0], 1)[0])
+    assert [c.row for c in found] == list(ranking.strategies(library.features[0], cluster))
+
+
 def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
     rows = np.flatnonzero(library.features[:, 0] > 1)
     other = library.features[np.flatnonzero(library.features[:, 0] < 1)[0]]
@@ -183,6 +248,15 @@ def test_outliers_join_the_nearest_cluster_or_are_dropped() -> None:
         options = ClusterOptions("dbscan", 5, 1.0, outliers=outliers)  # type: ignore[arg-type]
         label = clustered(vectors, options, 0)
         assert label[-1] == expected or (outliers == "nearest" and label[-1] in (1, 2))
+
+
+def test_clusters_are_numbered_by_size_with_the_outliers_that_joined() -> None:
+    far = np.array([[30.0, 30.0]])
+    lone = np.array([[0.0, 30.0 + 3 * k] for k in range(12)])  # nearest to the third blob
+    vectors = np.vstack([_blobs()[:-1], lone, far])
+    label = clustered(vectors, ClusterOptions("dbscan", 5, 1.0), 0)
+    assert (np.diff(np.bincount(label)) <= 0).all()
+    assert label[50] == 1  # it has become larger than the second
 
 
 def test_without_clusters() -> None:

@@ -39,8 +39,8 @@ def _fresh(count: int = 50) -> np.ndarray:
 
 def test_forest_agrees_with_its_trainer() -> None:
     library = made_up()
-    ours = fit_forest(library.features, library.strategy, len(library.strategies), 20, 10, 3)
-    theirs = RandomForestClassifier(20, max_depth=10, random_state=3)
+    ours = fit_forest(library.features, library.strategy, len(library.strategies), 45, 10, 3)
+    theirs = RandomForestClassifier(45, max_depth=10, random_state=3)
     theirs.fit(library.features, library.strategy)
     for x in _fresh():
         np.testing.assert_allclose(ours.probabilities(x), theirs.predict_proba([x])[0], atol=1e-12)

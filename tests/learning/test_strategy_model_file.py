@@ -70,10 +70,33 @@ def _linked(file: h5py.File) -> None:
     file["scale"] = h5py.ExternalLink("/etc/passwd", "/x")
 
 
+def _chain(file: h5py.File) -> None:
+    """One tree whose every inner node has a leaf and the next inner node below it."""
+    inner, leaf = np.arange(20_000), -1
+    feature = np.append(np.column_stack([0 * inner, 0 * inner + leaf]).ravel(), leaf)
+    left = np.append(np.column_stack([2 * inner + 1, 0 * inner + leaf]).ravel(), leaf)
+    right = np.append(np.column_stack([2 * inner + 2, 0 * inner + leaf]).ravel(), leaf)
+    first = np.append(0, np.cumsum(feature == leaf))
+    for name, value in {
+        "root": np.array([0]), "feature": feature, "threshold": np.zeros(len(feature)),
+        "left": left, "right": right, "first": first,
+        "label": np.zeros(first[-1], np.int64), "share": np.ones(first[-1]),
+    }.items():  # fmt: skip
+        _replaced(file, f"forest/{name}", value)
+
+
+def _shared(file: h5py.File) -> None:
+    left, right = file["forest/left"], file["forest/right"]
+    node = int(np.argmax(left[()] >= 0))
+    right[node] = left[node]
+
+
 HOSTILE: list[tuple[ModelKind, Damage, str]] = [
     ("forest", _edit("forest/threshold", 0, np.nan), "finite"),
     ("forest", _edit("forest/left", 0, 0), "behind"),
     ("forest", _edit("forest/right", 0, 10**9), "behind"),
+    ("forest", _chain, "deeper than 1000"),
+    ("forest", _shared, "child of two"),
     ("forest", _edit("forest/feature", 0, 99), "feature"),
     ("forest", _edit("forest/label", 0, 10**6), "class"),
     ("forest", _edit("forest/share", 0, -1.0), "share"),

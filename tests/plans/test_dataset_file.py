@@ -160,9 +160,21 @@ def _overlap(file: h5py.File) -> None:
     split["train"] = split["test"] = np.ones(6, bool)
 
 
+def _no_rows(file: h5py.File) -> None:
+    for holder in (file, file["solution"]):
+        for name, item in list(holder.items()):
+            if isinstance(item, h5py.Dataset) and item.shape[:1] == (6,):
+                kept, units, dtype = item[:0], dict(item.attrs), item.dtype
+                del holder[name]
+                holder.create_dataset(name, data=kept, dtype=dtype).attrs.update(units)
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
+        (_no_rows, "no rows"),
+        (_set("objective", np.full(6, -1e308)), "objective holds numbers beyond 1e.30"),
+        (_attribute("facts", '{"right": 1e999}'), "facts holds a number that is not finite"),
         (_attribute("format", "climbplan/climb"), "not a dataset"),
         (_attribute("format_version", 9), "format version 9"),
         (_set("parameters", np.zeros((5, 2))), "shape"),

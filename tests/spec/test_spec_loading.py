@@ -22,9 +22,9 @@ s.yaml:20: task.round: unknown key (did you mean 'rounds'?)
 s.yaml:24: task.goal.com.1: expected a number in m, got .nan
 s.yaml:24: task.goal.com: expected a list of three numbers in m, got [0.0, .nan]
 s.yaml:30: task.payload.mass: expected a number in kg >= 0, got 'heavy'
-s.yaml:34: solver.method: expected one of `micp`, `nlp`, got 'mcip' (did you mean 'micp'?)
+s.yaml:34: solver.method: expected one of `micp`, `nlp`, `coupled`, `coupled-nlp`, got 'mcip' (did you mean 'micp'?)
 s.yaml:36: seed: appears twice, on lines 36 and 38
-s.yaml:37: friction: unknown key here; `friction` belongs under `terrain` or `terrain.regions[]`
+s.yaml:37: friction: unknown key here; `friction` belongs under `terrain` or `terrain.regions[]` or `terrain.walls` or `terrain.ground` or `terrain.boxes[]`
 s.yaml:39: titel: unknown key (did you mean 'title'?)"""  # noqa: E501
 
 
@@ -141,7 +141,7 @@ def test_one_mistake_does_not_hide_another(tmp_path: Path, small_climb: str) -> 
             "kind: climb",
             "kind: [climb]",
             2,
-            "`bookshelf`, `program`, `dataset`, `strategy`, `robot`",
+            "`bookshelf`, `envelopes`, `program`, `dataset`, `strategy`, `robot`",
         ),
         ("kind: climb\n", "", 2, "kind: missing, expected `kind: climb`"),
         ("name: ledge", "name: left", 12, "names must differ, 'left' is also a wall"),

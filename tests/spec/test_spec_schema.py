@@ -53,9 +53,10 @@ def test_units_and_bounds_are_there() -> None:
     assert gap["unit"] == "m"
     assert gap["description"].endswith("[m]")
     assert gap["exclusiveMinimum"] == 0
-    com = defs["PostureSpec"]["properties"]["com"]
+    com = defs["StartSpec"]["properties"]["com"]
     assert (com["minItems"], com["maxItems"]) == (3, 3)
-    assert defs["SolverSpec"]["properties"]["method"]["enum"] == ["micp", "nlp"]
+    methods = defs["SolverSpec"]["properties"]["method"]["enum"]
+    assert methods == ["micp", "nlp", "coupled", "coupled-nlp"]
 
 
 def test_one_schema_for_all() -> None:

@@ -32,7 +32,8 @@ class Contender:
         """What the method is made of; seconds: limit of one scene for the slow ones."""
         options = dict(self.options)
         if self.learns:
-            options["library"] = {"file": str(library)}
+            # One library for both meanings: the placements of `contact`.
+            options["library"] = {"file": str(library), "foreign": meaning != "contact"}
         if self.effort == "few":
             options["time_limit"] = seconds
         spec = ShelfSolverSpec.model_validate(options)

@@ -16,45 +16,35 @@ from typing import Any, Literal
 
 import numpy as np
 
-from climbplan.bookshelf.benchmarks.inputs import FileGroup, Progress
+from climbplan.bookshelf.benchmarks.cluster_programs import ProgramTrial, cluster_programs
+from climbplan.bookshelf.benchmarks.inputs import Progress
+from climbplan.bookshelf.benchmarks.strategy_cases import (
+    KINDS,
+    SAME,
+    Case,
+    TrainingScenes,
+    case_of,
+    drawn_scenes,
+    training_scenes,
+    unseen_cases,
+)
 from climbplan.bookshelf.exact import ExactSolver
-from climbplan.bookshelf.features import feature_map, feature_scale
-from climbplan.bookshelf.generator import DropRules, generate_scene, shelf_for
 from climbplan.bookshelf.learned_methods import Convex
-from climbplan.bookshelf.library import Priced, library_of, placed_scenes, solved_scenes
-from climbplan.bookshelf.methods import MethodSetting
-from climbplan.bookshelf.mirror import Solved
-from climbplan.bookshelf.points import theta_of
-from climbplan.bookshelf.scene import Array, Scene, Shelf
-from climbplan.bookshelf.scene_file import read_scenes
-from climbplan.bookshelf.statement_methods import Judge
+from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.bookshelf.trained_methods import ReducedScenes, model_method
-from climbplan.bookshelf.training import context_of
 from climbplan.errors import UsageError
-from climbplan.learning.clusters import ClusterOptions, solution_columns
 from climbplan.learning.library import Library
-from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit
+from climbplan.learning.model import StrategyModel
 from climbplan.learning.ranking import RankedStrategies
 from climbplan.learning.reduce import ClusterSolve
-from climbplan.spec.bookshelf import ShelfSolverSpec
+from climbplan.program.instance import Index
 
 Contender = Literal["random", "knn", "forest", "boosting", "network", "reduce"]
 CONTENDERS: tuple[Contender, ...] = ("random", "knn", "forest", "boosting", "network", "reduce")
 CANDIDATES = (1, 3, 10, 20, 50)
-STORED_BOOKS = 3
-_LIBRARY_FROM = 1_000_000  # numbers of generated scenes that are trained on
+_POOL = 300  # scenes among which each cluster finds one that suits it
 _WITHIN, _SLACK = 1.01, 1e-3  # of the optimum, and [mm^2] for optima near zero
-SETTINGS = {
-    "same": DropRules(),
-    "slender": DropRules(width_mm=(10, 20)),
-    "narrow": DropRules(room_mm=160.0),
-}
-MEANT = {
-    "same": "scenes like those trained on, none of them seen",
-    "slender": "books 10 to 20 mm wide instead of 10 to 40, on the shelf that goes with them",
-    "narrow": "a shelf 16 mm narrower",
-}
 
 
 @dataclass(frozen=True)
@@ -62,10 +52,11 @@ class StrategyOptions:
     """What is compared, and on how much."""
 
     seed: int = 0
-    count: int = 60  # test scenes
-    some: int = 12  # of them for `reduce`, which takes seconds a scene
-    few: int = 30  # scenes of each other distribution
-    seconds: float = 60.0  # limit of one scene
+    count: int = 100  # test scenes
+    some: int = 20  # of them for `reduce`, which takes seconds a scene
+    few: int = 60  # scenes of each other distribution
+    clusters: int = 6  # whose programs HiGHS and SCIP solve
+    seconds: float = 60.0  # limit of one scene, and of one mixed-integer program
     library_size: int = 1000  # generated scenes
     scenes: str | None = None  # FILE[:GROUP]
     library: Path | None = None  # plan file or dataset
@@ -76,7 +67,7 @@ class StrategyOptions:
 class Figures:
     """One strategy on one set of scenes, without a fallback."""
 
-    setting: str  # of SETTINGS
+    setting: str  # of KINDS
     contender: str
     rows: int  # scenes it was trained on
     candidates: int  # of `reduce` clusters
@@ -90,27 +81,17 @@ class Figures:
     mean_ms: float
     most99_ms: float
     fit_seconds: float
+    by_program: float = math.nan  # of `reduce`: share of placements that came from a program
 
 
 @dataclass(frozen=True)
 class StrategyResult:
-    """All figures, and what reduced programs took."""
+    """All figures, what reduced programs took, and what each cluster's did."""
 
     origin: str
     figures: list[Figures] = field(default_factory=list)
     clusters: list[ClusterSolve] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Case:
-    """Scenes with their optima."""
-
-    setting: str
-    scenes: Sequence[Scene]
-    optimum: Array  # (S,) [mm^2]
-    judge: Judge
-    method: MethodSetting
-    exact_ms: Array  # (S,)
+    programs: list[ProgramTrial] = field(default_factory=list)
 
 
 def bench_strategies(options: StrategyOptions, report: Progress) -> StrategyResult:
@@ -121,28 +102,58 @@ def bench_strategies(options: StrategyOptions, report: Progress) -> StrategyResu
         MissingSolver: scenes have to be generated, and pymunk is not installed.
     """
     chosen = _chosen(options.methods)
-    shelf = shelf_for(STORED_BOOKS) if options.library is None else None
-    training, shelf, origin = _training(options, shelf, report)
-    cases = list(_cases(options, shelf, report))
-    result = StrategyResult(origin)
+    training = training_scenes(options.library, options.library_size, options.seed, report)
+    cases = unseen_cases(
+        options.scenes,
+        lambda setting: options.count if setting == SAME else options.few,
+        options.seed,
+        training.shelf,
+        options.seconds,
+        report,
+    )
+    result = StrategyResult(training.origin)
     for case in cases:
         seconds = case.exact_ms / 1e3
         result.figures.append(_figures(case, "exact", 0, 0, case.optimum, seconds, 0.0))
-    sizes = _sizes(len(training))
     for contender in chosen:
-        for size in sizes if contender != "reduce" else sizes[-1:]:
-            report(f"{contender}, {size} scenes", 0.0)
-            begin = time.perf_counter()
-            model = _model(contender, training[:size], shelf, options.seed)
-            spent = time.perf_counter() - begin
-            for case in cases if size == sizes[-1] else cases[:1]:
-                if contender == "reduce":
-                    result.figures.append(
-                        _reduced(case, model, options, size, spent, result.clusters.append)
-                    )
-                else:
-                    result.figures.extend(_ranked(contender, case, model, size, spent, options))
+        _contender(contender, training, cases, options, result, report)
     return result
+
+
+def _contender(
+    contender: Contender,
+    training: TrainingScenes,
+    cases: Sequence[Case],
+    options: StrategyOptions,
+    result: StrategyResult,
+    report: Progress,
+) -> None:
+    sizes = _sizes(training.count)
+    if contender == "random":  # does not learn
+        sizes = sizes[-1:]
+    elif contender == "reduce":  # takes seconds a scene
+        sizes = [*sizes[-3::-2][::-1], sizes[-1]]
+    for size in sizes:
+        report(f"{contender}, {size} scenes", 0.0)
+        begin = time.perf_counter()
+        kind = "knn" if contender == "random" else contender
+        model = training.model(kind, size, options.seed)
+        spent = time.perf_counter() - begin
+        last = size == sizes[-1]
+        for case in cases if last else cases[:1]:
+            if contender == "reduce":
+                row = _reduced(case, model, options, size, spent, result.clusters.append)
+                result.figures.append(row)
+            else:
+                result.figures.extend(_ranked(contender, case, model, size, spent, options))
+        if contender == "reduce" and last and options.clusters:
+            scenes = drawn_scenes(SAME, options.seed + 2, _POOL, report, "scenes for clusters")
+            pool = case_of(SAME, scenes, training.shelf, options.seconds)
+            result.programs.extend(
+                cluster_programs(
+                    pool, model, options.clusters, options.seconds, options.seed, report
+                )
+            )
 
 
 def as_json(result: StrategyResult, options: StrategyOptions) -> dict[str, Any]:
@@ -151,15 +162,17 @@ def as_json(result: StrategyResult, options: StrategyOptions) -> dict[str, Any]:
         "benchmark": "strategies",
         "inputs": result.origin,
         "seed": options.seed,
-        "settings": MEANT,
-        "figures": [
-            {
-                key: None if isinstance(value, float) and not math.isfinite(value) else value
-                for key, value in asdict(row).items()
-            }
-            for row in result.figures
-        ],
+        "settings": {setting: kind.meaning for setting, kind in KINDS.items()},
+        "figures": [_plain(asdict(row)) for row in result.figures],
         "reduced_programs": [asdict(solve) for solve in result.clusters],
+        "cluster_programs": [_plain(asdict(trial)) for trial in result.programs],
+    }
+
+
+def _plain(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in row.items()
     }
 
 
@@ -181,81 +194,6 @@ def _sizes(most: int) -> list[int]:
     return [*(size for size in steps if size < most), most]
 
 
-def _training(
-    options: StrategyOptions, shelf: Shelf | None, report: Progress
-) -> tuple[list[Priced], Shelf, str]:
-    if options.library is not None:
-        plan = solved_scenes(options.library)
-        solved = placed_scenes(plan)
-        if plan.meaning != "contact" or not solved or plan.scenes.count != STORED_BOOKS:
-            raise UsageError(
-                f"{options.library}: expected placements of {STORED_BOOKS} stored books in the "
-                "meaning `contact`"
-            )
-        # The order of a file may follow its origin: parts of it are to be alike.
-        order = np.random.default_rng(options.seed).permutation(len(solved))
-        name = options.library.name
-        return [solved[k] for k in order], plan.shelf, f"{len(solved)} solved scenes of {name}"
-    here = shelf or shelf_for(STORED_BOOKS)
-    solver, solved = ExactSolver(here), []
-    for k in range(options.library_size):
-        scene = generate_scene(options.seed, _LIBRARY_FROM + k, STORED_BOOKS)
-        answer = solver.solve(scene)
-        report("library", (k + 1) / options.library_size)
-        if answer.placement is not None:
-            solved.append(Priced(Solved(scene, answer.placement), answer.objective))
-    return solved, here, f"{len(solved)} generated and solved scenes, seed {options.seed}"
-
-
-def _cases(options: StrategyOptions, shelf: Shelf, report: Progress) -> list[_Case]:
-    out = []
-    for setting, rules in SETTINGS.items():
-        if setting == "same" and options.scenes is not None:
-            place = FileGroup.of(options.scenes)
-            found = read_scenes(place.path, place.group)
-            scenes, here = [found[k] for k in range(min(options.count, len(found)))], shelf
-        else:
-            count = options.count if setting == "same" else options.few
-            scenes = []
-            for k in range(count):
-                scenes.append(generate_scene(options.seed + 1, k, STORED_BOOKS, rules))
-                report(f"scenes, {setting}", (k + 1) / count)
-            here = shelf if setting == "same" else shelf_for(STORED_BOOKS, rules)
-        if not scenes:
-            continue
-        solver = ExactSolver(here)
-        solver.solve(scenes[0])  # compiles
-        answers = [solver.solve(scene) for scene in scenes]
-        placed = [k for k, answer in enumerate(answers) if answer.placement is not None]
-        out.append(
-            _Case(
-                setting=setting,
-                scenes=[scenes[k] for k in placed],
-                optimum=np.array([answers[k].objective for k in placed]),
-                judge=Judge(STORED_BOOKS, here, "contact"),
-                method=MethodSetting(
-                    here, "contact", ShelfSolverSpec(time_limit=options.seconds), Path()
-                ),
-                exact_ms=np.array([1e3 * answers[k].seconds for k in placed]),
-            )
-        )
-    return out
-
-
-def _model(
-    contender: Contender, solved: Sequence[Priced], shelf: Shelf, seed: int
-) -> StrategyModel:
-    judge = Judge(STORED_BOOKS, shelf, "contact")
-    library = library_of(judge.program, solved, feature_map("gaps", shelf)).library
-    instance = judge.program.at(theta_of(solved[0].solved.scene))
-    kind: ModelKind = "knn" if contender == "random" else contender
-    least = max(2, min(10, library.size // 40))
-    options = FitOptions(kind=kind, seed=seed, clusters=ClusterOptions(least=least))
-    context = context_of(shelf, "contact", STORED_BOOKS, "gaps")
-    scale = feature_scale("gaps", STORED_BOOKS)
-    return fit(library, options, solution_columns(instance), scale, context)
-
-
 @dataclass(frozen=True)
 class _Chance:
     """Strategies in no order: the published baseline."""
@@ -270,7 +208,7 @@ class _Chance:
 
 def _ranked(
     contender: Contender,
-    case: _Case,
+    case: Case,
     model: StrategyModel,
     rows: int,
     spent: float,
@@ -300,35 +238,43 @@ def _ranked(
 
 
 def _reduced(
-    case: _Case,
+    case: Case,
     model: StrategyModel,
     options: StrategyOptions,
     rows: int,
     spent: float,
     report: Callable[[ClusterSolve], None],
 ) -> Figures:
-    hard = np.flatnonzero(case.optimum > TRIVIAL)
-    rest = np.flatnonzero(case.optimum <= TRIVIAL)
-    amount = options.some if case.setting == "same" else max(options.some // 3, 2)
-    wanted = -(-amount // 2)
-    chosen = np.sort(np.concatenate([hard[:wanted], rest[: amount - min(wanted, len(hard))]]))
-    small = replace(
-        case, scenes=[case.scenes[int(k)] for k in chosen], optimum=case.optimum[chosen]
-    )
+    chosen = _halves(case, options.some if case.setting == SAME else max(options.some // 2, 2))
+    small = case.part(chosen)
     method = model_method(model, case.method, case.judge)
     if not isinstance(method, ReducedScenes):
         raise TypeError(f"a model of kind {model.kind!r} has no reduced programs")
     method.programs.report = report
     cost, taken = np.full(len(chosen), np.inf), np.zeros(len(chosen))
+    by_program = 0
     for k, scene in enumerate(small.scenes):
         begin = time.perf_counter()
-        cost[k] = method.solve(scene).objective
+        found = method.tried(scene)
         taken[k] = time.perf_counter() - begin
-    return _figures(small, "reduce", rows, method.clusters, cost, taken, spent)
+        cost[k] = found.objective
+        # Strategies that only follow a program have no score.
+        by_program += found.solved and math.isfinite(found.tried[found.winner].candidate.score)
+    row = _figures(small, "reduce", rows, method.clusters, cost, taken, spent)
+    return replace(row, by_program=by_program / max(np.isfinite(cost).sum(), 1))
+
+
+def _halves(case: Case, amount: int) -> Index:
+    """Scenes that need movement and scenes that need none, as nearly as many of each as there
+    are."""
+    hard = np.flatnonzero(case.optimum > TRIVIAL)
+    rest = np.flatnonzero(case.optimum <= TRIVIAL)
+    few = min(len(hard), max(-(-amount // 2), amount - len(rest)))
+    return np.sort(np.concatenate([hard[:few], rest[: amount - few]]))
 
 
 def _figures(
-    case: _Case,
+    case: Case,
     contender: str,
     rows: int,
     candidates: int,

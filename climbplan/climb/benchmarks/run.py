@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
+from climbplan.climb.benchmarks.coupled import bench_coupled
 from climbplan.climb.benchmarks.force import bench_force
 from climbplan.climb.benchmarks.posture import bench_growth, bench_posture
-from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.planner import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import UsageError
@@ -30,9 +30,8 @@ def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
         begin = time.perf_counter()
         with clock.stage("scene"):
             scene = build_scene(loaded.spec, loaded.robot, loaded.source)
-        motion = plan_motion(scene, clock)
-        with clock.stage("force"):
-            forces = plan_forces(scene, motion.instants)
+        supported = plan_support(scene, plan_motion(scene, clock), clock)
+        motion, forces = supported.motion, supported.forces
         planned = time.perf_counter() - begin
         with clock.stage("trajectory"):
             plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
@@ -58,6 +57,7 @@ BENCHMARKS: dict[str, Callable[[int, bool, TextIO], None]] = {
     "posture": bench_posture,
     "force": bench_force,
     "plan": bench_plan,
+    "coupled": bench_coupled,
     "growth": bench_growth,
 }
 

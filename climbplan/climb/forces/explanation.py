@@ -19,7 +19,7 @@ from climbplan.climb.forces.cones import InstantCones, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.plans.climb_plan import Instants
 from climbplan.robots.kinematics import JOINTS
@@ -41,12 +41,20 @@ class Amounts:
     masses: Interval | None
 
 
+class NoForces(Infeasible):
+    """Instants without admissible contact forces."""
+
+    def __init__(self, message: str, conflicts: list[Conflict], unsteady: bool) -> None:
+        self.unsteady = unsteady  # the stability of the braced body takes part in every conflict
+        super().__init__(message, conflicts)
+
+
 def explain(
-    scene: ClimbScene,
+    scene: MotionScene,
     instants: Instants,
     statement: ForceStatement,
     solved: SolvedForces,
-) -> Infeasible:
+) -> NoForces:
     """The error that says which constraints of which instants conflict and what would help.
 
     Raises LimitReached if an instant turns out feasible after all, which means that no solver could
@@ -56,6 +64,7 @@ def explain(
     names = scene.robot.limb_names
     conflicts: list[Conflict] = []
     worst: Amounts | None = None
+    unsteady = len(unbalanced) == 0
     for k in np.sort(np.concatenate([infeasible, unbalanced])):
         where = instants.label(int(k), names)
         if k in unbalanced:
@@ -72,11 +81,13 @@ def explain(
                 raise LimitReached(
                     f"{where}: contact forces are feasible only just; no solver found them"
                 )
+            unsteady &= any(member.kind == "stability" for member in members)
             amounts = _amounts(cones, load, None)
             remedies = _remedies(scene, statement, amounts)
             conflicts.append(Conflict(where, _constraints(members, cones, names), remedies))
             worst = _worse(worst, amounts)
         else:
+            # The conflicts that are not listed are not looked into: taken to be like the others
             worst = _worse(worst, _amounts(cones, load, worst))
     count = len(infeasible) + len(unbalanced)
     message = f"{count} of {instants.count} instants have no admissible contact forces"
@@ -84,11 +95,11 @@ def explain(
         message += f"; all have with {' or '.join(cures)}"
     if count > len(conflicts[:LISTED]):
         message += f"; the first {LISTED}:"
-    return Infeasible(message, conflicts[:LISTED])
+    return NoForces(message, conflicts[:LISTED], unsteady)
 
 
 def _load(
-    scene: ClimbScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
+    scene: MotionScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
 ) -> LoadDirection:
     """The payload if there is one and less of it would help, else the robot's own mass."""
     gravity, payload = scene.robot.gravity, scene.spec.task.payload
@@ -148,7 +159,7 @@ def _down(value: float) -> float:
     return float(np.floor(value * (1 - _SAFE) / step) * step)
 
 
-def _remedies(scene: ClimbScene, statement: ForceStatement, amounts: Amounts) -> tuple[str, ...]:
+def _remedies(scene: MotionScene, statement: ForceStatement, amounts: Amounts) -> tuple[str, ...]:
     """Remedies in words, each sufficient on its own."""
     out: list[str] = []
     mu = statement.mu[statement.contact]

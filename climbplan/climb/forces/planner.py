@@ -17,14 +17,14 @@ from climbplan.climb.forces.statement import (
     state_forces,
     torques_of,
 )
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.friction import critical_friction
 from climbplan.mechanics.stiffness import deflections_for_forces
 from climbplan.plans.climb_plan import Array, Forces, Instants
 from climbplan.robots.kinematics import toe_world
 
 
-def plan_forces(scene: ClimbScene, instants: Instants, solver: str | None = None) -> Forces:
+def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = None) -> Forces:
     """Contact forces, torques and commands of all instants.
 
     solver: "daqp", "clarabel" or "osqp", by default the spec's. Every answer is checked against
@@ -41,7 +41,7 @@ def plan_forces(scene: ClimbScene, instants: Instants, solver: str | None = None
 
 
 def _assembled(
-    scene: ClimbScene, instants: Instants, statement: ForceStatement, force: Array
+    scene: MotionScene, instants: Instants, statement: ForceStatement, force: Array
 ) -> Forces:
     """Torques, commands and safety factors; factors are infinite where nothing is loaded."""
     compensated = scene.spec.force.sag == "compensated"

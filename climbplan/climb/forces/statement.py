@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
@@ -90,7 +90,7 @@ class ForceStatement:
         return (1 - TORQUE_MARGIN) / self.least_safety_torque
 
 
-def state_forces(scene: ClimbScene, instants: Instants) -> ForceStatement:
+def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     """The force problems of a scene's instants."""
     robot, force = scene.robot, scene.spec.force
     arms = instants.toes - instants.com[:, None]

@@ -138,9 +138,8 @@ def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterat
     if standing is None:
         yield Violation("posture.limb_free", -np.inf, "m", "no obstacles")
         return
-    found = closest_link(
-        obstacles, limb_points(scene, instants.com, instants.rpy, instants.toes), room
-    )
+    points = limb_points(scene, instants.com, instants.rpy, instants.toes)
+    found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
     k, limb = found.index
     name, where = standing.limb, standing.where
     if room - found.distance > standing.missing:

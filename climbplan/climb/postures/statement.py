@@ -9,6 +9,7 @@ the complete formulation (Fig. 5.1 of the chapter).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,7 +164,24 @@ def sum_of_squares(expression: Expression) -> Any:
     return np.sum(expression**2)
 
 
-def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) -> Program:
+# States that toes (M, N, 3) stand in one region each: program, toes, body origins (M, 3), regions
+# by limb. Its choices are the program's first.
+StateContacts = Callable[[Program, Expression, Expression, list[list[Region]]], None]
+
+
+def state_regions(
+    p: Program, toe: Expression, com: Expression, regions: list[list[Region]]
+) -> None:
+    """Every toe in one contact region, whatever its forces."""
+    per_limb = [[region_polytope(region) for region in own] for own in regions]
+    p.one_of("posture.contact_region", toe, per_limb * len(toe), unit="m")
+
+
+def posture_program(
+    scene: ClimbScene,
+    margins: PostureMargins | None = None,
+    state_contacts: StateContacts = state_regions,
+) -> Program:
     """M rounds of postures for a scene with flat contact regions."""
     spec, robot, terrain = scene.spec.posture, scene.robot, scene.terrain
     margins = margins or PostureMargins()
@@ -210,9 +228,8 @@ def posture_program(scene: ClimbScene, margins: PostureMargins | None = None) ->
                 p.ball(f"posture.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
-    regions = [region_polytope(region) for region in terrain.regions]
-    per_limb = [[regions[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
-    p.one_of("posture.contact_region", toe, per_limb * m, unit="m")
+    regions = [[terrain.regions[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
+    state_contacts(p, toe, com, regions)
 
     # The body's way through each round stays in one convex free region
     keep = spec.body_clearance + margins.clearance

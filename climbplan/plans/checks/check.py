@@ -63,7 +63,7 @@ LIMITS = {
     "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles"),
     "trajectory.rate": Limit(1e-9, "s", "samples at a fixed rate"),
     "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),
-    "trajectory.sequence": Limit(0, "", "limbs lift one at a time in the order of the instants"),
+    "trajectory.sequence": Limit(0, "", "limbs lift and land in the order of the instants"),
     "trajectory.body": Limit(1e-6, "m", "the body keeps to its path and to the gait"),
     "trajectory.command": Limit(1e-5, "m, rad", "joint commands hold the body on its path"),
     "trajectory.friction": Limit(1e-4, "of weight", "tangential forces on the way within mu f_n"),

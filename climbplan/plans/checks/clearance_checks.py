@@ -7,14 +7,16 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst
-from climbplan.plans.checks.convex import body_clearance, chain_separation
+from climbplan.plans.checks.convex import body_clearance, chain_separation, polygon_normal
 from climbplan.plans.checks.distances import chain_distance
 from climbplan.plans.checks.kinematics_anew import body_axes, placed
 from climbplan.plans.checks.subject import JOINT_NAMES, Subject
-from climbplan.terrain.surfaces import Tube
+from climbplan.plans.climb_plan import Mask
+from climbplan.terrain.surfaces import Region, Tube
 
 _MEASURED = 0.05  # [m] link distances below this are measured, beyond it a bound is enough
 _TOLD = 5e-3  # [m] room beside links up to which it is measured, not bounded
+_ON_FACE = 1e-6  # [m] a surface this close to an obstacle's face lies on it
 _TOE_STRETCH = 0.05  # [m] last part of the tibia, which has to come close to its surface
 
 
@@ -93,14 +95,19 @@ def _limbs(subject: Subject) -> Check:
     """Link axes at the instants; the margin leaves out the last stretch before the toes."""
     points = subject.limbs.points
     depth = link_depths(subject, points, 0.0)
+    clear = -float(link_depths(subject, _narrowed(subject, points), _MEASURED).max())
+    at_least = "at least " if clear >= _MEASURED else ""
+    margin = f"links {at_least}{1e3 * clear:.0f} mm clear"
+    return judge_link_depths("limbs.clearance", subject, depth, subject.at, margin)
+
+
+def _narrowed(subject: Subject, points: Array) -> Array:
+    """Joints and toes (..., N, 4, 3) without the last stretch of the tibia."""
     shorter = points.copy()
     tibia = points[..., 3, :] - points[..., 2, :]
     length = subject.plan.robot.link_lengths[:, 2, None]
     shorter[..., 3, :] -= tibia * np.minimum(_TOE_STRETCH / length, 1.0)
-    clear = -float(link_depths(subject, shorter, _MEASURED).max())
-    at_least = "at least " if clear >= _MEASURED else ""
-    margin = f"links {at_least}{1e3 * clear:.0f} mm clear"
-    return judge_link_depths("limbs.clearance", subject, depth, subject.at, margin)
+    return shorter
 
 
 def link_depths(subject: Subject, points: Array, enough: float) -> Array:
@@ -138,13 +145,23 @@ def judge_capsules(
     """A check that links as capsules of the robot's limb radius miss all obstacles.
 
     points: (P, N, 4, 3) joints and toes; `moment` describes the first index. Walls are left out:
-    a tibia comes as close to its wall as its toe.
+    a tibia comes as close to its wall as its toe. So it does to an obstacle whose face the limb may
+    stand on: there the tibia counts as a capsule up to where it narrows to its toe.
     """
     radius = subject.plan.robot.limb_radius
     solids = subject.solids[: len(subject.plan.terrain.obstacles)]
     if not solids:
         return judge_worst(name, np.zeros(1), lambda _: "", margin="no obstacles")
-    clear = np.stack([chain_distance(points, solid, radius + _TOLD) for solid in solids], axis=-1)
+    enough, narrow = radius + _TOLD, _narrowed(subject, points)
+    clear = np.stack(
+        [
+            np.where(stands[:, None], *(chain_distance(p, solid, enough) for p in (narrow, points)))
+            if stands.any()
+            else chain_distance(points, solid, enough)
+            for solid, stands in zip(solids, _stood_upon(subject), strict=False)
+        ],
+        axis=-1,
+    )
 
     def where(p: int, limb: int, link: int, solid: int) -> str:
         link_name = subject.limb(limb, link)
@@ -157,3 +174,19 @@ def judge_capsules(
     margin = f"links of radius {1e3 * radius:.0f} mm {words}"
     used = radius / np.maximum(clear, 1e-9)
     return judge_worst(name, radius - clear, where, margin, used)
+
+
+def _stood_upon(subject: Subject) -> Iterator[Mask]:
+    """(N,) for every obstacle whether limbs may stand on a surface that lies on its face."""
+    terrain = subject.plan.terrain
+    for solid in subject.solids[: len(terrain.obstacles)]:
+        stands = np.zeros(subject.plan.robot.limb_count, bool)
+        for index, surface in enumerate(terrain.surfaces):
+            if isinstance(surface, Region):
+                away = solid.face_distances(surface.vertices)  # (V, F)
+                face = (np.abs(away).max(axis=0) < _ON_FACE) & (
+                    solid.normals @ polygon_normal(surface.vertices) > 0
+                )
+                if face.any() and away.max() < _ON_FACE:
+                    stands |= terrain.allowed[:, index]
+        yield stands

@@ -24,13 +24,13 @@ def posture_checks(subject: Subject) -> Iterator[Check]:
 
 
 def _sequence(subject: Subject) -> Check:
-    """Instants are what the gait makes of the rounds: lift, place, push the body by 1/N."""
+    """Instants are what the gait makes of the rounds: lift, place, push the body on."""
     plan = subject.plan
     instants, rounds = plan.instants, plan.rounds
-    gait = gait_of(instants, rounds)
+    gait = gait_of(plan)
     limb = np.arange(plan.robot.limb_count)
 
-    toes = rounds.toes[gait.placements, limb]  # (K, N, 3) where each limb last stood
+    toes = rounds.toes[gait.stood, limb]  # (K, N, 3) where each limb last stood
     off = instants.toes - toes
     # A lifted toe may be anywhere above its old place along the normal, but above it.
     height = np.einsum("kni,kni->kn", off, instants.normal)
@@ -40,11 +40,17 @@ def _sequence(subject: Subject) -> Check:
 
     broken = np.where(gait.broken, np.inf, 0.0)[:, None]
     broken = np.maximum(broken, np.where(instants.contact == instants.lifted, np.inf, 0.0))
-    wrong = instants.region != rounds.region[gait.placements, limb]
+    wrong = instants.region != rounds.region[gait.stood, limb]
     body = np.linalg.norm(instants.com - gait.com, axis=-1)
     body = np.maximum(body, np.abs(instants.rpy - gait.rpy).max(axis=-1))
     # One radian counts as one metre.
     miss = np.maximum(np.maximum(toe_miss, broken), np.where(wrong, np.inf, body[:, None]))
+    # A limb that does not move in a round stands where it stood.
+    rests = rounds.toes[gait.stood[1::2], limb] - rounds.toes[gait.round]
+    other = rounds.region[gait.stood[1::2], limb] != rounds.region[gait.round]
+    ends = np.append(gait.round[1:] != gait.round[:-1], True)[:, None]  # the round's last step
+    left = np.where(other, np.inf, np.linalg.norm(rests, axis=-1))
+    miss[1::2] = np.maximum(miss[1::2], np.where(ends, left, 0.0))
     return judge_worst("gait.sequence", miss, subject.at)
 
 

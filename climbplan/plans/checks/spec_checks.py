@@ -15,12 +15,14 @@ import numpy as np
 
 from climbplan.errors import SpecError
 from climbplan.plans.checks.check import Array, Check, judge
-from climbplan.plans.checks.gait_anew import gait_of
+from climbplan.plans.checks.gait_anew import Gait, gait_of
 from climbplan.plans.checks.kinematics_anew import body_axes
 from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb import ClimbSpec, GoalSpec
 from climbplan.spec.kinds import validate
-from climbplan.spec.terrain import RegionSpec, SolidSpec, WallsSpec
+from climbplan.spec.motion import MotionSpec
+from climbplan.spec.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
+from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Surface, Tube
@@ -46,10 +48,15 @@ def spec_checks(plan: ClimbPlan) -> Iterator[Check]:
     yield _objective(plan, spec)
 
 
-def _spec_of(plan: ClimbPlan) -> ClimbSpec | str:
+def _spec_of(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:
     """The validated spec, or what is wrong with it."""
     try:
-        spec, findings = validate(parse_yaml(plan.spec_text, "spec"), ClimbSpec)
+        document = parse_yaml(plan.spec_text, "spec")
+        spec: ClimbSpec | TransitionSpec | None
+        if plan.kind == "climb":
+            spec, findings = validate(document, ClimbSpec)
+        else:
+            spec, findings = validate(document, TransitionSpec)
     except SpecError as error:
         return str(error).splitlines()[0]
     if spec is None:
@@ -69,24 +76,31 @@ def _same(key: str, equal: bool) -> _Difference:
     return _Difference(key, 0.0 if equal else math.inf)
 
 
-def _task(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
+def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
     task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
     yield _same("seed", plan.seed == spec.seed)
-    yield _same("task.rounds", rounds.count == task.rounds)
+    whole = spec.all_rounds if isinstance(spec, TransitionSpec) else task.rounds
+    last = _last_goal(spec)
+    yield _same("task.rounds", rounds.count == whole)
     yield _apart("task.start.com", rounds.com[0], task.start.com)
     yield _apart("task.start.rpy_deg", rounds.rpy[0], np.deg2rad(task.start.rpy_deg))
-    yield _apart("task.goal.com", plan.limits.goal_com, task.goal.com)
-    yield _apart("task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(task.goal.rpy_deg))
+    yield _apart("task.goal.com", plan.limits.goal_com, last.com)
+    yield _apart("task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(last.rpy_deg))
     for key, posture, toes in (
         ("task.start.toes", task.start, rounds.toes[0]),
-        ("task.goal.toes", task.goal, plan.limits.goal_toes),
+        ("task.goal.toes", last, plan.limits.goal_toes),
     ):
         for name, toe in posture.toes.items():
             yield _apart(f"{key}.{name}", toes[names.index(name)] if name in names else [], toe)
 
-    order = [names[i] for i in gait_of(plan.instants, rounds).order[: len(names)]]
-    yield _same("task.gait", order == list(task.gait or names))
-    lifts = plan.instants.toes[::2] - plan.rounds.toes[:-1].repeat(len(names), axis=0)
+    gait = gait_of(plan)
+    if isinstance(spec, ClimbSpec):
+        order = [names[i] for i in gait.order()[: len(names)]]
+        yield _same("task.gait", order == list(spec.task.gait or names))
+    if isinstance(spec, TransitionSpec):
+        yield from _transition(plan, spec, gait)
+    stood = rounds.toes[gait.stood[::2], np.arange(len(names))]
+    lifts = plan.instants.toes[::2] - stood
     height = np.linalg.norm(lifts[plan.instants.lifted[::2]], axis=-1)
     yield _apart("trajectory.lift", height, np.full_like(height, spec.trajectory.lift))
     span = plan.trajectory.time[-1] - plan.trajectory.time[0]
@@ -104,7 +118,51 @@ def _task(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
     yield _apart("task.payload, task.external_wrench", plan.instants.external_wrench, load)
 
 
-def _limits(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
+def _last_goal(spec: MotionSpec) -> GoalSpec:
+    """The goal of the whole plan."""
+    return spec.last_goal if isinstance(spec, TransitionSpec) else spec.task.goal
+
+
+def _transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[_Difference]:
+    """Which limbs move together, how far, and the gait of a climb that follows."""
+    task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
+    first = gait.round <= task.rounds
+    moved = gait.moved[first]
+    counts = tuple(int(n) for n in moved.sum(axis=1))
+    yield _same("task.sequence", task.moving in ((), counts))
+    if task.limbs:
+        named = [{names[i] for i in np.flatnonzero(step)} for step in moved]
+        yield _same("task.sequence", named == [set(limbs) for limbs in task.limbs])
+    left = len(names) - max(counts, default=0)
+    yield _Difference("task.supporting", float(max(task.supporting - left, 0)))
+    at_end = min(task.rounds, rounds.count)
+    own = rounds.toes[: at_end + 1]
+    steps = np.linalg.norm(np.diff(own, axis=0), axis=-1).max(axis=0)
+    for name, largest in task.step_max.items():
+        size = float(steps[names.index(name)]) if name in names else math.inf
+        yield _Difference(f"task.step_max.{name}", max(size - largest, 0.0))
+    if spec.climb is None:
+        return
+    yield _apart("task.goal.com", rounds.com[at_end], task.goal.com)
+    for name, toe in task.goal.toes.items():
+        yield _apart(f"task.goal.toes.{name}", own[-1, names.index(name)], toe)
+    climb = spec.climb.posture.steps
+    pose = np.diff(np.hstack([rounds.com, rounds.rpy])[at_end:], axis=0)
+    toes = np.linalg.norm(np.diff(rounds.toes[at_end:], axis=0), axis=-1)
+    for key, made, most in (
+        ("com_max", np.linalg.norm(pose[:, :3], axis=1), climb.com_max),
+        ("toe_max", toes, climb.toe_max),
+        ("rotation_max_deg", np.abs(pose[:, 3:]), math.radians(climb.rotation_max_deg)),
+    ):
+        excess = float(made.max(initial=0.0)) - most
+        yield _Difference(f"climb.posture.steps.{key}", max(excess, 0.0))
+    order = [names[i] for i in gait.order()[~first]]
+    single = (gait.moved[~first].sum(axis=1) == 1).all()
+    gaits = list(spec.climb.gait or names) * spec.climb.rounds
+    yield _same("climb.gait", bool(single) and order == gaits)
+
+
+def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
     limits, steps = plan.limits, spec.posture.steps
     pairs = {
         "posture.steps.com_max": (limits.com_max, steps.com_max),
@@ -116,10 +174,10 @@ def _limits(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
             math.radians(steps.rotation_max_deg),
         ),
         "posture.body_clearance": (limits.body_clearance, spec.posture.body_clearance),
-        "task.goal.tolerance": (limits.goal_tolerance, spec.task.goal.tolerance),
+        "task.goal.tolerance": (limits.goal_tolerance, _last_goal(spec).tolerance),
         "task.goal.rotation_tolerance_deg": (
             limits.goal_rotation_tolerance,
-            math.radians(spec.task.goal.rotation_tolerance_deg),
+            math.radians(_last_goal(spec).rotation_tolerance_deg),
         ),
         "force.safety_friction": (limits.safety_friction, spec.force.safety_friction),
         "force.safety_torque": (limits.safety_torque, spec.force.safety_torque),
@@ -130,15 +188,17 @@ def _limits(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
         yield _apart(key, stored, asked)
 
 
-def _terrain(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
+def _terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[_Difference]:
     terrain, asked = plan.terrain, spec.terrain
     walls = ("left", "right") if asked.walls is not None else ()
-    names = [*(["tube"] if asked.tube else []), *walls, *(r.name for r in asked.regions)]
+    tops = [*(["ground"] if asked.ground else []), *(box.name for box in asked.boxes)]
+    names = [*(["tube"] if asked.tube else []), *walls, *tops, *(r.name for r in asked.regions)]
     stored = [surface.name for surface in terrain.surfaces]
     yield _same("terrain: surfaces", stored == names)
     yield _same(
         "terrain.obstacles: names",
-        [s.name for s in terrain.obstacles] == [s.name for s in asked.obstacles],
+        [s.name for s in terrain.obstacles]
+        == [*(s.name for s in asked.obstacles), *(box.name for box in asked.boxes)],
     )
     if stored != names:
         return
@@ -156,9 +216,27 @@ def _terrain(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
         for side, name in ((-1, "left"), (1, "right")):
             surface = terrain.surfaces[by_name[name]]
             yield _corners_apart(f"terrain.walls: {name}", surface, _wall(asked.walls, side))
-            yield _apart("terrain.friction", surface.friction, asked.friction)
+            wall = asked.friction if asked.walls.friction is None else asked.walls.friction
+            yield _apart("terrain.friction", surface.friction, wall)
             may = [where in (name, "any") for where in plan.robot.sides]
             yield _apart(f"terrain.walls: {name}, limbs", terrain.allowed[:, by_name[name]], may)
+    flats: list[tuple[str, str, Array, GroundSpec | BoxSpec]] = []
+    if asked.ground is not None:
+        ground = asked.ground
+        corners = _level(ground.across, ground.along, ground.height)
+        flats.append(("terrain.ground", "ground", corners, ground))
+    for number, brick in enumerate(asked.boxes):
+        (x0, y0, _), (x1, y1, top) = brick.lower, brick.upper
+        corners = _level((x0, x1), (y0, y1), top)
+        flats.append((f"terrain.boxes.{number}", brick.name, corners, brick))
+    for key, name, corners, level in flats:
+        surface = terrain.surfaces[by_name[name]]
+        yield _corners_apart(key, surface, corners)
+        friction = asked.friction if level.friction is None else level.friction
+        yield _apart(f"{key}.friction", surface.friction, friction)
+        limbs_allowed = level.limbs if isinstance(level, BoxSpec) else None
+        may = [limbs_allowed is None or limb in limbs_allowed for limb in limbs]
+        yield _apart(f"{key}.limbs", terrain.allowed[:, by_name[name]], may)
     for number, region in enumerate(asked.regions):
         key = f"terrain.regions.{number}"
         surface = terrain.surfaces[by_name[region.name]]
@@ -167,7 +245,8 @@ def _terrain(plan: ClimbPlan, spec: ClimbSpec) -> Iterator[_Difference]:
         yield _apart(f"{key}.friction", surface.friction, friction)
         may = [region.limbs is None or name in region.limbs for name in limbs]
         yield _apart(f"{key}.limbs", terrain.allowed[:, by_name[region.name]], may)
-    yield from _solids(terrain, asked.obstacles, asked.free_regions)
+    boxes = [SolidSpec(name=b.name, lower=b.lower, upper=b.upper) for b in asked.boxes]
+    yield from _solids(terrain, [*asked.obstacles, *boxes], asked.free_regions)
 
 
 def _solids(
@@ -205,6 +284,11 @@ def _wall(walls: WallsSpec, side: int) -> Array:
     return np.array([(side * (walls.gap / 2 + y * slope), y, z) for y, z in corners])
 
 
+def _level(across: tuple[float, float], along: tuple[float, float], z: float) -> Array:
+    """Corners of a level rectangle."""
+    return np.array([(x, y, z) for x in across for y in along])
+
+
 def _region(region: RegionSpec) -> Array:
     """Corners of a region as its spec states them."""
     if region.rectangle is None:
@@ -224,7 +308,7 @@ def _points(solid: SolidSpec) -> Array:
     return np.array(solid.vertices, float)
 
 
-def _objective(plan: ClimbPlan, spec: ClimbSpec) -> Check:
+def _objective(plan: ClimbPlan, spec: MotionSpec) -> Check:
     """The posture cost of chapter 5.1.3 at the stored postures; no bound above it."""
     weights, rounds, limits = spec.posture.weights, plan.rounds, plan.limits
     turn = rounds.rpy[-1] - limits.goal_rpy
@@ -236,6 +320,8 @@ def _objective(plan: ClimbPlan, spec: ClimbSpec) -> Check:
         + weights.toe * np.sum(np.diff(rounds.toes, axis=0) ** 2)
         + weights.rotation * np.sum(np.diff(rounds.rpy, axis=0) ** 2)
     )
+    if isinstance(spec, TransitionSpec):
+        cost += spec.posture.weights.effort * np.sum(1 / plan.forces.safety_torque[::2])
     scale = max(abs(cost), 1e-6)
     residual = abs(plan.objective - cost) / scale
     place = f"stored {plan.objective:.6g}, postures cost {cost:.6g}"

@@ -18,7 +18,7 @@ from climbplan.plans.checks.clearance_checks import (
     judge_link_depths,
     link_depths,
 )
-from climbplan.plans.checks.gait_anew import Gait, body_stations, gait_of
+from climbplan.plans.checks.gait_anew import Gait, gait_of
 from climbplan.plans.checks.kinematics_anew import (
     Limbs,
     StandingLimbs,
@@ -29,7 +29,7 @@ from climbplan.plans.checks.kinematics_anew import (
 from climbplan.plans.checks.motion_forces import motion_forces
 from climbplan.plans.checks.static_checks import LINEAR
 from climbplan.plans.checks.subject import Subject
-from climbplan.plans.climb_plan import Index, Mask
+from climbplan.plans.climb_plan import ClimbPlan, Index, Mask
 
 _STRIDE = 5e-3  # [m] a swinging toe is looked at this often
 _MOST_PIECES = 16
@@ -43,7 +43,6 @@ class _Motion:
     gait: Gait
     lifted: Mask  # (T, N)
     done: Index  # (T,) steps completed
-    placements: Index  # (T, N) how often each limb was placed
     ground: Array  # (T, N, 3) where each limb stands, or stood
     commanded: Limbs  # as the joint commands would have them in free space
     standing: StandingLimbs  # reaching for `ground`
@@ -96,58 +95,71 @@ def _motion_of(subject: Subject) -> _Motion:
     trajectory, rounds, robot = plan.trajectory, plan.rounds, plan.robot
     lifted = ~trajectory.contact
     before = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
-    counted = (before & ~lifted).cumsum(axis=0)
-    placements = np.minimum(counted, rounds.count)
-    ground = rounds.toes[placements, np.arange(robot.limb_count)]
+    gait = gait_of(plan)
+    ground = rounds.toes[_stood(gait, (before & ~lifted).cumsum(axis=0)), _limbs_of(plan)]
+    landed = (before.any(axis=1) & ~lifted.any(axis=1)).cumsum()
     axes = body_axes(trajectory.rpy)
     commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
     # Commands may lie beyond full stretch: the planned angles tell which way a limb bends.
-    k = np.clip(2 * counted.sum(axis=1), 0, plan.instants.count - 1)
+    k = np.clip(2 * landed, 0, plan.instants.count - 1)
     planned = plan.instants.joint_angles[k]
     return _Motion(
         subject=subject,
-        gait=gait_of(plan.instants, rounds),
+        gait=gait,
         lifted=lifted,
-        done=np.minimum(counted.sum(axis=1), plan.instants.count // 2),
-        placements=placements,
+        done=np.minimum(landed, gait.steps),
         ground=ground,
         commanded=commanded,
         standing=standing_limbs(robot, trajectory.com, axes, ground, planned),
     )
 
 
+def _limbs_of(plan: ClimbPlan) -> Index:
+    return np.arange(plan.robot.limb_count)
+
+
+def _stood(gait: Gait, counted: Index) -> Index:
+    """(T, N) rounds whose footholds limbs are on that were placed so often (T, N)."""
+    rows = np.zeros_like(counted)
+    for limb in range(counted.shape[1]):
+        own = np.concatenate([[0], gait.round[gait.moved[:, limb]]])
+        rows[:, limb] = own[np.minimum(counted[:, limb], len(own) - 1)]
+    return rows
+
+
 def _sequence(motion: _Motion) -> Check:
-    """At most one limb is lifted at a time, the limbs take turns as in the instants."""
-    lifted = motion.lifted
-    starts = np.argwhere(lifted & ~np.vstack([np.zeros_like(lifted[:1]), lifted[:-1]]))
-    order = motion.gait.order
-    crowded = np.flatnonzero(lifted.sum(axis=1) > 1)
+    """Limbs lift together as in the instants, and the steps come in turn."""
+    lifted, moved = motion.lifted, motion.gait.moved
+    flying: Mask = np.asarray(lifted.any(axis=1))
+    starts = np.flatnonzero(flying & ~np.append(False, flying[:-1]))
+    crowded = np.flatnonzero(lifted.sum(axis=1) > moved.sum(axis=1).max())
     if len(crowded):
         sample = int(crowded[0])
         place = f"{motion.at(sample)}: {lifted[sample].sum()} limbs lifted at once"
         return judge("trajectory.sequence", float(len(crowded)), place)
-    if lifted[-1].any():
+    if flying[-1]:
         return judge("trajectory.sequence", 1.0, "the motion ends with a limb lifted")
-    count = min(len(starts), len(order))
-    out_of_turn = np.flatnonzero(starts[:count, 1] != order[:count])
-    if len(out_of_turn):
-        sample, limb = (int(i) for i in starts[out_of_turn[0]])
+    step = np.cumsum(np.isin(np.arange(len(lifted)), starts)) - 1
+    planned = moved[np.clip(step, 0, len(moved) - 1)] & flying[:, None]
+    wrong = np.argwhere(lifted != planned)
+    if len(wrong):
+        sample, limb = (int(i) for i in wrong[0])
         name = motion.subject.limb(limb)
-        place = f"{motion.subject.at_time(sample)}: {name} lifts out of turn"
-        return judge("trajectory.sequence", float(len(out_of_turn)), place)
-    missing = abs(len(starts) - len(order))
+        out_of_turn = "lifts" if lifted[sample, limb] else "stays down"
+        place = f"{motion.subject.at_time(sample)}: {name} {out_of_turn} out of turn"
+        return judge("trajectory.sequence", float(len(wrong)), place)
+    missing = abs(len(starts) - len(moved))
     return judge(
         "trajectory.sequence",
         float(missing),
-        f"{len(starts)} steps, expected {len(order)}" if missing else "",
+        f"{len(starts)} steps, expected {len(moved)}" if missing else "",
     )
 
 
 def _body(motion: _Motion) -> Check:
-    """The body waits while a limb is in the air and then moves straight on by 1/N of the round."""
+    """The body waits while limbs are in the air and then moves straight on to its next station."""
     plan = motion.subject.plan
-    com, rpy = body_stations(plan.rounds, plan.robot.limb_count)
-    stations = np.hstack([com, rpy])
+    stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
     waits = motion.lifted.any(axis=1) | (motion.done == 0)
     end = stations[motion.done]
     start = np.where(waits[:, None], end, stations[np.maximum(motion.done - 1, 0)])
@@ -209,8 +221,7 @@ def _lengths(deflection: Array) -> Array:
 def _load(motion: _Motion) -> Array:
     """(T, 6) load on the body: that of the pose it waits in, or on its way between two."""
     plan = motion.subject.plan
-    com, rpy = body_stations(plan.rounds, plan.robot.limb_count)
-    stations = np.hstack([com, rpy])
+    stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
     # Instants 2 s and 2 s - 1 both have the body at station s.
     count = len(stations)
     at_station = motion.subject.load[np.minimum(2 * np.arange(count), plan.instants.count - 1)]

@@ -1,0 +1,63 @@
+"""`climbplan fit-stiffness`: joint stiffness and structure from force-displacement tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Verbose
+
+
+def fit_stiffness(
+    context: typer.Context,
+    data: Annotated[
+        Path, typer.Argument(metavar="DATA.csv", help="Tests or stiffness matrices of one limb.")
+    ],
+    robot: Annotated[
+        str, typer.Option("--robot", metavar="NAME", help="Robot whose first limb it is.")
+    ] = "silvia",
+    out: Out = None,
+    seed: Seed = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Identify joint stiffness and the structure's share from measurements of one limb.
+
+    DATA.csv has one load step a row (test, femur_deg, tibia_deg, dx_mm, dz_mm, fx_N, fz_N; with
+    coxa_deg, dy_mm and fy_N in space) or one matrix a row (Kxx_N_per_mm, Kxz_N_per_mm,
+    Kzz_N_per_mm, and joint angles or the foot distance r_mm). Prints the path of stiffness.csv,
+    the matrices measured and fitted; beside it report.json and figures/.
+    """
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+    from climbplan.robots.model import Robot
+    from climbplan.spec.robot_source import load_robot
+
+    session = context.ensure_object(Session)
+    limb_of = Robot.from_spec(load_robot(robot))
+    target = out if out is not None else Path("outputs", data.stem)
+    with OutputDirectory(target, force=force) as directory:
+        from climbplan.mechanics.identification.study import identify
+        from climbplan.reports.stiffness_report import RESULT, report_dict, write_report
+
+        with StageProgress(session) as progress:
+            found = identify(data, limb_of, seed or 0, lambda part: progress.report("fit", part))
+        for line in found.measurements.skipped:
+            session.note(f"left out: {line}")
+        best = found.best
+        session.note(
+            f"{data.stem}   {limb_of.name}: {len(best.matrices)} matrices, {best.model.name}"
+        )
+        for line in found.findings:
+            session.note(f"  {line}")
+        write_report(found, data.stem, directory.path)
+        directory.publish()
+    if as_json:
+        print_json(report_dict(found, data.stem))
+    else:
+        print_result(str(target / RESULT))

@@ -1,0 +1,131 @@
+"""The accurate mixed-integer convex program: products by envelopes on a grid (`coupled-micp`).
+
+P is bounded from below by McCormick envelopes on pieces of the toes' coordinates, one binary a
+piece (published with log2 N: slower by several times with HiGHS). Toes and forces are first bounded
+by what postures and a known point leave (`tightening`), so that few pieces do. Without an envelope
+the bound is one of P. A learned envelope cuts points of P off: its value is no bound and is
+reported as such.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from climbplan.climb.coupled.preparation import Prepared
+from climbplan.climb.coupled.stages import TOLERANCE, Candidate, whole
+from climbplan.climb.coupled.statement import envelope_range
+from climbplan.climb.coupled.tightening import factors, tightened
+from climbplan.learning.envelope_box import Envelope
+from climbplan.program.box import Range
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.disjunctions import BigM
+from climbplan.reformulations.grids import uniform
+from climbplan.reformulations.mccormick import McCormick
+from climbplan.solvers.registry import solve
+
+_TIGHTENING_SHARE = 0.4  # of the time limit
+_NARROW = 1e-3  # [m] toe coordinates within less than this need no pieces
+_ROOM = 1e-5  # bounds are widened by this before they are cut into pieces
+
+
+@dataclass(frozen=True)
+class Accurate:
+    """What the mixed-integer program found."""
+
+    best: Candidate | None  # of P, exact
+    bound: float  # of the mixed-integer program; of P without an envelope
+    infeasible: bool  # it has no point: neither has P, without an envelope
+    binaries: int
+    rows: int
+    variables: int
+    nodes: int
+    tightening: int  # convex programs of the tightening
+    tightening_time: float  # [s]
+    solver_time: float  # [s]
+    solver: str
+
+
+def accurate_program(prepared: Prepared, within: Range, pieces: int) -> Instance:
+    """P with envelopes on `pieces` of each toe coordinate, choices as binaries."""
+    instance = replace(prepared.instance, lower=within.lower - _ROOM, upper=within.upper + _ROOM)
+    toe = prepared.program.variables["toe"]
+    grids: dict[int, ArrayLike] = {
+        int(j): uniform(instance.lower[j], instance.upper[j], pieces)
+        for j in factors(instance)
+        if toe.start <= j < toe.stop and within.upper[j] - within.lower[j] > _NARROW
+    }
+    enveloped = McCormick.on(grids).apply(instance).instance
+    return BigM().apply(enveloped).instance if enveloped.choices else enveloped
+
+
+def solve_accurate(
+    prepared: Prepared,
+    known: Candidate | None,
+    envelope: Envelope | None,
+    solver: str,
+    pieces: int,
+    gap: float,
+    time_limit: float,
+) -> Accurate:
+    """Tighten, bound, and put what the program finds right by IPOPT.
+
+    known: a point of P. With an envelope it need not lie in it, and does not tighten then.
+    """
+    begin = time.perf_counter()
+    instance = prepared.instance
+    cost = None if known is None else instance.objective(known.x)
+    within = Range(instance.lower, instance.upper)
+    if envelope is not None:
+        within = envelope_range(prepared.program, instance, envelope, prepared.origin)
+        cost = None
+    tight = tightened(instance, within, cost, _TIGHTENING_SHARE * time_limit)
+    spent = time.perf_counter() - begin
+    if tight.infeasible:
+        ends = cost if cost is not None else np.inf
+        empty = (0, 0, 0, 0, tight.programs, spent, 0.0, "tightening")
+        return Accurate(known, ends, cost is None, *empty)
+    program = accurate_program(prepared, tight.bounds, pieces)
+    start = time.perf_counter()
+    found = solve(program, solver, gap=gap, time_limit=max(time_limit - spent, 1.0))
+    solved = time.perf_counter() - start
+    best = known
+    if found.x is not None:
+        own = _exact(prepared, found.x, time_limit)
+        if own is not None and (cost is None or instance.objective(own.x) < cost):
+            best = own
+    infeasible = found.status == "infeasible"
+    bound = found.bound
+    if infeasible and cost is not None:  # nothing is cheaper than the known point
+        infeasible, bound = False, cost
+    if cost is not None:
+        bound = min(bound, cost)
+    return Accurate(
+        best=best,
+        bound=bound,
+        infeasible=infeasible,
+        binaries=program.binary_count,
+        rows=program.A.shape[0],
+        variables=program.size,
+        nodes=found.nodes,
+        tightening=tight.programs,
+        tightening_time=spent,
+        solver_time=solved,
+        solver=found.solver,
+    )
+
+
+def _exact(prepared: Prepared, x: Array, time_limit: float) -> Candidate | None:
+    """The point of P nearest to one of the program, in its regions."""
+    instance = prepared.instance
+    first = x[: instance.size]
+    assignment = instance.assignment(first)
+    pinned = prepared.pinned(first, assignment)
+    found = whole(pinned, first, time_limit)
+    if found is None or pinned.violation(found) > TOLERANCE:
+        return None
+    return Candidate(found, assignment, "MICP, IPOPT")

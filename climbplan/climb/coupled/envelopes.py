@@ -1,0 +1,139 @@
+"""Which envelopes a climb is planned with: learned ones that ship, a file's, or the expert's.
+
+Envelopes are learned for some limbs that stand (`coupled.terrains`). A limb beyond these takes the
+mirror image of the one opposite. With N limbs on the ground instead of the n of the training,
+forces that balance are means of balances of n, so the box of forces shrinks by n / N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.climb.coupled.statement import force_range
+from climbplan.climb.scene import ClimbScene
+from climbplan.coupled.envelope_file import StoredEnvelopes, read_envelopes
+from climbplan.coupled.legs import POSITION_SCALE
+from climbplan.errors import UsageError
+from climbplan.learning.envelope_box import Envelope
+from climbplan.robots.model import Robot
+
+SHIPPED = ("ground3", "wall3", "wall5")
+EXPERT = "expert"
+_SHIPPED_FOLDER = files("climbplan.coupled").joinpath("envelopes")
+# Of the fits in a file, the first there is: clustering meets more terrains, which planning needs
+_PREFERENCE = ("clustering", "genetic", "heuristic")
+_TILT = float(np.cos(np.deg2rad(30.0)))  # of normals from the nominal one, as in the training
+
+_TOE = 0.35  # [m] a toe's range about its stance along each axis, of the expert
+_SHEAR = 0.3
+_MOST_LOAD = 0.5
+
+
+@dataclass(frozen=True)
+class NamedEnvelope:
+    """The box of all N limbs and where it is from."""
+
+    name: str  # as the spec names it
+    fit: str  # method that it was fitted by
+    box: Envelope  # (N, 6) toe about the point of reference [P], force [weights]
+
+
+def chosen_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnvelope, ...]:
+    """Those that the spec names, or by the terrain: one, or with modes ground and wall."""
+    names = scene.spec.solver.envelopes
+    if not names:
+        names = ("ground3", "wall5") if several else (_by_terrain(scene),)
+    return tuple(named_envelope(scene, name) for name in names)
+
+
+def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
+    """A shipped envelope, `expert`, or one of a file; raises UsageError for another name.
+
+    name: a shipped one may be followed by the method of the fit, `wall5:genetic`.
+    """
+    if name == EXPERT:
+        return NamedEnvelope(name, "expert", braced_envelope(scene))
+    shipped, _, wanted = name.partition(":")
+    if shipped in SHIPPED:
+        with as_file(_SHIPPED_FOLDER.joinpath(f"{shipped}.h5")) as path:
+            if not path.is_file():
+                raise UsageError(
+                    f"envelope {name!r} does not ship with this version: fit it with "
+                    f"`climbplan fit-envelopes`, and name the file, or take {EXPERT!r}"
+                )
+            stored = read_envelopes(path)
+    elif Path(name).is_file():
+        stored, wanted = read_envelopes(Path(name)), ""
+    else:
+        known = ", ".join((*SHIPPED, EXPERT))
+        raise UsageError(f"unknown envelope {name!r}: expected one of {known}, or a file")
+    asked = (wanted,) if wanted else _PREFERENCE
+    method = next((m for m in asked if m in stored.envelopes), None)
+    if method is None:
+        there = ", ".join(stored.envelopes) or "none"
+        raise UsageError(f"envelope {name!r}: no such fit, there are {there}")
+    return NamedEnvelope(name, method, spread(scene, stored, stored.envelopes[method]))
+
+
+def spread(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> Envelope:
+    """The envelope for all limbs of the scene's robot, as forces are bounded in its statement."""
+    robot = scene.robot
+    unknown = [name for name in stored.limb_names if name not in robot.limb_names]
+    if unknown:
+        raise UsageError(f"envelopes of {', '.join(stored.limb_names)} do not fit {robot.name}")
+    scale = np.array([stored.position_scale / POSITION_SCALE] * 3 + [1.0] * 3)
+    lower, upper = envelope.lower * scale, envelope.upper * scale
+    low, high = np.empty((robot.limb_count, 6)), np.empty((robot.limb_count, 6))
+    for limb, name in enumerate(robot.limb_names):
+        if name in stored.limb_names:
+            k = stored.limb_names.index(name)
+            low[limb], high[limb] = lower[k], upper[k]
+            continue
+        other = robot.limb_names[opposite(robot, limb)]
+        if other not in stored.limb_names:
+            raise UsageError(f"envelopes of {', '.join(stored.limb_names)} tell nothing of {name}")
+        k = stored.limb_names.index(other)
+        turned = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, 1.0])  # mirrored at x = 0
+        ends = np.stack([lower[k] * turned, upper[k] * turned])
+        low[limb], high[limb] = ends.min(axis=0), ends.max(axis=0)
+    share = len(stored.limb_names) / robot.limb_count
+    low[:, 3:] *= share
+    high[:, 3:] *= share
+    given = force_range(scene)
+    low[:, 3:] = np.clip(low[:, 3:], given.lower, given.upper)
+    high[:, 3:] = np.clip(high[:, 3:], given.lower, given.upper)
+    return Envelope(low, high)
+
+
+def opposite(robot: Robot, limb: int) -> int:
+    """The limb whose shoulder is the mirror image."""
+    mirrored = robot.shoulder_body[limb] * [-1.0, 1.0, 1.0]
+    return int(np.argmin(np.linalg.norm(robot.shoulder_body - mirrored, axis=1)))
+
+
+def _by_terrain(scene: ClimbScene) -> str:
+    """ground3 or wall5 where all regions are tilted as in their training, else the expert's."""
+    robot, terrain = scene.robot, scene.terrain
+    side = np.sign(robot.shoulder_body[:, 0])
+    for name, nominal in (
+        ("ground3", np.tile([0.0, 0.0, 1.0], (robot.limb_count, 1))),
+        ("wall5", -side[:, None] * [1.0, 0.0, 0.0]),
+    ):
+        level = nominal @ np.stack([region.normal for region in terrain.regions]).T
+        if (level[terrain.allowed] >= _TILT).all():
+            return name
+    return EXPERT
+
+
+def braced_envelope(scene: ClimbScene) -> Envelope:
+    """The expert's bounds for a robot between walls, each limb carrying some of the weight."""
+    stance = scene.robot.stance_body / POSITION_SCALE
+    reach, given = _TOE / POSITION_SCALE, force_range(scene)
+    force = np.array([given.upper[0], _SHEAR, 0.0])
+    low, high = np.tile(-force, (len(stance), 1)), np.tile(force, (len(stance), 1))
+    low[:, 2], high[:, 2] = given.lower[2], _MOST_LOAD
+    return Envelope(np.hstack([stance - reach, low]), np.hstack([stance + reach, high]))

@@ -1,0 +1,98 @@
+"""P1 with several envelopes: in each round all (toes, forces, products) lie in one of them.
+
+A mode is a disjunction of polytopes, one binary an envelope and round: the box and the McCormick
+planes of its products, eq. (8.26). Branch and bound decides modes and regions together; which
+envelope it takes tells how the robot stands (chapter 5.2.4.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from climbplan.climb.coupled.envelopes import NamedEnvelope
+from climbplan.climb.coupled.preparation import Prepared
+from climbplan.climb.coupled.stages import Candidate
+from climbplan.climb.coupled.statement import envelope_range
+from climbplan.program.box import Range
+from climbplan.program.instance import Choice, Index, Instance
+from climbplan.program.polytope import Polytope
+from climbplan.reformulations.local_envelopes import LocalForm
+from climbplan.solvers.registry import solve
+
+_GAP = 1e-3  # of P1, whose value is no bound
+
+
+@dataclass(frozen=True)
+class ModePlan:
+    """A point of P1 and the mode of each round."""
+
+    candidate: Candidate
+    modes: tuple[str, ...]  # (M,) names of envelopes
+    nodes: int
+
+
+def first_stage_with_modes(
+    prepared: Prepared, envelopes: tuple[NamedEnvelope, ...], time_limit: float
+) -> ModePlan | None:
+    """P1 with modes and regions; None if none was found in time."""
+    instance, origin = prepared.instance, prepared.origin
+    boxes = [envelope_range(prepared.program, instance, e.box, origin) for e in envelopes]
+    around = Range(
+        np.min([box.lower for box in boxes], axis=0), np.max([box.upper for box in boxes], axis=0)
+    )
+    form = LocalForm.of(instance)
+    local = form.at(around)
+    rounds = _columns(prepared)
+    choices = [_mode_choice(form, local, envelopes, boxes, r, own) for r, own in enumerate(rounds)]
+    stated = len(local.choices)
+    whole = replace(local, choices=(*local.choices, *choices))
+    found = solve(whole, "branch-and-bound", gap=_GAP, time_limit=time_limit)
+    if found.x is None or found.assignment is None:
+        return None
+    picked = found.assignment[stated:]
+    return ModePlan(
+        Candidate(found.x[: instance.size], found.assignment[:stated], "P1 with modes"),
+        tuple(envelopes[k].name for k in picked),
+        found.nodes,
+    )
+
+
+def _columns(prepared: Prepared) -> Index:
+    """Columns of toes and forces of each round, (M, 6 N)."""
+    toe, force = prepared.program.variables["toe"], prepared.program.variables["force"]
+    m = prepared.scene.spec.task.rounds
+    return np.concatenate([np.arange(b.start, b.stop).reshape(m, -1) for b in (toe, force)], axis=1)
+
+
+def _mode_choice(
+    form: LocalForm,
+    local: Instance,
+    envelopes: tuple[NamedEnvelope, ...],
+    boxes: list[Range],
+    number: int,
+    columns: Index,
+) -> Choice:
+    """One of the envelopes in one round: point (toes, forces, products)."""
+    products, n = form.source.products, form.source.size
+    here = np.isin(products.first, columns) & np.isin(products.second, columns)
+    own = np.concatenate([columns, n + np.flatnonzero(here)])
+    d = len(own)
+    E = sparse.csr_matrix((np.ones(d), (np.arange(d), own)), shape=(d, local.size))
+    alternatives = []
+    for envelope, box in zip(envelopes, boxes, strict=True):
+        rows = form.at(box)
+        planes = np.flatnonzero(np.repeat(here, 4)) + form.linear.A.shape[0]
+        A = rows.A[planes][:, own].toarray()
+        low, high = box.lower[columns], box.upper[columns]
+        eye = np.eye(d)[: len(columns)]
+        alternatives.append(
+            Polytope.halfspaces(
+                envelope.name,
+                np.vstack([A, eye, -eye]),
+                np.concatenate([rows.row_upper[planes], high, -low]),
+            )
+        )
+    return Choice(f"coupled.mode[{number}]", E, np.zeros(d), tuple(alternatives))

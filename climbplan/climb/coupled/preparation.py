@@ -1,0 +1,73 @@
+"""What all coupled methods start from: problem P in numbers, and the postures alone.
+
+Postures alone, on regions that hold the least load, are a relaxation of P: their bound holds for P,
+and where forces balance at them they solve P if its cost counts no forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.coupled.statement import coupled_program, loadable
+from climbplan.climb.postures.explanation import explain_infeasible
+from climbplan.climb.postures.statement import PostureMargins, posture_program
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import LimitReached
+from climbplan.program import Program
+from climbplan.program.instance import Index, Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.pinned import PinnedForm
+from climbplan.solvers.registry import solve
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A coupled problem with its postures alone."""
+
+    scene: ClimbScene  # without regions that hold no load
+    program: Program
+    instance: Instance  # P
+    origin: Array  # (M, 3) points about which moments are taken: the bodies of postures alone
+    guess: Array  # (n,) postures alone, forces at their least values
+    assignment: Index  # regions and free spaces of the postures alone
+    bound: float  # of postures alone, valid for P
+    nodes: int
+    solver: str
+
+    def pinned(self, x: Array, assignment: Index) -> Instance:
+        """P with all choices given: continuous, with products."""
+        return PinnedForm.of(self.instance).at(x, assignment, compact=True)
+
+
+def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
+    """State P and solve the postures alone.
+
+    Raises Infeasible where they have no solution, naming what conflicts, and LimitReached.
+    """
+    options = scene.spec.solver
+    scene = loadable(scene)
+    postures = posture_program(scene, margins)
+    alone = postures.at()
+    first = solve(alone, options.posture, gap=options.gap, time_limit=options.time_limit)
+    if first.status == "infeasible":
+        raise explain_infeasible(scene, postures, alone)
+    if first.x is None or first.assignment is None:
+        raise LimitReached(f"coupled planner: no postures within {options.time_limit:g} s")
+    origin = postures.value("com", first.x)
+    program = coupled_program(scene, margins, origin)
+    instance = program.at()
+    guess = np.clip(np.zeros(instance.size), instance.lower, instance.upper)
+    guess[: alone.size] = first.x  # forces come behind the posture program's variables
+    return Prepared(
+        scene=scene,
+        program=program,
+        instance=instance,
+        origin=origin,
+        guess=guess,
+        assignment=first.assignment,
+        bound=first.bound,
+        nodes=first.nodes,
+        solver=first.solver,
+    )

@@ -1,0 +1,23 @@
+"""Fitted envelopes that come with the package, one file a spec `envelopes_<name>.yaml`.
+
+Each is what `climbplan fit-envelopes specs/envelopes_<name>.yaml` writes.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import as_file, files
+
+from climbplan.coupled.envelope_file import StoredEnvelopes, read_envelopes
+from climbplan.coupled.terrains import DISTRIBUTIONS
+from climbplan.errors import UsageError
+
+SHIPPED = DISTRIBUTIONS
+PREFERRED = "genetic"  # of the methods in each file: the better of both rates together
+
+
+def shipped_envelopes(name: str) -> StoredEnvelopes:
+    """Envelopes of all methods for one distribution of terrains; UsageError for another name."""
+    if name not in SHIPPED:
+        raise UsageError(f"no envelopes {name!r} ship, there are {', '.join(SHIPPED)}")
+    with as_file(files("climbplan.coupled").joinpath("envelopes", f"{name}.h5")) as path:
+        return read_envelopes(path)

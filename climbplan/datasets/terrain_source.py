@@ -1,0 +1,15 @@
+"""Rows of labelled terrains, as a worker makes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from climbplan.coupled.dataset_rows import TerrainRows
+from climbplan.robots.model import Robot
+from climbplan.spec.dataset import TerrainsProblemSpec
+from climbplan.spec.robot_source import load_robot
+
+
+def terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:
+    """Terrains as a spec describes them; a robot's file is looked up from `directory`."""
+    return TerrainRows(spec, Robot.from_spec(load_robot(spec.robot, directory)))

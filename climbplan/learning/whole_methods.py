@@ -1,0 +1,162 @@
+"""Methods on the whole statement: SCIP, Bonmin, envelopes, complementarity, ADMM."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from climbplan.errors import UsageError
+from climbplan.learning.envelope_rounds import (
+    MICP_SOLVERS,
+    default_partitions,
+    solve_micp,
+)
+from climbplan.learning.method_task import Outcome, Task, best, origin_of
+from climbplan.learning.pinning import at_point, solve_candidate
+from climbplan.program.box import propagated_box
+from climbplan.program.instance import Index, Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.base import Reformulated
+from climbplan.reformulations.complementarity import Complementarity
+from climbplan.reformulations.disjunctions import BigM
+from climbplan.reformulations.mccormick import McCormick
+from climbplan.solvers.admm import solve_admm
+from climbplan.solvers.mpcc import HOMOTOPY, STRAIGHT, solve_mpcc
+from climbplan.solvers.registry import require
+from climbplan.solvers.result import Answer, SolverResult, judged
+
+
+def minlp_scip(task: Task) -> Outcome:
+    """SCIP on the whole statement; its point, good to SCIP's tolerance, is solved again exactly."""
+    settings = task.settings
+    found = require("minlp-scip").load()(task.instance, settings.gap, task.left)
+    return Outcome(_polished(task, found), "SCIP", 1)
+
+
+def minlp_bonmin(task: Task) -> Outcome:
+    from climbplan.solvers.bonmin import solve_bonmin
+
+    settings = task.settings
+    guess = task.guess()
+    found = solve_bonmin(task.instance, settings.gap, task.left, settings.tolerance, guess)
+    return Outcome(found, "Bonmin", 1)
+
+
+def micp(task: Task) -> Outcome:
+    settings = task.settings
+    options = settings.envelopes
+    if settings.solver is not None:
+        options = replace(options, solver=settings.solver)
+    found = solve_micp(
+        task.problem, task.instance, options, settings.gap, task.left, settings.tolerance
+    )
+    return Outcome(found, f"envelopes ({options.solver})", 1)
+
+
+def mpcc(task: Task) -> Outcome:
+    """Complementarity from the start asked for; neighbours need no wide homotopy."""
+    settings = task.settings
+    guess = task.guess()
+    start = settings.start or ("zero" if guess is None else "manual")
+    if start == "knn":
+        near = task.neighbours("mpcc")
+        plain = Complementarity()
+        tried = [
+            (origin_of(k, c), _smoothed(task, c.start, c.alternatives, STRAIGHT, plain))
+            for k, c in enumerate(near, 1)
+        ]
+        if all(result.x is None for _, result in tried):
+            first = near[0]
+            wide = _smoothed(task, first.start, first.alternatives, HOMOTOPY, plain)
+            tried.append((f"{origin_of(1, first)}, wide homotopy", wide))
+        return best(task, tried)
+    if start == "manual" and guess is None:
+        raise UsageError(
+            f"problem {task.problem.name!r} states no `start`, which `start: manual` needs"
+        )
+    begin = None if start == "zero" else guess
+    tried = []
+    for kind in ("product", "fischer-burmeister"):
+        method = Complementarity("product" if kind == "product" else "fischer-burmeister")
+        result = _smoothed(task, begin, None, HOMOTOPY, method)
+        tried.append((f"start {start}, {kind}", result))
+        if result.x is not None:
+            break
+    return best(task, tried)
+
+
+def _smoothed(
+    task: Task,
+    x: Array | None,
+    assignment: Index | None,
+    homotopy: tuple[float, ...],
+    method: Complementarity,
+) -> SolverResult:
+    return solve_mpcc(
+        task.instance,
+        task.settings.gap,
+        task.left,
+        task.settings.tolerance,
+        start=x,
+        assignment=assignment,
+        method=method,
+        homotopy=homotopy,
+    )
+
+
+def admm(task: Task) -> Outcome:
+    """Envelopes and disjunctive rows on one side, the exact products on the other."""
+    settings = task.settings
+    solver = settings.solver or "highs"
+    if solver not in MICP_SOLVERS:
+        known = ", ".join(MICP_SOLVERS)
+        raise UsageError(f"method 'admm': no solver {solver!r}, expected one of {known}")
+    solve = require(MICP_SOLVERS[solver]).load()
+
+    def mixed_integer(block: Instance) -> Array | None:
+        disjoined = BigM().apply(block)
+        found = solve(disjoined.instance, gap=1e-3, time_limit=task.left)
+        return None if found.x is None else disjoined.invert(found.x)
+
+    def relax(instance: Instance) -> Reformulated:
+        box = propagated_box(instance)
+        pieces = settings.envelopes.pieces
+        return McCormick(default_partitions(task.problem, instance, box, pieces)).apply(instance)
+
+    answer = solve_admm(
+        task.instance,
+        mixed_integer,
+        task.guess(),
+        relax,
+        settings.admm,
+        settings.gap,
+        task.left,
+        settings.tolerance,
+    )
+    best = "" if answer.best is None else f"iteration {answer.best + 1}"
+    return Outcome(answer.result, best, len(answer.steps))
+
+
+def _polished(task: Task, found: SolverResult) -> SolverResult:
+    """The answer with its integers kept, solved to full accuracy; the bound stays."""
+    if found.x is None or found.assignment is None:
+        return found
+    candidate = at_point(found.x, found.assignment)
+    settings = task.settings
+    again = solve_candidate(
+        task.instance, candidate, None, settings.gap, task.left, settings.tolerance
+    )
+    if again.objective is None or (
+        found.objective is not None and again.objective > found.objective
+    ):
+        again = found
+    answer = Answer(
+        x=again.x,
+        bound=found.bound,
+        infeasible=False,
+        nodes=found.nodes,
+        time=found.time,
+        solver=found.solver,
+        log=(*found.log, *again.log),
+        assignment=found.assignment,
+    )
+    return judged(task.instance, answer, settings.gap, settings.tolerance)

@@ -1,0 +1,1 @@
+"""Stiffness identified from measurements: matrices from tests, joints from matrices."""

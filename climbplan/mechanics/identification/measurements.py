@@ -1,0 +1,257 @@
+"""Measured stiffness of one limb as read from a CSV file, in either of two forms.
+
+A table has one stiffness matrix a row (columns Kxx, Kxz, Kzz, of a spatial test also Kxy, Kyy,
+Kyz). Tests have one load step a row: `test`, imposed displacements dx, dy, dz and forces fx, fy, fz
+of the axes that were measured, and `axis` (the axis loaded) where it cannot be told from the
+displacements. Both say the posture by joint angles (femur_deg, tibia_deg, and coxa_deg of a spatial
+test), or a table by `r`, how far the foot is from the femur joint. Units stand in the column names
+(r_mm, Kxx_N_per_mm, dx_mm, fx_N); `gain` is the motors' P gain. Frame of the limb: x outward,
+z up, y across; forces act on the limb.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.robots.rotations import Array
+
+AXES = "xyz"
+_UNITS = {
+    "m": 1.0, "mm": 1e-3, "in": 0.0254, "inch": 0.0254, "rad": 1.0, "deg": np.pi / 180, "N": 1.0,
+    "N_per_m": 1.0, "N_per_mm": 1e3, "": 1.0,
+}  # fmt: skip
+_COLUMN = re.compile(r"(K[xyz]{2}|[df][xyz]|r|coxa|femur|tibia|gain)(?:_(.+))?")
+_LARGEST_FILE = 50_000_000  # [bytes]
+_ANGLES = ("coxa", "femur", "tibia")
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Where the limb stood: joint angles, or only the distance of its foot."""
+
+    angles: Array | None  # (3,) coxa, femur, tibia [rad]
+    distance: float | None  # [m] of the foot from the femur joint
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """One stiffness matrix at one posture."""
+
+    name: str
+    posture: Posture
+    gain: float | None  # P gain of the motors, if the file tells it
+    stiffness: Array  # (a, a) over the measured axes, column = displaced axis [N/m]
+    deviation: Array  # (a, a) standard deviation known from the data, 0 if unknown [N/m]
+    line: int  # of the file
+
+
+@dataclass(frozen=True)
+class Series:
+    """One loading along one axis; its first row is the preload."""
+
+    test: str
+    axis: int  # position in the measured axes
+    posture: Posture
+    gain: float | None
+    displacement: Array  # (s,) along the axis [m]
+    force: Array  # (s, a) [N]
+    line: int
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What a file holds: matrices, or the loadings to take them from."""
+
+    axes: tuple[int, ...]  # measured axes of the limb frame, 0 x to 2 z
+    matrices: tuple[Matrix, ...]
+    series: tuple[Series, ...]
+    skipped: tuple[str, ...]  # rows left out, and why
+
+
+@dataclass(frozen=True)
+class _Row:
+    line: int
+    number: dict[str, float]
+    text: dict[str, str]
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    rows: tuple[_Row, ...]
+    columns: frozenset[str]
+    skipped: tuple[str, ...]
+    resolution: dict[str, float]  # half a unit of the last digit printed, by column
+
+
+def read_measurements(path: Path) -> Measurements:
+    """The measurements in a CSV file; lines that begin with # are comments.
+
+    Rows with a value that is missing or no number are left out and named. Raises UsageError for a
+    file that cannot be read and SpecError for columns that do not make a table or tests.
+    """
+    sheet = _read_sheet(path)
+    tables = [name for name in sheet.columns if name.startswith("K")]
+    axes = tuple(a for a in range(3) if any(AXES[a] in name[1:] for name in tables))
+    if not tables:
+        axes = tuple(a for a in range(3) if f"d{AXES[a]}" in sheet.columns)
+    _require_columns(path, sheet.columns, tables, axes)
+    if tables:
+        matrices = tuple(_matrix(row, axes, sheet.resolution) for row in sheet.rows)
+        return Measurements(axes, matrices, (), sheet.skipped)
+    series, skipped = _series(sheet.rows, axes)
+    return Measurements(axes, (), tuple(series), (*sheet.skipped, *skipped))
+
+
+def _read_sheet(path: Path) -> _Sheet:
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise UsageError(f"{path}: too large for a stiffness test (over 50 MB)")
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise UsageError(f"{path}: cannot be read: {reason}") from error
+    kept = [(n, text) for n, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
+    if len(kept) < 2:
+        raise UsageError(f"{path}: holds no rows, expected a CSV file of stiffness measurements")
+    cells = list(csv.reader([text for _, text in kept]))
+    names, scales = _columns(path, kept[0][0], cells[0])
+    rows, skipped = [], []
+    digits: dict[str, int] = {}
+    for (line, _), values in zip(kept[1:], cells[1:], strict=True):
+        text = {name: v.strip() for name, v in zip(names, values, strict=False) if name}
+        number = {name: _number(text.get(name, "")) * scale for name, scale in scales.items()}
+        bad = [name for name, value in number.items() if not np.isfinite(value)]
+        if bad or len(values) != len(names):
+            skipped.append(f"line {line}: {', '.join(bad) or 'columns'} missing or no number")
+            continue
+        for name in scales:
+            digits[name] = max(digits.get(name, 0), len(text[name].partition(".")[2]))
+        rows.append(_Row(line, number, text))
+    if not rows:
+        raise UsageError(f"{path}: no row is usable; {skipped[0]}")
+    resolution = {name: scales[name] * 0.5 * 10.0**-count for name, count in digits.items()}
+    return _Sheet(tuple(rows), frozenset([*scales, *names]), tuple(skipped), resolution)
+
+
+def _columns(path: Path, line: int, header: Sequence[str]) -> tuple[list[str], dict[str, float]]:
+    """Names without units, and by number column the factor to SI units."""
+    names, scales, mistakes = [], {}, []
+    for cell in (cell.strip() for cell in header):
+        match = _COLUMN.fullmatch(cell)
+        if match is None:
+            names.append(cell)
+            continue
+        name, unit = match[1], match[2] or ""
+        if unit not in _UNITS:
+            known = ", ".join(u for u in _UNITS if u)
+            mistakes.append(
+                SpecMistake(cell, f"unit {unit!r} is not known, expected one of {known}", line)
+            )
+        elif name in scales:
+            mistakes.append(SpecMistake(cell, f"a second column {name}", line))
+        else:
+            scales[name] = _UNITS[unit]
+        names.append(name)
+    if mistakes:
+        raise SpecError(str(path), mistakes)
+    return names, scales
+
+
+def _require_columns(
+    path: Path, columns: frozenset[str], tables: Sequence[str], axes: tuple[int, ...]
+) -> None:
+    missing = []
+    if axes not in ((0, 2), (0, 1, 2)):
+        missing.append("Kxx, Kxz, Kzz of a table or dx, dz, fx, fz of tests (with y: all three)")
+    elif tables:
+        pairs = {f"K{AXES[a]}{AXES[b]}" for a in axes for b in axes}
+        upper = {p for p in pairs if p[1] <= p[2]}
+        missing += sorted(upper - columns)
+    else:
+        missing += sorted({f"f{AXES[a]}" for a in axes} - columns)
+        missing += [] if "test" in columns else ["test"]
+    angles = {"femur", "tibia"} | ({"coxa"} if 1 in axes else set())
+    if not angles <= columns and not (tables and "r" in columns and 1 not in axes):
+        missing += [f"{name}_deg" for name in sorted(angles - columns)]
+    if missing:
+        raise SpecError(str(path), [SpecMistake(name, "column is missing") for name in missing])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _posture(row: _Row) -> Posture:
+    if "femur" in row.number and "tibia" in row.number:
+        return Posture(np.array([row.number.get(name, 0.0) for name in _ANGLES]), None)
+    return Posture(None, row.number["r"])
+
+
+def _matrix(row: _Row, axes: tuple[int, ...], resolution: dict[str, float]) -> Matrix:
+    size = len(axes)
+    stiffness, deviation = np.empty((size, size)), np.empty((size, size))
+    for i, a in enumerate(axes):
+        for j, b in enumerate(axes):
+            name = f"K{AXES[a]}{AXES[b]}"
+            if name not in row.number:
+                name = f"K{AXES[b]}{AXES[a]}"
+            stiffness[i, j] = row.number[name]
+            # Rounded numbers are uniform over the last digit.
+            deviation[i, j] = resolution[name] / np.sqrt(3)
+    name = row.text.get("test") or row.text.get("row") or f"line {row.line}"
+    return Matrix(name, _posture(row), row.number.get("gain"), stiffness, deviation, row.line)
+
+
+def _series(rows: Sequence[_Row], axes: tuple[int, ...]) -> tuple[list[Series], list[str]]:
+    """Rows of one test and one loaded axis, in their order."""
+    moved = ["d" + AXES[a] for a in axes]
+    groups: dict[tuple[str, int], list[_Row]] = {}
+    skipped: list[str] = []
+    tests: dict[str, list[_Row]] = {}
+    for row in rows:
+        tests.setdefault(row.text["test"], []).append(row)
+    for test, members in tests.items():
+        if "axis" not in members[0].text:
+            for row, axis in zip(members, _loaded_axes(members, moved), strict=True):
+                groups.setdefault((test, axis), []).append(row)
+            continue
+        for row in members:
+            given = row.text["axis"].lower()
+            if len(given) != 1 or given not in AXES or AXES.index(given) not in axes:
+                skipped.append(f"line {row.line}: axis {given!r} is none of those measured")
+                continue
+            groups.setdefault((test, axes.index(AXES.index(given))), []).append(row)
+    series = []
+    for (test, axis), members in groups.items():
+        displacement = np.array([row.number[moved[axis]] for row in members])
+        if len(members) < 3 or np.ptp(displacement) == 0:
+            skipped.append(f"test {test}, axis {AXES[axes[axis]]}: fewer than 3 different steps")
+            continue
+        force = np.array([[row.number["f" + AXES[a]] for a in axes] for row in members])
+        series.append(
+            Series(test, axis, _posture(members[0]), members[0].number.get("gain"), displacement,
+                   force, members[0].line)
+        )  # fmt: skip
+    return series, skipped
+
+
+def _loaded_axes(rows: Sequence[_Row], moved: Sequence[str]) -> list[int]:
+    """The axis that each row of a test is part of loading; a row at rest starts what follows."""
+    start = rows[0].number
+    out: list[int] = []
+    axis = 0
+    for row in reversed(rows):
+        change = [abs(row.number[name] - start[name]) for name in moved]
+        axis = int(np.argmax(change)) if max(change) > 0 else axis
+        out.append(axis)
+    return out[::-1]

@@ -1,0 +1,135 @@
+"""A whole identification: matrices, every model that the data allow, and what they can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.mechanics.identification.fit import Fit, Model, fit_stiffness
+from climbplan.mechanics.identification.limb_model import Limb
+from climbplan.mechanics.identification.measurements import Matrix, Measurements, read_measurements
+from climbplan.mechanics.identification.slopes import Reduced, matrices_from
+from climbplan.robots.kinematics import JOINTS
+from climbplan.robots.model import Robot
+
+_MANY = 0.2  # relative error of the matrices above which the model does not describe the limb
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a file of measurements says about a limb."""
+
+    limb: Limb
+    measurements: Measurements
+    matrices: tuple[Matrix, ...]
+    reduced: Reduced | None  # tests the matrices were taken from
+    fits: tuple[Fit, ...]  # best first
+    reference_gain: float | None  # that the joint stiffnesses are for
+    findings: tuple[str, ...]  # what can and what cannot be told, in sentences
+
+    @property
+    def best(self) -> Fit:
+        """The model that explains most for its unknowns (BIC)."""
+        return self.fits[0]
+
+
+def identify(
+    path: Path, robot: Robot, seed: int = 0, progress: Callable[[float], None] | None = None
+) -> Identification:
+    """Identify joint stiffness and structure from a file, with the robot's first limb's lengths.
+
+    Raises UsageError and SpecError for files that cannot be used.
+    """
+    measured = read_measurements(path)
+    limb = Limb(robot, measured.axes)
+    reduced = matrices_from(measured.series, measured.axes) if measured.series else None
+    matrices = reduced.matrices if reduced is not None else measured.matrices
+    if not matrices:
+        why = (*measured.skipped, *(reduced.skipped if reduced is not None else ()))
+        raise UsageError(f"{path}: no stiffness matrix in it{': ' + why[0] if why else ''}")
+    models = _models(matrices)
+    fits = []
+    for index, model in enumerate(models):
+        if progress is not None:
+            progress(index / len(models))
+        try:
+            fits.append(fit_stiffness(limb, matrices, model, seed))
+        except UsageError:
+            if index == 0:  # the smallest model: with fewer numbers nothing can be said
+                raise
+    fits.sort(key=_criterion)
+    gains = [m.gain for m in matrices if m.gain is not None]
+    reference = float(np.median(gains)) if gains else None
+    findings = _findings(fits, limb, matrices, reference)
+    return Identification(limb, measured, matrices, reduced, tuple(fits), reference, findings)
+
+
+def _models(matrices: tuple[Matrix, ...]) -> list[Model]:
+    known = all(m.posture.angles is not None for m in matrices)
+    gains = {m.gain for m in matrices}
+    by_gain = [False, True] if len(gains) > 1 and None not in gains else [False]
+    feet = ["known"] if known else ["horizontal", "radial"]
+    return [Model(s, g, f) for f in feet for g in by_gain for s in (False, True)]
+
+
+def _criterion(fit: Fit) -> float:
+    """Bayesian information criterion a measured number, so that fits to fewer can be compared."""
+    entries = sum(len(m.stiffness) * (len(m.stiffness) + 1) // 2 for m in fit.matrices)
+    unknowns = max(entries - fit.freedom, 0)
+    return float(np.log(max(fit.cost, 1e-9) / entries) + unknowns * np.log(entries) / entries)
+
+
+def _findings(
+    fits: list[Fit], limb: Limb, matrices: tuple[Matrix, ...], gain: float | None
+) -> tuple[str, ...]:
+    best = fits[0]
+    names = [JOINTS[j] for j in limb.joints]
+    out = []
+    at = f" at P gain {gain:g}" if gain is not None else ""
+    for name, estimate in zip(names, best.joint_stiffness, strict=True):
+        word = "told" if estimate.told else "not told apart from much softer or stiffer"
+        out.append(
+            f"{name}: {estimate.value:.1f} N m/rad, 95 % interval {estimate.lower:.1f} to "
+            f"{estimate.upper:.1f}{at} ({word})"
+        )
+    if 0 not in limb.joints:
+        out.append("the coxa cannot be identified: it turns across the plane of these tests")
+    out.append(_structure_finding(best, fits))
+    if best.model.feet != "known":
+        radial = [f for f in fits if f.model.feet != best.model.feet]
+        against = (
+            f", taken as {radial[0].model.feet} {radial[0].relative_error:.0%}" if radial else ""
+        )
+        out.append(
+            f"postures are not in the file but for the foot distance; taken as {best.model.feet} "
+            f"distance from the femur joint the fit misses the matrices by "
+            f"{best.relative_error:.0%} (median){against}"
+        )
+    if best.relative_error > _MANY:
+        out.append(
+            f"the model misses the matrices by {best.relative_error:.0%} (median): joints and "
+            "structure of this kind do not describe the limb"
+        )
+    if len(best.matrices) < len(matrices):
+        out.append(f"{len(matrices) - len(best.matrices)} matrices were left out")
+    return tuple(out)
+
+
+def _structure_finding(best: Fit, fits: list[Fit]) -> str:
+    if best.share is not None and best.share.lower > 0.002:
+        part = f"the structure makes up {best.share.value:.1%} of the compliance"
+        part += f" ({best.share.lower:.1%} to {best.share.upper:.1%})"
+        if best.model.by_gain:
+            return part
+        return part + "; what gives in the shape of a joint's motion is counted to that joint"
+    tried = [f.share for f in fits if f.share is not None and f.model.feet == best.model.feet]
+    even = f" (at most {max(s.upper for s in tried):.1%})" if tried else ""
+    return (
+        f"a structure that gives alike in all directions is not seen{even}; one that gives in the "
+        "shape of a joint's motion cannot be told from that joint by these data: the stiffnesses "
+        "above contain it, k (1 - share). Repeating the tests at a second P gain tells them apart"
+    )

@@ -1,0 +1,29 @@
+"""What a method answers to a walking task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from climbplan.mpc.task import WalkTrajectory
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A better trajectory was found, or a better bound proved."""
+
+    seconds: float
+    objective: float
+    bound: float = -float("inf")
+
+
+@dataclass(frozen=True)
+class WalkAnswer:
+    """A trajectory that obeys the nonlinear dynamics, or the reason why there is none."""
+
+    trajectory: WalkTrajectory | None
+    objective: float  # infinite without a trajectory
+    seconds: float
+    word: str  # what the method says of its answer
+    bound: float | None = None  # of a relaxation, see `word`
+    tried: int = 0  # gaits
+    history: tuple[Improvement, ...] = field(default=())

@@ -1,0 +1,122 @@
+"""Where toes are, given the integers: stance phases, fixed and free footholds, swinging toes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.mpc.ground import Ground
+from climbplan.mpc.task import ANGLES, LEGS, POSITION, Array, Flags, Gait, RigidBody, Whole
+from climbplan.robots.rotations import rotation_world_body
+
+HELD = -1  # the toe stands where it stood at the start
+SWINGING = -2
+
+
+@dataclass(frozen=True)
+class Footing:
+    """Footholds of a gait of N intervals; those after the first lift-off are free."""
+
+    foothold: Whole  # (N + 1, 4) index of the free foothold, HELD or SWINGING
+    leg: Whole  # (F,) of each free foothold
+    first: Whole  # (F,) knot at which it is reached
+    last: Whole  # (F,) last knot at which it is stood on
+    region: Whole  # (F,)
+
+    @property
+    def count(self) -> int:
+        """Free footholds."""
+        return len(self.leg)
+
+
+def footing_of(gait: Gait) -> Footing:
+    """Stance phases of a gait, leg by leg."""
+    knots = len(gait.contact)
+    foothold = np.full((knots, LEGS), SWINGING, np.int64)
+    phases: list[tuple[int, int, int]] = []
+    for leg in range(LEGS):
+        n = 0
+        while n < knots:
+            if not gait.contact[n, leg]:
+                n += 1
+                continue
+            end = n
+            while end + 1 < knots and gait.contact[end + 1, leg]:
+                end += 1
+            if n == 0:
+                foothold[n : end + 1, leg] = HELD
+            else:
+                foothold[n : end + 1, leg] = len(phases)
+                phases.append((leg, n, end))
+            n = end + 1
+    legs, firsts, lasts = np.array(phases, np.int64).reshape(-1, 3).T
+    return Footing(foothold, legs, firsts, lasts, gait.region[firsts, legs])
+
+
+def gait_of(contact: Flags, region: Whole) -> Gait:
+    """A gait whose regions are constant while a leg stands and, before that, those it goes to.
+
+    region (N + 1, 4): only entries at the first knot of a stance phase count, and those of knot 0.
+    """
+    tidy = np.array(region, np.int64)
+    for leg in range(LEGS):
+        for n in range(1, len(contact)):
+            if contact[n, leg] and contact[n - 1, leg]:
+                tidy[n, leg] = tidy[n - 1, leg]
+        for n in range(len(contact) - 2, 0, -1):
+            if not contact[n, leg]:
+                tidy[n, leg] = tidy[n + 1, leg]
+    return Gait(np.array(contact, bool), tidy)
+
+
+def toe_heights(ground: Ground, gait: Gait, lift: float) -> Array:
+    """Heights of all toes (N + 1, 4) [m]: on their regions, or lifted above ground, eq. (8.23)."""
+    clear = ground.clearance_height(gait.region) + lift
+    return np.where(gait.contact, ground.height[gait.region], clear)
+
+
+def swinging_toes(body: RigidBody, state: Array, height: Array) -> Array:
+    """Toes (..., 4, 3) at given heights (..., 4) [m], near the middle of their boxes.
+
+    A tilted body may have to draw a toe in or stretch it to keep it within its box: it goes just so
+    far to the corner where it is higher, or lower, in the body. state: (..., 12).
+    """
+    R = rotation_world_body(state[..., ANGLES])  # (..., 3, 3)
+    down = R[..., None, 2, 2]
+    middle = np.broadcast_to(body.toe_center[:, :2], (*state.shape[:-1], LEGS, 2))
+    tilt = R[..., None, 2, :2]  # (..., 1, 2)
+
+    def depth(spot: Array) -> Array:
+        result: Array = (height - state[..., None, 2] - (tilt * spot).sum(axis=-1)) / down
+        return result
+
+    reach = body.toe_half[:2] * np.sign(tilt)
+    lowest, highest = middle + reach, middle - reach
+    here, least, most = depth(middle), depth(lowest), depth(highest)
+    ceiling = body.toe_center[:, 2] + body.toe_half[2]
+    floor = body.toe_center[:, 2] - body.toe_half[2]
+    down_share = np.clip((here - ceiling) / np.maximum(here - least, 1e-9), 0.0, 1.0)
+    up_share = np.clip((floor - here) / np.maximum(most - here, 1e-9), 0.0, 1.0)
+    spot = middle + down_share[..., None] * (lowest - middle)
+    spot = spot + up_share[..., None] * (highest - middle)
+    seen = np.concatenate([spot, depth(spot)[..., None]], axis=-1)
+    result: Array = state[..., None, POSITION] + seen @ np.swapaxes(R, -1, -2)
+    return result
+
+
+def place_toes(
+    body: RigidBody, footing: Footing, state: Array, height: Array, start: Array, spots: Array
+) -> Array:
+    """All toes (N + 1, 4, 3): standing ones at their footholds, others under the body.
+
+    height (N + 1, 4); start (4, 3); spots (F, 2) the free footholds.
+    """
+    toes = swinging_toes(body, state, height)
+    held = footing.foothold == HELD
+    toes[held] = np.broadcast_to(start, toes.shape)[held]
+    free = footing.foothold >= 0
+    toes[free, :2] = spots[footing.foothold[free]]
+    toes[free, 2] = height[free]
+    toes[0] = start
+    return toes

@@ -1,0 +1,96 @@
+"""Plan a walk: from a spec to a trajectory that the exact check judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import metadata
+
+from climbplan.errors import LimitReached
+from climbplan.mpc.answer import WalkAnswer
+from climbplan.mpc.checker import check_trajectory, failures
+from climbplan.mpc.cost import cost_terms
+from climbplan.mpc.plan import WalkPlan
+from climbplan.mpc.problem import build_task
+from climbplan.mpc.summary import summary_lines
+from climbplan.mpc.task import WalkTask
+from climbplan.spec.mpc import WalkSolverSpec
+from climbplan.spec.mpc_loading import LoadedMpc
+
+Progress = Callable[[str, float], None]
+
+
+def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
+    """Solve the task of a spec by its method.
+
+    Raises:
+        SpecError: values that do not go together.
+        LimitReached: no gait was found that holds; the message says how the best one fails.
+    """
+    report = report or _silent
+    spec = loaded.spec
+    begin = time.perf_counter()
+    task = build_task(spec, loaded.robot, loaded.source)
+    report("solve", 0.0)
+    ready = time.perf_counter()
+    answer = solve_task(task, spec.solver, spec.seed)
+    solved = time.perf_counter()
+    if answer.trajectory is None:
+        raise LimitReached(
+            f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
+            f"{answer.seconds:.2g} s; {answer.word}"
+        )
+    broken = failures(check_trajectory(task, answer.trajectory))
+    gap = None
+    if answer.bound is not None and answer.objective:
+        gap = (answer.objective - answer.bound) / abs(answer.objective)
+    plan = WalkPlan(
+        name=loaded.name,
+        title=spec.title,
+        method=spec.solver.method,
+        status="feasible",
+        task=task,
+        trajectory=answer.trajectory,
+        objective=answer.objective,
+        terms=cost_terms(task, answer.trajectory.state, answer.trajectory.force),
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        seed=spec.seed,
+        timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
+        solvers=_solvers(spec.solver) | {"word": answer.word},
+        sizes={
+            "knots": task.knots,
+            "contact binaries": int(answer.trajectory.gait.contact.size),
+            "regions": len(task.ground.height),
+            "gaits tried": answer.tried,
+        },
+        history=answer.history,
+        bound=answer.bound,
+        gap=gap,
+        warnings=(f"the answer breaks {broken}",) if broken else (),
+    )
+    return replace(plan, summary=summary_lines(plan))
+
+
+def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
+    """A task by a method of the spec."""
+    # One method's solver is not loaded for another's sake.
+    if solver.method == "nlp":
+        from climbplan.mpc.nlp import solve_nlp
+
+        return solve_nlp(task, solver.guess, solver.time_limit)
+    from climbplan.mpc.search import SearchLimits, search
+
+    gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
+    return search(task, SearchLimits(solver.time_limit, gaits, seed))
+
+
+def _solvers(solver: WalkSolverSpec) -> dict[str, str]:
+    used = {"method": solver.method, "daqp": metadata.version("daqp")}
+    used["casadi"] = metadata.version("casadi")
+    return used
+
+
+def _silent(stage: str, fraction: float) -> None:
+    pass

@@ -1,0 +1,156 @@
+"""The nonlinear rigid-body dynamics in plain NumPy: what plans are judged by.
+
+Written apart from the expressions that solvers differentiate, so that a slip in one shows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.mpc.task import (
+    ANGLES,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Array,
+    Integrator,
+    RigidBody,
+)
+from climbplan.robots.rotations import rotation_world_body
+
+
+def euler_rates(angles: Array, spin: Array) -> Array:
+    """Rates (..., 3) of roll, pitch, yaw at an angular velocity (..., 3), eq. (8.17) solved."""
+    _, sp, sy = np.moveaxis(np.sin(angles), -1, 0)
+    _, cp, cy = np.moveaxis(np.cos(angles), -1, 0)
+    along = cy * spin[..., 0] + sy * spin[..., 1]
+    roll = along / cp
+    pitch = -sy * spin[..., 0] + cy * spin[..., 1]
+    rates: Array = np.stack([roll, pitch, spin[..., 2] + sp * roll], axis=-1)
+    return rates
+
+
+def acceleration(body: RigidBody, force: Array) -> Array:
+    """Of the centre of mass (..., 3) under forces (..., 4, 3), eq. (8.14)."""
+    result: Array = force.sum(axis=-2) / body.mass
+    result[..., 2] -= body.gravity
+    return result
+
+
+def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array) -> Array:
+    """Angular acceleration (..., 3) under a moment (..., 3), world frame, eq. (8.15)."""
+    R = rotation_world_body(angles)
+    inertia = R @ body.inertia @ np.swapaxes(R, -1, -2)
+    momentum = (inertia @ spin[..., None])[..., 0]
+    turning = moment - np.cross(spin, momentum)
+    result: Array = np.linalg.solve(inertia, turning[..., None])[..., 0].astype(float, copy=False)
+    return result
+
+
+def moment(position: Array, toes: Array, force: Array) -> Array:
+    """Of forces (..., 4, 3) at toes (..., 4, 3) about the centre of mass (..., 3)."""
+    result: Array = np.cross(toes - position[..., None, :], force).sum(axis=-2)
+    return result
+
+
+def derivative(body: RigidBody, state: Array, toes: Array, force: Array) -> Array:
+    """Time derivative (..., 12) of the state (..., 12)."""
+    angles, spin = state[..., ANGLES], state[..., SPIN]
+    turning = moment(state[..., POSITION], toes, force)
+    return np.concatenate(
+        [
+            state[..., VELOCITY],
+            acceleration(body, force),
+            euler_rates(angles, spin),
+            spin_acceleration(body, angles, spin, turning),
+        ],
+        axis=-1,
+    )
+
+
+def knot_step(
+    body: RigidBody, integrator: Integrator, dt: float, state: Array, toes: Array, force: Array
+) -> Array:
+    """States (..., 12) one knot later, eq. (8.19).
+
+    `euler`: forward Euler. `mean`: the body moves on above the toes while forces are constant, so
+    that moments act at mean arms, and rotation in the middle. `rk4`: in continuous time.
+    """
+    if integrator == "rk4":
+        return runge_kutta(body, dt, state, toes, force)
+    position, velocity = state[..., POSITION], state[..., VELOCITY]
+    angles, spin = state[..., ANGLES], state[..., SPIN]
+    a = acceleration(body, force)
+    if integrator == "euler":
+        alpha = spin_acceleration(body, angles, spin, moment(position, toes, force))
+        return np.concatenate(
+            [
+                position + dt * velocity,
+                velocity + dt * a,
+                angles + dt * euler_rates(angles, spin),
+                spin + dt * alpha,
+            ],
+            axis=-1,
+        )
+    # Means of the position over the interval, and weighted by the time that is left in it: what a
+    # moment does to the angular velocity, and to the angles.
+    arm = position + dt * (velocity / 2 + dt * a / 6)
+    early = position + dt * (velocity / 3 + dt * a / 12)
+    about = spin_acceleration(body, angles, spin, moment(early, toes, force))
+    middle = angles + 0.5 * dt * euler_rates(angles, spin + 0.25 * dt * about)
+    turning = spin + 0.5 * dt * about
+    alpha = spin_acceleration(body, middle, turning, moment(arm, toes, force))
+    first = spin_acceleration(body, middle, turning, moment(early, toes, force))
+    return np.concatenate(
+        [
+            position + dt * (velocity + 0.5 * dt * a),
+            velocity + dt * a,
+            angles + dt * euler_rates(middle, spin + 0.5 * dt * first),
+            spin + dt * alpha,
+        ],
+        axis=-1,
+    )
+
+
+def runge_kutta(body: RigidBody, dt: float, state: Array, toes: Array, force: Array) -> Array:
+    """States (..., 12) after dt with toes and forces constant, classical fourth order."""
+    k1 = derivative(body, state, toes, force)
+    k2 = derivative(body, state + 0.5 * dt * k1, toes, force)
+    k3 = derivative(body, state + 0.5 * dt * k2, toes, force)
+    k4 = derivative(body, state + dt * k3, toes, force)
+    return state + (dt / 6.0) * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def knot_rollout(
+    body: RigidBody, integrator: Integrator, dt: float, start: Array, toes: Array, force: Array
+) -> Array:
+    """States (N + 1, 12) that forces (>= N, 4, 3) at toes bring about from a start (12,)."""
+    states = np.empty((len(force) + 1, STATE))
+    states[0] = start
+    for n in range(len(force)):
+        states[n + 1] = knot_step(body, integrator, dt, states[n], toes[n], force[n])
+    return states
+
+
+def continuous_rollout(
+    body: RigidBody, dt: float, start: Array, toes: Array, force: Array, parts: int = 16
+) -> Array:
+    """As `knot_rollout`, in continuous time: each interval in `parts` Runge-Kutta steps.
+
+    start (..., 12), toes and force (N, ..., 4, 3); returns (N + 1, ..., 12).
+    """
+    states = np.empty((len(force) + 1, *start.shape))
+    states[0] = start
+    for n in range(len(force)):
+        state = states[n]
+        for _ in range(parts):
+            state = runge_kutta(body, dt / parts, state, toes[n], force[n])
+        states[n + 1] = state
+    return states
+
+
+def toes_in_body(state: Array, toes: Array) -> Array:
+    """Toes (..., 4, 3) seen from the body: R^T (toe - p)."""
+    R = rotation_world_body(state[..., ANGLES])
+    return (toes - state[..., None, POSITION]) @ R

@@ -1,0 +1,168 @@
+"""Figures of an MPC plan: tracking, gait diagram, snapshots with forces."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon, Rectangle
+
+from climbplan.mpc.plan import WalkPlan
+from climbplan.mpc.task import ANGLES, LEGS, VELOCITY, Array
+from climbplan.reports import palette
+from climbplan.reports.sheet import (
+    foot_legend,
+    heading,
+    new_figure,
+    panel_title,
+    plain,
+    style_axes,
+)
+from climbplan.robots.rotations import rotation_world_body
+
+_VELOCITY = "#B01E8C"
+_FORCE = palette.FAILURE
+_SHOTS = 5
+_LONGEST = 0.22  # [m] arrow of the force limit
+
+
+def tracking(plan: WalkPlan) -> Figure:
+    """Velocity and attitude against the reference."""
+    task, found = plan.task, plan.trajectory
+    time = task.step * np.arange(task.knots + 1)
+    figure = new_figure(5.2, entries=2)
+    axes = figure.subplots(2, 3, sharex=True)
+    rows = (
+        ("velocity", "xyz", found.state[:, VELOCITY], task.reference.velocity, "m/s"),
+        (
+            "",
+            ("roll", "pitch", "yaw"),
+            np.rad2deg(found.state[:, ANGLES]),
+            np.rad2deg(task.reference.euler),
+            "deg",
+        ),
+    )
+    color = palette.LIMBS[0]
+    for row, (word, names, values, wanted, unit) in zip(axes, rows, strict=True):
+        for k, ax in enumerate(row):
+            ax.plot(time[1:], wanted[:, k], color=palette.INK, lw=1.2, ls="--")
+            ax.plot(time, values[:, k], color=color, lw=1.8, marker=_marker(plan), ms=3.5)
+            style_axes(ax)
+            panel_title(ax, f"{word} {names[k]}".strip(), f"[{unit}]")
+            _room(ax, 0.05 if unit == "m/s" else 1.0)
+    for ax in axes[1]:
+        ax.set_xlabel("time [s]")
+    handles = [
+        Line2D([], [], color=color, lw=1.8),
+        Line2D([], [], color=palette.INK, lw=1.2, ls="--"),
+    ]
+    foot_legend(figure, handles, ["plan", "reference"])
+    heading(figure, _title(plan), f"{plan.method}, cost {plan.objective:.4g}")
+    return figure
+
+
+def gait(plan: WalkPlan) -> Figure:
+    """Which legs stand when, and how hard they push."""
+    task, found = plan.task, plan.trajectory
+    figure = new_figure(2.9, entries=LEGS)
+    ax = figure.subplots()
+    push = np.linalg.norm(found.force[:-1], axis=-1)
+    most = max(float(push.max()), 1e-9)
+    for leg in range(LEGS):
+        color = palette.limb_color(leg)
+        for n in range(task.knots):
+            if found.gait.contact[n, leg]:
+                shade = 0.25 + 0.75 * push[n, leg] / most
+                bar = (task.step * n, LEGS - 1 - leg - 0.36)
+                ax.add_patch(Rectangle(bar, task.step, 0.72, color=color, alpha=shade, lw=0))
+    style_axes(ax)
+    ax.set_xlim(0, task.step * task.knots)
+    ax.set_ylim(-0.6, LEGS - 0.4)
+    ax.set_yticks(range(LEGS), list(reversed([plain(n, 10) for n in task.body.leg_names])))
+    ax.set_xlabel("time [s]")
+    ax.grid(visible=False, axis="y")
+    handles = [Patch(color=palette.limb_color(leg)) for leg in range(LEGS)]
+    foot_legend(figure, handles, [plain(name, 10) for name in task.body.leg_names])
+    panel_title(ax, "Standing legs", f"darkest: {most:.0f} N")
+    heading(figure, f"{_title(plan)}: gait", plan.method)
+    return figure
+
+
+def snapshots(plan: WalkPlan) -> Figure:
+    """The body, its legs and its forces from the side and from above."""
+    task = plan.task
+    figure = new_figure(5.6, entries=3)
+    axes = figure.subplots(2, _SHOTS, sharey="row")
+    moments = np.unique(np.linspace(0, task.knots - 1, _SHOTS).round().astype(int))
+    for column in range(_SHOTS):
+        for row, (x, y) in enumerate(((0, 2), (0, 1))):
+            ax = axes[row, column]
+            if column < len(moments):
+                _shot(ax, plan, int(moments[column]), x, y)
+            else:
+                ax.set_visible(False)
+    axes[0, 0].set_ylabel("z [m]")
+    axes[1, 0].set_ylabel("y [m]")
+    handles = [
+        Line2D([], [], color=_FORCE, lw=2),
+        Line2D([], [], color=_VELOCITY, lw=2),
+        Line2D([], [], color=palette.BODY, lw=2),
+    ]
+    foot_legend(figure, handles, ["contact force", "velocity", "body"])
+    heading(figure, f"{_title(plan)}: snapshots", "from the side, from above")
+    return figure
+
+
+def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
+    task, found = plan.task, plan.trajectory
+    state, toes = found.state[n], found.toes[n]
+    com, R = state[:3], rotation_world_body(state[ANGLES])
+    hips = com + (task.body.toe_center * [1.0, 1.0, 0.0]) @ R.T
+    ax.set_aspect("equal")
+    if y == 2:
+        for lower, upper, height in zip(
+            task.ground.lower, task.ground.upper, task.ground.height, strict=True
+        ):
+            ax.plot([lower[0], upper[0]], [height, height], color=palette.SURFACE, lw=2)
+    ring = hips[[0, 1, 3, 2]]
+    ax.add_patch(Polygon(ring[:, [x, y]], fill=y == 1, color=palette.BODY, alpha=0.35, lw=2))
+    front = hips[:2].mean(axis=0)
+    ax.plot([com[x], front[x]], [com[y], front[y]], color=palette.FORCE, lw=2)
+    scale = _LONGEST / task.body.force_limit
+    for leg in range(LEGS):
+        color, stands = palette.limb_color(leg), bool(found.gait.contact[n, leg])
+        ax.plot([hips[leg, x], toes[leg, x]], [hips[leg, y], toes[leg, y]], color=color, lw=1.4)
+        ax.plot(*toes[leg, [x, y]], "o", ms=4.5, color=color, mfc=color if stands else "white")
+        if stands:
+            _arrow(ax, toes[leg, [x, y]], scale * found.force[n, leg, [x, y]], _FORCE)
+    _arrow(ax, com[[x, y]], 0.12 * state[VELOCITY][[x, y]], _VELOCITY)
+    style_axes(ax)
+    ax.set_xlim(com[0] - 0.42, com[0] + 0.42)
+    if y == 2:
+        ax.set_ylim(com[2] - 0.30, com[2] + 0.22)
+        panel_title(ax, f"{task.step * n:.2f} s")
+    else:
+        ax.set_ylim(com[1] - 0.42, com[1] + 0.42)
+
+
+def _arrow(ax: Axes, base: Array, along: Array, color: str) -> None:
+    if float(np.hypot(*along)) > 1e-3:
+        arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", xy=tuple(base + along), xytext=tuple(base), arrowprops=arrow)
+
+
+def _room(ax: Axes, least: float) -> None:
+    """Keep flat curves from looking wild."""
+    low, high = ax.get_ylim()
+    if high - low < 2 * least:
+        middle = (low + high) / 2
+        ax.set_ylim(middle - least, middle + least)
+
+
+def _marker(plan: WalkPlan) -> str:
+    return "o" if plan.task.knots <= 60 else ""
+
+
+def _title(plan: WalkPlan) -> str:
+    return plain(plan.title or plan.name)

@@ -1,0 +1,117 @@
+"""The report of a stiffness identification: report.json, stiffness.csv and a figure."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.mechanics.identification.fit import Estimate, Fit
+from climbplan.mechanics.identification.measurements import AXES
+from climbplan.mechanics.identification.study import Identification
+from climbplan.reports.figure_stiffness import stiffness
+from climbplan.reports.sheet import png
+from climbplan.robots.kinematics import JOINTS
+
+RESULT = "stiffness.csv"
+
+
+def report_dict(found: Identification, name: str) -> dict[str, Any]:
+    """What was identified, as JSON-ready values in SI units."""
+    reduced = found.reduced
+    return {
+        "name": name,
+        "robot": found.limb.robot.name,
+        "link_lengths": found.limb.lengths.tolist(),
+        "axes": [AXES[a] for a in found.measurements.axes],
+        "matrices": len(found.matrices),
+        "reference_gain": found.reference_gain,
+        "best": _fit(found, found.best),
+        "models": [_fit(found, fit) for fit in found.fits],
+        "findings": list(found.findings),
+        "skipped": [
+            *found.measurements.skipped,
+            *(reduced.skipped if reduced is not None else ()),
+            *found.best.unusable,
+        ],
+        "tests": [] if reduced is None else _slopes(found),
+        "asymmetry": None if reduced is None else float(np.median(reduced.asymmetry)),
+        "units": {
+            "joint_stiffness.*": "N m/rad",
+            "link_lengths": "m",
+            "tests.stiffness": "N/m",
+            "tests.published": "N/m",
+        },
+    }
+
+
+def write_report(found: Identification, name: str, directory: Path) -> None:
+    """Write report.json, stiffness.csv and figures/stiffness.png into a directory."""
+    text = json.dumps(report_dict(found, name), indent=2, allow_nan=False, ensure_ascii=False)
+    (directory / "report.json").write_text(f"{text}\n", encoding="utf-8")
+    (directory / RESULT).write_text(_table(found), encoding="utf-8")
+    (directory / "figures").mkdir()
+    (directory / "figures" / "stiffness.png").write_bytes(png(stiffness(found.best, name)))
+
+
+def _estimate(value: Estimate) -> dict[str, Any]:
+    return {
+        "value": value.value,
+        "lower": value.lower,
+        "upper": value.upper,
+        "told": value.told,
+    }
+
+
+def _fit(found: Identification, fit: Fit) -> dict[str, Any]:
+    joints = [JOINTS[j] for j in found.limb.joints]
+    values = dict(zip(joints, map(_estimate, fit.joint_stiffness), strict=True))
+    return {
+        "model": fit.model.name,
+        "feet": fit.model.feet,
+        "joint_stiffness": values,
+        "structural_compliance_share": None if fit.share is None else _estimate(fit.share),
+        "relative_error": fit.relative_error,
+        "cost": fit.cost,
+        "degrees_of_freedom": fit.freedom,
+        "outliers": list(fit.outliers),
+    }
+
+
+def _slopes(found: Identification) -> list[dict[str, Any]]:
+    assert found.reduced is not None
+    axes = found.measurements.axes
+    return [
+        {
+            "test": one.series.test,
+            "axis": AXES[axes[one.series.axis]],
+            "stiffness": one.stiffness.tolist(),
+            "deviation": one.deviation.tolist(),
+            "published": one.published.tolist(),
+            "bad_rows": list(map(int, one.bad_rows)),
+        }
+        for one in found.reduced.slopes
+    ]
+
+
+def _table(found: Identification) -> str:
+    """Measured and fitted matrices with postures; itself a table that can be read again."""
+    axes = found.measurements.axes
+    pairs = [(i, j) for i in range(len(axes)) for j in range(i, len(axes))]
+    names = [f"K{AXES[axes[i]]}{AXES[axes[j]]}" for i, j in pairs]
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator="\n")
+    angles = [f"{joint}_deg" for joint in JOINTS]
+    fitted = [f"fitted_{name}_N_per_m" for name in names]
+    table.writerow(["test", *angles, *(f"{n}_N_per_m" for n in names), *fitted, "misfit"])
+    fit = found.best
+    for row, matrix in enumerate(fit.matrices):
+        even = (matrix.stiffness + matrix.stiffness.T) / 2
+        values = [*np.rad2deg(fit.angles[row]), *(even[p] for p in pairs)]
+        values += [fit.predicted[row][p] for p in pairs]
+        table.writerow([matrix.name, *(f"{v:.6g}" for v in values), f"{fit.misfit[row]:.3g}"])
+    return stream.getvalue()

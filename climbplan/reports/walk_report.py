@@ -1,0 +1,161 @@
+"""The report of an MPC plan: report.json, figures, and the HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from climbplan.mpc.checker import LIMITS
+from climbplan.mpc.plan import WalkPlan
+from climbplan.mpc.plan_checks import LIMITS as FILE_LIMITS
+from climbplan.mpc.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
+from climbplan.mpc.summary import gait_words
+from climbplan.mpc.task import ANGLES, VELOCITY
+from climbplan.mpc.verification import verify
+from climbplan.plans.verification import Verification
+from climbplan.reports.figure_walk import gait, snapshots, tracking
+from climbplan.reports.page_parts import (
+    PARTS,
+    Card,
+    check_rows,
+    escape,
+    figures,
+    pairs,
+    plain_words,
+    policy,
+    style,
+    verdict,
+)
+from climbplan.reports.report_files import finite, write_files
+from climbplan.reports.sheet import png
+
+FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
+    "tracking": tracking,
+    "gait": gait,
+    "snapshots": snapshots,
+}
+
+
+def report_dict(plan_path: Path) -> dict[str, object]:
+    """The report of a plan file as JSON-ready values, the verification made anew.
+
+    Raises PlanFileError for a damaged file.
+    """
+    return _report(read_walk_plan(plan_path), verify(plan_path))
+
+
+def write_report(
+    plan_path: Path, directory: Path, verification: Verification | None = None
+) -> None:
+    """Write report.json, report.html and figures/*.png of a plan file into a directory.
+
+    verification: of this very file if it was made already. Raises PlanFileError for a damaged plan
+    and UsageError where the directory cannot be written to.
+    """
+    plan = read_walk_plan(plan_path)
+    report = _report(plan, verification or verify(plan_path))
+    images = {name: png(draw(plan)) for name, draw in FIGURES.items()}
+    write_files(directory, report, _page(plan, report, images), images)
+
+
+def _report(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
+    report = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": plan.title,
+        "method": plan.method,
+        "integrator": plan.task.integrator,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "seed": plan.seed,
+        "status": plan.status,
+        "verified": verification.passed,
+        "objective": plan.objective,
+        "bound": plan.bound,
+        "gap": plan.gap,
+        "terms": dict(plan.terms),
+        "timings": plan.timings,
+        "solvers": plan.solvers,
+        "sizes": plan.sizes,
+        "verification": [check.as_dict() for check in verification.checks],
+        "warnings": list(plan.warnings),
+        "tracking": _tracking(plan),
+        "gait": {
+            "standing": gait_words(plan.trajectory.gait.contact),
+            "contact": plan.trajectory.gait.contact[:-1].astype(int).tolist(),
+        },
+        "history": [vars(step) for step in plan.history],
+        "figures": [f"figures/{name}.png" for name in FIGURES],
+        "units": {"velocity": "m/s", "attitude": "rad", "force": "N", "history.seconds": "s"},
+    }
+    whole: dict[str, Any] = finite(report)
+    return whole
+
+
+def _tracking(plan: WalkPlan) -> dict[str, Any]:
+    """How far from the references, over the horizon and at its end."""
+    state, reference = plan.trajectory.state[1:], plan.task.reference
+    velocity = np.linalg.norm(state[:, VELOCITY] - reference.velocity, axis=1)
+    attitude = np.abs(state[:, ANGLES] - reference.euler).max(axis=1)
+    height = np.abs(state[:, 2] - reference.height)
+    return {
+        name: {"mean": float(off.mean()), "end": float(off[-1])}
+        for name, off in (("velocity", velocity), ("attitude", attitude), ("height", height))
+    }
+
+
+def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
+    about = [
+        ("Method", report["method"]),
+        ("Integrator", report["integrator"]),
+        ("Created", report["created"]),
+        ("climbplan", report["climbplan_version"]),
+        ("Seed", report["seed"]),
+        ("Spec SHA-256", report["spec_sha256"]),
+    ]
+    meanings = {name: limit.meaning for name, limit in (LIMITS | FILE_LIMITS).items()}
+    template = Template(PARTS.joinpath("walk.html").read_text(encoding="utf-8"))
+    history = report["history"][-12:]
+    return template.substitute(
+        policy=policy([]),
+        style=style(),
+        title=escape(report["title"] or report["name"]),
+        name=escape(report["name"]),
+        status=escape(report["status"]),
+        badge="verified" if report["verified"] else "not verified",
+        badge_class="good" if report["verified"] else "bad",
+        cards="".join(card.html() for card in _cards(report)),
+        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
+        figures=figures(images),
+        terms=pairs((k, f"{v:.4g}") for k, v in report["terms"].items()),
+        history=pairs((f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history),
+        checks=check_rows(report, meanings),
+        verdict=verdict(report),
+        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
+        sizes=pairs((k, plain_words(v)) for k, v in report["sizes"].items()),
+        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
+        about=pairs((k, str(v)) for k, v in about),
+        spec=escape(plan.spec_text),
+    )
+
+
+def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    gap = f"gap {100 * report['gap']:.1f} %" if report["gap"] is not None else "no bound"
+    yield Card("Objective", f"{report['objective']:.4g}", gap)
+    tracked = report["tracking"]
+    for name, unit in (("velocity", "m/s"), ("attitude", "rad"), ("height", "m")):
+        end = f"{tracked[name]['end']:.2g} {unit}"
+        yield Card(f"Off in {name}", end, f"at the end; mean {tracked[name]['mean']:.2g} {unit}")
+    yield Card("Standing legs", report["gait"]["standing"], "interval by interval")
+    yield Card(
+        "Time", f"{report['timings']['method']:.2f} s", f"{report['sizes']['gaits tried']} gaits"
+    )

@@ -1,0 +1,76 @@
+"""Linear programs as they stand, by HiGHS: for searches that solve thousands of small ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import highspy
+import numpy as np
+from scipy import sparse
+
+from climbplan.errors import LimitReached
+from climbplan.program.polytope import Array
+from climbplan.solvers.highs_model import highs, linear_model
+
+# Tried one after the other; a small program in a hundred thousand defeats the first
+_WAYS: tuple[dict[str, str | int], ...] = (
+    {},
+    {"presolve": "off"},
+    {"simplex_scale_strategy": 0},
+    {"solver": "ipm"},
+)
+
+
+@dataclass(frozen=True)
+class LinearProgram:
+    """min cost'x over lower <= x <= upper and row_lower <= A x <= row_upper."""
+
+    cost: Array  # (n,)
+    lower: Array  # (n,)
+    upper: Array  # (n,)
+    A: sparse.csr_matrix  # (m, n)
+    row_lower: Array  # (m,)
+    row_upper: Array  # (m,)
+
+
+@dataclass(frozen=True)
+class LinearAnswer:
+    """x (n,) and its cost; without a solution None and infinity, which HiGHS has proved."""
+
+    x: Array | None
+    objective: float
+
+
+def solve_linear(program: LinearProgram) -> LinearAnswer:
+    """An optimal vertex, or no solution.
+
+    Raises LimitReached if HiGHS ends with neither.
+    """
+    solver = highs()
+    none = np.zeros(len(program.cost), bool)
+    solver.passModel(
+        linear_model(
+            program.cost,
+            0.0,
+            program.lower,
+            program.upper,
+            none,
+            program.A,
+            program.row_lower,
+            program.row_upper,
+        )
+    )
+    for way in _WAYS:
+        solver.clearSolver()  # or a try starts from the basis that the last one broke
+        for option, value in way.items():
+            solver.setOptionValue(option, value)
+        code = solver.run()
+        status = solver.getModelStatus()
+        if code == highspy.HighsStatus.kError:
+            continue
+        if status == highspy.HighsModelStatus.kOptimal:
+            x = np.array(solver.getSolution().col_value)
+            return LinearAnswer(x, float(program.cost @ x))
+        if status == highspy.HighsModelStatus.kInfeasible:
+            return LinearAnswer(None, np.inf)
+    raise LimitReached(f"HiGHS: {solver.modelStatusToString(status)}")

@@ -1,0 +1,233 @@
+"""MPC spec (`kind: mpc`): a walking quadruped that chooses footsteps, gait and forces (8.2)."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from climbplan.spec.base import Count, Fault, Interval, Number, SpecModel, Vector, quantity, refuse
+
+Pair = tuple[Number, Number]
+
+
+class LevelRegionSpec(SpecModel):
+    """A level rectangle that toes may stand on."""
+
+    name: str = Field(min_length=1, description="name used in reports")
+    x: Interval = quantity("m", "extent along x, from and to")
+    y: Interval = quantity("m", "extent along y, from and to")
+    height: Number = quantity("m", "height of the surface", default=0.0)
+
+    @model_validator(mode="after")
+    def _extents(self) -> Self:
+        refuse(
+            [
+                Fault(key, f"expected [from, to] with from < to, got {list(interval)}")
+                for key, interval in (("x", self.x), ("y", self.y))
+                if interval[0] >= interval[1]
+            ]
+        )
+        return self
+
+
+class WalkTerrainSpec(SpecModel):
+    """The ground: flat without end, or level regions."""
+
+    friction: Number = quantity("", "friction coefficient", default=1.0, gt=0, le=5)
+    regions: tuple[LevelRegionSpec, ...] = Field(
+        default=(), description="level regions, such as steps; flat ground if left out"
+    )
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        faults = []
+        for i, region in enumerate(self.regions):
+            for other in self.regions[:i]:
+                if region.name == other.name:
+                    message = f"names must differ, {region.name!r} is there already"
+                    faults.append(Fault(f"regions.{i}.name", message))
+                if _overlap(region.x, other.x) and _overlap(region.y, other.y):
+                    faults.append(Fault(f"regions.{i}", f"overlaps region {other.name!r}"))
+        refuse(faults)
+        return self
+
+
+def _overlap(one: Interval, other: Interval) -> bool:
+    return one[0] < other[1] - 1e-9 and other[0] < one[1] - 1e-9
+
+
+class WalkStartSpec(SpecModel):
+    """Where the body starts; the toes stand under it."""
+
+    position: Pair = quantity("m", "x and y of the centre of mass", default=(0.0, 0.0))
+    height: Number = quantity(
+        "m", "of the centre of mass above the ground under it", default=0.2, gt=0, lt=2
+    )
+    velocity: Vector = quantity("m/s", "world frame", default=(0.0, 0.0, 0.0))
+    rpy_deg: Vector = quantity("deg", "roll, pitch, yaw", default=(0.0, 0.0, 0.0))
+    angular_velocity: Vector = quantity("rad/s", "world frame", default=(0.0, 0.0, 0.0))
+    toes: dict[str, Pair] = quantity(
+        "m", "x and y of toes, world frame, by leg; the middle of its workspace if left out", {}
+    )
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        refuse(_angle_faults("rpy_deg", self.rpy_deg))
+        return self
+
+
+class WalkReferenceSpec(SpecModel):
+    """What is tracked."""
+
+    velocity: Vector = quantity("m/s", "world frame", default=(1.8, 0.0, 0.0))
+    rpy_deg: Vector = quantity("deg", "roll, pitch, yaw", default=(0.0, 0.0, 0.0))
+    height: Number = quantity(
+        "m", "of the centre of mass above the ground", default=0.2, gt=0, lt=2
+    )
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        refuse(_angle_faults("rpy_deg", self.rpy_deg))
+        return self
+
+
+def _angle_faults(key: str, rpy: Vector) -> list[Fault]:
+    return [
+        Fault(key, f"expected {name} between -90 and 90 degrees, got {angle:g}")
+        for name, angle in zip(("roll", "pitch", "yaw"), rpy, strict=True)
+        if not (-90 < angle < 90 or (name == "yaw" and abs(angle) == 90))
+    ]
+
+
+class WalkTaskSpec(SpecModel):
+    """Horizon, start and reference."""
+
+    knots: Count = quantity("", "intervals of the horizon", default=9, ge=2, le=40)
+    step: Number = quantity("s", "length of an interval", default=0.08, gt=0.005, le=0.5)
+    integrator: Literal["euler", "mean"] = Field(
+        default="euler",
+        description="`euler`: forward Euler between knots, as published; `mean`: moment arms "
+        "averaged over each interval in which the body moves on, which agrees with continuous time",
+    )
+    start: WalkStartSpec = WalkStartSpec()
+    """Where the body starts."""
+    reference: WalkReferenceSpec = WalkReferenceSpec()
+    """What is tracked."""
+    least_contacts: Count = quantity(
+        "", "legs that stand in every interval at least", default=0, ge=0, le=4
+    )
+    lift: Number = quantity(
+        "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12
+    )
+
+
+class WalkWeightsSpec(SpecModel):
+    """Weights of the objective, eq. (8.30); the published ones if left out."""
+
+    velocity: Vector = quantity("s^2/m^2", "w_v on x, y, z", default=(100.0, 100.0, 10.0))
+    angles: Vector = quantity("1/rad^2", "w_theta on roll, pitch, yaw", default=(10.0, 10.0, 10.0))
+    height: Number = quantity("1/m^2", "w_h", default=10.0, ge=0)
+    motion: Number = quantity("1/m^2", "on the body's steps", default=1.0, ge=0)
+    force_difference: Number = quantity(
+        "1/N^2",
+        "on differences between the legs' forces; published without a unit of force, 1 for forces "
+        "in units of half the weight",
+        default=1e-3,
+        ge=0,
+    )
+
+    @model_validator(mode="after")
+    def _not_negative(self) -> Self:
+        refuse(
+            [
+                Fault(key, f"expected three numbers >= 0, got {list(values)}")
+                for key, values in (("velocity", self.velocity), ("angles", self.angles))
+                if min(values) < 0
+            ]
+        )
+        return self
+
+
+class WalkSolverSpec(SpecModel):
+    """Method and limits."""
+
+    method: Literal["search", "nlp"] = Field(
+        default="search",
+        description="`search`: local search over gaits, each solved by SQP; `nlp`: contacts as "
+        "complementarity, from the guess of a trot",
+    )
+    time_limit: Number = quantity("s", "of the search, or of IPOPT", default=2.0, gt=0)
+    gaits: Count | None = quantity(
+        "",
+        "gaits that the search may try beyond the named ones; no limit but time if left out",
+        default=None,
+        ge=1,
+    )
+    guess: Literal[
+        "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
+    ] = Field(default="trot", description="gait that `nlp` starts from")
+
+
+class MpcSpec(SpecModel):
+    """Footsteps, gait, body motion and contact forces of a walking quadruped, chosen together."""
+
+    kind: Literal["mpc"] = Field(description="always `mpc`")
+    title: str = Field(default="", description="one line for reports")
+    robot: str = Field(
+        default="scaler",
+        min_length=1,
+        description="built-in rigid body (`scaler`) or path of a rigid-body YAML file",
+    )
+    terrain: WalkTerrainSpec = WalkTerrainSpec()
+    """The ground."""
+    task: WalkTaskSpec = WalkTaskSpec()
+    """Horizon, start and reference."""
+    weights: WalkWeightsSpec = WalkWeightsSpec()
+    """The objective."""
+    solver: WalkSolverSpec = WalkSolverSpec()
+    """Method and limits."""
+    seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
+
+
+class RigidBodySpec(SpecModel):
+    """A quadruped as a single rigid body (`robots/bodies/scaler.yaml`)."""
+
+    kind: Literal["rigid-body"] = Field(description="always `rigid-body`")
+    name: str = Field(min_length=1, description="name used in reports")
+    mass: Number = quantity("kg", "total mass", gt=0)
+    inertia: tuple[Vector, Vector, Vector] = quantity(
+        "kg m^2", "about the centre of mass, body frame (x forward, y left, z up)"
+    )
+    gravity: Number = quantity("m/s^2", "along -z", default=9.81, gt=0)
+    force_limit: Number = quantity("N", "largest component of a contact force", gt=0)
+    toe_half: Vector = quantity("m", "half extents of the toes' workspace boxes")
+    legs: dict[str, Vector] = quantity(
+        "m", "middle of each leg's box, body frame: left front, right front, left hind, right hind"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        faults = []
+        if len(self.legs) != 4:
+            faults.append(Fault("legs", f"expected four legs, got {len(self.legs)}"))
+        if min(self.toe_half) <= 0:
+            message = f"expected three numbers > 0, got {list(self.toe_half)}"
+            faults.append(Fault("toe_half", message))
+        rows = self.inertia
+        if any(abs(rows[i][j] - rows[j][i]) > 1e-9 for i in range(3) for j in range(i)):
+            faults.append(Fault("inertia", "expected a symmetric matrix"))
+        elif not _positive_definite(rows):
+            faults.append(Fault("inertia", "expected a positive definite matrix"))
+        refuse(faults)
+        return self
+
+
+def _positive_definite(m: tuple[Vector, Vector, Vector]) -> bool:
+    two = m[0][0] * m[1][1] - m[0][1] * m[1][0]
+    three = (
+        m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1])
+        - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
+        + m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])
+    )
+    return m[0][0] > 0 and two > 0 and three > 0

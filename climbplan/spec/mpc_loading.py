@@ -1,0 +1,132 @@
+"""From an MPC spec file, overrides and its robot to validated models, with all mistakes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.spec.document import Document, Finding
+from climbplan.spec.fields import nearest
+from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkTaskSpec
+from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.source import SourceText, read_source
+from climbplan.spec.wording import shown
+from climbplan.spec.yaml_source import parse_yaml
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedMpc(LoadedSpec):
+    """An MPC spec, checked against its robot, and the text it came from."""
+
+    spec: MpcSpec
+    robot: RigidBodySpec
+
+
+def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
+    """Read, override and check an MPC spec; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec, overrides and robot file.
+    """
+    text = read_source(source)
+    return mpc_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
+    """The MPC spec that a document is.
+
+    Raises:
+        SpecError: with every mistake in it and in its robot file.
+    """
+    findings: list[Finding] = []
+    kind = find_kind(document, wanted="mpc")
+    if isinstance(kind, Finding):
+        findings.append(kind)
+    spec, found = validate(document, MpcSpec)
+    findings += [f for f in found if f.path != ("kind",)]
+    robot, robot_mistakes = _robot(document, text.directory)
+    findings += _legs(document, robot)
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
+    if spec is None or robot is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    return LoadedMpc(spec=spec, robot=robot, **origin_of(document, text))
+
+
+def builtin_bodies() -> list[str]:
+    """Names of the rigid bodies that come with the package."""
+    folder = files("climbplan").joinpath("robots", "bodies")
+    names = [entry.name for entry in folder.iterdir()]
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
+    """A rigid body by built-in name, or from a YAML file relative to `directory`.
+
+    Raises:
+        SpecError: the file cannot be used; with its own lines.
+    """
+    if Path(reference).suffix in (".yaml", ".yml"):
+        source = read_source((directory or Path()) / reference)
+        document = parse_yaml(source.text, source.shown)
+    else:
+        entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
+        document = parse_yaml(entry.read_text(encoding="utf-8"), f"robot {reference}")
+    findings = []
+    if not isinstance(document.value, dict) or document.value.get("kind") != "rigid-body":
+        findings.append(Finding(("kind",), "expected `kind: rigid-body`"))
+    body, found = validate(document, RigidBodySpec)
+    findings += [f for f in found if f.path != ("kind",)]
+    if body is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    return body
+
+
+def _robot(document: Document, directory: Path) -> tuple[RigidBodySpec | None, list[SpecMistake]]:
+    reference = document.value.get("robot", "scaler")
+    if not isinstance(reference, str) or not reference:
+        return None, []  # the model says what is wrong with it
+    known = builtin_bodies()
+    if reference not in known and Path(reference).suffix not in (".yaml", ".yml"):
+        words = ", ".join(f"`{name}`" for name in known)
+        message = (
+            f"expected a built-in rigid body ({words}) or the path of a rigid-body YAML file, "
+            f"got {shown(reference)}"
+        )
+        return None, [document.mistake(Finding(("robot",), message, nearest(reference, known)))]
+    try:
+        return load_body(reference, directory), []
+    except SpecError as error:
+        return None, [
+            # Without a line the file itself is at fault, and so the key that names it.
+            replace(m, source=m.source or error.source)
+            if m.line
+            else document.mistake(Finding(("robot",), f"{error.source}: {m.message}", m.suggestion))
+            for m in error.mistakes
+        ]
+
+
+def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
+    """Toes of the start are those of legs that the robot has."""
+    if robot is None:
+        return []
+    try:
+        task = WalkTaskSpec.model_validate(document.value.get("task", {}))
+    except ValidationError:
+        return []  # reported with the whole
+    legs = list(robot.legs)
+    return [
+        Finding(
+            ("task", "start", "toes", name),
+            f"{robot.name} has no leg {name!r}, its legs are {', '.join(legs)}",
+            nearest(name, legs),
+        )
+        for name in task.start.toes
+        if name not in legs
+    ]

@@ -1,0 +1,1 @@
+"""Transition: from standing on the ground to bracing between walls (chapter 5.3)."""

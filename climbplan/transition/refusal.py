@@ -1,0 +1,131 @@
+"""Why no contact sequence exists: which contacts slip, and by how much, or what is out of reach."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from climbplan.climb.forces.planner import plan_forces
+from climbplan.errors import Conflict, Infeasible
+from climbplan.plans.climb_plan import Index, sequence_name
+from climbplan.transition.footholds import GOAL, START
+from climbplan.transition.scene import TransitionScene
+from climbplan.transition.search import Search, Sequence, State, stance_of_move
+from climbplan.transition.stances import (
+    Laboratory,
+    largest_friction_factor,
+    slipping,
+    stance_instants,
+)
+
+_LISTED = 3  # sequences whose refusal is told
+_LOOKED_INTO = 400  # kinematic sequences whose forces are asked for
+
+
+def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> Infeasible:
+    """The error that says why the search found nothing.
+
+    Its proof is that of the search: over the footholds and poses that it looks at.
+    """
+    kinematic = Search(scene, forces=False, deadline=deadline)
+    found = kinematic.sequences()
+    task = scene.spec.task
+    asked = f"{task.rounds} rounds" + (f" as {task.sequence}" if task.sequence else "")
+    if not found:
+        return Infeasible(f"no contact sequence of {asked}", _unreached(kinematic))
+    _standing(kinematic.lab, scene)
+    return Infeasible(
+        f"no contact sequence of {asked}: {len(found)} are within reach, none finds admissible "
+        "forces at the poses searched; nearest:",
+        _refusals(kinematic, found[:_LOOKED_INTO]),
+    )
+
+
+def _standing(lab: Laboratory, scene: TransitionScene) -> None:
+    """Raises Infeasible in words if the robot cannot even stand at its start or goal."""
+    n = scene.robot.limb_count
+    for number, pose in ((START, 0), (GOAL, lab.poses.count - 1)):
+        row = np.full((1, n), number, np.int64)
+        plan_forces(scene, stance_instants(lab, row, np.array([pose])))
+
+
+def _unreached(search: Search) -> list[Conflict]:
+    """Limbs that cannot reach their goal from any pose, or not in so many rounds."""
+    lab, names = search.lab, search.scene.robot.limb_names
+    conflicts = []
+    for limb, name in enumerate(names):
+        old, new = lab.reach.valid[:, limb, START], lab.reach.valid[:, limb, GOAL]
+        if not lab.footholds.real[limb, START]:
+            continue
+        between = [c for c in range(2, lab.footholds.count) if lab.footholds.real[limb, c]]
+        over = [c for c in between if (old & lab.reach.valid[:, limb, c]).any()]
+        if not (old & new).any() and not over:
+            text = f"{name} reaches its goal from no pose at which it stands on its start"
+            conflicts.append(Conflict("search", (text,), in_words=True))
+    if not conflicts:
+        text = "limbs reach their footholds, but not in so few rounds or from the same poses"
+        conflicts.append(Conflict("search", (text,), ("more rounds",), in_words=True))
+    return conflicts
+
+
+def _refusals(search: Search, found: list[Sequence]) -> list[Conflict]:
+    """Of the sequences that need least more friction, the round that is refused and the slip."""
+    lab = search.lab
+    cells: dict[tuple[State, int], int] = {}
+    rounds: list[list[tuple[State, list[int]]]] = []
+    for sequence in found:
+        own = []
+        for j, (a, b) in enumerate(itertools.pairwise(sequence.states)):
+            stance = stance_of_move(a, b)
+            at = [int(p) for p in np.flatnonzero(np.isfinite(search.uses(j, a, b)))]
+            own.append((stance, at))
+            for pose in at:
+                cells.setdefault((stance, pose), len(cells))
+        rounds.append(own)
+    factor = largest_friction_factor(
+        lab,
+        np.array([stance for stance, _ in cells], np.int64),
+        np.array([pose for _, pose in cells], np.int64),
+    )
+
+    def best(stance: State, at: list[int]) -> int:
+        return max(at, key=lambda pose: factor[cells[stance, pose]])
+
+    worst: list[tuple[float, int, int, int]] = []  # factor, sequence, round, pose
+    for number, own in enumerate(rounds):
+        by_round = [best(stance, at) for stance, at in own]
+        factors = [factor[cells[s, p]] for (s, _), p in zip(own, by_round, strict=True)]
+        j = int(np.argmin(factors))
+        worst.append((float(factors[j]), number, j, by_round[j]))
+    worst.sort(reverse=True)
+    return [
+        _refusal(search, found[number], j, pose, rounds[number][j][0], allowed)
+        for allowed, number, j, pose in worst[:_LISTED]
+    ]
+
+
+def _refusal(
+    search: Search, sequence: Sequence, j: int, pose: int, stance: State, factor: float
+) -> Conflict:
+    """One round in words: "LF on 'brick front' would need mu 0.62 and has 0.50"."""
+    scene, lab = search.scene, search.lab
+    names = scene.robot.limb_names
+    moved = sequence.moved
+    limbs = " ".join(names[i] for i in np.flatnonzero(moved[j]))
+    where = f"{sequence_name(moved, names)}: round {j + 1}, {limbs} lifted"
+    if factor <= 0:
+        return Conflict(where, ("torque limits of the limbs that stay",))
+    row: Index = np.array(stance, np.int64)
+    asked = scene.spec.force.safety_friction
+    slips = slipping(lab, row, pose, factor)
+    words = []
+    for slip in slips[:3]:
+        surface = scene.terrain.surfaces[lab.footholds.region[slip.limb, row[slip.limb]]].name
+        words.append(
+            f"{names[slip.limb]} slips on {surface!r}: it needs mu {slip.needed:.2f}, "
+            f"and has {slip.available:.2f} / S_mu {asked:g} = {slip.available / asked:.2f}"
+        )
+    remedy: tuple[str, ...] = (f"S_mu <= {factor:.3g}",) if factor >= 1 else ()
+    remedy += (f"friction {asked / factor:.2f} times as high",)
+    return Conflict(where, tuple(words) or ("friction",), remedy, in_words=bool(words))

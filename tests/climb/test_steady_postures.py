@@ -1,0 +1,64 @@
+"""Postures planned nearer to the stance where a braced body would buckle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from climbplan.climb.forces.explanation import NoForces
+from climbplan.climb.planner import StageClock, plan_climb, plan_motion, plan_support
+from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.plans.climb_file import write_climb
+from climbplan.plans.verification import verify
+from climbplan.spec.examples import example_text
+from climbplan.spec.loading import LoadedClimb, load_text
+
+
+def _climb(*overrides: str) -> LoadedClimb:
+    return load_text(example_text("climb_obstacle"), "climb_obstacle", overrides)
+
+
+def _scene(*overrides: str) -> ClimbScene:
+    loaded = _climb(*overrides)
+    return build_scene(loaded.spec, loaded.robot, loaded.source)
+
+
+def test_a_body_that_would_buckle_is_held_nearer_to_the_stance(tmp_path: Path) -> None:
+    plan = plan_climb(_climb("task.rounds=10"))
+    assert any("stance workspaces tightened" in warning for warning in plan.warnings)
+    write_climb(plan, tmp_path / "plan.h5")
+    assert verify(tmp_path / "plan.h5").passed
+    # The bound is still that of the statement, with the whole workspaces.
+    alone = plan_motion(_scene("task.rounds=10"), _clock())
+    assert plan.bound == pytest.approx(alone.posture.bound)
+    assert plan.bound is not None
+    assert plan.bound < plan.objective
+
+
+def test_only_stability_moves_the_postures() -> None:
+    """Friction alone does not: the error of the first motion, without another attempt."""
+    scene = _scene("force.safety_friction=3.2")
+    clock = _clock()
+    motion = plan_motion(scene, clock)
+    planned = clock.seconds["posture"]
+    with pytest.raises(NoForces) as caught:
+        plan_support(scene, motion, clock)
+    assert not caught.value.unsteady
+    assert clock.seconds["posture"] == planned
+
+
+def test_the_published_workspaces_are_left_as_they_are() -> None:
+    """Without a stance workspace there is nothing to tighten."""
+    scene = _scene("task.rounds=10")
+    motion = plan_motion(scene, _clock())
+    posture = scene.spec.posture.model_copy(update={"stance_workspace": False})
+    scene = replace(scene, spec=scene.spec.model_copy(update={"posture": posture}))
+    with pytest.raises(NoForces, match="stability") as caught:
+        plan_support(scene, motion, _clock())
+    assert caught.value.unsteady
+
+
+def _clock() -> StageClock:
+    return StageClock(lambda stage, fraction: None)

@@ -1,0 +1,63 @@
+"""Walking tasks and gaits that several tests use."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.mpc.footing import gait_of
+from climbplan.mpc.gaits import cycle
+from climbplan.mpc.problem import build_task
+from climbplan.mpc.task import Gait, WalkTask
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_loading import load_body
+
+
+def walk_task(velocity: tuple[float, float, float] = (0, 0, 0), **task: object) -> WalkTask:
+    """Forward walking at 1.8 m/s on flat ground from a velocity."""
+    spec = MpcSpec.model_validate(
+        {"kind": "mpc", "task": {"start": {"velocity": list(velocity)}, **task}}
+    )
+    return build_task(spec, load_body("scaler"))
+
+
+def stairs_task() -> WalkTask:
+    """Two level regions, the second 3 cm higher."""
+    regions = [
+        {"name": "floor", "x": [-1.0, 0.3], "y": [-0.6, 0.6], "height": 0.0},
+        {"name": "step", "x": [0.3, 2.0], "y": [-0.6, 0.6], "height": 0.03},
+    ]
+    spec = MpcSpec.model_validate(
+        {
+            "kind": "mpc",
+            "terrain": {"regions": regions},
+            "task": {
+                "start": {"velocity": [0.6, 0, 0]},
+                "reference": {"velocity": [0.8, 0, 0]},
+                "least_contacts": 2,
+            },
+        }
+    )
+    return build_task(spec, load_body("scaler"))
+
+
+def named(name: str, task: WalkTask, phase: int = 0) -> Gait:
+    """A named gait on flat ground."""
+    contact = cycle(name, task.knots, phase)
+    return gait_of(contact, np.zeros(contact.shape, np.int64))
+
+
+def shorter(task: WalkTask, knots: int) -> WalkTask:
+    """The same over fewer intervals."""
+    reference = task.reference
+    return replace(
+        task,
+        knots=knots,
+        reference=replace(
+            reference,
+            velocity=reference.velocity[:knots],
+            euler=reference.euler[:knots],
+            height=reference.height[:knots],
+        ),
+    )

@@ -46,7 +46,7 @@ def centre_blocks(scene: Scene) -> Array:
     free = ~taken
     spans = [
         [(a, b) for a in range(size) for b in range(a + 1, size + 1)]
-        for size in tuple(int(n) for n in free.shape)
+        for size in (len(middle) for middle in middles)
     ]
     # Summed-volume table: how many free cells a span of cells holds
     table = np.zeros(np.array(free.shape) + 1, int)

@@ -40,6 +40,7 @@ from climbplan.cli.plan_mpc import plan_mpc
 from climbplan.cli.plan_transition import plan_transition
 from climbplan.cli.report import report
 from climbplan.cli.schema import schema
+from climbplan.cli.simulate import simulate
 from climbplan.cli.solve import solve
 from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.validate import validate
@@ -106,6 +107,7 @@ for _command in (
     plan_limms,
     solve,
     gen_data,
+    simulate,
     verify,
     report,
     export,

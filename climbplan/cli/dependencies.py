@@ -92,6 +92,14 @@ PARTS = (
         install="pip install 'climbplan[data]'",
     ),
     Part(
+        "MuJoCo",
+        "mujoco",
+        "mujoco",
+        "physics of `simulate`",
+        required=False,
+        install="pip install 'climbplan[simulate]'",
+    ),
+    Part(
         "Chromium",
         "",
         "chromium chromium-browser google-chrome google-chrome-stable chrome",

@@ -21,7 +21,15 @@ from typing import Self
 from climbplan.errors import UsageError
 
 # One of these marks a finished directory.
-RESULTS = ("plan.h5", "dataset.h5", "envelopes.h5", "model.h5", "bench.json", "stiffness.csv")
+RESULTS = (
+    "plan.h5",
+    "dataset.h5",
+    "envelopes.h5",
+    "model.h5",
+    "bench.json",
+    "stiffness.csv",
+    "simulation.csv",
+)
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 _ENVIRONMENT = (

@@ -1,0 +1,1 @@
+"""Plans replayed in a physics simulation, which judges them: slips, falls, torques, sag."""

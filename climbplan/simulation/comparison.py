@@ -1,0 +1,164 @@
+"""A simulated run held against its plan, instant by instant: torques, friction, sag, slips."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from climbplan.plans.checks.static_pose import Braced, settle
+from climbplan.plans.climb_plan import ClimbPlan, Index, Mask
+from climbplan.reports.replay import sample_instants
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.model import motor_stiffness
+from climbplan.simulation.replay import Run
+
+SLIP = 0.005  # [m] that a standing toe slides from where it was set down
+LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors
+_WINDOW = 3  # samples up to an instant over which its values are taken (median)
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A standing toe that slid."""
+
+    limb: int
+    time: float  # [s] when it was noticed
+    instant: int
+    distance: float  # [m] in all while it stood
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Simulated beside planned at the instants reached (K of the plan's)."""
+
+    instant: Index  # (K,)
+    sample: Index  # (K,) trajectory sample taken for each
+    torque: Array  # (K, N) simulated torque of the planned worst motor's limb: largest of three
+    torque_planned: Array  # (K, N)
+    friction: Array  # (K, N) simulated critical friction, 0 in the air
+    friction_planned: Array  # (K, N)
+    mu: Array  # (K, N) of the simulated terrain
+    sag: Array  # (K, 3) simulated com below where commands would have it: planned - simulated [m]
+    sag_predicted: Array  # (K, 3) by the nonlinear static equilibrium under the run's own load [m]
+    slips: tuple[Slip, ...]
+
+    @property
+    def torque_error(self) -> Array:
+        """Relative errors of the worst motor at every instant, over standing limbs together."""
+        planned = self.torque_planned.max(axis=1)
+        worst = self.torque_planned.argmax(axis=1)
+        found = np.take_along_axis(self.torque, worst[:, None], axis=1)[:, 0]
+        loaded = planned > LEAST_TORQUE
+        return np.asarray(np.abs(found - planned)[loaded] / planned[loaded])
+
+    @property
+    def sag_error(self) -> Array:
+        """|simulated - predicted| over |predicted| at instants that sag by over a millimetre."""
+        size = np.linalg.norm(self.sag_predicted, axis=1)
+        off = np.linalg.norm(self.sag - self.sag_predicted, axis=1)
+        return np.asarray(off[size > 1e-3] / size[size > 1e-3])
+
+
+def instant_samples(plan: ClimbPlan) -> Index:
+    """(K,) the trajectory sample at which each instant is: mid-air, and the end of each push."""
+    of = sample_instants(plan)
+    found = np.full(plan.instants.count, -1, np.int64)
+    for k in range(plan.instants.count):
+        samples = np.flatnonzero(of == k)
+        if not len(samples):
+            continue
+        if plan.instants.lifted[k].any():
+            found[k] = samples[len(samples) // 2]
+            continue
+        # A push is over when the body is where it goes; then the next limb is unloaded.
+        off = np.abs(plan.trajectory.com[samples] - plan.instants.com[k]).max(axis=1)
+        off = off + np.abs(plan.trajectory.rpy[samples] - plan.instants.rpy[k]).max(axis=1)
+        command = plan.trajectory.joint_command[samples] - plan.forces.joint_command[k]
+        off = off + np.abs(command).max(axis=(1, 2))
+        found[k] = samples[int(np.argmin(off))]
+    return found
+
+
+def compare(plan: ClimbPlan, run: Run) -> Comparison:
+    """Hold a run against its plan at the instants it reached before a fall."""
+    at = instant_samples(plan)
+    reached = np.flatnonzero((at >= 0) & (at < run.samples - (20 if run.fallen else 0)))
+    sample = at[reached]
+    windows = np.maximum(sample[:, None] - np.arange(_WINDOW), 0)
+    contact = plan.instants.contact[reached]
+    torque = np.median(np.abs(run.torque[windows]).max(axis=3), axis=1)
+    normal = np.median(run.normal[windows], axis=1)
+    shear = np.median(run.shear[windows], axis=1)
+    critical = np.full(normal.shape, np.inf)
+    np.divide(shear, normal, out=critical, where=normal > 0)
+    critical[~contact] = 0.0
+    sag = plan.instants.com[reached] - np.median(run.com[windows], axis=1)
+    return Comparison(
+        instant=reached,
+        sample=sample,
+        torque=torque,
+        torque_planned=np.abs(plan.forces.joint_torques[reached]).max(axis=2),
+        friction=critical,
+        friction_planned=plan.forces.mu_critical[reached],
+        mu=plan.instants.mu[reached] * run.conditions.friction,
+        sag=sag,
+        sag_predicted=predicted_sag(plan, run.conditions, reached, run.toes[sample]),
+        slips=find_slips(plan, run),
+    )
+
+
+def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Array) -> Array:
+    """(K, 3) how far below its planned place the body is held by the commands [m].
+
+    The nonlinear static equilibrium of joint springs, with the run's load and the places where the
+    toes really stand. NaN where there is none.
+    """
+    instants, forces, robot = plan.instants, plan.forces, plan.robot
+    load = instants.external_wrench[rows].copy()
+    load[:, 2] -= robot.weight + conditions.payload * robot.gravity
+    axes = np.swapaxes(rotation_world_body(instants.rpy[rows]), -1, -2)
+    share = robot.structural_compliance_share
+    braced = Braced(
+        _with_stiffness(plan, motor_stiffness(robot, conditions) / (1 - share)),
+        toes,
+        instants.contact[rows],
+        forces.joint_command[rows],
+        instants.joint_angles[rows],
+        load,
+    )
+    with np.errstate(all="ignore"):  # toes that slid away may leave no equilibrium: NaN
+        return np.asarray(-settle(braced, instants.com[rows], axes).shift)
+
+
+def _with_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:
+    return replace(plan.robot, joint_stiffness=stiffness)
+
+
+def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
+    """Toes that slid by more than SLIP while they should stand."""
+    instant = sample_instants(plan)[: run.samples]
+    contact = plan.trajectory.contact[: run.samples]
+    found: list[Slip] = []
+    for limb in range(plan.robot.limb_count):
+        for first, last in _stances(contact[:, limb]):
+            touched = np.flatnonzero(run.touching[first:last, limb])
+            if not len(touched):
+                continue
+            start = first + int(touched[0])
+            shift = run.toes[start:last, limb] - run.toes[start, limb]
+            slid = np.linalg.norm(shift, axis=1)
+            if slid.max(initial=0.0) > SLIP:
+                when = start + int(np.argmax(slid > SLIP))
+                found.append(
+                    Slip(limb, float(run.time[when]), int(instant[when]), float(slid.max()))
+                )
+    return tuple(sorted(found, key=lambda s: s.time))
+
+
+def _stances(contact: Mask) -> list[tuple[int, int]]:
+    """Spans of samples in which a limb stands."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,35 @@
+"""What a simulated run assumes beside the plan: motors, masses, contacts, disturbances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+# Robot data say that the mass acts at the body's origin, so links weigh next to nothing. (Half of
+# a SiLVIA is limbs: 18 links of 0.3 kg beside a body of 5 kg in its authors' walking code.)
+LIMB_MASS_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class ContactLoss:
+    """A toe without friction for a while (dust, a loose plate)."""
+
+    limb: int
+    start: float  # [s] of the plan's time
+    duration: float  # [s]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """One simulated world."""
+
+    friction: float = 1.0  # factor on the terrain's coefficients
+    payload: float = 0.0  # mass at the body origin that the plan does not know [kg]
+    gain: float = 1.0  # factor on the joints' stiffness
+    limb_mass_share: float = LIMB_MASS_SHARE  # part of the robot's mass that is in its links
+    backlash: float = 0.0  # play of every joint [rad]
+    limb_weights: bool = True  # motors are told to carry the links' weight
+    losses: tuple[ContactLoss, ...] = field(default=())
+    speed: float = 1.0  # factor on the plan's pace
+
+
+NOMINAL = Conditions()

@@ -1,0 +1,240 @@
+"""The MuJoCo model of a robot on its terrain, as MJCF text.
+
+The body carries limbs of coxa, femur and tibia. Motors are position servos of stiffness
+k (1 - share): the structure's give is counted to the joints, as everywhere in the planner. A toe is
+a small sphere about the planned toe point, so surfaces lie its radius deeper than planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+from climbplan.simulation.conditions import Conditions
+from climbplan.terrain.solids import Solid
+from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
+
+TIME_STEP = 1e-3  # [s]
+TOE_RADIUS = 0.002  # [m]
+ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
+DAMPING_RATIO = 1.0  # of motor and rotor inertia
+_STAVES = 96  # flat pieces of a tube
+_LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
+
+_SOLVER = (
+    f'<option timestep="{TIME_STEP}" gravity="0 0 {{gravity}}" cone="elliptic" impratio="20"'
+    ' integrator="implicitfast" noslip_iterations="4"/>'
+)
+_SKY = '<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>'
+_VISUAL = (
+    '<visual><global offwidth="1280" offheight="960"/><quality shadowsize="2048"/>'
+    '<headlight ambient=".45 .45 .45" diffuse=".5 .5 .5"/></visual>'
+)
+
+# Collision classes: toes meet everything, links meet obstacles, the body meets everything.
+_TOE, _LINK, _BODY = 1, 2, 4
+
+
+def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
+    """(N, 3) stiffness of the joints with the structure's give [N m/rad]."""
+    share = robot.structural_compliance_share
+    return np.asarray(robot.joint_stiffness * (1 - share) * conditions.gain)
+
+
+def link_mass(robot: Robot, conditions: Conditions) -> float:
+    """Mass of one link [kg]."""
+    share = robot.mass * conditions.limb_mass_share
+    return float(max(share / (3 * robot.limb_count), _LEAST_MASS))
+
+
+def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
+    """The model of a plan's robot and terrain under given conditions."""
+    robot = plan.robot
+    assets: list[str] = []
+    world: list[str] = []
+    for index, surface in enumerate(plan.terrain.surfaces):
+        world += _surface(index, surface, conditions.friction, assets)
+    friction = float(np.min(plan.instants.mu)) * conditions.friction
+    for index, solid in enumerate(plan.terrain.obstacles):
+        mesh = _mesh(f"obstacle{index}", solid, assets)
+        world.append(
+            _terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle")
+        )
+    actuators = [
+        line for limb in range(robot.limb_count) for line in _motors(robot, limb, conditions)
+    ]
+    return "\n".join(
+        [
+            '<mujoco model="climbplan">',
+            _SOLVER.format(gravity=-robot.gravity),
+            '<compiler angle="radian" autolimits="true"/>',
+            '<size memory="20M"/>',
+            _VISUAL,
+            # Contacts far stiffer than limbs (some 1 N/mm): toes sink in by some 0.1 mm.
+            '<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>',
+            "<asset>",
+            _SKY,
+            '<material name="wall" rgba="0.62 0.66 0.72 0.35"/>',
+            '<material name="unused" rgba="0.60 0.60 0.62 0.25"/>',
+            '<material name="obstacle" rgba="0.78 0.45 0.30 0.4"/>',
+            '<material name="body" rgba="0.16 0.23 0.35 1"/>',
+            '<material name="link" rgba="0.35 0.55 0.80 1"/>',
+            '<material name="toe" rgba="0.85 0.25 0.20 1"/>',
+            *assets,
+            "</asset>",
+            "<worldbody>",
+            '<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>',
+            *world,
+            *_robot(robot, conditions),
+            "</worldbody>",
+            "<actuator>",
+            *actuators,
+            "</actuator>",
+            "</mujoco>",
+        ]
+    )
+
+
+def _numbers(values: Iterable[float] | Array) -> str:
+    return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))
+
+
+def _robot(robot: Robot, conditions: Conditions) -> list[str]:
+    limbs = robot.limb_count
+    link = link_mass(robot, conditions)
+    body = robot.mass - 3 * limbs * link + conditions.payload
+    size = np.abs(robot.body_hull).max(axis=0)
+    box = (
+        f'<geom name="body" type="box" size="{_numbers(size)}" mass="{body:.9g}" material="body"'
+        f' contype="{_BODY}" conaffinity="0"/>'
+    )
+    lines = ['<body name="body">', '<freejoint name="free"/>', box]
+    for limb in range(limbs):
+        lines += _limb(robot, limb, link, conditions)
+    return [*lines, "</body>"]
+
+
+def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
+    l1, l2, l3 = robot.link_lengths[limb]
+    half = robot.mount_yaw[limb] / 2
+    turn = _numbers([np.cos(half), 0.0, 0.0, np.sin(half)])
+    radius = max(robot.limb_radius, 0.005)
+
+    def joint(name: str, axis: str) -> str:
+        own = f'<joint name="{name}{limb}" axis="{axis}" armature="{ARMATURE}"/>'
+        if conditions.backlash > 0:
+            play = conditions.backlash / 2
+            own += (
+                f'<joint name="{name}{limb}play" axis="{axis}" range="{-play:.6g} {play:.6g}"'
+                ' armature="0.001" damping="0.02"/>'
+            )
+        return own
+
+    def link(name: str, end: Array) -> str:
+        return (
+            f'<geom name="{name}{limb}" type="capsule" fromto="0 0 0 {_numbers(end)}"'
+            f' size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{_LINK}"'
+            ' conaffinity="0"/>'
+        )
+
+    along, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
+    toe = (
+        f'<geom name="toe{limb}" type="sphere" pos="{_numbers(l3 * down)}" size="{TOE_RADIUS}"'
+        f' mass="0.001" material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
+        f'<site name="toe{limb}" pos="{_numbers(l3 * down)}" size="0.001"/>'
+    )
+    # Links end a little short of the next joint's ball, so that pictures show them whole.
+    return [
+        f'<body name="coxa{limb}" pos="{_numbers(robot.shoulder_body[limb])}" quat="{turn}">',
+        joint("coxa", "0 0 1"),
+        link("coxa", l1 * along),
+        f'<body name="femur{limb}" pos="{_numbers(l1 * along)}">',
+        joint("femur", "0 -1 0"),
+        link("femur", l2 * along),
+        f'<body name="tibia{limb}" pos="{_numbers(l2 * along)}">',
+        joint("tibia", "0 -1 0"),
+        link("tibia", (l3 - radius) * down),
+        toe,
+        "</body></body></body>",
+    ]
+
+
+def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
+    stiffness = motor_stiffness(robot, conditions)[limb]
+    out = []
+    for joint, name in enumerate(("coxa", "femur", "tibia")):
+        kp = stiffness[joint]
+        kv = 2 * DAMPING_RATIO * np.sqrt(kp * ARMATURE)
+        most = robot.max_torque[limb, joint]
+        out.append(
+            f'<position name="{name}{limb}" joint="{name}{limb}" kp="{kp:.9g}" kv="{kv:.9g}"'
+            f' forcerange="{-most:.9g} {most:.9g}"/>'
+        )
+    return out
+
+
+def _terrain_geom(
+    name: str, shape: str, friction: float, *, links: bool = False, color: str = "wall"
+) -> str:
+    meets = _TOE | _BODY | (_LINK if links else 0)
+    return (
+        f'<geom name={quoteattr(name)} {shape} friction="{max(friction, 1e-5):.6g} 0 0"'
+        f' contype="0" conaffinity="{meets}" material="{color}"/>'
+    )
+
+
+def _surface(index: int, surface: Surface, factor: float, assets: list[str]) -> list[str]:
+    name, friction = f"surface{index}", surface.friction * factor
+    if isinstance(surface, Tube):
+        return _tube(name, surface, friction)
+    assert isinstance(surface, Region)
+    vertices = surface.vertices - TOE_RADIUS * surface.normal
+    edges = np.roll(vertices, -1, axis=0) - vertices
+    corners = np.abs(np.einsum("ki,ki->k", edges, np.roll(edges, -1, axis=0)))
+    if len(vertices) == 4 and corners.max() < 1e-9:
+        width, height = np.linalg.norm(edges[0]), np.linalg.norm(edges[1])
+        axes = np.stack([edges[0] / width, edges[1] / height, surface.normal], axis=1)
+        center = vertices.mean(axis=0) - SLAB_THICKNESS / 2 * surface.normal
+        half = np.array([width, height, SLAB_THICKNESS]) / 2
+        return [_terrain_geom(name, _box(center, axes, half), friction)]
+    deep = np.vstack([vertices, vertices - SLAB_THICKNESS * surface.normal])
+    return [_terrain_geom(name, _mesh(name, Solid.from_points(name, deep), assets), friction)]
+
+
+def _box(center: Array, axes: Array, half: Array) -> str:
+    """axes: (3, 3), columns the box's axes in the world."""
+    return (
+        f'type="box" pos="{_numbers(center)}" size="{_numbers(half)}"'
+        f' xyaxes="{_numbers(axes[:, 0])} {_numbers(axes[:, 1])}"'
+    )
+
+
+def _mesh(name: str, solid: Solid, assets: list[str]) -> str:
+    center = solid.vertices.mean(axis=0)
+    assets.append(f'<mesh name="{name}" vertex="{_numbers(solid.vertices - center)}"/>')
+    # MuJoCo moves a mesh's vertices to its own centre and principal axes, and back where it stands.
+    return f'type="mesh" mesh="{name}" pos="{_numbers(center)}"'
+
+
+def _tube(name: str, tube: Tube, friction: float) -> list[str]:
+    """Staves whose inner faces touch the tube, the toe's radius further out."""
+    out = []
+    radius = tube.radius + TOE_RADIUS
+    half = np.array(
+        [radius * np.tan(np.pi / _STAVES), (tube.upper - tube.lower) / 2, SLAB_THICKNESS / 2]
+    )
+    # Midway between the circles through the corners and the middles of the faces
+    inner = radius * (1 + np.cos(np.pi / _STAVES)) / 2
+    for stave in range(_STAVES):
+        angle = 2 * np.pi * stave / _STAVES
+        outward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        axes = np.stack([[-outward[1], outward[0], 0.0], [0.0, 0.0, 1.0], outward], axis=1)
+        center = np.array([*tube.center, (tube.lower + tube.upper) / 2], float)
+        center = center + (inner + SLAB_THICKNESS / 2) * outward
+        out.append(_terrain_geom(f"{name}.{stave}", _box(center, axes, half), friction))
+    return out

@@ -1,0 +1,227 @@
+"""One run of a plan in MuJoCo: joint commands played to position servos, forces and poses recorded.
+
+The robot starts at its planned posture with toes on the terrain and its first commands, settles,
+and then plays the trajectory's commands, which unload, lift, swing, lower, press and push.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from ctypes.util import find_library
+from dataclasses import dataclass, replace
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import MissingSolver
+from climbplan.plans.climb_plan import ClimbPlan, Mask
+from climbplan.reports.replay import sample_instants
+from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.feedforward import limb_weight_torques
+from climbplan.simulation.model import TIME_STEP, build_mjcf, motor_stiffness
+
+SETTLE = 1.0  # [s] at the first commands before the motion starts
+_CONTROL = 0.01  # [s] between new commands to the motors
+_FALLEN = 0.15  # [m] below where it should be
+_TUMBLED = np.deg2rad(45)  # away from where it should be
+
+
+def load_mujoco() -> ModuleType:
+    """The package `mujoco`.
+
+    Without a display it is told to draw off screen, which it wants to know before it is loaded; a
+    choice that the environment names (MUJOCO_GL) stands. Raises MissingSolver with how to install
+    it.
+    """
+    if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+        for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
+            if find_library(library) is not None:
+                os.environ["MUJOCO_GL"] = backend
+                break
+    try:
+        return import_module("mujoco")
+    except ImportError as error:
+        raise MissingSolver("simulation needs MuJoCo: pip install 'climbplan[simulate]'") from error
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened, at the trajectory's samples up to the end or a fall (S of T)."""
+
+    conditions: Conditions
+    time: Array  # (S,) of the plan [s]
+    com: Array  # (S, 3) body origin [m]
+    rotation: Array  # (S, 3, 3) body to world
+    toes: Array  # (S, N, 3) [m]
+    force: Array  # (S, N, 3) on the toes, from the terrain [N]
+    normal: Array  # (S, N) pressure [N]
+    shear: Array  # (S, N) [N]
+    torque: Array  # (S, N, 3) of the motors [N m]
+    touching: Mask  # (S, N)
+    bumped: Mask  # (S,) a link or the body touches something
+    fallen: bool
+    settled_shift: Array  # (3,) of the body while it settled [m]
+
+    @property
+    def samples(self) -> int:
+        """S."""
+        return len(self.time)
+
+
+def planned_tilt(rotation: Array, planned: Array) -> Array:
+    """Angle (...) between rotations (..., 3, 3) [rad]."""
+    cosine = (np.einsum("...ij,...ij->...", rotation, planned) - 1) / 2
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def simulate(
+    plan: ClimbPlan,
+    conditions: Conditions,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[int, Any, Any], None] | None = None,
+) -> Run:
+    """Play a plan.
+
+    watch: called with sample, model and data at every sample of the trajectory, for pictures.
+    Raises MissingSolver without MuJoCo.
+    """
+    mujoco = load_mujoco()
+    model = mujoco.MjModel.from_xml_string(build_mjcf(plan, conditions))
+    data = mujoco.MjData(model)
+    return _Player(mujoco, model, data, plan, conditions).play(progress, watch)
+
+
+class _Player:
+    """One model on its way through a trajectory."""
+
+    def __init__(
+        self, mujoco: ModuleType, model: Any, data: Any, plan: ClimbPlan, conditions: Conditions
+    ) -> None:
+        self.mujoco, self.model, self.data = mujoco, model, data
+        self.plan, self.conditions = plan, conditions
+        n = plan.robot.limb_count
+        names = [f"{joint}{limb}" for limb in range(n) for joint in ("coxa", "femur", "tibia")]
+        self.address = np.array([model.joint(name).qposadr[0] for name in names])
+        self.toe_geom = np.array([model.geom(f"toe{limb}").id for limb in range(n)])
+        self.limb_of = np.full(model.ngeom, -1)
+        self.limb_of[self.toe_geom] = np.arange(n)
+        self.body = model.body("body").id
+        self.command = plan.trajectory.joint_command
+        if conditions.limb_weights:
+            # Commanded with the stiffness the motors are believed to have
+            believed = motor_stiffness(plan.robot, replace(conditions, gain=1.0))
+            self.command = self.command + limb_weight_torques(plan, conditions) / believed
+
+    def play(
+        self,
+        progress: Callable[[float], None] | None,
+        watch: Callable[[int, Any, Any], None] | None,
+    ) -> Run:
+        moving, conditions = self.plan.trajectory, self.conditions
+        self._stand()
+        start = self.data.qpos[:3].copy()
+        self._hold(self.command[0], SETTLE)
+        settled = self.data.qpos[:3] - start
+        planned = rotation_world_body(moving.rpy)
+        wrench = self._loads()
+        rows: list[dict[str, Any]] = []
+        fallen = False
+        for sample in range(len(moving.time)):
+            if sample:
+                self._move(sample, wrench)
+            rows.append(self._record())
+            if watch is not None:
+                watch(sample, self.model, self.data)
+            if progress is not None and sample % 100 == 0:
+                progress(sample / len(moving.time))
+            low = moving.com[sample, 2] - rows[-1]["com"][2] > _FALLEN
+            tilt = planned_tilt(rows[-1]["rotation"], planned[sample])
+            if low or tilt > _TUMBLED:
+                fallen = True
+                break
+        stacked = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return Run(
+            conditions=conditions,
+            time=moving.time[: len(rows)],
+            fallen=fallen,
+            settled_shift=settled,
+            **stacked,
+        )
+
+    def _stand(self) -> None:
+        plan = self.plan
+        com, rpy = plan.rounds.com[0], plan.rounds.rpy[0]
+        angles = inverse(plan.robot, to_body(com, rpy, plan.rounds.toes[0])).best()
+        self.data.qpos[:3] = com
+        quat = np.empty(4)
+        self.mujoco.mju_mat2Quat(quat, rotation_world_body(rpy).ravel())
+        self.data.qpos[3:7] = quat
+        self.data.qpos[self.address] = angles.ravel()
+        self.mujoco.mj_forward(self.model, self.data)
+
+    def _hold(self, command: Array, seconds: float) -> None:
+        self.data.ctrl[:] = command.ravel()
+        self.data.xfrc_applied[self.body] = self.plan.instants.external_wrench[0]
+        self.mujoco.mj_step(self.model, self.data, nstep=round(seconds / TIME_STEP))
+
+    def _move(self, sample: int, wrench: Array) -> None:
+        moving, data = self.plan.trajectory, self.data
+        span = (moving.time[sample] - moving.time[sample - 1]) / self.conditions.speed
+        pieces = max(round(span / _CONTROL), 1)
+        steps = max(round(span / pieces / TIME_STEP), 1)
+        before, after = self.command[sample - 1], self.command[sample]
+        self._lose_contacts(moving.time[sample])
+        data.xfrc_applied[self.body] = wrench[sample]
+        for piece in range(1, pieces + 1):
+            share = piece / pieces
+            command = (1 - share) * before + share * after
+            data.ctrl[:] = command.ravel()
+            self.mujoco.mj_step(self.model, data, nstep=steps)
+
+    def _lose_contacts(self, now: float) -> None:
+        """A toe that lost its contact slides on anything."""
+        for loss in self.conditions.losses:
+            gone = loss.start <= now < loss.start + loss.duration
+            # Friction of a pair is that of the geom of higher priority, here the slippery toe's.
+            self.model.geom_priority[self.toe_geom[loss.limb]] = int(gone)
+            self.model.geom_friction[self.toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
+
+    def _loads(self) -> Array:
+        """(T, 6) the plan's load beside the robot's weight at every sample."""
+        instant = np.maximum(sample_instants(self.plan), 0)
+        return np.asarray(self.plan.instants.external_wrench[instant])
+
+    def _record(self) -> dict[str, Any]:
+        data, n = self.data, self.plan.robot.limb_count
+        force, normal, shear = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+        touching, bumped = np.zeros(n, bool), False
+        local = np.zeros(6)
+        for index in range(data.ncon):
+            contact = data.contact[index]
+            limb = max(self.limb_of[contact.geom1], self.limb_of[contact.geom2])
+            if limb < 0:
+                bumped = True
+                continue
+            self.mujoco.mj_contactForce(self.model, data, index, local)
+            frame = np.asarray(contact.frame).reshape(3, 3)  # rows: normal from geom1 to geom2
+            sign = 1.0 if self.limb_of[contact.geom2] >= 0 else -1.0
+            force[limb] += sign * local[:3] @ frame
+            normal[limb] += local[0]
+            shear[limb] += np.hypot(local[1], local[2])
+            touching[limb] = local[0] > 0
+        return {
+            "com": data.qpos[:3].copy(),
+            "rotation": data.xmat[self.body].reshape(3, 3).copy(),
+            "toes": data.geom_xpos[self.toe_geom].copy(),
+            "force": force,
+            "normal": normal,
+            "shear": shear,
+            "torque": data.actuator_force.reshape(n, 3).copy(),
+            "touching": touching,
+            "bumped": bumped,
+        }

@@ -1,0 +1,80 @@
+"""simulate on a plan: what it prints and writes, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from command_line import RunCommand
+
+from climbplan.climb.planner import plan_climb
+from climbplan.plans.climb_file import write_climb
+from climbplan.spec.loading import load_text
+
+SMALL_CLIMB = Path(__file__).parents[1] / "spec" / "small_climb.yaml"
+SHORT = (
+    "task.rounds=1", "task.goal.com=[0,0,0.04]", "task.goal.toes={}", "study=null",
+    "trajectory.speed=0.01",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan file of one round."""
+    path = tmp_path_factory.mktemp("made") / "plan.h5"
+    write_climb(plan_climb(load_text(SMALL_CLIMB.read_text(), "small", SHORT)), path)
+    return path
+
+
+@pytest.fixture
+def plan(workplace: Path, made: Path) -> Path:
+    """The directory `made` with that plan."""
+    (workplace / "made").mkdir()
+    shutil.copy(made, workplace / "made")
+    return workplace / "made"
+
+
+def test_simulate_writes_table_report_and_figures(
+    run_command: RunCommand, workplace: Path, plan: Path
+) -> None:
+    pytest.importorskip("mujoco")
+    done = run_command("simulate", "made", "--no-pictures", "--runs", "1", "--speed", "2")
+    assert (done.code, done.out) == (0, "outputs/small_simulation/simulation.csv\n"), done.err
+    assert "no fall" in done.err
+    folder = workplace / "outputs" / "small_simulation"
+    report = json.loads((folder / "report.json").read_text())
+    assert report["fallen"] is False
+    assert report["torque"]["relative_error"]["median"] < 0.25
+    assert len(report["runs"]) == 1
+    rows = list(csv.DictReader((folder / "simulation.csv").read_text().splitlines()))
+    assert len(rows) == 6 * 5 + 6 * 6
+    assert {p.name for p in (folder / "figures").iterdir()} == {
+        *(f"leg_{limb}.png" for limb in range(1, 7)),
+        "sag.png",
+    }
+    again = run_command("simulate", "made", "--no-pictures")
+    assert again.code == 2
+    assert "--force" in again.err
+
+
+def test_refusals(
+    run_command: RunCommand, workplace: Path, plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "expected KEY=V1" in run_command("simulate", "made", "--sweep", "a").err
+    assert run_command("simulate", "none").code == 2
+    found = importlib.import_module
+
+    def without(name: str, package: str | None = None) -> object:
+        if name == "mujoco":
+            raise ImportError(name)
+        return found(name, package)
+
+    monkeypatch.setattr("climbplan.simulation.replay.import_module", without)
+    missing = run_command("simulate", "made")
+    assert missing.code == 2
+    assert "pip install 'climbplan[simulate]'" in missing.err
+    assert not (workplace / "outputs").exists()

@@ -36,6 +36,7 @@ from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
+from climbplan.cli.plan_limms import plan_limms
 from climbplan.cli.plan_mpc import plan_mpc
 from climbplan.cli.plan_transition import plan_transition
 from climbplan.cli.report import report
@@ -105,6 +106,7 @@ for _command in (
     fit_stiffness,
     fit_gripper,
     solve_bookshelf,
+    plan_limms,
     solve,
     gen_data,
     simulate,

@@ -17,7 +17,8 @@ def new(
         str,
         typer.Argument(
             metavar="KIND",
-            help="Kind: climb, transition, bookshelf, mpc, program, dataset, strategy, robot.",
+            help="Kind: climb, transition, bookshelf, mpc, limms, program, dataset, strategy, "
+            "robot, module.",
         ),
     ],
     directory: Annotated[

@@ -133,10 +133,35 @@ class _Dataset:
         export_csv(read_dataset_file(path), out)
 
 
+class _Limms:
+    csv_name = "motion.csv"
+
+    def verify(self, path: Path) -> Verification:
+        from climbplan.limms.verification import verify
+
+        return verify(path)
+
+    def write_report(self, path: Path, directory: Path) -> None:
+        from climbplan.reports.limms_report import write_report
+
+        write_report(path, directory)
+
+    def report_dict(self, path: Path) -> dict[str, object]:
+        from climbplan.reports.limms_report import report_dict
+
+        return report_dict(path)
+
+    def export_csv(self, path: Path, out: Path | TextIO) -> None:
+        from climbplan.limms.motion_csv import export_csv
+
+        export_csv(path, out)
+
+
 _KINDS: dict[str, PlanKind] = {
     "climbplan/climb": _Climb(),
     "climbplan/transition": _Climb(),
     "climbplan/bookshelf": _Bookshelf(),
+    "climbplan/limms": _Limms(),
     "climbplan/mpc": _Walk(),
     "climbplan/dataset": _Dataset(),
 }

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.envelopes_loading import LoadedEnvelopes
+    from climbplan.spec.limms_loading import LoadedLimms
+    from climbplan.spec.limms_module import ModuleSpec
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
@@ -65,11 +67,13 @@ def _kind_looked_into(
         LoadedClimb
         | LoadedDataset
         | LoadedEnvelopes
+        | LoadedLimms
         | LoadedMpc
         | LoadedProgram
         | LoadedShelf
         | LoadedStrategy
         | LoadedTransition
+        | ModuleSpec
         | RobotSpec
     ),
 ) -> str:
@@ -81,13 +85,16 @@ def _kind_looked_into(
     from climbplan.spec.bookshelf_loading import LoadedShelf
     from climbplan.spec.dataset_loading import LoadedDataset
     from climbplan.spec.envelopes_loading import LoadedEnvelopes
+    from climbplan.spec.limms_loading import LoadedLimms
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
     from climbplan.spec.transition_loading import LoadedTransition
 
-    if isinstance(loaded, LoadedDataset | LoadedEnvelopes | LoadedProgram | LoadedStrategy):
+    if isinstance(
+        loaded, LoadedDataset | LoadedEnvelopes | LoadedLimms | LoadedProgram | LoadedStrategy
+    ):
         return loaded.spec.kind
     if isinstance(loaded, LoadedMpc):
         from climbplan.mpc.problem import build_task

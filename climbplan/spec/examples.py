@@ -19,7 +19,9 @@ FIRST_EXAMPLE = {
     "program": "cart_pole",
     "dataset": "dataset_bookshelf",
     "strategy": "strategy_bookshelf",
+    "limms": "limms_throw",
     "robot": "silvia",
+    "module": "limms",
 }
 # Files that an example reads, or that state its problem
 _DATA = {
@@ -66,7 +68,7 @@ def _specs() -> Traversable:
 
 def _files() -> dict[str, Traversable]:
     robots = files("climbplan").joinpath("robots")
-    directories = [d for d in (_specs(), robots) if d.is_dir()]
+    directories = [d for d in (_specs(), robots, robots.joinpath("modules")) if d.is_dir()]
     return {
         entry.name.removesuffix(".yaml"): entry
         for directory in directories

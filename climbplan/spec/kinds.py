@@ -14,6 +14,8 @@ from climbplan.spec.dataset import DatasetSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.envelopes import EnvelopesSpec
 from climbplan.spec.fields import nearest
+from climbplan.spec.limms import LimmsSpec
+from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.program import ProgramSpec
 from climbplan.spec.robot import RobotSpec
@@ -30,7 +32,9 @@ KINDS: dict[str, type[SpecModel]] = {
     "program": ProgramSpec,
     "dataset": DatasetSpec,
     "strategy": StrategySpec,
+    "limms": LimmsSpec,
     "robot": RobotSpec,
+    "module": ModuleSpec,
 }
 
 Model = TypeVar("Model", bound=SpecModel)

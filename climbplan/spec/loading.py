@@ -14,6 +14,8 @@ from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
 from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.limms_loading import LoadedLimms, limms_of, module_of
+from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.motion_loading import part_of, robot_of_document
 from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
@@ -69,11 +71,13 @@ def load_spec(
     LoadedClimb
     | LoadedDataset
     | LoadedEnvelopes
+    | LoadedLimms
     | LoadedMpc
     | LoadedProgram
     | LoadedShelf
     | LoadedStrategy
     | LoadedTransition
+    | ModuleSpec
     | RobotSpec
 ):
     """Read, override and check a spec of any kind.
@@ -88,6 +92,10 @@ def load_spec(
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
     if kind == "robot":
         return robot_of(document)
+    if kind == "module":
+        return module_of(document)
+    if kind == "limms":
+        return limms_of(document, text)
     if kind == "envelopes":
         return envelopes_of(document, text)
     if kind == "program":

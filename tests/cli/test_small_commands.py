@@ -88,7 +88,7 @@ def test_schema(run_command: RunCommand) -> None:
     assert json.loads(run_command("schema", "climb").out)["$id"] == "urn:climbplan:spec:climb"
     assert json.loads(run_command("schema", "robot").out)["$id"] == "urn:climbplan:spec:robot"
     kinds = {"climb", "transition", "bookshelf", "envelopes", "program", "dataset"}
-    kinds |= {"strategy", "mpc", "robot"}
+    kinds |= {"strategy", "mpc", "limms", "robot", "module"}
     assert set(json.loads(run_command("schema").out)["$defs"]) == kinds
 
 

@@ -1,0 +1,1 @@
+"""Reconfigurable modules that deliver a box (chapter 6)."""

@@ -1,0 +1,179 @@
+"""Who goes where: modules drive up, latch to walls or to each other, and reach for the box."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from climbplan.limms.chain import BRANCHES, Pose, in_range, inverse
+from climbplan.limms.legs import Stand
+from climbplan.limms.limbs import end_rotation, root_on_anchor, standing_rotation
+from climbplan.limms.reaching import (
+    LENGTHS,
+    Blocked,
+    drive,
+    gaps,
+    leave,
+    reach,
+    rooted,
+    straight_in,
+)
+from climbplan.limms.scene import SIDE_NORMALS, Array, Scene, anchor_frame
+from climbplan.limms.statement import Limb
+from climbplan.limms.timeline import ADDED_ARM, ARM, DRIVES, LEG, NOWHERE, Progress
+
+_RINGS = (0.25, 0.35, 0.45, 0.55, 0.65)
+_SPOKES = 16
+
+
+def initial(scene: Scene) -> Progress:
+    """Where everything is at the start: modules straight, upright or along anchors' normals."""
+    count = scene.count
+    position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+    for module in range(count):
+        if scene.held[module] >= 0:
+            pose = root_on_anchor(scene, int(scene.held[module]) - scene.wall_offset, 0)
+            position[module], rotation[module] = pose
+        else:
+            position[module] = scene.stand[module]
+    return Progress.of(scene, (position, rotation), np.zeros((count, 6)))
+
+
+def root_pose(world: Progress, module: int, end: int) -> Pose:
+    """Where an end of a module is now."""
+    points = world.points(module)
+    return Pose(points.position[7 * end], points.rotation[7 * end])
+
+
+def spots(scene: Scene, height: float, target: Pose, around: Array) -> Iterator[Array]:
+    """Points of ground of one height round a place, near ones to `around` first."""
+    found = []
+    for ring in _RINGS:
+        for angle in np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False):
+            flat = target.position[:2] + ring * np.array([np.cos(angle), np.sin(angle)])
+            point = np.array([*flat, height])
+            if any(abs(p.height - height) < 1e-6 and p.inside(point, 0.05) for p in scene.patches):
+                found.append(point)
+    found.sort(key=lambda point: float(np.linalg.norm(point - around)))
+    yield from found
+
+
+def latch_from_ground(
+    world: Progress,
+    module: int,
+    target: Pose,
+    anchor: int,
+    mode: int,
+    name: str,
+    rng: np.random.Generator,
+    tries: int = 4,
+) -> Progress:
+    """Drive to a point from which the last end reaches `target`, latch it, and lift the first end.
+
+    Raises:
+        Blocked: no such point was found.
+    """
+    scene = world.scene
+    here = world.base_position[module]
+    failures = 0
+    for point in spots(scene, float(here[2]), target, here):
+        base = Pose(point, standing_rotation(0))
+        moved = world.copy()
+        moved.base_position[module] = point
+        for branch in BRANCHES:
+            solution = inverse(scene.module, base, target, branch)
+            angles = solution.angles
+            if solution.missing > 0 or in_range(scene.module, angles) > 0:
+                continue
+            if straight_in(moved, module, base, 0, target, angles, LENGTHS[-1]) is None:
+                continue
+            attempt = world.copy()
+            try:
+                drive(attempt, module, point, f"{name}: drive", rng)
+                reach(attempt, module, base, 0, target, angles, f"{name}: reach", rng)
+                attempt.mode[module] = mode
+                attempt.tip_anchor[module] = anchor
+                attempt.grounded[module] = NOWHERE
+                leave(attempt, module, target, 1, f"{name}: lift off")
+            except Blocked:
+                failures += 1
+                if failures >= tries:
+                    raise
+                break
+            return attempt
+    raise Blocked(
+        f"{name}: no place to stand from which module {scene.module_names[module]} reaches"
+    )
+
+
+def latch_arm(
+    world: Progress, module: int, wall: int, name: str, rng: np.random.Generator
+) -> tuple[Progress, int]:
+    """Latch a module to an anchor of the terrain; returns which of its ends is free."""
+    anchor = world.scene.wall_offset + wall
+    if world.base_anchor[module] == anchor:
+        return world, 1
+    target = root_on_anchor(world.scene, wall, 1)
+    return latch_from_ground(world, module, target, anchor, ARM, name, rng), 0
+
+
+def reach_box(
+    world: Progress, limb: Limb, box: Array, angles: Array, name: str, rng: np.random.Generator
+) -> None:
+    """Bring an arm's free end to its anchor of the box at rest, touching but not latched.
+
+    Raises:
+        Blocked: no free way was found.
+    """
+    target = Pose(box + world.scene.side_offset(0, limb.side), limb.box_rotation)
+    root = Pose(limb.fixed_position, limb.other_rotation)
+    now = world.angles[limb.module]
+    limits = np.array(world.scene.module.joint_range)
+    wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi
+    ending = np.where(np.abs(wrapped) <= limits, wrapped, angles)
+    reach(world, limb.module, root, 1 - limb.box_end, target, ending, name, rng)
+
+
+def latch_box(world: Progress, limbs: Sequence[Limb]) -> None:
+    """Latch all limbs to the box, at once."""
+    for limb in limbs:
+        anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor
+        anchors[limb.module] = limb.side
+        if limb.is_leg:
+            world.mode[limb.module] = LEG
+
+
+def stand_leg(
+    world: Progress, module: int, stand: Stand, angles: Array, name: str, rng: np.random.Generator
+) -> None:
+    """Drive a module to its first foothold and bring its last end to the box, not latched yet.
+
+    Raises:
+        Blocked: no free way was found.
+    """
+    scene = world.scene
+    drive(world, module, stand.foot, f"{name}: drive", rng)
+    root = Pose(stand.foot, standing_rotation(0))
+    normal = SIDE_NORMALS[stand.side]
+    target = Pose(world.box + scene.side_offset(0, stand.side), end_rotation(normal, 1))
+    limits = np.array(scene.module.joint_range)
+    now = world.angles[module]
+    wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi
+    ending = np.where(np.abs(wrapped) <= limits, wrapped, angles)
+    reach(world, module, root, 0, target, ending, f"{name}: reach", rng)
+
+
+__all__ = [
+    "ADDED_ARM",
+    "DRIVES",
+    "anchor_frame",
+    "gaps",
+    "initial",
+    "latch_arm",
+    "latch_box",
+    "reach_box",
+    "root_pose",
+    "rooted",
+    "stand_leg",
+]

@@ -1,0 +1,180 @@
+"""A mode sequence with arms made into a plan: who, which branches, program, way there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise, permutations
+
+import numpy as np
+
+from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
+from climbplan.limms.corridor import centre_blocks, ways
+from climbplan.limms.densify import Follow, add_traces
+from climbplan.limms.held import (
+    HeldTask,
+    branch_choices,
+    clearance,
+    combinations,
+    plan_held,
+    release_share,
+)
+from climbplan.limms.limbs import arm, root_on_anchor
+from climbplan.limms.program import Outcome
+from climbplan.limms.reaching import Blocked
+from climbplan.limms.scene import Array, Scene
+from climbplan.limms.sequences import Connection
+from climbplan.limms.sequences import Sequence as Modes
+from climbplan.limms.statement import Limb
+from climbplan.limms.timeline import Progress
+
+TOUCH = -5e-5  # [m] gap below which a motion is refused
+
+
+@dataclass
+class Attempts:
+    """What was tried and how it went, for the report and for messages."""
+
+    limit: float  # [s] of the clock that `spent` reads
+    programs: int = 0
+    solver_seconds: float = 0.0
+    build_seconds: float = 0.0
+    variables: int = 0
+    constraints: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    def count(self, outcome: Outcome, what: str) -> None:
+        """One more program."""
+        self.programs += 1
+        self.solver_seconds += outcome.seconds
+        self.build_seconds += outcome.build_seconds
+        self.variables, self.constraints = outcome.variables, outcome.constraints
+        if not outcome.solved:
+            self.notes.append(f"{what}: {outcome.message}")
+
+
+def carry(
+    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+) -> Progress | None:
+    """A plan in which arms carry or throw the box, or None."""
+    start = scene.box_start[0]
+    way = ways(centre_blocks(scene), start, scene.goal)
+    if way is None:
+        attempts.notes.append("there is no way for the box")
+        return None
+    throw = modes.kind == "throw"
+    task = HeldTask(start, scene.goal, way, throw, scene.arrival_speed)
+    for owners in _owners(scene, modes.connections):
+        limbs = [
+            _limb(scene, module, connection)
+            for module, connection in zip(owners, modes.connections, strict=True)
+        ]
+        choices = _choices(scene, limbs, task)
+        if not all(choices):
+            attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
+            continue
+        for combo in combinations(choices, most=4):
+            outcome = plan_held(scene, combo, task, min(left, 20.0))
+            attempts.count(outcome, modes.named(scene))
+            if not outcome.solved:
+                continue
+            try:
+                return _whole(scene, combo, modes.connections, outcome, rng)
+            except (Blocked, Follow) as error:
+                attempts.notes.append(f"{modes.named(scene)}: {error}")
+    return None
+
+
+def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[int, ...]]:
+    """Which modules, the nearest first; a module latched to an anchor is the one that uses it."""
+    n = len(connections)
+    costs = []
+    for modules in permutations(range(scene.count), n):
+        cost = 0.0
+        for module, connection in zip(modules, connections, strict=True):
+            anchor = scene.wall_offset + connection.root
+            if scene.held[module] >= 0:
+                cost += 0.0 if scene.held[module] == anchor else np.inf
+            elif anchor in scene.held:
+                cost += np.inf
+            else:
+                away = scene.stand[module] - scene.wall_position[connection.root]
+                cost += float(np.linalg.norm(away))
+        if np.isfinite(cost):
+            costs.append((cost, modules))
+    costs.sort()
+    for _, modules in costs[:1]:
+        yield modules
+
+
+def _limb(scene: Scene, module: int, connection: Connection) -> Limb:
+    latched = scene.held[module] == scene.wall_offset + connection.root
+    box_end = 1 if latched else 0
+    root = root_on_anchor(scene, connection.root, 1 - box_end)
+    return arm(module, connection.side, root, box_end)
+
+
+def _choices(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[tuple[float, Limb]]]:
+    corners = np.vstack([task.start, task.way.crossings, task.goal])
+    if task.throw:
+        share = release_share(scene, limbs, corners[-2], corners[-1])
+        corners[-1] = corners[-2] + share * (corners[-1] - corners[-2])
+    path = np.vstack(
+        [
+            first + np.linspace(0, 1, 9)[:, None] * (last - first)
+            for first, last in pairwise(corners)
+        ]
+    )
+    return [
+        branch_choices(scene, limb, path, np.tile(limb.fixed_position, (len(path), 1)))
+        for limb in limbs
+    ]
+
+
+def _whole(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    connections: Sequence[Connection],
+    outcome: Outcome,
+    rng: np.random.Generator,
+) -> Progress:
+    """Everything from the modules' start to the goal.
+
+    Raises:
+        Blocked: a way there is not free, or the carried motion touches something.
+    """
+    world = initial(scene)
+    for limb, connection in zip(limbs, connections, strict=True):
+        name = scene.module_names[limb.module]
+        world, _ = latch_arm(world, limb.module, connection.root, name, rng)
+    first = outcome.traces[0]
+    for i, limb in enumerate(limbs):
+        name = f"{scene.module_names[limb.module]}: to the box"
+        reach_box(world, limb, first.position[0], first.angles[0, i], name, rng)
+    latch_box(world, limbs)
+    before = len(world.stretches)
+    add_traces(world, limbs, outcome.traces)
+    for stretch in world.stretches[before:]:
+        if stretch.name == "flight":
+            continue
+        require_clear(scene, limbs, stretch.box, _others(stretch, limbs), _angles(stretch, limbs))
+    return world
+
+
+def require_clear(
+    scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angles: Array
+) -> None:
+    """Raise Blocked if limbs touch anything on their way."""
+    worst = float(clearance(scene, limbs, box, feet, angles).min())
+    if worst < TOUCH:
+        raise Blocked(f"limbs reach {-1e3 * worst:.1f} mm into something on the way")
+
+
+def _others(stretch, limbs: Sequence[Limb]) -> Array:  # type: ignore[no-untyped-def]
+    fixed = [np.tile(limb.fixed_position, (len(stretch.time), 1)) for limb in limbs]
+    return np.stack(fixed, axis=1)
+
+
+def _angles(stretch, limbs: Sequence[Limb]) -> Array:  # type: ignore[no-untyped-def]
+    found: Array = stretch.angles[:, [limb.module for limb in limbs]]
+    return found

@@ -1,0 +1,236 @@
+"""From knots to dense samples: exact cubics, closed chains solved anew, forces made exact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from climbplan.limms.chain import Pose, along, inverse
+from climbplan.limms.limbs import limb_frames
+from climbplan.limms.reaching import closest_branch, rates_of
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
+from climbplan.limms.statement import Limb, Trace, held_forces
+from climbplan.limms.timeline import (
+    FREE,
+    MANIPULATED,
+    NOWHERE,
+    QUADRUPED,
+    Progress,
+    samples,
+)
+
+_RETREATS = ((12.0, 0.05), (25.0, 0.03), (50.0, 0.02), (100.0, 0.01))  # [m/s^2], [s]
+
+__all__ = ["add_traces", "along", "inverse"]
+
+
+class Follow(Exception):
+    """A module cannot follow what the box does after it let go."""
+
+
+def box_path(trace: Trace, time: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration (n, 3) at times (n,) of a phase."""
+    count = trace.phase.intervals
+    step = trace.duration / count
+    k = np.clip((time / step + 1e-9).astype(int), 0, count - 1)
+    t = (time - k * step)[:, None]
+    a0, a1 = trace.acceleration[k], trace.acceleration[k + 1]
+    slope = (a1 - a0) / step
+    return (
+        trace.position[k] + trace.velocity[k] * t + a0 * t**2 / 2 + slope * t**3 / 6,
+        trace.velocity[k] + a0 * t + slope * t**2 / 2,
+        a0 + slope * t,
+    )
+
+
+def knot_samples(trace: Trace) -> Array:
+    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples."""
+    count = trace.phase.intervals
+    inner = samples(trace.duration / count)
+    step = trace.duration / count
+    whole = [k * step + inner[:-1] for k in range(count)]
+    return np.concatenate([*whole, [trace.duration]])
+
+
+def other_ends(trace: Trace, limb: int, is_swinging: bool, time: Array) -> Array:
+    """Other end of a limb (n, 3): fixed, or a foot along a spline through its knots."""
+    feet = trace.feet[:, limb]
+    if not is_swinging:
+        return np.tile(feet[0], (len(time), 1))
+    knots = np.linspace(0, trace.duration, len(feet))
+    path: Array = CubicSpline(knots, feet, axis=0, bc_type="clamped")(time)
+    return path
+
+
+def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) -> None:
+    """Add the stretches of solved phases to a plan.
+
+    Raises:
+        Follow: a module that threw cannot get out of the box's way.
+    """
+    for trace in traces:
+        if trace.phase.kind == "flight":
+            _add_flight(world, limbs, trace)
+        else:
+            _add_phase(world, limbs, trace)
+
+
+def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
+    scene, phase = world.scene, trace.phase
+    time = knot_samples(trace)
+    position, velocity, acceleration = box_path(trace, time)
+    held = phase.kind == "held"
+    world.box_mode = MANIPULATED if held else QUADRUPED
+    fields = world.rest(phase.kind, time)
+    fields["box"], fields["velocity"], fields["acceleration"] = position, velocity, acceleration
+    feet = np.stack(
+        [other_ends(trace, i, i in phase.swing, time) for i in range(len(limbs))], axis=1
+    )
+    for i, limb in enumerate(limbs):
+        first, last = limb_frames(scene, limb, position, feet[:, i])
+        shape = (len(time), 3, 3)
+        first = Pose(first.position, np.broadcast_to(first.rotation, shape))
+        last = Pose(last.position, np.broadcast_to(last.rotation, shape))
+        angles = closest_branch(scene.module, first, last, trace.angles[0, i], trace.angles[-1, i])
+        _place(fields, limb.module, angles, rates_of(time, angles), first)
+        # Whole turns of rolls count on from where they are
+        turn = np.round((world.angles[limb.module] - angles[0]) / (2 * np.pi)) * 2 * np.pi
+        fields["angles"][:, limb.module] += turn  # type: ignore[index]
+        if limb.is_leg:
+            fields["grounded"][limb.module] = NOWHERE if i in phase.swing else 1 - limb.box_end  # type: ignore[index]
+    force = (
+        _held_forces(scene, limbs, acceleration)
+        if held
+        else _foot_forces(scene, limbs, trace, time, position, acceleration, feet)
+    )
+    for i, limb in enumerate(limbs):
+        fields["force"][:, limb.side] = force[:, i]  # type: ignore[index]
+    world.add(**fields)
+
+
+def _place(fields: dict[str, object], module: int, angles: Array, rates: Array, base: Pose) -> None:
+    for key, value in (
+        ("angles", angles),
+        ("rates", rates),
+        ("base_position", base.position),
+        ("base_rotation", base.rotation),
+    ):
+        fields[key][:, module] = value  # type: ignore[index]
+
+
+def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Array:
+    offsets = np.array([scene.side_offset(0, limb.side) for limb in limbs])
+    share = held_forces(offsets, scene.module.max_force, scene.module.latch_moment)
+    needed = scene.box_mass[0] * (acceleration + np.array([0, 0, GRAVITY]))
+    both = needed @ share[: 3 * len(limbs)].T
+    forces: Array = both.reshape(len(needed), len(limbs), 3)
+    return forces
+
+
+def _foot_forces(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    trace: Trace,
+    time: Array,
+    box: Array,
+    acceleration: Array,
+    feet: Array,
+) -> Array:
+    """Forces (n, limbs, 3) between the knots: straight lines, then the least change that balances
+    forces and moments exactly."""
+    knots = np.linspace(0, trace.duration, len(trace.force))
+    n = len(limbs)
+    force = np.stack(
+        [np.interp(time, knots, trace.force[:, i, axis]) for i in range(n) for axis in range(3)],
+        axis=-1,
+    )
+    standing = [i for i in range(n) if i not in trace.phase.swing]
+    if not standing:
+        return np.zeros((len(time), n, 3))
+    balance = np.zeros((len(time), 6, 3 * n))
+    for i in standing:
+        x, y, z = np.moveaxis(feet[:, i] - box, -1, 0)
+        zero = np.zeros_like(x)
+        balance[:, :3, 3 * i : 3 * i + 3] = np.eye(3)
+        cross = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+        balance[:, 3:, 3 * i : 3 * i + 3] = np.stack([np.stack(r, -1) for r in cross], -2)
+    needed = np.zeros((len(time), 6))
+    needed[:, :3] = scene.box_mass[0] * (acceleration + np.array([0, 0, GRAVITY]))
+    left = needed - (balance @ force[..., None])[..., 0]
+    change = np.linalg.pinv(balance) @ left[..., None]
+    exact: Array = (force + change[..., 0]).reshape(len(time), n, 3)
+    return exact
+
+
+def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
+    """The box flies; modules that threw it stop beside its way."""
+    scene = world.scene
+    time = samples(trace.duration)
+    position, velocity, acceleration = box_path(trace, time)
+    world.box_mode = FREE
+    for limb in limbs:
+        anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor
+        anchors[limb.module] = NOWHERE
+    fields = world.rest("flight", time)
+    fields["box"], fields["velocity"], fields["acceleration"] = position, velocity, acceleration
+    for limb in limbs:
+        normal = SIDE_NORMALS[limb.side]
+        start = position[0] + scene.side_offset(0, limb.side)
+        for brake, hurry in _RETREATS:
+            ends = _retreat(start, velocity[0], normal, time, brake, hurry)
+            on_box = Pose(ends, np.broadcast_to(limb.box_rotation, (len(time), 3, 3)))
+            far = Pose(
+                np.tile(limb.fixed_position, (len(time), 1)),
+                np.broadcast_to(limb.other_rotation, (len(time), 3, 3)),
+            )
+            first, last = (on_box, far) if limb.box_end == 0 else (far, on_box)
+            now = world.angles[limb.module]
+            angles = _continued(scene, first, last, now)
+            if angles is None:
+                continue
+            rates = rates_of(time, angles)
+            if np.abs(rates).max() <= scene.module.max_joint_speed:
+                break
+        else:
+            raise Follow(f"module {scene.module_names[limb.module]} cannot stop after the throw")
+        _place(fields, limb.module, angles, rates, first)
+    world.add(**fields)
+
+
+def _retreat(
+    start: Array, velocity: Array, normal: Array, time: Array, brake: float, hurry: float
+) -> Array:
+    """Way of a latch (n, 3) that lets go of a moving box and stops, ever further from its face."""
+    away = float(velocity @ normal)
+    aside = velocity - away * normal
+    speed = float(np.linalg.norm(aside))
+    stop = speed / brake
+    t = np.minimum(time, stop)[:, None]
+    direction = aside / speed if speed > 0 else np.zeros(3)
+    ways = start + aside * t - brake * direction * t**2 / 2
+    # Along the normal: speed up for a moment, then as fast as the box comes after, at least.
+    gain = 0.15 / hurry
+    u = np.minimum(time, hurry)
+    path = away * time + gain * u**2 / 2 + gain * hurry * np.maximum(time - hurry, 0)
+    if away < 0:  # the box leaves: stop
+        slow = min(-away / brake, time[-1])
+        v = np.minimum(time, slow)
+        path = path - away * time + away * v + brake * v**2 / 2
+    return np.asarray(ways + path[:, None] * normal)
+
+
+def _continued(scene: Scene, first: Pose, last: Pose, now: Array) -> Array | None:
+    """Angles (n, 6) that go on from `now`; None where the ends are out of reach."""
+    from climbplan.limms.chain import BRANCHES, in_range
+
+    for branch in BRANCHES:
+        solution = inverse(scene.module, first, last, branch)
+        angles = np.unwrap(solution.angles, axis=0)
+        angles = angles + np.round((now - angles[0]) / (2 * np.pi)) * 2 * np.pi
+        if solution.missing.max() > 0 or in_range(scene.module, angles).max() > 0:
+            continue
+        if np.abs(angles[0] - now).max() < 1e-3:
+            return angles
+    return None

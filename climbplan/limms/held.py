@@ -1,0 +1,217 @@
+"""Arms that carry or throw the box: guesses, the program, and cuts against collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+
+import numpy as np
+
+from climbplan.limms.chain import BRANCHES, in_range
+from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
+from climbplan.limms.corridor import Way
+from climbplan.limms.cuts import solve_clear
+from climbplan.limms.limbs import limb_angles, limb_points
+from climbplan.limms.program import Cut, Ends, Outcome, solve
+from climbplan.limms.scene import GRAVITY, Array, Scene
+from climbplan.limms.statement import Limb, Phase, Trace
+
+KNOTS = 8  # intervals of a phase
+BUMP = 0.2  # [m]
+SPEED = 0.45  # [m/s] of the guess
+
+
+@dataclass(frozen=True)
+class HeldTask:
+    """What arms are to do: from, to, through which blocks, and whether they throw."""
+
+    start: Array
+    goal: Array
+    way: Way
+    throw: bool
+    arrival_speed: float
+
+
+def clearance(scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angles: Array) -> Array:
+    """Least gap (T) of limbs from solids, boxes, themselves and each other along a path [m].
+
+    box: (T, 3); feet: (T, limbs, 3); angles: (T, limbs, 6).
+    """
+    radius = scene.module.radius
+    gaps = []
+    segments = []
+    fixed = scene.solids
+    if scene.boxes > 1:
+        half = scene.box_size[1:] / 2
+        centres = scene.box_start[1:]
+        fixed = np.concatenate([fixed, np.stack([centres - half, centres + half], axis=1)])
+    for i, limb in enumerate(limbs):
+        points = limb_points(scene, limb, box, feet[:, i], angles[:, i])
+        segments.append(link_segments(points, radius))
+        gaps.append(gap_to_blocks(segments[i], fixed[:, 0], fixed[:, 1], radius).min(axis=(1, 2)))
+        half = scene.box_size[0] / 2
+        low, high = (box - half)[:, None], (box + half)[:, None]
+        gaps.append(gap_to_blocks(segments[i], low, high, radius).min(axis=(1, 2)))
+        gaps.append(gap_within(segments[i], radius).min(axis=1))
+        gaps += [gap_between(segments[i], s, radius).min(axis=(1, 2)) for s in segments[:i]]
+    worst: Array = np.min(gaps, axis=0)
+    return worst
+
+
+def branch_choices(
+    scene: Scene, limb: Limb, path: Array, feet: Array, most: int = 3
+) -> list[tuple[float, Limb]]:
+    """The limb with its likeliest branches, best first: feasible at the start, least trouble after.
+
+    path: (T, 3) box centres; feet: (T, 3) other ends.
+    """
+    found = []
+    for branch in BRANCHES:
+        angles, missing = limb_angles(scene, limb, path, feet, branch)
+        excess = in_range(scene.module, angles)
+        gap = clearance(scene, [limb], path, feet[:, None], angles[:, None])
+        if missing[0] > 1e-9 or excess[0] > 0 or gap[0] < -1e-4:
+            continue
+        turning = np.abs(np.diff(angles, axis=0)).max(axis=1).sum() if len(path) > 1 else 0.0
+        trouble = (
+            10 * missing.max()
+            + 3 * max(excess.max(), 0.0)
+            + 20 * np.maximum(-gap, 0.0).mean()
+            + 0.1 * turning
+        )
+        found.append((float(trouble), replace(limb, branch=branch)))
+    found.sort(key=lambda entry: entry[0])
+    return found[:most]
+
+
+def way_points(task: HeldTask) -> Array:
+    """Start, crossings and goal (n, 3)."""
+    return np.vstack([task.start, task.way.crossings, task.goal])
+
+
+def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array) -> float:
+    """How far along a straight line all arms reach, in any branch."""
+    shares = np.linspace(0, 1, 41)
+    path = first + shares[:, None] * (last - first)
+    ok = np.ones(len(shares), bool)
+    for limb in limbs:
+        feet = np.broadcast_to(limb.fixed_position, path.shape)
+        each = []
+        for branch in BRANCHES:
+            angles, missing = limb_angles(scene, limb, path, feet, branch)
+            each.append((missing <= 0) & (in_range(scene.module, angles) < 0))
+        ok &= np.any(each, axis=0)
+    bad = np.flatnonzero(~ok)
+    return float(shares[bad[0] - 1]) if len(bad) and bad[0] > 0 else float(not len(bad))
+
+
+def bumps(first: Array, last: Array) -> list[Array]:
+    """Sideways detours (3,) of a straight way: none, and both ways along two directions."""
+    along = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)
+    one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    one /= np.linalg.norm(one)
+    other = np.cross(along, one)
+    return [np.zeros(3), *(BUMP * sign * side for side in (one, other) for sign in (1, -1))]
+
+
+def guess_for(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, bump: Array | None = None
+) -> list[Trace]:
+    """A slow straight motion through the way, and a parabola if the box is thrown.
+
+    bump: a sideways detour of every leg of the way.
+    """
+    corners = way_points(task)
+    if task.throw:
+        reached = 0.92 * release_share(scene, limbs, corners[-2], corners[-1])
+        corners[-1] = corners[-2] + reached * (corners[-1] - corners[-2])
+    blocks = list(task.way.blocks)
+    if task.throw:
+        # Time runs differently in wind-up and throw: a phase of its own for each
+        corners = np.insert(corners, -1, 0.4 * corners[-2] + 0.6 * corners[-1], axis=0)
+        blocks.append(blocks[-1])
+    traces: list[Trace] = []
+    for (first, last), block in zip(pairwise(corners), blocks, strict=True):
+        length = float(np.linalg.norm(last - first))
+        duration = max(length / SPEED, 0.4)
+        share = np.linspace(0, 1, KNOTS + 1)[:, None]
+        position = first + share * (last - first)
+        if bump is not None:
+            position = np.clip(position + np.sin(np.pi * share) * bump, block[0], block[1])
+        velocity = np.broadcast_to((last - first) / duration, position.shape)
+        feet = np.array([[limb.fixed_position for limb in limbs]] * (KNOTS + 1))
+        angles = np.stack(
+            [
+                limb_angles(scene, limb, position, feet[:, i], limb.branch)[0]
+                for i, limb in enumerate(limbs)
+            ],
+            axis=1,
+        )
+        if traces:  # whole turns as before
+            turn = np.round((traces[-1].angles[-1] - angles[0]) / (2 * np.pi)) * 2 * np.pi
+            angles = angles + turn
+        phase = Phase("held", block[0], block[1], KNOTS, 0.15, 12.0)
+        traces.append(
+            Trace(
+                phase,
+                duration,
+                position,
+                velocity,
+                np.zeros_like(position),
+                angles,
+                feet,
+                np.zeros((KNOTS + 1, len(limbs), 3)),
+            )
+        )
+    if task.throw:
+        traces.append(_flight(corners[-1], task.goal, task.way.blocks[-1], len(limbs)))
+    return traces
+
+
+def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
+    """A parabola with its top at the goal, or a third of a second long."""
+    rise = max(goal[2] - release[2], 0.0)
+    duration = max(float(np.sqrt(2 * rise / GRAVITY)), 0.15)
+    down = np.array([0, 0, -GRAVITY])
+    velocity = (goal - release) / duration - down * duration / 2
+    times = np.linspace(0, duration, 2)[:, None]
+    phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
+    return Trace(
+        phase,
+        duration,
+        release + velocity * times + down * times**2 / 2,
+        velocity + down * times,
+        np.broadcast_to(down, (2, 3)),
+        np.zeros((2, limbs, 6)),
+        np.zeros((2, limbs, 3)),
+        np.zeros((2, limbs, 3)),
+    )
+
+
+def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float) -> Outcome:
+    """Solve the program of one held stage."""
+    corners = way_points(task)
+    guesses = [guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])]
+    first = min(guesses, key=jerkiness)
+    ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
+
+    def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
+        return solve(scene, limbs, guess or first, ends, cuts, time_limit)
+
+    return solve_clear(scene, limbs, once)
+
+
+def jerkiness(traces: Sequence[Trace]) -> float:
+    """Largest turn of a joint between two knots of a guess [rad]."""
+    return max(
+        float(np.abs(np.diff(t.angles, axis=0)).max()) for t in traces if t.phase.kind == "held"
+    )
+
+
+def combinations(
+    choices: Sequence[Sequence[tuple[float, Limb]]], most: int = 6
+) -> list[tuple[Limb, ...]]:
+    """Choices of a branch for each limb, least trouble together first."""
+    every = sorted(product(*choices), key=lambda combo: sum(entry[0] for entry in combo))
+    return [tuple(entry[1] for entry in combo) for combo in every[:most]]

@@ -1,0 +1,102 @@
+"""The logic rules of Table 6.2 on what a plan says about modes and latches.
+
+As published, with what they leave open filled in:
+
+- Latches have two ends. A module is "on" an anchor with either; an anchor holds at most one.
+- 4: a leg is on one anchor of the box with one end; its other end is on nothing but ground.
+- 6: an anchor that an arm is on belongs to a manipulated box (rule 5 the other way round).
+- 7: exactly one anchor of the terrain for each arm.
+- 9 to 11: added arms and legs are on exactly one end of another module; that other module is an arm
+  or an added arm (a leg or an added leg) and holds no box; each end carries one module at most, and
+  chains do not close on themselves.
+- A stable box stands on the ground; a free one touches nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.limms.plan import LimmsPlan
+
+Mask = NDArray[np.bool_]
+RULES = {
+    1: "quadruped box: each of its anchors holds one leg",
+    2: "an anchor that holds a leg: its box is a quadruped",
+    3: "a module on an anchor of a quadruped: leg mode",
+    4: "leg mode: on exactly one anchor of a box, its other end on no anchor",
+    5: "manipulated box: at least one anchor holds an arm",
+    6: "an anchor of a manipulated box: its module is an arm or an added arm",
+    7: "arm: on exactly one anchor of walls or ground",
+    8: "a held anchor of walls or ground: its module is an arm",
+    9: "added arm: on exactly one other module",
+    10: "a connection: parent arm or added arm, child added arm",
+    11: "a module that carries another holds no box",
+    12: "stable or free box: all its anchors empty",
+}
+
+
+def broken(plan: LimmsPlan) -> dict[int, Mask]:
+    """Samples (T,) that break each rule; 0 for anchors that hold two modules or do not exist."""
+    motion = plan.motion
+    boxes, anchors = len(plan.box_size), len(plan.anchor_names)
+    ends = np.stack([motion.base_anchor, motion.tip_anchor], axis=-1)  # (T, L, 2)
+    mode, box_mode = motion.mode, motion.box_mode
+    on_box = (ends >= 0) & (ends < 4 * boxes)
+    on_wall = (ends >= 4 * boxes) & (ends < anchors)
+    on_module = ends >= anchors
+    count = len(motion.time)
+    holds = np.zeros((count, anchors), int)
+    legs = np.zeros((count, 4 * boxes), int)
+    arms = np.zeros((count, 4 * boxes), int)
+    for module in range(mode.shape[1]):
+        for end in (0, 1):
+            here = ends[:, module, end]
+            at = np.flatnonzero((here >= 0) & (here < anchors))
+            holds[at, here[at]] += 1
+            at = np.flatnonzero(on_box[:, module, end])
+            is_leg = np.isin(mode[at, module], (4, 5))
+            np.add.at(legs, (at[is_leg], here[at[is_leg]]), 1)
+            is_arm = np.isin(mode[at, module], (2, 3))
+            np.add.at(arms, (at[is_arm], here[at[is_arm]]), 1)
+    by_legs, by_arms = legs.reshape(count, boxes, 4), arms.reshape(count, boxes, 4)
+    held = holds[:, : 4 * boxes].reshape(count, boxes, 4)
+    quadruped, manipulated = box_mode == 4, box_mode == 3
+    box_of = np.where(on_box, ends // 4, 0)
+    its_mode = np.take_along_axis(box_mode, box_of.reshape(count, -1), axis=1).reshape(ends.shape)
+    is_leg, is_arm, added = mode == 4, mode == 2, np.isin(mode, (3, 5))
+    carries, wrong_parent = _connections(ends, mode, anchors)
+    return {
+        0: (holds > 1).any(axis=1)
+        | (ends >= anchors + 2 * mode.shape[1]).any(axis=(1, 2))
+        | ~np.isin(mode, (1, 2, 3, 4, 5)).all(axis=1)
+        | ~np.isin(box_mode, (1, 2, 3, 4)).all(axis=1),
+        1: (quadruped[..., None] & (by_legs != 1)).any(axis=(1, 2)),
+        2: ((by_legs > 0) & ~quadruped[..., None]).any(axis=(1, 2)),
+        3: (on_box & (its_mode == 4) & ~np.isin(mode, (4, 5))[..., None]).any(axis=(1, 2)),
+        4: (is_leg & ((on_box.sum(-1) != 1) | on_wall.any(-1))).any(axis=1),
+        5: (manipulated & (by_arms.sum(-1) == 0)).any(axis=1),
+        6: (on_box & (its_mode == 3) & ~np.isin(mode, (2, 3))[..., None]).any(axis=(1, 2)),
+        7: (is_arm & (on_wall.sum(-1) != 1)).any(axis=1),
+        8: (on_wall.any(-1) & ~is_arm).any(axis=1),
+        9: (added & (on_module.sum(-1) != 1)).any(axis=1),
+        10: (on_module.any(-1) & ~added).any(axis=1) | wrong_parent,
+        11: (carries & on_box.any(-1)).any(axis=1),
+        12: (np.isin(box_mode, (1, 2))[..., None] & (held > 0)).any(axis=(1, 2)),
+    }
+
+
+def _connections(ends: np.ndarray, mode: np.ndarray, anchors: int) -> tuple[Mask, Mask]:
+    """Which modules carry another (T, L), and samples (T,) with a parent of the wrong mode."""
+    count, modules = mode.shape
+    carries = np.zeros((count, modules), bool)
+    wrong = np.zeros(count, bool)
+    for child in range(modules):
+        for end in (0, 1):
+            at = np.flatnonzero(ends[:, child, end] >= anchors)
+            parent = np.minimum((ends[at, child, end] - anchors) // 2, modules - 1)
+            carries[at, parent] = True
+            family = np.where(mode[at, child] == 5, 4, 2)
+            wrong[at] |= ~((mode[at, parent] == family) | (mode[at, parent] == family + 1))
+            wrong[at] |= parent == child
+    return carries, wrong

@@ -1,0 +1,40 @@
+"""The motion of a LIMMS plan as CSV for a robot or another simulator."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TextIO
+
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_file import read_limms_plan
+from climbplan.plans.atomic_file import written_aside
+
+
+def export_csv(plan_path: Path, out: Path | TextIO) -> None:
+    """Write time, box and joint angles of every sample; times of events stand there twice.
+
+    Raises PlanFileError for a damaged plan, UsageError where nothing can be written.
+    """
+    plan = read_limms_plan(plan_path)
+    if isinstance(out, Path):
+        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
+            _write(plan, stream)
+    else:
+        _write(plan, out)
+
+
+def _write(plan: LimmsPlan, stream: TextIO) -> None:
+    motion = plan.motion
+    head = ["time_s", "box_mode", "box_x_m", "box_y_m", "box_z_m"]
+    for name in plan.module_names:
+        head += [f"{name}_mode", *(f"{name}_joint{j}_rad" for j in range(1, 7))]
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(head)
+    for k in range(len(motion.time)):
+        row = [f"{motion.time[k]:.6f}", str(motion.box_mode[k, 0])]
+        row += [f"{value:.9g}" for value in motion.box_position[k, 0]]
+        for m in range(len(plan.module_names)):
+            row.append(str(motion.mode[k, m]))
+            row += [f"{angle:.9g}" for angle in motion.joint_angles[k, m]]
+        writer.writerow(row)

@@ -1,0 +1,204 @@
+"""LIMMS plans as HDF5 files: writing them, and reading them back exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import climbplan
+from climbplan.errors import PlanFileError
+from climbplan.limms.plan import LimmsPlan, Motion
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+
+FORMAT = "climbplan/limms"
+FORMAT_VERSION = 1
+STATUSES = ("feasible",)
+
+# T samples, B boxes, L modules, A anchors
+MOTION: dict[str, tuple[str, Layout]] = {
+    "time": ("time", Layout(("T",), "s")),
+    "box_position": ("box/position", Layout(("T", "B", 3), "m", "world")),
+    "box_velocity": ("box/velocity", Layout(("T", "B", 3), "m/s", "world")),
+    "box_acceleration": ("box/acceleration", Layout(("T", "B", 3), "m/s^2", "world")),
+    "box_mode": ("box/mode", Layout(("T", "B"), kind="int")),
+    "joint_position": ("limms/joint_position", Layout(("T", "L", 8, 3), "m", "world")),
+    "joint_rotation": ("limms/joint_rotation", Layout(("T", "L", 8, 3, 3), "", "world")),
+    "joint_angles": ("limms/joint_angles", Layout(("T", "L", 6), "rad")),
+    "joint_velocity": ("limms/joint_velocity", Layout(("T", "L", 6), "rad/s")),
+    "mode": ("limms/mode", Layout(("T", "L"), kind="int")),
+    "base_anchor": ("limms/base_anchor", Layout(("T", "L"), kind="int")),
+    "tip_anchor": ("limms/tip_anchor", Layout(("T", "L"), kind="int")),
+    "ground_end": ("limms/ground_end", Layout(("T", "L"), kind="int")),
+    "anchor_position": ("anchors/position", Layout(("T", "A", 3), "m", "world")),
+    "force": ("force", Layout(("T", "B", 4, 3), "N", "world")),
+}
+STILL: dict[str, tuple[str, Layout]] = {
+    "anchor_normal": ("anchors/normal", Layout(("A", 3), "", "world")),
+    "box_size": ("box/size", Layout(("B", 3), "m")),
+    "box_mass": ("box/mass", Layout(("B",), "kg")),
+    "goal": ("box/goal", Layout(("B", 3), "m", "world")),
+    "solids": ("terrain/solids", Layout(("S", 2, 3), "m", "world")),
+}
+_NAMES = Layout(("A",), kind="text")
+_MODULES = Layout(("L",), kind="text")
+_TEXTS = Layout(("*",), kind="text")
+_LINKS = Layout((7,), "m")
+
+_NOTES = {
+    "objective_is": "distance of the box from its goal at the end [m]",
+    "box_modes": "1 stable, 2 free, 3 manipulated, 4 quadruped",
+    "module_modes": "1 free, 2 arm, 3 added arm, 4 leg, 5 added leg",
+    "ends": "base_anchor is at a module's first end, tip_anchor at its last; ground_end says which "
+    "end stands on the ground (0 first, 1 last, -1 none)",
+    "samples": "where modes change a time is there twice, before and after",
+    "force_is": "force (T, B, 4, 3) on each box at its own four anchors, of a leg at its foot",
+}
+
+
+def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
+    """Write a plan; the file appears whole or not at all, in place of one that is there.
+
+    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
+    the file cannot be written.
+    """
+    plan = replace(
+        plan,
+        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
+        climbplan_version=plan.climbplan_version or climbplan.__version__,
+    )
+    with new_store(path) as file:
+        _write_header(file, plan)
+        for name in ("box", "limms", "anchors", "terrain"):
+            file.create_group(name)
+        for key, (name, layout) in MOTION.items():
+            group, _, leaf = name.rpartition("/")
+            write_dataset(file[group or "/"], leaf, vars(plan.motion)[key], layout, True)
+        for key, (name, layout) in STILL.items():
+            group, _, leaf = name.rpartition("/")
+            write_dataset(file[group], leaf, vars(plan)[key], layout)
+        write_dataset(file["anchors"], "name", plan.anchor_names, _NAMES)
+        write_dataset(file["limms"], "name", plan.module_names, _MODULES)
+        write_dataset(file["limms"], "link_lengths", plan.module["link_lengths"], _LINKS)
+        write_dataset(file, "warnings", plan.warnings, _TEXTS)
+        write_dataset(file, "summary", plan.summary, _TEXTS)
+
+
+def read_limms_plan(path: Path) -> LimmsPlan:
+    """The plan in a file, exactly as it was written.
+
+    Raises PlanFileError for anything that is not a whole LIMMS plan: another format or version,
+    missing or misshapen data, NaN where numbers must be.
+    """
+    plan = read_as_found(path)
+    if plan.not_finite:
+        raise PlanFileError(f"{path}: NaN or infinity in {', '.join(plan.not_finite)}")
+    return plan
+
+
+def read_as_found(path: Path) -> LimmsPlan:
+    """As `read_limms_plan`, but numbers that are not finite are only listed, for a check."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        _require_format(reader)
+        return _read(reader)
+
+
+def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
+    texts = {
+        "format": FORMAT,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": plan.title,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "status": plan.status,
+        "method": plan.method,
+        "sequence": plan.sequence,
+        **_NOTES,
+    }
+    for name, text in texts.items():
+        write_text(file, name, text)
+    file.attrs["format_version"] = FORMAT_VERSION
+    file.attrs["seed"] = plan.seed
+    file.attrs["verified"] = np.bool_(plan.verified)
+    file.attrs["objective"] = float(plan.objective)
+    file.attrs["arrival_speed"] = float(plan.arrival_speed)
+    file.attrs["friction"] = float(plan.friction)
+    file.attrs["force_limit"] = float(plan.module["max_force"])
+    for name in ("timings", "solvers", "sizes", "module", "stages"):
+        write_json(file, name, vars(plan)[name])
+
+
+def _require_format(reader: Reader) -> None:
+    if not reader.has_attribute("", "format"):
+        raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
+    found = reader.text("", "format")
+    if found != FORMAT:
+        raise reader.refuse(f"holds {found!r}, expected {FORMAT!r}")
+    version = reader.integer("", "format_version")
+    if version != FORMAT_VERSION:
+        newer = "; a newer climbplan reads it" if version > FORMAT_VERSION else ""
+        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}{newer}")
+
+
+def _read(reader: Reader) -> LimmsPlan:
+    motion = Motion(**{key: reader.array(name, layout) for key, (name, layout) in MOTION.items()})
+    still = {key: reader.array(name, layout) for key, (name, layout) in STILL.items()}
+    if not len(motion.time):
+        raise reader.refuse("no samples")
+    if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
+        raise reader.refuse("fewer anchors than four on each box")
+    status = reader.text("", "status")
+    if status not in STATUSES:
+        raise reader.refuse(f"status {status!r}, expected one of {', '.join(STATUSES)}")
+    return LimmsPlan(
+        name=reader.text("", "name"),
+        title=reader.text("", "title"),
+        method=reader.text("", "method"),
+        status=status,
+        motion=motion,
+        anchor_names=reader.texts("anchors/name", _NAMES),
+        module=_mapping(reader, "module"),
+        module_names=reader.texts("limms/name", _MODULES),
+        arrival_speed=reader.number("", "arrival_speed"),
+        friction=reader.number("", "friction"),
+        stages=_stages(reader),
+        sequence=reader.text("", "sequence"),
+        spec_text=reader.text("", "spec"),
+        spec_sha256=reader.text("", "spec_sha256"),
+        seed=reader.integer("", "seed"),
+        objective=reader.number("", "objective"),
+        timings=_mapping(reader, "timings"),
+        solvers=_mapping(reader, "solvers"),
+        sizes=_mapping(reader, "sizes"),
+        warnings=reader.texts("warnings", _TEXTS),
+        summary=reader.texts("summary", _TEXTS),
+        verified=reader.flag("", "verified"),
+        created=reader.text("", "created"),
+        climbplan_version=reader.text("", "climbplan_version"),
+        not_finite=tuple(reader.not_finite),
+        **still,
+    )
+
+
+def _mapping(reader: Reader, name: str) -> dict[str, Any]:
+    value = reader.json("", name)
+    if not isinstance(value, dict):
+        raise reader.refuse(f"attribute {name} is not a JSON object")
+    return value
+
+
+def _stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:
+    value = reader.json("", "stages")
+    try:
+        return tuple((str(name), float(begin), float(end)) for name, begin, end in value)
+    except (TypeError, ValueError) as error:
+        raise reader.refuse("attribute stages is not a list of names and times") from error

@@ -1,0 +1,185 @@
+"""A scene in numbers: free space, anchors, boxes, modules (chapter 6.3).
+
+The box does not turn (assumption 1), so its frame is the world's. An anchor's frame has its normal
+as z axis. The first end of a latched module has the anchor's frame; the last end has it turned by
+pi about x, eq. (6.1). A module that stands on the ground stands upright.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms_space import free_blocks, solid_blocks
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+GRAVITY = 9.81  # [m/s^2]
+SIDES = ("+x", "-x", "+y", "-y")  # anchors of a box, one in the middle of each side
+SIDE_NORMALS = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
+FLIP = np.diag([1.0, -1.0, -1.0])  # from an anchor's frame to that of a last end on it
+
+
+def anchor_frame(normal: Array) -> Array:
+    """A rotation (3, 3) whose z axis is the unit `normal`; always the same for the same normal."""
+    x = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([1.0, 0.0, 0.0])
+    y = np.cross(normal, x)
+    return np.column_stack([x, y, normal])
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle of ground that can be stood on."""
+
+    lower: Array  # (2,) least x and y [m]
+    upper: Array  # (2,)
+    height: float  # [m]
+
+    def inside(self, points: Array, margin: float = 0.0) -> NDArray[np.bool_]:
+        """Which points (..., 2 or more) lie over it, at least `margin` from its edges."""
+        flat = points[..., :2]
+        return np.asarray(
+            ((flat >= self.lower + margin) & (flat <= self.upper - margin)).all(axis=-1)
+        )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a plan has to respect; A = 4 B + W anchors, those of boxes first."""
+
+    module: ModuleSpec
+    module_names: tuple[str, ...]
+    stand: Array  # (L, 3) where modules stand at the start, NaN if latched [m]
+    held: Index  # (L,) anchor that a module's first end is latched to at the start, -1 none
+    anchor_names: tuple[str, ...]
+    wall_position: Array  # (W, 3) of the anchors on walls and ground [m]
+    wall_normal: Array  # (W, 3)
+    box_size: Array  # (B, 3) the box to deliver first, then parked ones [m]
+    box_mass: Array  # (B,) [kg]; 0 for parked boxes, whose mass does not matter
+    box_start: Array  # (B, 3) [m]
+    goal: Array  # (3,) [m]
+    arrival_speed: float  # [m/s]
+    friction: float
+    solids: Array  # (S, 2, 3) lower and upper corners of what is not free [m]
+    patches: tuple[Patch, ...]
+    allow: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """L, the number of modules."""
+        return len(self.module_names)
+
+    @property
+    def boxes(self) -> int:
+        """B, the number of boxes."""
+        return len(self.box_size)
+
+    @property
+    def walls(self) -> int:
+        """W, the number of anchors on walls and ground."""
+        return len(self.wall_position)
+
+    @property
+    def wall_offset(self) -> int:
+        """Index of the first anchor that is not on a box."""
+        return 4 * self.boxes
+
+    @property
+    def weight(self) -> float:
+        """Weight of the box to deliver [N]."""
+        return float(self.box_mass[0] * GRAVITY)
+
+    def side_offset(self, box: int, side: int) -> Array:
+        """From a box's centre to one of its anchors (3,) [m]."""
+        offset: Array = SIDE_NORMALS[side] * self.box_size[box] / 2
+        return offset
+
+    def ground_under(self, point: Array, tolerance: float = 1e-6) -> bool:
+        """Whether a point lies on the ground."""
+        return any(
+            abs(point[2] - patch.height) <= tolerance and bool(patch.inside(point, -tolerance))
+            for patch in self.patches
+        )
+
+
+def scene_of(loaded: LoadedLimms) -> Scene:
+    """The scene that a spec describes."""
+    spec = loaded.spec
+    free = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions])
+    solids = np.array(solid_blocks(free), float)
+    anchors = spec.terrain.anchors
+    boxes = [spec.box.size, *(box.size for box in spec.parked)]
+    starts = [spec.box.start, *(box.position for box in spec.parked)]
+    names = ["box", *(f"parked {i}" for i in range(len(spec.parked)))]
+    wall_names = [anchor.name for anchor in anchors]
+    offset = 4 * len(boxes)
+    nowhere = (np.nan, np.nan, np.nan)
+    return Scene(
+        module=loaded.module,
+        module_names=tuple(m.name for m in spec.modules),
+        stand=np.array([m.stand or nowhere for m in spec.modules], float),
+        held=np.array(
+            [-1 if m.anchor is None else offset + wall_names.index(m.anchor) for m in spec.modules]
+        ),
+        anchor_names=(*(f"{name} {side}" for name in names for side in SIDES), *wall_names),
+        wall_position=np.array([a.position for a in anchors], float).reshape(-1, 3),
+        wall_normal=np.array([a.normal for a in anchors], float).reshape(-1, 3),
+        box_size=np.array(boxes, float),
+        box_mass=np.array([spec.box.mass, *(0.0 for _ in spec.parked)]),
+        box_start=np.array(starts, float),
+        goal=np.array(spec.box.goal, float),
+        arrival_speed=spec.box.arrival_speed,
+        friction=spec.terrain.friction,
+        solids=solids,
+        patches=ground_patches(np.array(free, float), solids),
+        allow=spec.task.allow,
+    )
+
+
+def ground_patches(free: Array, solids: Array) -> tuple[Patch, ...]:
+    """Largest rectangles of ground among those between all face coordinates.
+
+    free: (F, 2, 3); solids: (S, 2, 3) [m].
+    """
+    xs = np.unique(free[:, :, 0])
+    ys = np.unique(free[:, :, 1])
+    patches = []
+    for height in np.unique(free[:, 0, 2]):
+        ground = np.array(
+            [
+                [
+                    _covered((x0 + x1) / 2, (y0 + y1) / 2, height + 1e-4, free)
+                    and _covered((x0 + x1) / 2, (y0 + y1) / 2, height - 1e-4, solids)
+                    for y0, y1 in itertools.pairwise(ys)
+                ]
+                for x0, x1 in itertools.pairwise(xs)
+            ]
+        )
+        found = [
+            (a, b, c, d)
+            for a in range(len(xs) - 1)
+            for b in range(a + 1, len(xs))
+            for c in range(len(ys) - 1)
+            for d in range(c + 1, len(ys))
+            if ground[a:b, c:d].all()
+        ]
+        patches += [
+            Patch(np.array([xs[a], ys[c]]), np.array([xs[b], ys[d]]), float(height))
+            for a, b, c, d in found
+            if not any(
+                o != (a, b, c, d) and o[0] <= a and o[1] >= b and o[2] <= c and o[3] >= d
+                for o in found
+            )
+        ]
+    return tuple(patches)
+
+
+def _covered(x: float, y: float, z: float, blocks: Array) -> bool:
+    point = np.array([x, y, z])
+    return bool(((blocks[:, 0] <= point) & (point <= blocks[:, 1])).all(axis=1).any())

@@ -1,0 +1,49 @@
+"""The lines that a run prints, and the plan's story in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+
+from climbplan.limms.plan import BOX_MODES, LimmsPlan
+
+_FEW_NOTES = 3
+
+
+def summary_lines(plan: LimmsPlan, notes: Sequence[str]) -> tuple[str, ...]:
+    """Head, search, program and motion lines as shown on a terminal."""
+    sizes, times = plan.sizes, plan.timings
+    mass = float(plan.box_mass[0])
+    head = f"{plan.name:<16} {sizes['modules']} modules, box {mass:g} kg, method {plan.method}"
+    tried = f"{sizes['sequences_tried']} of {sizes['sequences']} sequences tried"
+    search = (
+        f"{'modes':<9} {'found':<9} {times['search']:.2f} s   {plan.sequence} "
+        f"({sizes['configurations']} configurations, {tried})"
+    )
+    programs = (
+        f"{'programs':<9} {sizes['programs']} solved  {times['build'] + times['solve']:.2f} s   "
+        f"last one {sizes['variables']} variables, {sizes['constraints']} constraints"
+    )
+    motion = plan.motion
+    speed = float(np.linalg.norm(motion.box_velocity[-1, 0]))
+    moves = ", ".join(f"{BOX_MODES[mode]} {seconds:.2f} s" for mode, seconds in box_story(plan))
+    story = (
+        f"{'motion':<9} {plan.status:<9} {times['total']:.2f} s   box {moves}; "
+        f"ends {1e3 * plan.objective:.2f} mm off its goal at {speed:.2f} m/s"
+    )
+    refused = [f"{'refused':<9} {note}" for note in dict.fromkeys(notes)]
+    if len(refused) > _FEW_NOTES:
+        refused = [*refused[:_FEW_NOTES], f"{'refused':<9} and {len(refused) - _FEW_NOTES} more"]
+    return (head, search, *refused, programs, story)
+
+
+def box_story(plan: LimmsPlan) -> list[tuple[int, float]]:
+    """Modes of the box to deliver, in order, with the time it spends in each [s]."""
+    motion = plan.motion
+    story = []
+    pairs = zip(motion.box_mode[:-1, 0], np.diff(motion.time), strict=True)
+    for mode, group in groupby(pairs, key=lambda pair: int(pair[0])):
+        story.append((mode, float(sum(step for _, step in group))))
+    return [(mode, seconds) for mode, seconds in story if seconds > 0]

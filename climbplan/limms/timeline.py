@@ -1,0 +1,140 @@
+"""A plan as it grows: stretches of time with constant modes, densely sampled, put end to end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from climbplan.limms.chain import Points, Pose, forward
+from climbplan.limms.contact import link_segments
+from climbplan.limms.scene import Array, Index, Scene
+
+STEP = 0.01  # [s] between samples at most
+
+STABLE, FREE, MANIPULATED, QUADRUPED = 1, 2, 3, 4  # of a box
+DRIVES, ARM, ADDED_ARM, LEG, ADDED_LEG = 1, 2, 3, 4, 5  # of a module
+NOWHERE = -1
+MODULE_END = 1000  # anchors from here on are ends of modules: MODULE_END + 2 module + end
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Constant modes over (n,) samples; first and last sample are its ends."""
+
+    name: str
+    time: Array  # (n,) from 0 [s]
+    box: Array  # (n, 3) [m]
+    velocity: Array  # (n, 3) [m/s]
+    acceleration: Array  # (n, 3) [m/s^2]
+    box_mode: int
+    base_position: Array  # (n, L, 3) of first ends [m]
+    base_rotation: Array  # (n, L, 3, 3)
+    angles: Array  # (n, L, 6) [rad]
+    rates: Array  # (n, L, 6) [rad/s]
+    mode: Index  # (L,)
+    base_anchor: Index  # (L,)
+    tip_anchor: Index  # (L,)
+    grounded: Index  # (L,) end that stands on the ground: 0, 1, or -1 none
+    force: Array  # (n, 4, 3) on the box at its anchors [N]
+
+
+@dataclass
+class Progress:
+    """Where everything is now, and what was planned so far."""
+
+    scene: Scene
+    box: Array  # (3,)
+    box_mode: int
+    base_position: Array  # (L, 3)
+    base_rotation: Array  # (L, 3, 3)
+    angles: Array  # (L, 6)
+    mode: Index
+    base_anchor: Index
+    tip_anchor: Index
+    grounded: Index
+    stretches: list[Stretch] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> Progress:
+        """At the start: modules stand upright or are latched to anchors."""
+        count = scene.count
+        held = scene.held >= 0
+        return cls(
+            scene=scene,
+            box=scene.box_start[0].copy(),
+            box_mode=STABLE,
+            base_position=poses[0].copy(),
+            base_rotation=poses[1].copy(),
+            angles=angles.copy(),
+            mode=np.where(held, ARM, DRIVES),
+            base_anchor=scene.held.copy(),
+            tip_anchor=np.full(count, NOWHERE),
+            grounded=np.where(held, NOWHERE, 0),
+        )
+
+    def copy(self) -> Progress:
+        """An independent copy to try something on."""
+        return Progress(
+            self.scene,
+            self.box.copy(),
+            self.box_mode,
+            self.base_position.copy(),
+            self.base_rotation.copy(),
+            self.angles.copy(),
+            self.mode.copy(),
+            self.base_anchor.copy(),
+            self.tip_anchor.copy(),
+            self.grounded.copy(),
+            list(self.stretches),
+        )
+
+    def points(self, module: int) -> Points:
+        """Where a module is now."""
+        base = Pose(self.base_position[module], self.base_rotation[module])
+        return forward(self.scene.module, base, self.angles[module])
+
+    def segments(self, module: int) -> Array:
+        """Its links (4, 2, 3)."""
+        return link_segments(self.points(module), self.scene.module.radius)
+
+    def rest(self, name: str, time: Array) -> dict[str, object]:
+        """The fields of a stretch in which nothing moves."""
+        n = len(time)
+        return {
+            "name": name,
+            "time": time,
+            "box": np.tile(self.box, (n, 1)),
+            "velocity": np.zeros((n, 3)),
+            "acceleration": np.zeros((n, 3)),
+            "box_mode": self.box_mode,
+            "base_position": np.tile(self.base_position, (n, 1, 1)),
+            "base_rotation": np.tile(self.base_rotation, (n, 1, 1, 1)),
+            "angles": np.tile(self.angles, (n, 1, 1)),
+            "rates": np.zeros((n, self.scene.count, 6)),
+            "mode": self.mode.copy(),
+            "base_anchor": self.base_anchor.copy(),
+            "tip_anchor": self.tip_anchor.copy(),
+            "grounded": self.grounded.copy(),
+            "force": np.zeros((n, 4, 3)),
+        }
+
+    def add(self, **fields: object) -> None:
+        """Append a stretch; its last sample is where everything is now."""
+        stretch = Stretch(**fields)  # type: ignore[arg-type]
+        self.stretches.append(stretch)
+        self.box = stretch.box[-1].copy()
+        self.box_mode = stretch.box_mode
+        self.base_position = stretch.base_position[-1].copy()
+        self.base_rotation = stretch.base_rotation[-1].copy()
+        self.angles = stretch.angles[-1].copy()
+
+    @property
+    def duration(self) -> float:
+        """Seconds planned so far."""
+        return float(sum(s.time[-1] for s in self.stretches))
+
+
+def samples(duration: float) -> Array:
+    """Times (n,) from 0 to duration, at most `STEP` apart."""
+    return np.linspace(0.0, duration, max(int(np.ceil(duration / STEP)), 2) + 1)

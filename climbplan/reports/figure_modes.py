@@ -1,0 +1,80 @@
+"""Who is in which mode when: one bar for the box and one for each module."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
+from climbplan.reports import palette
+from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+
+BOX_COLORS = {1: "#C9D2DC", 2: "#56B4E9", 3: "#E69F00", 4: "#009E73"}
+MODULE_COLORS = {1: "#E4E9EF", 2: "#D55E00", 3: "#F0B48A", 4: "#0072B2", 5: "#9CC7E8"}
+
+
+def mode_timeline(plan: LimmsPlan) -> Figure:
+    """Modes and latches over time, and the height of the box."""
+    motion = plan.motion
+    count = len(plan.module_names)
+    figure = new_figure(2.6 + 0.42 * (count + 1), entries=len(BOX_MODES) + len(MODULE_MODES))
+    heading(figure, plain(plan.title or plan.name), plain(plan.sequence))
+    top, below = figure.subplots(2, 1, sharex=True, height_ratios=[0.5 * (count + 1) + 0.3, 1.6])
+    names = ["box", *plan.module_names]
+    for row in range(len(names)):
+        mode = motion.box_mode[:, 0] if row == 0 else motion.mode[:, row - 1]
+        colors = BOX_COLORS if row == 0 else MODULE_COLORS
+        for first, last in _runs(mode):
+            begin, end = motion.time[first], motion.time[last]
+            color = colors.get(int(mode[first]), palette.FAILURE)
+            top.barh(row, end - begin, left=begin, height=0.72, color=color, linewidth=0)
+        if row:
+            _latches(plan, row - 1, row, top)
+
+    top.set_yticks(range(len(names)), [plain(name, 12) for name in names])
+    top.invert_yaxis()
+    panel_title(top, "Modes", "text: the anchors that a module's ends are latched to")
+    style_axes(top)
+    for axis, label in enumerate("xyz"):
+        below.plot(
+            motion.time,
+            motion.box_position[:, 0, axis],
+            label=label,
+            color=palette.LIMBS[axis],
+            linewidth=1.4,
+        )
+        below.axhline(plan.goal[0, axis], color=palette.LIMBS[axis], linewidth=0.7, linestyle=":")
+    below.set_xlabel("time [s]")
+    below.set_ylabel("box [m]")
+    below.legend(frameon=False, fontsize=8, ncols=3, loc="upper left")
+    panel_title(below, "Centre of the box", "dots: goal")
+    style_axes(below)
+    handles = [Patch(color=c) for c in (*BOX_COLORS.values(), *MODULE_COLORS.values())]
+    labels = [*(f"box {n}" for n in BOX_MODES.values()), *MODULE_MODES.values()]
+    foot_legend(figure, handles, labels)
+    return figure
+
+
+def _runs(values: np.ndarray) -> list[tuple[int, int]]:
+    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
+    return [(a, b - 1) for a, b in itertools.pairwise(edges)]
+
+
+def _latches(plan: LimmsPlan, module: int, row: int, ax) -> None:  # type: ignore[no-untyped-def]
+    """Names of the anchors, in the bar."""
+    motion = plan.motion
+    both = motion.base_anchor[:, module] * 100_000 + motion.tip_anchor[:, module]
+    whole = motion.time[-1] - motion.time[0]
+    for first, last in _runs(both):
+        held = [
+            plan.anchor_names[a]
+            for a in (motion.base_anchor[first, module], motion.tip_anchor[first, module])
+            if 0 <= a < len(plan.anchor_names)
+        ]
+        begin, end = motion.time[first], motion.time[last]
+        if held and end - begin > 0.05 * whole:
+            text = plain(" + ".join(held), 28)
+            ax.text((begin + end) / 2, row, text, ha="center", va="center", fontsize=7.5)

@@ -1,0 +1,142 @@
+"""The HTML page of a LIMMS plan: one file with an animated replay that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from climbplan.limms.limits import LIMITS
+from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
+from climbplan.limms.scene import ground_patches
+from climbplan.reports import palette
+from climbplan.reports.page_parts import (
+    PARTS,
+    Card,
+    check_rows,
+    escape,
+    figures,
+    pairs,
+    plain_words,
+    policy,
+    style,
+    verdict,
+)
+from climbplan.reports.replay import key_frames
+from climbplan.spec.kinds import validate
+from climbplan.spec.limms import LimmsSpec
+from climbplan.spec.limms_space import free_blocks
+from climbplan.spec.yaml_source import parse_yaml
+
+_TOLERANCE = 2e-3  # [m] by which the replay may be off between its frames
+
+
+def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """The page as text.
+
+    report: as `report_dict` gives it. images: PNG files by name.
+    """
+    script = PARTS.joinpath("limms.js").read_text(encoding="utf-8")
+    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
+    limits = report["limits"]
+    about = [
+        ("Method", report["method"]),
+        ("Modes", report["sequence"]),
+        ("Created", report["created"]),
+        ("climbplan", report["climbplan_version"]),
+        ("Seed", report["seed"]),
+        ("Spec SHA-256", report["spec_sha256"]),
+    ]
+    template = Template(PARTS.joinpath("limms.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        policy=policy([script]),
+        style=style(),
+        title=escape(report["title"] or report["name"]),
+        name=escape(report["name"]),
+        status=escape(report["status"]),
+        badge="verified" if report["verified"] else "not verified",
+        badge_class="good" if report["verified"] else "bad",
+        cards="".join(card.html() for card in _cards(report)),
+        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
+        figures=figures(images),
+        stages="".join(
+            f"<tr><td>{escape(s['name'])}</td><td>{s['begin']:.2f}</td><td>{s['end']:.2f}</td></tr>"
+            for s in report["stages"]
+        ),
+        loads="".join(
+            f"<tr><td>{escape(m['name'])}</td><td>{m['force']:.1f}</td><td>{m['torque']:.1f}</td></tr>"
+            for m in report["modules"]
+        ),
+        loads_note=escape(
+            f"Largest values from the box's forces alone; limits {limits['force']:.0f} N and "
+            f"{limits['torque']:.0f} N m. Modules have no mass in the plan: held level, straight, "
+            f"one needs {limits['own_weight_torque']:.1f} N m for itself."
+        ),
+        checks=check_rows(report, {name: limit.meaning for name, limit in LIMITS.items()}),
+        verdict=verdict(report),
+        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
+        sizes=pairs((k, plain_words(v)) for k, v in report["sizes"].items()),
+        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
+        about=pairs((k, str(v)) for k, v in about),
+        spec=escape(plan.spec_text),
+        data=_data(plan).replace("<", "\\u003c"),
+        script=script,
+    )
+
+
+def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    box = report["box"]
+    yield Card("Box", f"{box['mass']:g} kg", f"{1e3 * report['objective']:.2f} mm off its goal")
+    yield Card("Motion", f"{report['duration']:.1f} s", f"arrives at {box['final_speed']:.2f} m/s")
+    yield Card("Modes of the box", " → ".join(name for name, _ in box["modes"]))
+    yield Card(
+        "Planned in",
+        f"{report['timings']['total']:.1f} s",
+        f"{report['sizes']['programs']} programs",
+    )
+    force = max(m["force"] for m in report["modules"])
+    yield Card("Largest force", f"{force:.1f} N", f"limit {report['limits']['force']:.0f} N")
+
+
+def _data(plan: LimmsPlan) -> str:
+    """Frames and scene as JSON, rounded to 0.1 mm."""
+    motion = plan.motion
+    count = len(motion.time)
+    values = np.column_stack([motion.box_position[:, 0], motion.joint_position.reshape(count, -1)])
+    forced = np.zeros(count, bool)
+    events = np.flatnonzero(np.diff(motion.time) <= 0)
+    forced[events] = forced[events + 1] = True
+    frames = key_frames(motion.time, values, forced, _TOLERANCE)
+    spec, _ = validate(parse_yaml(plan.spec_text, "spec"), LimmsSpec)
+    regions = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions]) if spec else []
+    free = np.array(regions, float).reshape(-1, 2, 3)
+    ground = ground_patches(free, plan.solids) if len(free) else ()
+    half = plan.box_size / 2
+    everything = np.vstack([motion.joint_position.reshape(-1, 3), plan.goal])
+    data = {
+        "time": motion.time[frames].round(4).tolist(),
+        "box": motion.box_position[frames, 0].round(4).tolist(),
+        "joints": motion.joint_position[frames].round(4).tolist(),
+        "boxMode": motion.box_mode[frames, 0].tolist(),
+        "mode": motion.mode[frames].tolist(),
+        "boxModes": {str(k): v for k, v in BOX_MODES.items()},
+        "modes": {str(k): v for k, v in MODULE_MODES.items()},
+        "names": list(plan.module_names),
+        "colors": [palette.limb_color(m) for m in range(len(plan.module_names))],
+        "radius": plan.module["radius"],
+        "size": plan.box_size[0].tolist(),
+        "goal": plan.goal[0].tolist(),
+        "parked": [
+            [(c - h).tolist(), (c + h).tolist()]
+            for c, h in zip(motion.box_position[0, 1:], half[1:], strict=True)
+        ],
+        "regions": free.tolist(),
+        "ground": [[[*p.lower.tolist(), p.height], [*p.upper.tolist(), p.height]] for p in ground],
+        "stages": [list(stage) for stage in plan.stages],
+        "lower": everything.min(axis=0).tolist(),
+        "upper": everything.max(axis=0).tolist(),
+    }
+    return json.dumps(data, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,116 @@
+"""The report of a LIMMS plan: report.json, figures, and the HTML page with its replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from climbplan.limms.loads import loads_of
+from climbplan.limms.plan import BOX_MODES, LimmsPlan
+from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
+from climbplan.limms.summary import box_story
+from climbplan.limms.verification import verify
+from climbplan.plans.verification import Verification
+from climbplan.reports.figure_modes import mode_timeline
+from climbplan.reports.figure_modules import key_poses
+from climbplan.reports.limms_page import build_page
+from climbplan.reports.report_files import finite, write_files
+from climbplan.reports.sheet import png
+
+UNITS = {
+    "objective": "m",
+    "timings.*": "s",
+    "duration": "s",
+    "box.mass": "kg",
+    "box.goal": "m",
+    "box.final_speed": "m/s",
+    "box.modes.*.1": "s",
+    "stages.*.begin": "s",
+    "stages.*.end": "s",
+    "modules.*.force": "N",
+    "modules.*.torque": "N m",
+    "limits.force": "N",
+    "limits.torque": "N m",
+    "limits.own_weight_torque": "N m",
+}
+
+
+def report_dict(plan_path: Path) -> dict[str, object]:
+    """The report of a plan file as JSON-ready values.
+
+    The root attributes of the file, the verification made anew, timings, sizes, stages, and forces
+    and torques of each module; units are listed under "units". Raises PlanFileError for a damaged
+    file.
+    """
+    return _report(read_limms_plan(plan_path), verify(plan_path))
+
+
+def write_report(
+    plan_path: Path, directory: Path, verification: Verification | None = None
+) -> None:
+    """Write report.json, report.html and figures/*.png of a plan file into a directory.
+
+    verification: of this very file if it was made already. Each file is written aside and renamed.
+    Raises PlanFileError for a damaged plan and UsageError where the directory cannot be written
+    to.
+    """
+    plan = read_limms_plan(plan_path)
+    report = _report(plan, verification or verify(plan_path))
+    images = {name: png(draw(plan)) for name, draw in FIGURES.items()}
+    write_files(directory, report, build_page(plan, report, images), images)
+
+
+FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
+    "modes": mode_timeline,
+    "poses": key_poses,
+}
+
+
+def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
+    loads = loads_of(plan)
+    report = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": plan.title,
+        "method": plan.method,
+        "sequence": plan.sequence,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "seed": plan.seed,
+        "status": plan.status,
+        "verified": verification.passed,
+        "objective": plan.objective,
+        "timings": plan.timings,
+        "solvers": plan.solvers,
+        "sizes": plan.sizes,
+        "verification": [check.as_dict() for check in verification.checks],
+        "warnings": list(plan.warnings),
+        "duration": float(plan.motion.time[-1]),
+        "box": {
+            "mass": float(plan.box_mass[0]),
+            "goal": plan.goal[0].tolist(),
+            "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, 0])),
+            "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan)],
+        },
+        "stages": [{"name": n, "begin": a, "end": b} for n, a, b in plan.stages],
+        "modules": [
+            {"name": name, "force": float(loads.force[m]), "torque": float(loads.torque[m])}
+            for m, name in enumerate(plan.module_names)
+        ],
+        "limits": {
+            "force": plan.module["max_force"],
+            "torque": loads.limit,
+            "own_weight_torque": loads.own_weight,
+        },
+        "figures": [f"figures/{name}.png" for name in FIGURES],
+        "units": UNITS,
+    }
+    whole: dict[str, Any] = finite(report)
+    return whole

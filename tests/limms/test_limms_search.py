@@ -1,0 +1,44 @@
+"""Mode sequences: what is listed, what is ruled out and why."""
+
+from __future__ import annotations
+
+import pytest
+from limms_scenes import loaded, scene
+
+from climbplan.errors import Infeasible
+from climbplan.limms.planner import plan_limms
+from climbplan.limms.sequences import search
+
+
+def test_light_box_takes_two_arms_first() -> None:
+    found = search(scene("limms_lift_light"))
+    assert found.sequences[0].kind == "arms"
+    assert found.sequences[0].modules == 2  # one latch does not hold the moment
+    assert found.configurations == 2 * 4 + 4 * 3 + 1
+
+
+def test_weak_latch_is_what_asks_for_two() -> None:
+    alone = search(scene("limms_lift_light", "box.mass=0.4"))
+    assert alone.sequences[0].modules == 1
+
+
+def test_heavy_box_is_too_much_for_arms() -> None:
+    found = search(scene("limms_lift_light", "box.mass=7"))
+    assert [s.kind for s in found.sequences] == ["quadruped"]
+    assert "28.7 N short" in str(found.conflicts[0])
+
+
+def test_arms_forced_on_a_heavy_box_are_proved_infeasible() -> None:
+    forced = loaded("limms_lift_light", "box.mass=7", "task.allow=[arms]")
+    with pytest.raises(Infeasible, match=r"28\.7 N short"):
+        plan_limms(forced)
+
+
+def test_too_heavy_for_anything() -> None:
+    with pytest.raises(Infeasible, match="4 legs push"):
+        plan_limms(loaded("limms_lift_light", "box.mass=9"))
+
+
+def test_throw_needs_an_arrival_speed() -> None:
+    with pytest.raises(Infeasible, match="reach"):
+        plan_limms(loaded("limms_throw", "box.arrival_speed=0"))

@@ -59,6 +59,6 @@ def test_unknown_benchmarks_are_refused() -> None:
 def test_coupled_stages_are_faster_than_a_modelling_layer_and_agree() -> None:
     text = table("coupled")
     costs = [float(c) for c in re.findall(r"\d+\.\d +\d+\.\d +(0\.\d+)$", text, re.MULTILINE)]
-    assert len(costs) == 3
+    assert len(costs) == 4
     assert max(costs) - min(costs) <= 2e-5
-    assert re.search(r"^coupled +\d of 4", text, re.MULTILINE)
+    assert re.search(r"^coupled +\d of 2", text, re.MULTILINE)

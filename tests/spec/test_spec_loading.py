@@ -141,7 +141,7 @@ def test_one_mistake_does_not_hide_another(tmp_path: Path, small_climb: str) -> 
             "kind: climb",
             "kind: [climb]",
             2,
-            "`bookshelf`, `envelopes`, `program`, `dataset`, `strategy`, `robot`",
+            "`program`, `dataset`, `strategy`, `limms`, `robot`, `module`",
         ),
         ("kind: climb\n", "", 2, "kind: missing, expected `kind: climb`"),
         ("name: ledge", "name: left", 12, "names must differ, 'left' is also a wall"),

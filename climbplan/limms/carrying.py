@@ -26,7 +26,7 @@ from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Connection
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import Progress, Stretch
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused
 
@@ -157,7 +157,8 @@ def _whole(
     for stretch in world.stretches[before:]:
         if stretch.name == "flight":
             continue
-        require_clear(scene, limbs, stretch.box, _others(stretch, limbs), _angles(stretch, limbs))
+        ends, angles = _fixed_ends(stretch, limbs), _angles(stretch, limbs)
+        require_clear(scene, limbs, stretch.box, ends, angles)
     return world
 
 
@@ -170,11 +171,13 @@ def require_clear(
         raise Blocked(f"limbs reach {-1e3 * worst:.1f} mm into something on the way")
 
 
-def _others(stretch, limbs: Sequence[Limb]) -> Array:  # type: ignore[no-untyped-def]
+def _fixed_ends(stretch: Stretch, limbs: Sequence[Limb]) -> Array:
+    """Where limbs are held (n, L, 3) [m], world."""
     fixed = [np.tile(limb.fixed_position, (len(stretch.time), 1)) for limb in limbs]
     return np.stack(fixed, axis=1)
 
 
-def _angles(stretch, limbs: Sequence[Limb]) -> Array:  # type: ignore[no-untyped-def]
+def _angles(stretch: Stretch, limbs: Sequence[Limb]) -> Array:
+    """Joint angles of limbs (n, L, 6) [rad]."""
     found: Array = stretch.angles[:, [limb.module for limb in limbs]]
     return found

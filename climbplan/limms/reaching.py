@@ -7,6 +7,7 @@ free, else found by random trees; the last centimetres to an anchor run along it
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link
 from climbplan.limms.rrt import connect
 from climbplan.limms.scene import Array
 from climbplan.limms.timeline import Progress, samples
+from climbplan.spec.limms_module import ModuleSpec
 
 MARGIN = 0.004  # [m] kept on the way
 LENGTHS = (0.08, 0.05, 0.03, 0.015)  # [m] of the straight way along the normal of an anchor
@@ -83,7 +85,11 @@ def _smooth(corners: Array, most: float) -> tuple[Array, Array, Array]:
     return np.concatenate(times), np.concatenate(values), np.concatenate(rates)
 
 
-def _free_of(world: Progress, module: int, root: Pose, root_end: int, margin: float):  # type: ignore[no-untyped-def]
+def _free_of(
+    world: Progress, module: int, root: Pose, root_end: int, margin: float
+) -> Callable[[Array], NDArray[np.bool_]]:
+    """Which joint angles (n, 6) [rad] are in range and `margin` [m] off everything."""
+
     def free(angles: Array) -> NDArray[np.bool_]:
         ok = in_range(world.scene.module, angles, 1e-3) <= 0
         if ok.any():
@@ -263,7 +269,7 @@ def follow(world: Progress, module: int, root: Pose, root_end: int, path: Array,
     add_motion(world, module, rooted(world, root, root_end, angles), t, angles, rates, name)
 
 
-def closest_branch(module, first: Pose, last: Pose, begin: Array, end: Array) -> Array:  # type: ignore[no-untyped-def]
+def closest_branch(module: ModuleSpec, first: Pose, last: Pose, begin: Array, end: Array) -> Array:
     """Angles (n, 6) of the branch that runs nearest from `begin` to `end`."""
     best, error = None, np.inf
     for branch in BRANCHES:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -63,7 +64,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     return [(a, b - 1) for a, b in itertools.pairwise(edges)]
 
 
-def _latches(plan: LimmsPlan, module: int, row: int, ax) -> None:  # type: ignore[no-untyped-def]
+def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes) -> None:
     """Names of the anchors, in the bar."""
     motion = plan.motion
     both = motion.base_anchor[:, module] * 100_000 + motion.tip_anchor[:, module]

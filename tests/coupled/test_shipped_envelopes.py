@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.coupled.shipped import PREFERRED, SHIPPED, shipped_envelopes
+from climbplan.coupled.shipped import SHIPPED, shipped_envelopes
 from climbplan.errors import UsageError
 from climbplan.spec.envelopes_loading import load_envelopes
 
@@ -36,7 +36,7 @@ def test_shipped_envelopes_reach_what_is_asked(name: str) -> None:
     assert row["feasible"] >= ASKED[name][0]
     assert row["infeasible"] >= ASKED[name][1]
     assert row["feasible"] - row["nlp"] <= 0.01
-    best = stored.validation[PREFERRED]
+    best = stored.validation["genetic"]
     assert best["feasible"] * best["infeasible"] >= row["feasible"] * row["infeasible"]
     for table in stored.conditions.values():
         assert set(table) == {"meets", "excludes", "projects"}

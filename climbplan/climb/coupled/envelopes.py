@@ -8,7 +8,6 @@ forces that balance are means of balances of n, so the box of forces shrinks by 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,12 @@ from climbplan.climb.coupled.statement import force_range
 from climbplan.climb.scene import ClimbScene
 from climbplan.coupled.envelope_file import StoredEnvelopes, read_envelopes
 from climbplan.coupled.legs import POSITION_SCALE
+from climbplan.coupled.shipped import PREFERENCE, SHIPPED, shipped_envelopes
 from climbplan.errors import UsageError
 from climbplan.learning.envelope_box import Envelope
 from climbplan.robots.model import Robot
 
-SHIPPED = ("ground3", "wall3", "wall5")
 EXPERT = "expert"
-_SHIPPED_FOLDER = files("climbplan.coupled").joinpath("envelopes")
-# Of the fits in a file, the first there is: clustering meets more terrains, which planning needs
-_PREFERENCE = ("clustering", "genetic", "heuristic")
 _TILT = float(np.cos(np.deg2rad(30.0)))  # of normals from the nominal one, as in the training
 
 _TOE = 0.35  # [m] a toe's range about its stance along each axis, of the expert
@@ -59,19 +55,13 @@ def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
         return NamedEnvelope(name, "expert", braced_envelope(scene))
     shipped, _, wanted = name.partition(":")
     if shipped in SHIPPED:
-        with as_file(_SHIPPED_FOLDER.joinpath(f"{shipped}.h5")) as path:
-            if not path.is_file():
-                raise UsageError(
-                    f"envelope {name!r} does not ship with this version: fit it with "
-                    f"`climbplan fit-envelopes`, and name the file, or take {EXPERT!r}"
-                )
-            stored = read_envelopes(path)
+        stored = shipped_envelopes(shipped)
     elif Path(name).is_file():
         stored, wanted = read_envelopes(Path(name)), ""
     else:
         known = ", ".join((*SHIPPED, EXPERT))
         raise UsageError(f"unknown envelope {name!r}: expected one of {known}, or a file")
-    asked = (wanted,) if wanted else _PREFERENCE
+    asked = (wanted,) if wanted else PREFERENCE
     method = next((m for m in asked if m in stored.envelopes), None)
     if method is None:
         there = ", ".join(stored.envelopes) or "none"

@@ -1,0 +1,226 @@
+"""The mixed-integer block: logic, regions and box dynamics, eq. (6.12a) with an L1 consensus.
+
+Built once; targets, weights and bounds are changed in place. The L1 norm keeps it linear.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import highspy
+import numpy as np
+
+from climbplan.limms.consensus.box_rows import add_box
+from climbplan.limms.consensus.columns import Columns, columns_of
+from climbplan.limms.consensus.logic_rows import add_logic
+from climbplan.limms.consensus.module_rows import add_modules
+from climbplan.limms.consensus.rows import Table
+from climbplan.limms.consensus.setting import Setting
+from climbplan.limms.scene import Array, Index
+from climbplan.solvers.highs_model import highs, linear_model
+
+GOAL = 100.0  # [1/m] cost of what is missing to the goal
+WAY = 0.1  # [1/m] of ways of modules
+LATCH = 0.02  # of a latched module in an interval
+MOVES = 0.01  # of an interval in which the box is not at rest
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Positions as one block has them: box (K + 1, 3) and modules (K + 1, L, 5, 3) [m]."""
+
+    box: Array
+    points: Array
+
+    def moved(self, other: Copy, factor: float) -> Copy:
+        """This plus a factor times the other."""
+        return Copy(self.box + factor * other.box, self.points + factor * other.points)
+
+    def scaled(self, factor: float) -> Copy:
+        """All of it times a factor."""
+        return Copy(self.box * factor, self.points * factor)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The integers, by what they mean; as in `Columns`."""
+
+    box: Index  # (K,) mode of the box
+    drives: Index  # (L, K)
+    leg: Index  # (L, K)
+    hold: Index  # (L, K) side of the box that an arm holds, -1 none
+    mount: Index  # (L, K) side of the box that a leg carries
+    wall: Index  # (L, K) anchor of the terrain
+    parent: Index  # (L, K) module that an added arm is on
+    ground: Index  # (L, K) patch that the first end stands on
+    region: Index  # (K + 1, L, 4) free block of each link
+
+
+@dataclass(frozen=True)
+class Found:
+    """An answer of the block."""
+
+    status: str  # "optimal", "limit" or "infeasible"
+    copy: Copy | None
+    modes: Modes | None
+    velocity: Array | None  # (K + 1, 3) of the box [m/s]
+    missed: float  # [m] of the goal
+    seconds: float
+    x: Array | None
+
+
+class MixedInteger:
+    """The block of one setting, held by HiGHS."""
+
+    def __init__(self, setting: Setting) -> None:
+        began = time.perf_counter()
+        self.setting = setting
+        table = Table()
+        self.columns: Columns = columns_of(setting, table)
+        add_logic(setting, table, self.columns)
+        add_box(setting, table, self.columns)
+        add_modules(setting, table, self.columns)
+        self._costs(table)
+        self._pulled = np.concatenate(
+            [self.columns.position.ravel(), self.columns.points.ravel()]
+        )
+        self._away = table.columns((len(self._pulled),), 0.0, np.inf)
+        # away >= x - target and away >= target - x
+        pairs = list(zip(self._pulled, self._away, strict=True))
+        self._first_row = len(table.row_lower)
+        for x, away in pairs:
+            table.row([(away, 1), (x, -1)], -np.inf, np.inf)
+        for x, away in pairs:
+            table.row([(away, 1), (x, 1)], -np.inf, np.inf)
+        self._cost, self._lower, self._upper = table.numbers()
+        self._binary = np.flatnonzero(table.binary).astype(np.int32)
+        lp = linear_model(
+            self._cost,
+            0.0,
+            self._lower,
+            self._upper,
+            table.binary,
+            table.matrix(),
+            np.array(table.row_lower),
+            np.array(table.row_upper),
+        )
+        self._solver: Any = highs(gap=1e-3)
+        # Tight tolerances are for proofs; the next consensus moves this answer anyway
+        self._solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
+        self._solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
+        self._solver.passModel(lp)
+        self._frozen = False
+        self.build_seconds = time.perf_counter() - began
+        self.variables = len(self._cost)
+        self.binaries = int((self._upper > self._lower)[self._binary].sum())
+        self.constraints = len(table.row_lower)
+
+    def pull(self, target: Copy, box_weight: float, point_weight: float) -> None:
+        """Set the consensus term: weight |x - target| for every coordinate."""
+        values = np.concatenate([target.box.ravel(), target.points.ravel()])
+        boxes = target.box.size
+        weight = np.where(np.arange(len(values)) < boxes, box_weight, point_weight)
+        count = len(values)
+        self._solver.changeColsCost(count, self._away.astype(np.int32), weight)
+        for i, value in enumerate(values):
+            self._solver.changeRowBounds(self._first_row + i, -value, np.inf)
+            self._solver.changeRowBounds(self._first_row + count + i, value, np.inf)
+
+    def freeze(self, x: Array) -> None:
+        """Keep the integers of an answer; what is left is a linear program."""
+        values = np.round(x[self._binary])
+        count = len(values)
+        kinds = [highspy.HighsVarType.kContinuous] * count
+        self._solver.changeColsIntegrality(count, self._binary, kinds)
+        self._solver.changeColsBounds(count, self._binary, values, values)
+        self._frozen = True
+
+    def release(self) -> None:
+        """Let the integers go again."""
+        count = len(self._binary)
+        kinds = [highspy.HighsVarType.kInteger] * count
+        self._solver.changeColsIntegrality(count, self._binary, kinds)
+        self._solver.changeColsBounds(
+            count, self._binary, self._lower[self._binary], self._upper[self._binary]
+        )
+        self._frozen = False
+
+    def forbid(self, ones: Index, zeros: Index) -> None:
+        """Cut off that all of some binaries are 1 while others are 0 at the same time."""
+        columns = np.concatenate([ones, zeros]).astype(np.int32)
+        values = np.concatenate([np.ones(len(ones)), -np.ones(len(zeros))])
+        self._solver.addRow(-np.inf, float(len(ones) - 1), len(columns), columns, values)
+
+    def solve(self, seconds: float, start: Array | None = None) -> Found:
+        """The block's best point within a time limit; `start`: a point to begin from."""
+        began = time.perf_counter()
+        self._solver.setOptionValue(
+            "time_limit", float(self._solver.getRunTime() + max(seconds, 0.1))
+        )
+        if start is not None and not self._frozen:
+            solution = highspy.HighsSolution()
+            solution.col_value = list(start)
+            self._solver.setSolution(solution)
+        self._solver.run()
+        status = self._solver.getModelStatus()
+        solution = self._solver.getSolution()
+        info = self._solver.getInfo()
+        has_point = info.primal_solution_status == 2
+        spent = time.perf_counter() - began
+        if not has_point:
+            infeasible = status == highspy.HighsModelStatus.kInfeasible
+            word = "infeasible" if infeasible else "limit"
+            return Found(word, None, None, None, np.inf, spent, None)
+        x = np.array(solution.col_value)
+        word = "optimal" if status == highspy.HighsModelStatus.kOptimal else "limit"
+        c = self.columns
+        copy = Copy(x[c.position], x[c.points])
+        return Found(
+            word,
+            copy,
+            modes_of(self.setting, c, x),
+            x[c.velocity],
+            float(np.linalg.norm(copy.box[-1] - self.setting.scene.goal)),
+            spent,
+            x,
+        )
+
+    def _costs(self, table: Table) -> None:
+        c = self.columns
+        for columns, cost in (
+            (c.missed, GOAL),
+            (c.moved, WAY),
+            (c.arm, LATCH),
+            (c.added, LATCH),
+            (c.leg, LATCH),
+            (c.box[1:], MOVES),
+        ):
+            for column in np.ravel(columns):
+                table.cost[column] = cost
+
+
+def modes_of(setting: Setting, c: Columns, x: Array) -> Modes:
+    """What the integers of a point mean."""
+
+    def chosen(columns: Index) -> Index:
+        values = np.round(x[columns]).astype(int)
+        if not len(values):
+            return np.full(values.shape[1:], -1)
+        return np.where(values.any(axis=0), values.argmax(axis=0), -1)
+
+    region = chosen(c.region)  # (4, L, K + 1)
+    return Modes(
+        box=chosen(c.box),
+        drives=np.round(x[c.drives]).astype(int),
+        leg=np.round(x[c.leg]).astype(int),
+        hold=chosen(c.hold),
+        mount=chosen(c.mount),
+        wall=chosen(c.wall),
+        parent=chosen(c.carry),
+        ground=chosen(c.ground),
+        region=np.maximum(np.moveaxis(region, 2, 0).swapaxes(1, 2), 0),
+    )
+
+

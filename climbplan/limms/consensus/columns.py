@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import POINTS, Setting
-from climbplan.limms.scene import Index
+from climbplan.limms.scene import Array, Index, Scene
 
 FASTEST = 6.0  # [m/s] of the box
 
@@ -113,3 +115,35 @@ def _fix(setting: Setting, table: Table, columns: Columns) -> None:
         else:
             table.bound(columns.drives[module, 0], 1.0, 1.0)
     table.bound(columns.box[0, 0], 1.0, 1.0)
+    _share_out(scene, columns, never)
+
+
+def _share_out(scene: Scene, columns: Columns, never: Callable[[Index], None]) -> None:
+    """Who may take which anchor and which side as a leg: modules are alike, least ways decide.
+
+    Without it the search goes through permutations of the same plan.
+    """
+    modules = np.flatnonzero(scene.held < 0)
+    if not len(modules):
+        return
+    walls = [w for w in range(scene.walls) if w + scene.wall_offset not in scene.held]
+    places = scene.wall_position[walls]
+    _keep_nearest(scene, columns.wall[walls], modules, places, never)
+    for module in modules:
+        for wall in set(range(scene.walls)) - set(walls):
+            never(columns.wall[wall, module])
+    sides = np.array([scene.box_start[0] + 3 * scene.side_offset(0, s) for s in range(4)])
+    _keep_nearest(scene, columns.mount, modules, sides, never)
+
+
+def _keep_nearest(
+    scene: Scene, numbers: Index, modules: Index, places: Array, never: Callable[[Index], None]
+) -> None:
+    """Leave each place to one module (places, L, K): least ways together."""
+    away = np.linalg.norm(places[:, None] - scene.stand[modules], axis=-1)
+    rows, columns = linear_sum_assignment(away)
+    owner = dict(zip(rows.tolist(), modules[columns].tolist(), strict=True))
+    for place in range(len(places)):
+        for module in range(scene.count):
+            if owner.get(place) != module and module in modules:
+                never(numbers[place, module])

@@ -56,8 +56,10 @@ def _interval(setting: Setting, table: Table, c: Columns, k: int) -> None:
         stands: list[Term] = [(c.ground[p, m, k], 1) for p in range(len(setting.scene.patches))]
         table.at_most([*stands, (c.drives[m, k], -1), (c.leg[m, k], -1)])
         table.at_most([(c.drives[m, k], 1), *((column, -v) for column, v in stands)])
-        # In the air no foot stands
+        # In the air no foot stands; else all do, so that the support polygon is that of four
         table.at_most([*stands, (c.box[LEAPS, k], 1), (c.drives[m, k], -1)], 1.0)
+        feet: list[Term] = [(column, -v) for column, v in stands]
+        table.at_most([(c.leg[m, k], 1), (c.box[LEAPS, k], -1), *feet])
     for w in range(W):
         table.at_most([(c.wall[w, m, k], 1) for m in modules], 1.0)
 

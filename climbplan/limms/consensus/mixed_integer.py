@@ -24,7 +24,7 @@ from climbplan.solvers.highs_model import highs, linear_model
 GOAL = 100.0  # [1/m] cost of what is missing to the goal
 WAY = 0.1  # [1/m] of ways of modules
 LATCH = 0.02  # of a latched module in an interval
-MOVES = 0.01  # of an interval in which the box is not at rest
+RESTS = 0.1  # of an interval in which the box has not been picked up
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,8 @@ class MixedInteger:
         self._solver.changeColsIntegrality(count, self._binary, kinds)
         self._solver.changeColsBounds(count, self._binary, values, values)
         self._frozen = True
+        for column in self.columns.missed:  # the goal stays reached
+            self._solver.changeColBounds(int(column), 0.0, float(x[column]) + 1e-6)
 
     def release(self) -> None:
         """Let the integers go again."""
@@ -146,6 +148,8 @@ class MixedInteger:
             count, self._binary, self._lower[self._binary], self._upper[self._binary]
         )
         self._frozen = False
+        for column in self.columns.missed:
+            self._solver.changeColBounds(int(column), 0.0, np.inf)
 
     def forbid(self, ones: Index, zeros: Index) -> None:
         """Cut off that all of some binaries are 1 while others are 0 at the same time."""
@@ -195,7 +199,7 @@ class MixedInteger:
             (c.arm, LATCH),
             (c.added, LATCH),
             (c.leg, LATCH),
-            (c.box[1:], MOVES),
+            (c.box[:1], RESTS),
         ):
             for column in np.ravel(columns):
                 table.cost[column] = cost

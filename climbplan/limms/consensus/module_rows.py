@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.consensus.columns import Columns
+from climbplan.limms.consensus.columns import FASTEST, Columns
 from climbplan.limms.consensus.rows import Table, Term
-from climbplan.limms.consensus.setting import LEVER, POINTS, SECONDS, Setting, start_points
+from climbplan.limms.consensus.setting import (
+    LEAPS,
+    LEVER,
+    POINTS,
+    SECONDS,
+    Setting,
+    start_points,
+)
 from climbplan.limms.scene import SIDE_NORMALS, Array, Index
 
 MARGIN = 0.05  # [m] of what stands from edges of the ground
 AHEAD = 0.02  # [m] of a foot from its face of the box
 _DIAGONALS = ((1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1))
+_OCTAGON = float(np.cos(np.pi / 8))  # of a speed limit, which is a circle
 _NEAR = {0: (0, 1), 1: (4, 3)}  # end -> its point, and the other point of its link
 
 
@@ -64,6 +72,25 @@ def _at(
         table.within(terms, big, [(b, -1.0) for b in chosen], big)
 
 
+def _bent(
+    setting: Setting, table: Table, points: Index, end: int, outward: Array, chosen: int
+) -> None:
+    """The link next to a latched one no further back than its joint turns (points: (5, 3)).
+
+    outward: direction of the latched link away from its latch, constant while `chosen` is 1.
+    """
+    joint, length = (1, setting.links[1]) if end == 0 else (4, setting.links[2])
+    least = float(np.cos(min(setting.scene.module.joint_range[joint], np.pi))) * length
+    one, two = (1, 2) if end == 0 else (3, 2)
+    terms: list[Term] = [
+        term
+        for axis in np.flatnonzero(outward)
+        for term in ((points[two, axis], outward[axis]), (points[one, axis], -outward[axis]))
+    ]
+    slack = least + length
+    table.row([*terms, (chosen, -slack)], least - slack, np.inf)
+
+
 def _wall_latch(setting: Setting, table: Table, c: Columns, m: int, k: int, knot: int) -> None:
     scene, end = setting.scene, int(setting.wall_end[m])
     if not scene.walls:
@@ -74,6 +101,8 @@ def _wall_latch(setting: Setting, table: Table, c: Columns, m: int, k: int, knot
     _at(setting, table, c.points[knot, m, own], scene.wall_position, chosen)
     inner = scene.wall_position + length * scene.wall_normal
     _at(setting, table, c.points[knot, m, next_to], inner, chosen)
+    for normal, column in zip(scene.wall_normal, chosen, strict=True):
+        _bent(setting, table, c.points[knot, m], end, normal, column)
 
 
 def _box_latch(
@@ -87,6 +116,8 @@ def _box_latch(
     moving = c.position[knot]
     _at(setting, table, c.points[knot, m, own], offsets, chosen, moving)
     _at(setting, table, c.points[knot, m, next_to], offsets + length * SIDE_NORMALS, chosen, moving)
+    for normal, column in zip(SIDE_NORMALS, chosen, strict=True):
+        _bent(setting, table, c.points[knot, m], end, normal, column)
     if leg:  # each foot on its own side of the box, for the support polygon
         big = _reach(setting)
         for side in range(4):
@@ -136,6 +167,9 @@ def _standing(setting: Setting, table: Table, c: Columns, m: int, k: int, knot: 
         rise = setting.links[0] if axis == 2 else 0.0
         both = [*terms, *((column, v * rise) for column, v in upright)]
         table.within(both, big, upright, big)
+    up = np.array([0.0, 0.0, 1.0])
+    for column, _ in upright:
+        _bent(setting, table, c.points[knot, m], 0, up, column)
     here = c.ground[:, m, k]
     for axis in range(3):
         lows = [p.height if axis == 2 else p.lower[axis] + MARGIN for p in scene.patches]
@@ -156,27 +190,36 @@ def _standing(setting: Setting, table: Table, c: Columns, m: int, k: int, knot: 
 def _speeds(setting: Setting, table: Table, c: Columns, m: int, k: int) -> None:
     """Eq. (6.9); feet stand still; the other points no faster than joints move them."""
     module, big = setting.scene.module, _reach(setting)
-    lasts: list[Term] = [(column, -h) for column, h in zip(c.box[:, k], SECONDS, strict=True)]
-    fast, slow = LEVER * module.max_joint_speed, module.ground_speed / 2**0.5
+    lasts: list[Term] = list(zip(c.box[:, k], SECONDS, strict=True))
+    fast, slow = LEVER * module.max_joint_speed, _OCTAGON * module.ground_speed
     moved = c.moved[m, k]
-    table.at_most([(moved, 1), *((column, fast * h) for column, h in lasts)])
+    # In a leap everything flies with the box
+    flies = (c.box[LEAPS, k], -(FASTEST - fast) * SECONDS[LEAPS])
+    table.at_most([(moved, 1), *((column, -fast * h) for column, h in lasts), flies])
+    steps: list[list[Term]] = []
     for point in range(POINTS):
         for axis in range(3):
-            step: list[Term] = [
-                (c.points[k + 1, m, point, axis], 1),
-                (c.points[k, m, point, axis], -1),
-            ]
+            ends = c.points[k + 1, m, point, axis], c.points[k, m, point, axis]
+            step: list[Term] = [(ends[0], 1), (ends[1], -1)]
             table.at_most([*step, (moved, -1)])
-            table.at_most([*((column, -v) for column, v in step), (moved, -1)])
-            if point or axis == 2:
-                continue
-            drives = [(c.drives[m, k], big), *((column, slow * h) for column, h in lasts)]
-            table.at_most([*step, *drives], big)
-            table.at_most([*((column, -v) for column, v in step), *drives], big)
-            still: list[Term] = [(column, big) for column in c.ground[:, m, k]]
-            still.append((c.drives[m, k], -big))
-            table.at_most([*step, *still], big)
-            table.at_most([*((column, -v) for column, v in step), *still], big)
+            table.at_most([*_minus(step), (moved, -1)])
+            if not point:
+                steps.append(step)
+    drives: list[Term] = [(c.drives[m, k], big), *((column, -slow * h) for column, h in lasts)]
+    for along, across in ((1.0, 0.0), (0.0, 1.0), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5))):
+        way = [(column, along * v) for column, v in steps[0]]
+        way += [(column, across * v) for column, v in steps[1]]
+        table.at_most([*way, *drives], big)
+        table.at_most([*_minus(way), *drives], big)
+    still: list[Term] = [(column, big) for column in c.ground[:, m, k]]
+    still.append((c.drives[m, k], -big))
+    for step in steps[:2]:
+        table.at_most([*step, *still], big)
+        table.at_most([*_minus(step), *still], big)
+
+
+def _minus(terms: list[Term]) -> list[Term]:
+    return [(column, -value) for column, value in terms]
 
 
 def _links(setting: Setting, table: Table, c: Columns, m: int, knot: int) -> None:

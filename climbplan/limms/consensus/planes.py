@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from climbplan.limms.chain import Points
-from climbplan.limms.consensus.knot_modes import Hands
+from climbplan.limms.consensus.knot_modes import ON_BOX, Hands
 from climbplan.limms.consensus.knot_program import Plane
 from climbplan.limms.consensus.setting import POINTS, Setting
 from climbplan.limms.contact import gap_to_blocks, link_segments
@@ -40,7 +40,7 @@ def planes_at(
     segments = [link_segments(points, radius) for points in poses]
     found: list[tuple[float, Plane]] = []
     for m, own in enumerate(segments):
-        found += _from_blocks(setting, own, box, m, near)
+        found += _from_blocks(setting, hands[m], own, box, m, near)
         pairs = [(m, i, m, j) for i, j in _OWN_PAIRS]
         for a, i, b, j in pairs:
             found += _between(setting, segments[a][i], segments[b][j], (a, i), (b, j), near)
@@ -65,11 +65,13 @@ def _row(setting: Setting) -> Array:
 
 
 def _from_blocks(
-    setting: Setting, segments: Array, box: Array, m: int, near: float
+    setting: Setting, hands: Hands, segments: Array, box: Array, m: int, near: float
 ) -> list[tuple[float, Plane]]:
     """Links beyond the face of the box, or of a parked one, that they are nearest to leave by."""
     scene, radius = setting.scene, setting.scene.module.radius
     found = []
+    # A latched end touches; its link goes straight away from there
+    latched = {(0, POINTS - 1)[i] for i in (0, 1) if hands.ends[i].kind == ON_BOX}
     centres = np.vstack([box[None], scene.box_start[1:]])
     for b, (centre, size) in enumerate(zip(centres, scene.box_size, strict=True)):
         gaps = gap_to_blocks(
@@ -83,8 +85,8 @@ def _from_blocks(
             normal = _NORMALS[face]
             offset = float(size[face % 3] / 2 + radius + SLACK)
             for point in (i, i + 1):
-                if point in (0, POINTS - 1):
-                    continue  # a latched end touches; its link goes straight away from there
+                if b == 0 and point in latched:
+                    continue
                 row = _row(setting)
                 row[15 * m + 3 * point : 15 * m + 3 * point + 3] = normal
                 value = offset

@@ -41,6 +41,8 @@ class Columns:
     push: Index  # (L, K, 3) of feet
     points: Index  # (K + 1, L, 5, 3) p_L
     moved: Index  # (L, K) largest way of a point of a module
+    takes_off: Index  # (K - 1,) whether a leap begins
+    ever: Index  # (4, L) whether a side is ever held by an arm
     missed: Index  # (3,) distance of the box from its goal at the end
 
 
@@ -74,6 +76,8 @@ def columns_of(setting: Setting, table: Table) -> Columns:
         push=table.columns((L, K, 3), -most, most),
         points=table.columns((K + 1, L, POINTS, 3), 0.0, 0.0),
         moved=table.columns((L, K), 0.0, 10.0),
+        takes_off=table.columns((K - 1,), 0.0, 1.0),
+        ever=table.columns((4, L), 0.0, 1.0),
         missed=table.columns((3,), 0.0, 100.0),
     )
     inner_low, inner_high = setting.centres[:, 0].min(axis=0), setting.centres[:, 1].max(axis=0)

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.limms.consensus.mixed_integer import Copy, Found, MixedInteger, Modes
-from climbplan.limms.consensus.nonlinear import Bent, Nonlinear
-from climbplan.limms.consensus.setting import POINTS, Setting, chain_points
+from climbplan.limms.consensus.nonlinear import Nonlinear
+from climbplan.limms.consensus.setting import Setting, chain_points
 from climbplan.limms.scene import Array
 
 GOOD = (0.01, 0.01, 0.1)  # [m], [m], [rad] mean residuals to reach
 NEAR_GOAL = 1e-3  # [m] an incumbent worth keeping the integers of
 LATCHED = 1e-4  # [m] by which latches of an iterate may be off
+FREE_SECONDS = 10.0  # [s] of a mixed-integer block with free integers beside a consensus
+LINEAR_SECONDS = 20.0  # [s] of one with frozen integers
 _FRAMES = np.array([0, 0, 1, 2, 2, 3, 3, 3])  # straight link along the z axis of each frame
 
 
@@ -87,3 +89,97 @@ def _axes(setting: Setting, copy: Copy) -> Array:
     return found
 
 
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Of Algorithm 3, as the spec gives them."""
+
+    iterations: int
+    growth: float  # rho
+    weight: float  # W^0 of both blocks
+    freeze_after: int  # iterations with free integers
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How the iterations from one choice of integers went."""
+
+    steps: tuple[Step, ...]
+    best: Iterate
+
+
+def agree(
+    block: MixedInteger,
+    nonlinear: Nonlinear,
+    first: Found,
+    parameters: Parameters,
+    deadline: float,
+    report: Callable[[float], None] = lambda share: None,
+) -> Agreement | None:
+    """Algorithm 3 from a first answer of the mixed-integer block; None without time for a step.
+
+    The integers are frozen after `freeze_after` iterations, if the block reaches the goal with
+    them: a poor incumbent would be polished far from it. Ends early where the blocks agree to a
+    tenth of what is asked for.
+    """
+    setting = block.setting
+    weight, found = parameters.weight, first
+    assert first.copy is not None
+    dual = first.copy.scaled(0.0)
+    steps: list[Step] = []
+    best: Iterate | None = None
+    frozen = False
+    for number in range(parameters.iterations):
+        assert found.copy is not None
+        assert found.modes is not None
+        assert found.velocity is not None
+        bent = nonlinear.solve(found.copy.moved(dual, 1.0), found.modes, deadline)
+        if not np.isfinite(bent.violation):
+            break  # the time limit fell into it
+        residual = residual_of(setting, found.copy, bent.copy)
+        steps.append(
+            Step(
+                residual,
+                bent.violation,
+                bent.penetration,
+                found.missed,
+                found.seconds,
+                bent.seconds,
+                frozen,
+            )
+        )
+        iterate = Iterate(
+            len(steps),
+            found.modes,
+            bent.copy,
+            bent.angles,
+            found.velocity,
+            residual,
+            max(bent.violation, bent.penetration),
+        )
+        if best is None or iterate.rank() < best.rank():
+            best = iterate
+        report((number + 1) / parameters.iterations)
+        if _agreed(residual) or time.perf_counter() > deadline:
+            break
+        # eq. (6.12c), and the dual shrinks as the weights grow
+        dual = dual.moved(found.copy, 1.0).moved(bent.copy, -1.0).scaled(1 / parameters.growth)
+        weight *= parameters.growth
+        if not frozen and number + 1 >= parameters.freeze_after and found.missed <= NEAR_GOAL:
+            assert found.x is not None
+            block.freeze(found.x)
+            frozen = True
+        block.pull(bent.copy.moved(dual, -1.0), weight)
+        left = deadline - time.perf_counter()
+        again = block.solve(min(left, LINEAR_SECONDS if frozen else FREE_SECONDS), found.x)
+        if again.copy is None:
+            break
+        found = again
+    block.rest()
+    return None if best is None else Agreement(tuple(steps), best)
+
+
+def _agreed(residual: Residual) -> bool:
+    means = (residual.box[0], residual.points[0], residual.axes[0])
+    return all(value <= limit / 10 for value, limit in zip(means, GOOD, strict=True))

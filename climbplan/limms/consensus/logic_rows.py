@@ -6,8 +6,6 @@ from climbplan.limms.consensus.columns import Columns
 from climbplan.limms.consensus.rows import Table, Term
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STABLE, STANDS, Setting
 
-DWELL = 2  # intervals that an arm keeps its hold on a box, at least
-
 
 def add_logic(setting: Setting, table: Table, columns: Columns) -> None:
     """Rules 1 to 12 in each interval, as tight equalities where loops of rules imply them.
@@ -67,8 +65,12 @@ def _interval(setting: Setting, table: Table, c: Columns, k: int) -> None:
 def _stays(setting: Setting, table: Table, c: Columns) -> None:
     """Continuity of connections: latches to terrain, modules and as legs stay to the end.
 
-    The box is picked up once and let go once; in between an arm holds on for its dwell.
+    Arms take the box at once and let it go at once, and a quadruped leaps once at most: what the
+    refinement carries out.
     """
+    for k in range(setting.intervals):
+        for now, ever in zip(c.hold[..., k].ravel(), c.ever.ravel(), strict=True):
+            table.at_most([(now, 1), (ever, -1)])
     for k in range(setting.intervals - 1):
         table.at_most([(c.box[STABLE, k + 1], 1), (c.box[STABLE, k], -1)])
         table.at_most([(c.box[FREE, k], 1), (c.box[FREE, k + 1], -1)])
@@ -78,6 +80,8 @@ def _stays(setting: Setting, table: Table, c: Columns) -> None:
             ):
                 table.at_most([(now, 1), (then, -1)])
         for now, then in zip(c.hold[..., k].ravel(), c.hold[..., k + 1].ravel(), strict=True):
-            for later in range(k + 2, min(k + 1 + DWELL, setting.intervals)):
-                after = then + (later - k - 1)
-                table.at_most([(then, 1), (now, -1), (after, -1)])
+            table.at_most([(now, 1), (then, -1), (c.box[HELD, k + 1], 1)], 1.0)
+            table.at_most([(then, 1), (now, -1), (c.box[HELD, k], 1)], 1.0)
+        leaps: list[Term] = [(c.box[LEAPS, k + 1], 1), (c.box[LEAPS, k], -1)]
+        table.at_most([*leaps, (c.takes_off[k], -1)])
+    table.at_most([(column, 1) for column in c.takes_off], 1.0)

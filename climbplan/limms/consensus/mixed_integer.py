@@ -17,11 +17,12 @@ from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.logic_rows import add_logic
 from climbplan.limms.consensus.module_rows import add_modules
 from climbplan.limms.consensus.rows import Table
-from climbplan.limms.consensus.setting import Setting
+from climbplan.limms.consensus.setting import FREE, Setting
 from climbplan.limms.scene import Array, Index
 from climbplan.solvers.highs_model import highs, linear_model
 
-GOAL = 100.0  # [1/m] cost of what is missing to the goal
+GOAL = 1000.0  # [1/m] cost of what is missing to the goal
+REACHED = 20.0  # cost of a plan that reaches it, more than all else together
 WAY = 0.1  # [1/m] of ways of modules
 LATCH = 0.02  # of a latched module in an interval
 RESTS = 0.1  # of an interval in which the box has not been picked up
@@ -86,7 +87,7 @@ class MixedInteger:
         self._pulled = np.concatenate(
             [self.columns.position.ravel(), self.columns.points.ravel()]
         )
-        self._away = table.columns((len(self._pulled),), 0.0, np.inf)
+        self._away = table.columns((len(self._pulled),), 0.0, np.inf).astype(np.int32)
         # away >= x - target and away >= target - x
         pairs = list(zip(self._pulled, self._away, strict=True))
         self._first_row = len(table.row_lower)
@@ -117,16 +118,34 @@ class MixedInteger:
         self.binaries = int((self._upper > self._lower)[self._binary].sum())
         self.constraints = len(table.row_lower)
 
-    def pull(self, target: Copy, box_weight: float, point_weight: float) -> None:
+    def pull(self, target: Copy, weight: float) -> None:
         """Set the consensus term: weight |x - target| for every coordinate."""
         values = np.concatenate([target.box.ravel(), target.points.ravel()])
-        boxes = target.box.size
-        weight = np.where(np.arange(len(values)) < boxes, box_weight, point_weight)
         count = len(values)
-        self._solver.changeColsCost(count, self._away.astype(np.int32), weight)
-        for i, value in enumerate(values):
-            self._solver.changeRowBounds(self._first_row + i, -value, np.inf)
-            self._solver.changeRowBounds(self._first_row + count + i, value, np.inf)
+        rows = np.arange(self._first_row, self._first_row + 2 * count, dtype=np.int32)
+        lower = np.concatenate([-values, values])
+        upper = np.full(2 * count, np.inf)
+        self._solver.changeRowsBounds(2 * count, rows, lower, upper)
+        self._solver.changeColsCost(count, self._away, np.full(count, weight))
+        # An answer near the goal is not enough any more: it has to be near the target
+        self._solver.setOptionValue("objective_target", -np.inf)
+
+    def rest(self) -> None:
+        """Without a consensus, integers free: as at first, but for what was forbidden."""
+        count = len(self._away)
+        rows = np.arange(self._first_row, self._first_row + 2 * count, dtype=np.int32)
+        self._solver.changeRowsBounds(
+            2 * count, rows, np.full(2 * count, -np.inf), np.full(2 * count, np.inf)
+        )
+        self._solver.changeColsCost(count, self._away, np.zeros(count))
+        if self._frozen:
+            self._release()
+
+    def choose(self, legs: bool) -> None:
+        """Only plans in which the box walks, or only those in which it is held or thrown."""
+        column = int(self.columns.legs[0])
+        value = float(legs)
+        self._solver.changeColBounds(column, value, value)
 
     def freeze(self, x: Array) -> None:
         """Keep the integers of an answer; what is left is a linear program."""
@@ -139,7 +158,7 @@ class MixedInteger:
         for column in self.columns.missed:  # the goal stays reached
             self._solver.changeColBounds(int(column), 0.0, float(x[column]) + 1e-6)
 
-    def release(self) -> None:
+    def _release(self) -> None:
         """Let the integers go again."""
         count = len(self._binary)
         kinds = [highspy.HighsVarType.kInteger] * count
@@ -151,14 +170,33 @@ class MixedInteger:
         for column in self.columns.missed:
             self._solver.changeColBounds(int(column), 0.0, np.inf)
 
-    def forbid(self, ones: Index, zeros: Index) -> None:
-        """Cut off that all of some binaries are 1 while others are 0 at the same time."""
-        columns = np.concatenate([ones, zeros]).astype(np.int32)
-        values = np.concatenate([np.ones(len(ones)), -np.ones(len(zeros))])
-        self._solver.addRow(-np.inf, float(len(ones) - 1), len(columns), columns, values)
+    def forbid(self, x: Array) -> None:
+        """Cut off the hands of an answer: the same arms, or the same feet at the same times."""
+        c, on = self.columns, x > 0.5
+        if on[c.legs[0]]:
+            used = np.concatenate([v[on[v]] for v in (c.box, c.ground, c.mount)])
+            self._solver.addRow(
+                -np.inf, float(len(used) - 1), len(used), used.astype(np.int32), np.ones(len(used))
+            )
+            return
+        used = np.concatenate([c.ever[on[c.hold].any(axis=-1)], c.wall[..., -1][on[c.wall[..., -1]]]])
+        free = int(on[c.box[FREE]].any())
+        # With a flight where there was none, and the other way round, it is something else
+        flight = c.box[FREE, -1]
+        columns = np.append(used, flight).astype(np.int32)
+        values = np.append(np.ones(len(used)), 1.0 if free else -1.0)
+        self._solver.addRow(-np.inf, float(len(used) - 1 + free), len(columns), columns, values)
+
+    def first(self, seconds: float) -> Found:
+        """A point that reaches the goal, good or not; there is no consensus yet."""
+        self._solver.setOptionValue("objective_target", REACHED)
+        return self.solve(seconds)
 
     def solve(self, seconds: float, start: Array | None = None) -> Found:
-        """The block's best point within a time limit; `start`: a point to begin from."""
+        """The block's best point within a time limit; `start`: a point to begin from.
+
+        Status "infeasible" also if the bound proves that the goal cannot be reached.
+        """
         began = time.perf_counter()
         self._solver.setOptionValue(
             "time_limit", float(self._solver.getRunTime() + max(seconds, 0.1))
@@ -173,9 +211,9 @@ class MixedInteger:
         info = self._solver.getInfo()
         has_point = info.primal_solution_status == 2
         spent = time.perf_counter() - began
+        proved = status == highspy.HighsModelStatus.kInfeasible
         if not has_point:
-            infeasible = status == highspy.HighsModelStatus.kInfeasible
-            word = "infeasible" if infeasible else "limit"
+            word = "infeasible" if proved else "limit"
             return Found(word, None, None, None, np.inf, spent, None)
         x = np.array(solution.col_value)
         word = "optimal" if status == highspy.HighsModelStatus.kOptimal else "limit"

@@ -18,6 +18,7 @@ from climbplan.plans.checks.check import Check
 from climbplan.spec.limms_module import ModuleSpec
 
 _DRIVING = 1
+_STABLE = 1
 
 
 def motion_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
@@ -102,7 +103,8 @@ def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst)
     for m, name in enumerate(plan.module_names):
         end = int(motion.ground_end[stretch.first, m])
         driving = motion.mode[stretch.first, m] == _DRIVING
-        worst.look("ground.free", stretch.time[:1], np.array([float(driving and end < 0)]), name)
+        adrift = driving and end < 0 and not _on_stable_box(plan, stretch.first, m)
+        worst.look("ground.free", stretch.time[:1], np.array([float(adrift)]), name)
         if end < 0:
             continue
         place = stretch.points[m].position[:, 7 * end]
@@ -114,6 +116,14 @@ def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst)
         speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(time)
         limit = module.ground_speed if driving else 0.0
         worst.look("ground.speed", time[1:], speed - limit, name)
+
+
+def _on_stable_box(plan: LimmsPlan, sample: int, m: int) -> bool:
+    """Whether a module is held by a box that stands."""
+    motion = plan.motion
+    anchors = (int(motion.base_anchor[sample, m]), int(motion.tip_anchor[sample, m]))
+    boxes = [a // 4 for a in anchors if 0 <= a < 4 * len(plan.box_size)]
+    return any(int(motion.box_mode[sample, b]) == _STABLE for b in boxes)
 
 
 def _off_ground(plan: LimmsPlan, points: Array) -> Array:

@@ -57,6 +57,11 @@ def root_on_anchor(scene: Scene, wall: int, end: int) -> Pose:
     return Pose(scene.wall_position[wall], end_rotation(scene.wall_normal[wall], end))
 
 
+def side_pose(scene: Scene, box: Array, side: int, end: int) -> Pose:
+    """Pose of an end latched to a side of the box to deliver, its centre at `box` (3,)."""
+    return Pose(box + scene.side_offset(0, side), end_rotation(SIDE_NORMALS[side], end))
+
+
 def limb_frames(scene: Scene, limb: Limb, box: Array, other: Array) -> tuple[Pose, Pose]:
     """First and last end of a limb for box centres and other ends (..., 3)."""
     on_box = Pose(box + scene.side_offset(0, limb.side), limb.box_rotation)
@@ -91,5 +96,6 @@ __all__ = [
     "limb_frames",
     "limb_points",
     "root_on_anchor",
+    "side_pose",
     "standing_rotation",
 ]

@@ -9,7 +9,10 @@ As published, with what they leave open filled in:
 - 9 to 11: added arms and legs are on exactly one end of another module; that other module is an arm
   or an added arm (a leg or an added leg) and holds no box; each end carries one module at most, and
   chains do not close on themselves.
-- A stable box stands on the ground; a free one touches nothing.
+- 12: a stable box stands on the ground, and may itself be stood on: a free module is latched to one
+  of its sides with one end and to nothing else, on its way to an anchor (relatching; as published
+  no mode describes a module that has let go of the ground and holds nothing but a box at rest).
+- A free box touches nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ RULES = {
     9: "added arm: on exactly one other module",
     10: "a connection: parent arm or added arm, child added arm",
     11: "a module that carries another holds no box",
-    12: "stable or free box: all its anchors empty",
+    12: "a free box: all its anchors empty; a stable one: no arms, no legs, nothing held to elsewhere",
 }
 
 
@@ -82,8 +85,16 @@ def broken(plan: LimmsPlan) -> dict[int, Mask]:
         9: (added & (on_module.sum(-1) != 1)).any(axis=1),
         10: (on_module.any(-1) & ~added).any(axis=1) | wrong_parent,
         11: (carries & on_box.any(-1)).any(axis=1),
-        12: (np.isin(box_mode, (1, 2))[..., None] & (held > 0)).any(axis=(1, 2)),
+        12: ((box_mode == 2)[..., None] & (held > 0)).any(axis=(1, 2))
+        | (on_box & (its_mode == 1) & ~_stands_on_box(on_box, ends, mode)[..., None]).any(
+            axis=(1, 2)
+        ),
     }
+
+
+def _stands_on_box(on_box: Mask, ends: np.ndarray, mode: np.ndarray) -> Mask:
+    """Modules (T, L) that are free, one end on a box and the other on no anchor."""
+    return np.asarray((mode == 1) & (on_box.sum(-1) == 1) & ((ends >= 0).sum(-1) == 1))
 
 
 def _connections(ends: np.ndarray, mode: np.ndarray, anchors: int) -> tuple[Mask, Mask]:

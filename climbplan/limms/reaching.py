@@ -23,6 +23,7 @@ MARGIN = 0.004  # [m] kept on the way
 LENGTHS = (0.08, 0.05, 0.03, 0.015)  # [m] of the straight way along the normal of an anchor
 SPEED_SHARE = 0.95
 _STEP = 0.06  # [rad] between the poses that are looked at
+_JUMP = 0.2  # [rad] between samples of a straight way, a few millimetres apart
 _TURN = np.pi  # [rad] of a roll that trees look through
 
 
@@ -139,15 +140,9 @@ def add_motion(
     name: str,
 ) -> None:
     """Add a motion of one module while all else rests."""
-    fields = world.rest(name, time)
-    for key, value in (
-        ("angles", angles),
-        ("rates", rates),
-        ("base_position", points.position[:, 0]),
-        ("base_rotation", points.rotation[:, 0]),
-    ):
-        fields[key][:, module] = value  # type: ignore[index]
-    world.add(**fields)
+    moving = world.rest(name, time)
+    moving.place(module, Pose(points.position[:, 0], points.rotation[:, 0]), angles, rates)
+    world.add(moving)
 
 
 def straight_in(
@@ -185,6 +180,8 @@ def straight_in(
             best = angles
             break
     if best is None or in_range(scene.module, best).max() > 0:
+        return None
+    if np.abs(np.diff(best, axis=0)).max() > _JUMP:  # through a pose where branches meet
         return None
     clear = gaps(world, module, rooted(world, root, root_end, best), root_end)
     return None if clear.min() < -1e-9 else best

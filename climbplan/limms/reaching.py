@@ -12,7 +12,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.limms.chain import BRANCHES, Points, Pose, forward, from_last, in_range, inverse
+from climbplan.limms.chain import (
+    BRANCHES,
+    Points,
+    Pose,
+    continued,
+    forward,
+    from_last,
+    in_range,
+    inverse,
+)
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.rrt import connect
 from climbplan.limms.scene import Array
@@ -169,19 +178,16 @@ def straight_in(
         np.broadcast_to(root.position, positions.shape), np.broadcast_to(root.rotation, shape)
     )
     first, last = (still, moving) if free_end == 1 else (moving, still)
-    best = None
-    for branch in BRANCHES:
-        solution = inverse(scene.module, first, last, branch)
-        if solution.missing.max() > 0:
-            continue
-        angles = np.unwrap(solution.angles, axis=0)
-        angles = angles + np.round((ending - angles[-1]) / (2 * np.pi)) * 2 * np.pi
-        if np.abs(angles[-1] - ending).max() < 1e-3:
-            best = angles
-            break
-    if best is None or in_range(scene.module, best).max() > 0:
+    backwards = continued(
+        scene.module,
+        Pose(first.position[::-1], first.rotation),
+        Pose(last.position[::-1], last.rotation),
+        ending,
+    )
+    best = backwards.angles[::-1]
+    if backwards.missing.max() > 0 or np.abs(best[-1] - ending).max() > 1e-3:
         return None
-    if np.abs(np.diff(best, axis=0)).max() > _JUMP:  # through a pose where branches meet
+    if in_range(scene.module, best).max() > 0 or np.abs(np.diff(best, axis=0)).max() > _JUMP:
         return None
     clear = gaps(world, module, rooted(world, root, root_end, best), root_end)
     return None if clear.min() < -1e-9 else best
@@ -260,7 +266,7 @@ def follow(world: Progress, module: int, root: Pose, root_end: int, path: Array,
         np.broadcast_to(root.position, positions.shape), np.broadcast_to(root.rotation, shape)
     )
     first, last = (still, moving) if free_end == 7 else (moving, still)
-    angles = closest_branch(scene.module, first, last, path[0], path[-1])
+    angles = continued(scene.module, first, last, path[0]).angles
     rates = rates_of(t, angles)
     rates[[0, -1]] = 0.0
     add_motion(world, module, rooted(world, root, root_end, angles), t, angles, rates, name)

@@ -28,7 +28,7 @@ from climbplan.limms.held import (
     plan_held,
 )
 from climbplan.limms.limbs import arm, limb_angles, root_on_anchor, side_pose
-from climbplan.limms.program import Outcome
+from climbplan.limms.answers import Outcome
 from climbplan.limms.reaching import Blocked, leave, reach
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence as Modes

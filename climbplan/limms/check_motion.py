@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.dense import Stretch, anchor_pose, stretches
-from climbplan.limms.limbs import standing_rotation
+from climbplan.limms.limbs import joined_rotation, standing_rotation
 from climbplan.limms.limits import judge
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
@@ -65,10 +65,9 @@ def _latches(plan: LimmsPlan, stretch: Stretch, worst: Worst) -> None:
             if anchor >= len(plan.anchor_names):
                 parent, its_end = divmod(anchor - len(plan.anchor_names), 2)
                 target = stretch.points[parent].position[:, 7 * its_end]
-                rotation = stretch.points[parent].rotation[:, 7 * its_end]
-                z = stretch.points[m].rotation[:, 7 * end, :, 2]
-                sign = -1.0 if its_end == end else 1.0
-                turn = np.abs(z - sign * rotation[..., 2])
+                carrying = stretch.points[parent].rotation[:, 7 * its_end]
+                joined = joined_rotation(carrying, its_end, end)
+                turn = np.abs(stretch.points[m].rotation[:, 7 * end] - joined)
             else:
                 pose = anchor_pose(plan, anchor, end, stretch.box)
                 target = pose.position

@@ -35,7 +35,7 @@ RULES = {
     9: "added arm: on exactly one other module",
     10: "a connection: parent arm or added arm, child added arm",
     11: "a module that carries another holds no box",
-    12: "a free box: all its anchors empty; a stable one: no arms, no legs, nothing held to elsewhere",
+    12: "free box: all its anchors empty; stable box: on them only modules that stand on it alone",
 }
 
 
@@ -98,16 +98,46 @@ def _stands_on_box(on_box: Mask, ends: np.ndarray, mode: np.ndarray) -> Mask:
 
 
 def _connections(ends: np.ndarray, mode: np.ndarray, anchors: int) -> tuple[Mask, Mask]:
-    """Which modules carry another (T, L), and samples (T,) with a parent of the wrong mode."""
+    """Which modules carry another (T, L), and samples (T,) with a chain of the wrong kind."""
     count, modules = mode.shape
-    carries = np.zeros((count, modules), bool)
-    wrong = np.zeros(count, bool)
-    for child in range(modules):
-        for end in (0, 1):
-            at = np.flatnonzero(ends[:, child, end] >= anchors)
-            parent = np.minimum((ends[at, child, end] - anchors) // 2, modules - 1)
-            carries[at, parent] = True
-            family = np.where(mode[at, child] == 5, 4, 2)
-            wrong[at] |= ~((mode[at, parent] == family) | (mode[at, parent] == family + 1))
-            wrong[at] |= parent == child
-    return carries, wrong
+    rows = np.concatenate([ends.reshape(count, -1), mode], axis=1)
+    kinds, which = np.unique(rows, axis=0, return_inverse=True)
+    carries = np.zeros((len(kinds), modules), bool)
+    wrong = np.zeros(len(kinds), bool)
+    for k, row in enumerate(kinds):
+        parents = _parents(row[: 2 * modules].reshape(modules, 2), anchors)
+        for parent, _ in parents.values():
+            carries[k, parent] = True
+        wrong[k] = _is_wrong(row[: 2 * modules].reshape(modules, 2), row[2 * modules :], parents)
+    which = which.reshape(-1)
+    return carries[which], wrong[which]
+
+
+def _parents(ends: np.ndarray, anchors: int) -> dict[tuple[int, int], tuple[int, int]]:
+    """(module, end) on (other module, its end)."""
+    last = len(ends) - 1
+    return {
+        (m, end): (min((int(ends[m, end]) - anchors) // 2, last), (int(ends[m, end]) - anchors) % 2)
+        for m in range(len(ends))
+        for end in (0, 1)
+        if ends[m, end] >= anchors
+    }
+
+
+def _is_wrong(
+    ends: np.ndarray, mode: np.ndarray, parents: dict[tuple[int, int], tuple[int, int]]
+) -> bool:
+    """Whether an end carries two or holds on itself, families mix, or a chain hangs on nothing."""
+    if len(set(parents.values())) < len(parents):
+        return True
+    above = {child: parent for (child, _), (parent, _) in parents.items()}
+    for (child, _), (parent, its_end) in parents.items():
+        family = 4 if mode[child] == 5 else 2
+        if ends[parent, its_end] >= 0 or mode[parent] not in (family, family + 1):
+            return True
+        top = child
+        for _ in range(len(ends)):
+            top = above.get(top, top)
+        if top in above or mode[top] not in (2, 4):
+            return True
+    return False

@@ -14,6 +14,7 @@ import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.chain_carrying import carry_on_chains
 from climbplan.limms.plan import LimmsPlan, motion_of
 from climbplan.limms.relatching import relatch
 from climbplan.limms.scene import GRAVITY, Scene, scene_of
@@ -53,6 +54,8 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
             world = walk(scene, attempts, left, most_steps, rng)
         elif sequence.kind == "relatch":
             world = relatch(scene, sequence, attempts, left, rng)
+        elif any(connection.links > 1 for connection in sequence.connections):
+            world = carry_on_chains(scene, sequence, attempts, left, rng)
         else:
             world = carry(scene, sequence, attempts, left, rng)
         if world is not None:

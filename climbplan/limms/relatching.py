@@ -1,7 +1,7 @@
 """One module holds the box, lets go of the ground, and comes to an anchor of the wall from there.
 
-The box stands meanwhile: on a stable box a module stands as on the ground, one end latched to a side
-and the other on nothing. So it comes to anchors that are out of its reach from the ground.
+The box stands meanwhile: on a stable box a module stands as on the ground, one end latched to a
+side and the other on nothing. So it comes to anchors that are out of its reach from the ground.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import (
     initial,
     latch_box,
@@ -17,7 +18,7 @@ from climbplan.limms.assembly import (
     reach_box,
 )
 from climbplan.limms.bounds import Connection
-from climbplan.limms.carrying import Attempts, require_clear_stretch
+from climbplan.limms.carrying import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
 from climbplan.limms.held import (
@@ -28,11 +29,11 @@ from climbplan.limms.held import (
     plan_held,
 )
 from climbplan.limms.limbs import arm, limb_angles, root_on_anchor, side_pose
-from climbplan.limms.answers import Outcome
 from climbplan.limms.reaching import Blocked, leave, reach
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
+from climbplan.limms.stretch_clearance import require_clear_of_all
 from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, Progress, samples
 
 
@@ -152,5 +153,5 @@ def _from_box(
     before = len(world.stretches)
     add_traces(world, [limb], outcome.traces)
     for stretch in world.stretches[before:]:
-        require_clear_stretch(scene, [limb], stretch)
+        require_clear_of_all(scene, stretch)
     return world

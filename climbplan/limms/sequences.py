@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
-
 from climbplan.errors import Conflict
 from climbplan.limms.bounds import (
     Connection,
@@ -45,8 +44,8 @@ class Sequence:
         return 4 if self.kind == "quadruped" else sum(c.links for c in self.connections)
 
     def cost(self) -> float:
-        """What is tried first: few modules, no flight, no change of latches; then short chains."""
-        extra = {"throw": 0.5, "relatch": 0.25}.get(self.kind, 0.0)
+        """What is tried first: few modules, no change of latches, no steps, no flight; short ways."""
+        extra = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}.get(self.kind, 0.0)
         return self.modules + extra + 0.01 * self.away
 
     def named(self, scene: Scene) -> str:

@@ -15,7 +15,6 @@ STEP = 0.01  # [s] between samples at most
 STABLE, FREE, MANIPULATED, QUADRUPED = 1, 2, 3, 4  # of a box
 DRIVES, ARM, ADDED_ARM, LEG, ADDED_LEG = 1, 2, 3, 4, 5  # of a module
 NOWHERE = -1
-MODULE_END = 1000  # anchors from here on are ends of modules: MODULE_END + 2 module + end
 
 
 @dataclass(frozen=True)

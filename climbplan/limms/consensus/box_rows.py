@@ -34,10 +34,12 @@ def add_box(setting: Setting, table: Table, columns: Columns) -> None:
         for axis in range(3):
             for knot in (k, k + 1):
                 place = columns.position[knot, axis]
-                lows: list[Term] = [(b, -setting.centres[i, 0, axis])
-                                    for i, b in enumerate(columns.centre[:, k])]
-                highs: list[Term] = [(b, -setting.centres[i, 1, axis])
-                                     for i, b in enumerate(columns.centre[:, k])]
+                lows: list[Term] = [
+                    (b, -setting.centres[i, 0, axis]) for i, b in enumerate(columns.centre[:, k])
+                ]
+                highs: list[Term] = [
+                    (b, -setting.centres[i, 1, axis]) for i, b in enumerate(columns.centre[:, k])
+                ]
                 if len(lows):
                     table.row([(place, 1), *lows], 0.0, float("inf"))
                     table.at_most([(place, 1), *highs])
@@ -56,7 +58,11 @@ def _dynamics(setting: Setting, table: Table, c: Columns, k: int) -> None:
         here, after = c.position[k, axis], c.position[k + 1, axis]
         v, v_after = c.velocity[k, axis], c.velocity[k + 1, axis]
         table.equal([(v, 1), (air, -1), (held, -1), (stands, -1)])
-        for part, modes in ((air, in_air), (held, (c.box[HELD, k],)), (stands, (c.box[STANDS, k],))):
+        for part, modes in (
+            (air, in_air),
+            (held, (c.box[HELD, k],)),
+            (stands, (c.box[STANDS, k],)),
+        ):
             opened: list[Term] = [(column, 1.0) for column in modes]
             table.within([(part, 1)], 0.0, opened, FASTEST)
         table.equal(
@@ -80,6 +86,9 @@ def _dynamics(setting: Setting, table: Table, c: Columns, k: int) -> None:
                 *((column, fall * h_air**2 / 2) for column in in_air),
             ]
         )
+        for pull, effort in zip(c.pull[:, k, axis], c.effort[:, k, axis], strict=True):
+            table.at_most([(pull, 1), (effort, -1)])
+            table.at_most([(pull, -1), (effort, -1)])
         arms: list[Term] = [(column, -1) for column in c.force[:, k, axis]]
         table.equal([(a_held, mass), *arms, (c.box[HELD, k], mass * fall)])
         feet: list[Term] = [(column, -1) for column in c.push[:, k, axis]]

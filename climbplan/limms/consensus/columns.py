@@ -42,6 +42,7 @@ class Columns:
     points: Index  # (K + 1, L, 5, 3) p_L
     moved: Index  # (L, K) largest way of a point of a module
     takes_off: Index  # (K - 1,) whether a leap begins
+    effort: Index  # (2, K, 3) size of `pull`
     ever: Index  # (4, L) whether a side is ever held by an arm
     missed: Index  # (3,) distance of the box from its goal at the end
 
@@ -77,6 +78,7 @@ def columns_of(setting: Setting, table: Table) -> Columns:
         points=table.columns((K + 1, L, POINTS, 3), 0.0, 0.0),
         moved=table.columns((L, K), 0.0, 10.0),
         takes_off=table.columns((K - 1,), 0.0, 1.0),
+        effort=table.columns((2, K, 3), 0.0, 100.0),
         ever=table.columns((4, L), 0.0, 1.0),
         missed=table.columns((3,), 0.0, 100.0),
     )

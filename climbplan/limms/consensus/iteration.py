@@ -8,13 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.consensus.mixed_integer import Copy, Found, MixedInteger, Modes
+from climbplan.limms.consensus.mixed_integer import (
+    NEAR_GOAL,
+    Copy,
+    Found,
+    MixedInteger,
+    Modes,
+)
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.setting import Setting, chain_points
 from climbplan.limms.scene import Array
 
 GOOD = (0.01, 0.01, 0.1)  # [m], [m], [rad] mean residuals to reach
-NEAR_GOAL = 1e-3  # [m] an incumbent worth keeping the integers of
 LATCHED = 1e-4  # [m] by which latches of an iterate may be off
 FREE_SECONDS = 10.0  # [s] of a mixed-integer block with free integers beside a consensus
 LINEAR_SECONDS = 20.0  # [s] of one with frozen integers
@@ -87,8 +92,6 @@ def _axes(setting: Setting, copy: Copy) -> Array:
     """Directions (K, L, 4, 3) of links."""
     found: Array = np.diff(copy.points[1:], axis=2) / setting.links[:, None]
     return found
-
-
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.limms.chain_symbols import chain_function
 from climbplan.limms.consensus.knot_modes import (
     FIXED,
     ON_BOX,
@@ -24,7 +25,6 @@ from climbplan.limms.consensus.knot_modes import (
 )
 from climbplan.limms.consensus.module_rows import AHEAD
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, Setting
-from climbplan.limms.chain_symbols import chain_function
 from climbplan.limms.scene import SIDE_NORMALS, Array
 
 CUTS = 40  # planes between links that a program has room for

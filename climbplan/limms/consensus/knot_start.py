@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from climbplan.limms.chain import BRANCHES, Points, in_range, inverse
+from climbplan.limms.chain import BRANCHES, Points, forward, from_last, in_range, inverse
 from climbplan.limms.chain import Pose as Frame
-from climbplan.limms.chain import forward, from_last
 from climbplan.limms.consensus.knot_modes import (
     FIXED,
     NOTHING,

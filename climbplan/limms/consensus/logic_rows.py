@@ -75,9 +75,7 @@ def _stays(setting: Setting, table: Table, c: Columns) -> None:
         table.at_most([(c.box[STABLE, k + 1], 1), (c.box[STABLE, k], -1)])
         table.at_most([(c.box[FREE, k], 1), (c.box[FREE, k + 1], -1)])
         for numbers in (c.wall, c.carry, c.mount):
-            for now, then in zip(
-                numbers[..., k].ravel(), numbers[..., k + 1].ravel(), strict=True
-            ):
+            for now, then in zip(numbers[..., k].ravel(), numbers[..., k + 1].ravel(), strict=True):
                 table.at_most([(now, 1), (then, -1)])
         for now, then in zip(c.hold[..., k].ravel(), c.hold[..., k + 1].ravel(), strict=True):
             table.at_most([(now, 1), (then, -1), (c.box[HELD, k + 1], 1)], 1.0)

@@ -25,6 +25,9 @@ GOAL = 1000.0  # [1/m] cost of what is missing to the goal
 REACHED = 20.0  # cost of a plan that reaches it, more than all else together
 WAY = 0.1  # [1/m] of ways of modules
 LATCH = 0.02  # of a latched module in an interval
+NEAR_GOAL = 1e-3  # [m] an answer worth keeping the integers of
+SMOOTHING_SECONDS = 10.0
+EFFORT = 0.02  # [s^2/m] of accelerations of the box
 RESTS = 0.1  # of an interval in which the box has not been picked up
 
 
@@ -84,9 +87,7 @@ class MixedInteger:
         add_box(setting, table, self.columns)
         add_modules(setting, table, self.columns)
         self._costs(table)
-        self._pulled = np.concatenate(
-            [self.columns.position.ravel(), self.columns.points.ravel()]
-        )
+        self._pulled = np.concatenate([self.columns.position.ravel(), self.columns.points.ravel()])
         self._away = table.columns((len(self._pulled),), 0.0, np.inf).astype(np.int32)
         # away >= x - target and away >= target - x
         pairs = list(zip(self._pulled, self._away, strict=True))
@@ -179,7 +180,9 @@ class MixedInteger:
                 -np.inf, float(len(used) - 1), len(used), used.astype(np.int32), np.ones(len(used))
             )
             return
-        used = np.concatenate([c.ever[on[c.hold].any(axis=-1)], c.wall[..., -1][on[c.wall[..., -1]]]])
+        used = np.concatenate(
+            [c.ever[on[c.hold].any(axis=-1)], c.wall[..., -1][on[c.wall[..., -1]]]]
+        )
         free = int(on[c.box[FREE]].any())
         # With a flight where there was none, and the other way round, it is something else
         flight = c.box[FREE, -1]
@@ -190,7 +193,16 @@ class MixedInteger:
     def first(self, seconds: float) -> Found:
         """A point that reaches the goal, good or not; there is no consensus yet."""
         self._solver.setOptionValue("objective_target", REACHED)
-        return self.solve(seconds)
+        found = self.solve(seconds)
+        if found.x is None or found.missed > NEAR_GOAL:
+            return found
+        # The first point at hand is restless: with its integers, the smoothest
+        self.freeze(found.x)
+        smooth = self.solve(SMOOTHING_SECONDS)
+        self._release()
+        if smooth.x is None:
+            return found
+        return replace(smooth, status=found.status, seconds=found.seconds + smooth.seconds)
 
     def solve(self, seconds: float, start: Array | None = None) -> Found:
         """The block's best point within a time limit; `start`: a point to begin from.
@@ -234,6 +246,7 @@ class MixedInteger:
         for columns, cost in (
             (c.missed, GOAL),
             (c.moved, WAY),
+            (c.effort, EFFORT),
             (c.arm, LATCH),
             (c.added, LATCH),
             (c.leg, LATCH),
@@ -264,5 +277,3 @@ def modes_of(setting: Setting, c: Columns, x: Array) -> Modes:
         ground=chosen(c.ground),
         region=np.maximum(np.moveaxis(region, 2, 0).swapaxes(1, 2), 0),
     )
-
-

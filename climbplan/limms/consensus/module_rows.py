@@ -231,9 +231,7 @@ def _links(setting: Setting, table: Table, c: Columns, m: int, knot: int) -> Non
             table.row(apart[axis], -length, length)
         for signs in _DIAGONALS:
             terms = [
-                (column, v * sign)
-                for axis, sign in enumerate(signs)
-                for column, v in apart[axis]
+                (column, v * sign) for axis, sign in enumerate(signs) for column, v in apart[axis]
             ]
             table.row(terms, -(3**0.5) * length, 3**0.5 * length)
 
@@ -254,9 +252,13 @@ def _free(setting: Setting, table: Table, c: Columns, m: int, knot: int) -> None
                     if knot:
                         table.bound(column, low + margin, high - margin)
                     continue
-                lows = [(b, -low - margin) for b, low in zip(chosen, setting.free[:, 0, axis],
-                                                             strict=True)]
-                highs = [(b, margin - high) for b, high in zip(chosen, setting.free[:, 1, axis],
-                                                               strict=True)]
+                lows = [
+                    (b, -low - margin)
+                    for b, low in zip(chosen, setting.free[:, 0, axis], strict=True)
+                ]
+                highs = [
+                    (b, margin - high)
+                    for b, high in zip(chosen, setting.free[:, 1, axis], strict=True)
+                ]
                 table.row([(column, 1), *lows], 0.0, np.inf)
                 table.at_most([(column, 1), *highs])

@@ -59,8 +59,12 @@ class Nonlinear:
                 break
             hands = hands_at(setting, modes, knot)
             earlier = [
-                np.array([angles[knot - 1, m], *([] if self._angles is None
-                                                 else [self._angles[knot, m]])])
+                np.array(
+                    [
+                        angles[knot - 1, m],
+                        *([] if self._angles is None else [self._angles[knot, m]]),
+                    ]
+                )
                 for m in range(L)
             ]
             solved, penetration = self._knot(

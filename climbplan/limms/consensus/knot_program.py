@@ -241,7 +241,7 @@ class KnotPrograms:
         g = ca.vertcat(*rows)
         self.variables = max(self.variables, x.numel())
         self.constraints = max(self.constraints, g.numel())
-        options = {
+        options: dict[str, Any] = {
             "ipopt.print_level": 0,
             "print_time": False,
             "ipopt.sb": "yes",

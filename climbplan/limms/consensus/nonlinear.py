@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +83,7 @@ class Nonlinear:
         hands: tuple[Hands, ...],
         box: Array,
         points: Array,
-        earlier: list[Array | None],
+        earlier: Sequence[Array | None],
         region: Array,
         deadline: float,
     ) -> tuple[Solved, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from scipy import sparse
 
 from climbplan.limms.scene import Array, Index
 
-Term = tuple[int, float]  # column, coefficient
+Number = int | np.integer[Any]
+Term = tuple[Number, float]  # column, coefficient
 
 
 @dataclass
@@ -44,7 +46,7 @@ class Table:
         """New binary columns."""
         return self.columns(shape, 0.0, 1.0, integer=True)
 
-    def bound(self, column: int, lower: float, upper: float) -> None:
+    def bound(self, column: Number, lower: float, upper: float) -> None:
         """Set the bounds of a column."""
         self.lower[column], self.upper[column] = float(lower), float(upper)
 

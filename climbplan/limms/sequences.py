@@ -44,7 +44,7 @@ class Sequence:
         return 4 if self.kind == "quadruped" else sum(c.links for c in self.connections)
 
     def cost(self) -> float:
-        """What is tried first: few modules, no change of latches, no steps, no flight; short ways."""
+        """What is tried first: few modules, no change of latches, steps or flight; near ones."""
         extra = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}.get(self.kind, 0.0)
         return self.modules + extra + 0.01 * self.away
 

@@ -26,9 +26,7 @@ def conflicts_of(
     """One conflict for each behaviour: how near it comes, and what would let it reach the goal."""
     found = []
     for legs, missed in nearest.items():
-        text = f"the box ends {missed:.2f} m off its goal at best"
-        if missed == float("inf"):
-            text = "no modes obey all rules"
+        text = f"the box is proved to miss its goal, {missed:.2f} m off in the best plan seen"
         guilty = _guilty(scene, intervals, legs, deadline)
         if guilty:
             text += "; it conflicts with the " + " and the ".join(guilty)

@@ -142,6 +142,14 @@ class MixedInteger:
         if self._frozen:
             self._release()
 
+    @property
+    def kinds(self) -> list[bool]:
+        """What is left to choose between: held or thrown (False), or walking (True)."""
+        column = self.columns.legs[0]
+        return [
+            kind for kind in (False, True) if self._lower[column] <= kind <= self._upper[column]
+        ]
+
     def choose(self, legs: bool) -> None:
         """Only plans in which the box walks, or only those in which it is held or thrown."""
         column = int(self.columns.legs[0])
@@ -191,9 +199,13 @@ class MixedInteger:
         self._solver.addRow(-np.inf, float(len(used) - 1 + free), len(columns), columns, values)
 
     def first(self, seconds: float) -> Found:
-        """A point that reaches the goal, good or not; there is no consensus yet."""
+        """A point that reaches the goal, or the proof that there is none; no consensus yet."""
         self._solver.setOptionValue("objective_target", REACHED)
-        found = self.solve(seconds)
+        found = self.solve(seconds / 2)
+        if found.missed > NEAR_GOAL and found.status != "infeasible":
+            again = self._at_goal(seconds / 2)
+            if again.status == "infeasible" or again.x is not None:
+                found = replace(again, seconds=found.seconds + again.seconds)
         if found.x is None or found.missed > NEAR_GOAL:
             return found
         # The first point at hand is restless: with its integers, the smoothest
@@ -204,11 +216,20 @@ class MixedInteger:
             return found
         return replace(smooth, status=found.status, seconds=found.seconds + smooth.seconds)
 
-    def solve(self, seconds: float, start: Array | None = None) -> Found:
-        """The block's best point within a time limit; `start`: a point to begin from.
+    def _at_goal(self, seconds: float) -> Found:
+        """Any point that reaches the goal, or the proof that there is none: nothing else costs."""
+        every = np.arange(len(self._cost), dtype=np.int32)
+        self._solver.changeColsCost(len(every), every, np.zeros(len(every)))
+        for column in self.columns.missed:
+            self._solver.changeColBounds(int(column), 0.0, NEAR_GOAL / 2)
+        found = self.solve(seconds)
+        self._solver.changeColsCost(len(every), every, self._cost)
+        for column in self.columns.missed:
+            self._solver.changeColBounds(int(column), 0.0, np.inf)
+        return found
 
-        Status "infeasible" also if the bound proves that the goal cannot be reached.
-        """
+    def solve(self, seconds: float, start: Array | None = None) -> Found:
+        """The block's best point within a time limit; `start`: a point to begin from."""
         began = time.perf_counter()
         self._solver.setOptionValue(
             "time_limit", float(self._solver.getRunTime() + max(seconds, 0.1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.limms.consensus.columns import FASTEST, Columns
-from climbplan.limms.consensus.rows import Table, Term
+from climbplan.limms.consensus.rows import Number, Table, Term
 from climbplan.limms.consensus.setting import (
     LEAPS,
     LEVER,
@@ -73,7 +73,7 @@ def _at(
 
 
 def _bent(
-    setting: Setting, table: Table, points: Index, end: int, outward: Array, chosen: int
+    setting: Setting, table: Table, points: Index, end: int, outward: Array, chosen: Number
 ) -> None:
     """The link next to a latched one no further back than its joint turns (points: (5, 3)).
 

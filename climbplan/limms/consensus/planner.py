@@ -91,7 +91,7 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
     Raises:
         Infeasible: the block's bound proves that no answer reaches the goal.
     """
-    kinds = [False, True]
+    kinds = block.kinds
     distance = float(np.linalg.norm(scene.goal - scene.box_start[0]))
     nearest = dict.fromkeys(kinds, distance)
     for seconds in SLICES:
@@ -105,7 +105,7 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
             if found.missed <= NEAR_GOAL:
                 return found
             nearest[legs] = min(nearest[legs], found.missed)
-            if found.status in ("optimal", "infeasible"):
+            if found.status == "infeasible":
                 kinds.remove(legs)
         if not kinds:
             break

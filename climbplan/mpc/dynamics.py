@@ -63,11 +63,6 @@ def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, forc
     return ca.vertcat(there, velocity + dt * a, turned, spin + dt * alpha(middle, turning, arm))
 
 
-def toe_in_body(state: Any, toe: Any) -> Any:
-    """A toe seen from the body, eqs. (8.20), (8.21)."""
-    return rotation(state[6:9]).T @ (toe - state[:3])
-
-
 @dataclass(frozen=True)
 class BodyNumbers:
     """What the dynamics need of a body; hashable, so that compiled functions are shared."""
@@ -98,13 +93,6 @@ class KnotModel:
             [state, toes, force, dt, mean],
             [ca.densify(after), ca.densify(jacobian)],
         ).map(knots)
-        spots = ca.vertcat(*(toe_in_body(state, toes[3 * i : 3 * i + 3]) for i in range(LEGS)))
-        turn = ca.jacobian(spots, state[6:9])
-        seen = ca.Function(
-            "seen",
-            [state, toes],
-            [ca.densify(spots), ca.densify(turn), ca.densify(rotation(state[6:9]))],
-        ).map(knots)
         self.knots = knots
         self.state = np.zeros((knots, STATE))
         self.toes = np.zeros((knots, LEGS, 3))
@@ -113,29 +101,20 @@ class KnotModel:
         self.mean = np.zeros(knots)
         self.after = np.zeros((knots, STATE))
         self._jacobian = np.zeros((knots, 36, STATE))
-        self.later_state = np.zeros((knots, STATE))
-        self.later_toes = np.zeros((knots, LEGS, 3))
-        self.spots = np.zeros((knots, LEGS, 3))
-        self._turn = np.zeros((knots, 3, 12))
-        self._rotation = np.zeros((knots, 3, 3))
         self._step = _bound(
             step,
             [self.state, self.toes, self.force, self.dt, self.mean],
             [self.after, self._jacobian],
-        )
-        self._seen = _bound(
-            seen,
-            [self.later_state, self.later_toes],
-            [self.spots, self._turn, self._rotation],
         )
 
     def linearise_step(self) -> None:
         """`after` and the Jacobians from state, toes, force, dt and mean."""
         self._step()
 
-    def linearise_toes(self) -> None:
-        """`spots` and its Jacobians from later_state and later_toes."""
-        self._seen()
+    @property
+    def jacobian(self) -> Array:
+        """(N, 36, 12) of `after`, transposed: by the state, the toes, the forces."""
+        return self._jacobian
 
     @property
     def by_state(self) -> Array:
@@ -151,16 +130,6 @@ class KnotModel:
     def by_force(self) -> Array:
         """(N, 12, 4, 3) of `after` by the forces."""
         return self._jacobian[:, 24:].transpose(0, 2, 1).reshape(self.knots, 12, LEGS, 3)
-
-    @property
-    def spots_by_angles(self) -> Array:
-        """(N, 4, 3, 3) of `spots` by the Euler angles."""
-        return self._turn.transpose(0, 2, 1).reshape(self.knots, LEGS, 3, 3)
-
-    @property
-    def body_world(self) -> Array:
-        """(N, 3, 3) rotation world to body: of `spots` by the toe, minus that by the position."""
-        return self._rotation
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from climbplan.mpc.truth import (
     euler_rates,
     knot_step,
     runge_kutta,
-    toes_in_body,
 )
 from climbplan.robots.rotations import rotation_world_body
 
@@ -62,20 +61,6 @@ def test_jacobians_by_finite_differences(mean: float) -> None:
             held[(slice(None), *index)] += h
             slope = (up - down) / (2 * h)
             np.testing.assert_allclose(jacobian[(..., *index)], slope, atol=2e-6)
-
-
-def test_toes_seen_from_the_body() -> None:
-    model = KnotModel(BodyNumbers.of(BODY), 3)
-    model.later_state[:], model.later_toes[:] = some_states(3), some_toes(3)
-    model.linearise_toes()
-    spots = toes_in_body(model.later_state, model.later_toes)
-    np.testing.assert_allclose(model.spots, spots, atol=1e-12)
-    R = rotation_world_body(model.later_state[:, ANGLES])
-    np.testing.assert_allclose(model.body_world, np.swapaxes(R, -1, -2), atol=1e-12)
-    turned = model.later_state.copy()
-    turned[:, 7] += 1e-6
-    slope = (toes_in_body(turned, model.later_toes) - spots) / 1e-6
-    np.testing.assert_allclose(model.spots_by_angles[..., 1], slope, atol=1e-5)
 
 
 def test_euler_rates_turn_the_body() -> None:

@@ -33,8 +33,8 @@ def euler_rates(angles: Any, spin: Any) -> Any:
 def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
     """The state one knot later, eq. (8.19).
 
-    mean: 0 for forward Euler; 1 for mean moment arms and rotations in the middle of the interval
-    (`truth.knot_step` says how). toes, force: (12,) leg by leg.
+    mean: 0 for forward Euler; 1 for Runge-Kutta over the interval, in which the body moves on above
+    the toes (`truth.knot_step` says how). toes, force: (12,) leg by leg.
     """
     position, velocity, angles, spin = ca.vertsplit(state, 3)
     legs = [slice(3 * i, 3 * i + 3) for i in range(LEGS)]
@@ -46,21 +46,25 @@ def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, forc
     inverse = ca.DM(np.linalg.inv(np.reshape(body.inertia, (3, 3))))
     about_origin = sum((ca.cross(toes[leg], force[leg]) for leg in legs), ca.SX.zeros(3))
 
-    def alpha(turned: Any, turning: Any, arm: Any) -> Any:
+    def rates(turned: Any, turning: Any, arm: Any) -> Any:
         R = rotation(turned)
         seen = R.T @ turning  # angular velocity in the body frame, where the inertia is constant
         moment = about_origin - ca.cross(arm, push)
-        return R @ (inverse @ (R.T @ moment - ca.cross(seen, inertia @ seen)))
+        alpha = R @ (inverse @ (R.T @ moment - ca.cross(seen, inertia @ seen)))
+        return ca.vertcat(euler_rates(turned, turning), alpha)
 
-    arm = position + mean * dt * (velocity / 2 + dt * a / 6)
-    early = position + mean * dt * (velocity / 3 + dt * a / 12)
-    about = mean * alpha(angles, spin, early)
-    middle = angles + mean * 0.5 * dt * euler_rates(angles, spin + 0.25 * dt * about)
-    turning = spin + mean * 0.5 * dt * about
-    first = mean * alpha(middle, turning, early)
-    turned = angles + dt * euler_rates(middle, spin + 0.5 * dt * first)
+    def stage(after: float, slope: Any) -> Any:
+        ahead = mean * dt * after
+        moved = ca.vertcat(angles, spin) + ahead * slope
+        return rates(moved[:3], moved[3:], position + ahead * (velocity + 0.5 * ahead * a))
+
+    k1 = rates(angles, spin, position)
+    k2 = stage(0.5, k1)
+    k3 = stage(0.5, k2)
+    k4 = stage(1.0, k3)
+    turn = ca.vertcat(angles, spin) + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     there = position + dt * (velocity + mean * 0.5 * dt * a)
-    return ca.vertcat(there, velocity + dt * a, turned, spin + dt * alpha(middle, turning, arm))
+    return ca.vertcat(there, velocity + dt * a, turn)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.mpc.compiled_feet import place_toes
 from climbplan.mpc.compiled_qp import objective, stance_rows, states, swing_rows
-from climbplan.mpc.dynamics import BodyNumbers, knot_model
+from climbplan.mpc.compiled_step import linearised
 from climbplan.mpc.footing import Footing, footing_of, toe_heights
 from climbplan.mpc.task import LEGS, STATE, Array, Gait, Start, WalkTask
 
@@ -68,8 +68,9 @@ class PinnedProgram:
         self.foot_column = 3 * self.forces
         self.size = self.foot_column + 2 * self.footing.count
         self.force_scale = task.weight / LEGS
-        self.model = knot_model(BodyNumbers.of(task.body), task.knots)
-        self._mean = 1.0 if task.integrator == "mean" else 0.0
+        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
+        self._after = np.empty((task.knots, STATE))
+        self._slopes = np.empty((task.knots, 2 * STATE + 3 * LEGS, STATE))
         self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
         weights, reference = task.weights, task.reference
         self._weight = np.concatenate([[weights.height], weights.velocity, weights.angles])
@@ -109,17 +110,27 @@ class PinnedProgram:
 
     def qp(self, at: Iterate) -> PinnedQp:
         """The QP of the linearisation about an iterate."""
-        task, model, qp = self.task, self.model, self._qp
+        task, qp = self.task, self._qp
         body, weights, foothold = task.body, task.weights, self.footing.foothold
         contact = self.gait.contact
         toes = self.toes(at.state, at.spots)
         # Dynamics, eqs. (8.14) to (8.19), about the iterate
-        model.state[:], model.toes[:], model.force[:] = at.state[:-1], toes[:-1], at.force
-        model.dt[:], model.mean[:] = task.step, self._mean
-        model.linearise_step()
+        linearised(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            task.integrator == "mean",
+            at.state,
+            toes,
+            at.force,
+            self._after,
+            self._slopes,
+        )
         states(
-            model.after,
-            model.jacobian,
+            self._after,
+            self._slopes,
             at.state,
             at.force,
             at.spots,

@@ -74,9 +74,9 @@ def knot_step(
 ) -> Array:
     """States (..., 12) one knot later, eq. (8.19).
 
-    `euler`: forward Euler. `mean`: the body moves on above the toes while forces are constant, along
-    a parabola, and turns by Runge-Kutta under the moments at the arms of each stage, whose mean is
-    exact. `rk4`: in continuous time.
+    `euler`: forward Euler. `mean`: the body moves on above the toes while forces are constant,
+    along a parabola, and turns by Runge-Kutta under the moments at the arms of each stage, whose
+    mean is exact. `rk4`: in continuous time.
     """
     if integrator == "rk4":
         return runge_kutta(body, dt, state, toes, force)

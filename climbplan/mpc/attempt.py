@@ -15,6 +15,7 @@ import numpy as np
 from climbplan.mpc.compiled_body import PARTS, rolled
 from climbplan.mpc.compiled_feet import worst_beyond
 from climbplan.mpc.pinned import Iterate, PinnedProgram
+from climbplan.mpc.published import PublishedProgram
 from climbplan.mpc.sqp import guess
 from climbplan.mpc.task import ANGLES, LEGS, VELOCITY, Array, Gait, WalkTask, WalkTrajectory
 
@@ -60,10 +61,12 @@ class Budget:
 class GaitTrials:
     """Programs of gaits, kept from tick to tick."""
 
-    def __init__(self, task: WalkTask, margin: float) -> None:
-        self._margin = margin
+    def __init__(self, task: WalkTask, margin: float, beside: float = 0.0) -> None:
+        """margin: as of `PinnedProgram`; beside: as of `PublishedProgram`."""
+        self._margin, self._beside = margin, beside
         self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._programs: OrderedDict[bytes, PinnedProgram] = OrderedDict()
+        self._published: OrderedDict[bytes, PublishedProgram] = OrderedDict()
 
     def program(self, task: WalkTask, gait: Gait) -> PinnedProgram:
         """The program of a gait from the task's start."""
@@ -110,6 +113,20 @@ class GaitTrials:
             if best is not None and best.holds:
                 break
         return best
+
+    def published(
+        self, task: WalkTask, program: PinnedProgram, at: Iterate, budget: Budget
+    ) -> Attempt | None:
+        """The published program's answer in the regions of a motion; None where OSQP has none."""
+        key = program.gait.key
+        if key not in self._published:
+            self._published[key] = PublishedProgram(program, self._beside)
+            if len(self._published) > _KEPT:
+                self._published.popitem(last=False)
+        self._published.move_to_end(key)
+        answer = self._published[key].solve(fitting(task, program, at))
+        budget.book(0)
+        return None if answer.at is None else self.judged(task, program, answer.at)
 
     def judged(self, task: WalkTask, program: PinnedProgram, at: Iterate) -> Attempt | None:
         """The rollout of an iterate's forces in continuous time against its own states."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -39,6 +40,7 @@ _FALLBACK_QPS = 6
 _FALLBACK_SHARE = 0.6  # of a tick's effort that is kept for named gaits
 _MADE_BEFORE = 200  # programs of gaits
 _BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
+Form = Literal["pinned", "published"]
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
 
 
@@ -51,6 +53,8 @@ class OnlineSettings:
     iterations: int = 2  # QPs of each gait
     effort: int = 1400  # DAQP iterations in a tick, named gaits included; a QP's assembly counts
     margin: float = 3e-3  # [m] kept inside the workspace boxes
+    form: Form = "pinned"  # what is solved: `published.py` says what the other is
+    beside: float = 0.0  # share of regions beside the neighbour's that the published form allows
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,7 @@ class Command:
     solve_time: float  # [s] of it in QPs and their checks
     warning: str = ""
     qps: int = 0
+    holds: bool = False  # on the nonlinear dynamics
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ class OnlineController:
         self.task = horizon_of(task)
         self.library, self.settings = library, settings
         self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
-        self._trials = GaitTrials(self.task, settings.margin)
+        self._trials = GaitTrials(self.task, settings.margin, settings.beside)
         self._last: WalkTrajectory | None = None
         self._good = task.start  # the last measurement that could be one
         self._warm_up()
@@ -107,7 +112,8 @@ class OnlineController:
         seen: set[bytes] = set()
         for candidate in self._candidates(task, situation, choice):
             gait = usable(task, candidate.gait, able)
-            if gait is None or gait.key in seen:
+            # The published form has other integers, its regions, for the same gait.
+            if gait is None or (gait.key in seen and not self._published):
                 continue
             seen.add(gait.key)
             choice.tried += 1
@@ -116,6 +122,8 @@ class OnlineController:
             choice.solving += time.perf_counter() - before
             if found is not None:
                 choice.weigh(task, found, candidate.winner)
+                if self._published:
+                    break  # what solves is taken, as published
             if choice.held >= self.settings.enough or (choice.held and candidate.at is None):
                 break
         words = [] if len(self.library) else ["the library is empty"]
@@ -125,12 +133,16 @@ class OnlineController:
         taken = choice.best
         if taken is None:
             words.append(f"none of {choice.tried} gaits holds")
-            if choice.nearest is None or choice.nearest[0] >= _BEARABLE:
+            if choice.nearest is None or (choice.nearest[0] >= _BEARABLE and not self._published):
                 return self._safe(choice, ", and ".join(words))
             taken = choice.nearest
             words[-1] += ", the nearest is taken"
         self._last = taken[1]
         return choice.command(taken[1], taken[2], ", and ".join(words))
+
+    @property
+    def _published(self) -> bool:
+        return self.settings.form == "published"
 
     def _warm_up(self) -> None:
         """Load compiled code and make the programs of the commonest gaits, before time counts."""
@@ -147,17 +159,18 @@ class OnlineController:
         self, task: WalkTask, situation: Situation, choice: _Choice
     ) -> Iterator[_Candidate]:
         """The plan before, sections of the library, and where none of them holds named gaits."""
-        if self._last is not None:
+        if self._last is not None and not self._published:
             yield _Candidate(LAST, *continued(self._last))
         features = features_of(situation, float(task.reference.height[0]))
         base = np.array([*situation.state[:2], 0.0])
-        kept = 0 if not len(self.library) else round(_FALLBACK_SHARE * self.settings.effort)
+        named = len(self.library) and not self._published
+        kept = 0 if not named else round(_FALLBACK_SHARE * self.settings.effort)
         for index in self._ranking.ranked(features, self.settings.candidates):
             if choice.budget.left <= (0 if choice.held else kept):
                 break
             gait = flat_gait(self.library.contact[index])
             yield _Candidate(int(index), gait, self._section(int(index), gait, base))
-        if choice.held:
+        if choice.held or self._published:
             return
         for name, phase in _FALLBACKS:
             yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None)
@@ -175,6 +188,8 @@ class OnlineController:
         self, task: WalkTask, gait: Gait, candidate: _Candidate, budget: Budget
     ) -> Attempt | None:
         program = self._trials.program(task, gait)
+        if self._published and candidate.at is not None:
+            return self._trials.published(task, program, candidate.at, budget)
         named = candidate.at is None
         iterations = _FALLBACK_QPS if named else self.settings.iterations
         return self._trials.attempt(task, program, candidate.at, iterations, budget, named)
@@ -219,7 +234,8 @@ class _Choice:
         # Asking for processor time takes as long as half a QP: once a tick, shares by the clock.
         share = self.solving / max(time.perf_counter() - self.clock, 1e-9)
         solving = min(share, 1.0) * spent
-        return Command(walk, winner, self.tried, spent, solving, warning, self.budget.qps)
+        held = self.best is not None
+        return Command(walk, winner, self.tried, spent, solving, warning, self.budget.qps, held)
 
 
 def horizon_of(task: WalkTask) -> WalkTask:

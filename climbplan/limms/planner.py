@@ -49,7 +49,7 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
         if left <= 0:
             break
         world = (
-            walk(scene, attempts, left, most_steps, rng)
+            walk(scene, attempts, time.monotonic() + left, most_steps, rng)
             if sequence.kind == "quadruped"
             else carry(scene, sequence, attempts, left, rng)
         )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from climbplan.limms.chain import Pose
 from climbplan.limms.leg_motion import leg_motion
 from climbplan.limms.leg_statement import LegTrace
 from climbplan.limms.scene import GRAVITY, Array, Scene
@@ -24,23 +25,20 @@ def add_leg_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[LegT
     for trace in traces:
         motion = leg_motion(world.scene, limbs, trace, world.angles[modules])
         world.box_mode = QUADRUPED
-        fields = world.rest(trace.phase.name, motion.time)
-        fields["box"], fields["velocity"], fields["acceleration"] = motion.box
+        stretch = world.rest(trace.phase.name, motion.time)
+        for own, values in zip(
+            (stretch.box, stretch.velocity, stretch.acceleration), motion.box, strict=True
+        ):
+            own[:] = values
         force = foot_forces(
             world.scene, trace, motion.time, motion.box.position, motion.box.acceleration
         )
         for i, limb in enumerate(limbs):
-            for key, value in (
-                ("angles", motion.angles[:, i]),
-                ("rates", motion.rates[:, i]),
-                ("base_position", motion.feet[:, i]),
-                ("base_rotation", motion.points[i].rotation[:, 0]),
-            ):
-                fields[key][:, limb.module] = value  # type: ignore[index]
-            in_air = i in trace.phase.swing
-            fields["grounded"][limb.module] = NOWHERE if in_air else 0  # type: ignore[index]
-            fields["force"][:, limb.side] = force[:, i]  # type: ignore[index]
-        world.add(**fields)
+            base = Pose(motion.feet[:, i], motion.points[i].rotation[:, 0])
+            stretch.place(limb.module, base, motion.angles[:, i], motion.rates[:, i])
+            stretch.grounded[limb.module] = NOWHERE if i in trace.phase.swing else 0
+            stretch.force[:, limb.side] = force[:, i]
+        world.add(stretch)
 
 
 def foot_forces(

@@ -68,15 +68,8 @@ class SerialChain:
         return np.swapaxes(self.pose(angles).axes, -1, -2)
 
     def hessian(self, angles: Array) -> Array:
-        """Second derivatives of the toe (..., N, 3, J, J): a_i x (a_j x (toe - p_j)), i <= j."""
-        pose = self.pose(angles)
-        columns = np.swapaxes(pose.jacobian, -1, -2)  # (..., N, J, 3)
-        count = self.joint_count
-        out = np.empty((*columns.shape[:-2], 3, count, count))
-        for i in range(count):
-            later = np.cross(pose.axes[..., i, None, :], columns[..., i:, :])
-            out[..., i, i:] = out[..., i:, i] = np.swapaxes(later, -1, -2)
-        return out
+        """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2]."""
+        return self.pose(angles).hessian
 
     def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
         """The angles nearest to `posture` that put the toes at toes (..., N, 3); one branch."""

@@ -18,7 +18,15 @@ KINDS = {
 # Length of the link that each joint moves [m]; "ankle" takes its own off the last link before it.
 _LENGTH = {"yaw": 0.057, "roll": 0.0, "lift": 0.195, "twist": 0.0, "knee": 0.375, "turn": 0.0}
 _ANKLE = 0.10
-_BOUND = {"yaw": 1.0, "roll": 0.6, "lift": 1.5, "twist": 0.8, "knee": 1.5, "turn": 0.8, "ankle": 1.0}
+_BOUND = {
+    "yaw": 1.0,
+    "roll": 0.6,
+    "lift": 1.5,
+    "twist": 0.8,
+    "knee": 1.5,
+    "turn": 0.8,
+    "ankle": 1.0,
+}
 _AXIS = {
     "yaw": "0 0 1",
     "roll": "1 0 0",
@@ -49,9 +57,7 @@ class Walker:
 
     def text(self) -> str:
         """The URDF."""
-        base = (
-            f'<mesh filename="{self.mesh}"/>' if self.mesh else '<box size="0.4 0.2 0.08"/>'
-        )
+        base = f'<mesh filename="{self.mesh}"/>' if self.mesh else '<box size="0.4 0.2 0.08"/>'
         parts = [
             '<?xml version="1.0"?>',
             f'<robot name="walker{2 * len(self.forward)}">',
@@ -75,7 +81,7 @@ class Walker:
         yaw = sign * math.pi / 2 - sign * math.radians(sprawl)
         kinds = KINDS[self.joints]
         has_ankle = "ankle" in kinds
-        parent, out = "base_link", []
+        parent, out, effort = "base_link", [], self.effort
         at = f'xyz="{x} {sign * self.half_width} 0" rpy="0 0 {yaw}"'
         for kind in kinds:
             child = f"{name}_{kind}_link"
@@ -84,7 +90,7 @@ class Walker:
                 f'  <joint name="{name}_{kind}" type="revolute">',
                 f'    <parent link="{parent}"/><child link="{child}"/>',
                 f'    <origin {at}/><axis xyz="{_AXIS[kind]}"/>',
-                f'    <limit lower="{-bound}" upper="{bound}" effort="{self.effort}" velocity="5"/>',
+                f'    <limit lower="{-bound}" upper="{bound}" effort="{effort}" velocity="5"/>',
                 "  </joint>",
             ]
             length = _LENGTH.get(kind, _ANKLE)

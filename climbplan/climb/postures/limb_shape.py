@@ -1,7 +1,7 @@
-"""A limb as the convex posture statement knows it: shoulder, toe, and knees to first order.
+"""A limb as the convex posture statement knows it: shoulder, toe, and the knee to first order.
 
-A knee is any joint between the first and the toe that stands off both: the one knee of coxa, femur
-and tibia (the femur joint stays near the shoulder), several on a chain.
+The knee of a chain is the joint that stands off farthest from the way from its first joint to its
+toe; what its other joints meet, the exact check finds.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 
 _STEP = 1e-5  # [m] of the differences
-_APART = 0.08  # [m] from the first joint, within which a joint counts as being there
-_SAME = 1e-3  # [m] between joints that are one knee
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class LimbShape:
 
     shoulder: Array  # (3,) [m]
     highest: float  # [m] by which a knee may be above the shoulder at most, femur or more
-    knees: tuple[Knee, ...]  # none where the nominal stance, or the toe lifted, is out of reach
+    knee: Knee | None  # None where the nominal stance, or the toe lifted off it, is out of reach
 
 
 def limb_shape(scene: ClimbScene, limb: int) -> LimbShape:
@@ -51,32 +49,26 @@ def limb_shape(scene: ClimbScene, limb: int) -> LimbShape:
     toes = np.tile(robot.stance_body, (len(moved), 1, 1))
     toes[:, limb] += moved
     solution = inverse(robot, toes)
-    knees: tuple[Knee, ...] = ()
+    knee = None
     if solution.valid[:, limb].all():
         points = joint_points_body(robot, np.nan_to_num(solution.best()))[:, limb]
-        knees = tuple(
-            Knee(
-                stance=robot.stance_body[limb],
-                at=points[0, j],
-                by_toe=(points[1:4, j] - points[4:7, j]).T / (2 * _STEP),
-                lifted=points[7:, j] - points[0, j],
-            )
-            for j in _knees_of(robot, points[0])
+        knees = points[:, _knee_of(robot, points[0])]
+        knee = Knee(
+            stance=robot.stance_body[limb],
+            at=knees[0],
+            by_toe=(knees[1:4] - knees[4:7]).T / (2 * _STEP),
+            lifted=knees[7:] - knees[0],
         )
-    return LimbShape(robot.shoulder_body[limb], _highest(robot, limb), knees)
+    return LimbShape(robot.shoulder_body[limb], _highest(robot, limb), knee)
 
 
-def _knees_of(robot: Robot, points: Array) -> list[int]:
-    """Which joints of a limb with joints and toe at points (P, 3) are knees."""
+def _knee_of(robot: Robot, points: Array) -> int:
+    """The joint of a limb, with joints and toe at points (P, 3), farthest off the straight way."""
     if robot.mechanism is None:
-        return [2]
-    out: list[int] = []
-    for j in range(1, len(points) - 1):
-        others = [points[k] for k in (*out, len(points) - 1)]
-        near = any(np.linalg.norm(points[j] - other) < _SAME for other in others)
-        if np.linalg.norm(points[j] - points[0]) >= _APART and not near:
-            out.append(j)
-    return out
+        return 2
+    along = points[-1] - points[0]
+    off = np.cross(points[1:-1] - points[0], along / np.linalg.norm(along))
+    return 1 + int(np.argmax(np.linalg.norm(off, axis=1)))
 
 
 def _highest(robot: Robot, limb: int) -> float:

@@ -104,8 +104,8 @@ def limb_polytopes(
     """Toes and body poses before and after a round for which a limb stays beyond one face.
 
     Points are (toe, com, Theta) of both postures, in R^18. Toe, shoulder and knee are beyond the
-    face, knees to first order about the nominal stance and lifted too. Below a level face there is
-    room for a knee anywhere, at most a femur above the shoulder.
+    face, the knee to first order about the nominal stance and lifted too. Below a level face there
+    is room for the knee anywhere, at most a femur above the shoulder.
     """
     faces = []
     zero = np.zeros(3)
@@ -117,7 +117,7 @@ def limb_polytopes(
         up = limb.highest * max(0.0, -float(normal[2]))
         rows = [[*-normal, *zero, *zero], [*zero, *-normal, *-arm]]
         bounds = [-keep, shoulder @ turned - arm @ rotation.level - keep - up]
-        for knee in limb.knees:
+        if (knee := limb.knee) is not None:
             # knee = com + R k + G (toe - com - R s), G = Rz J Rz'
             follow = knee.by_toe.T @ turned
             with_toe = rotation.reference @ follow

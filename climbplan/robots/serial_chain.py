@@ -13,6 +13,7 @@ from climbplan.robots.mechanism import InverseKinematics, Miss
 from climbplan.robots.rotations import Array
 
 _AT_BOUND = 1e-6  # [rad]
+_ALONG = 0.7  # part of what is missing that has to lie along the limb for "too far"
 
 
 @dataclass(frozen=True)
@@ -90,17 +91,16 @@ class SerialChain:
     def miss(
         self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
     ) -> Miss:
-        """Why limb `limb` of a solution for toes (N, 3) is not valid: the joints that stop it."""
+        """Why limb `limb` of a solution for toes (N, 3) is not valid, and which joints stop it."""
         angles = solution.angles[0, limb]
         missing = float(solution.missing[0, limb])
         gap = np.minimum(angles - lower[limb], upper[limb] - angles)
-        stopped = [
-            name for name, room in zip(self.names[limb], gap, strict=False) if room < _AT_BOUND
-        ]
-        if stopped:
-            plural = "s" if len(stopped) > 1 else ""
-            return Miss(f"stopped by the bound{plural} of {', '.join(stopped)}", missing)
+        names = zip(self.names[limb], gap, strict=True)
+        stopped = ", ".join(name for name, room in names if name and room < _AT_BOUND)
         there = self.only(slice(limb, limb + 1)).joint_points(angles[None])[0]
         first, toe = there[0], there[-1]
-        far = np.linalg.norm(toes[limb] - first) > np.linalg.norm(toe - first)
-        return Miss("too far" if far else "too near", missing)
+        beyond = float(np.linalg.norm(toes[limb] - first) - np.linalg.norm(toe - first))
+        if stopped and abs(beyond) < _ALONG * missing:
+            return Miss(f"stopped by the bound of {stopped}", missing)
+        which = "too far" if beyond > 0 else "too near"
+        return Miss(f"{which} ({stopped} at its bound)" if stopped else which, missing)

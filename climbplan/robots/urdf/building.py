@@ -204,6 +204,18 @@ def _ball(
     bounds: tuple[Array, Array],
 ) -> float:
     """Radius of the stance's ball that all legs reach; raises SpecError where there is none."""
+    distance = np.linalg.norm(stance - chain.joint_zero[:, 0], axis=1)
+    beyond = [
+        Finding(
+            ("legs", robot.limb_names[limb]),
+            f"its toe stands {1e3 * distance[limb]:.0f} mm from its first joint, nearer to full "
+            f"stretch than the {1e3 * reach:.0f} mm it is planned with; expected a stance or "
+            "posture with bent joints, or `workspace: {reach: NUMBER}`",
+        )
+        for limb in (int(i) for i in np.flatnonzero(distance > reach))
+    ]
+    if beyond:
+        raise robot.refused(beyond)
     radius = stance_balls(chain, stance, reach, *bounds)
     limb = int(np.argmin(radius))
     if radius[limb] < _LEAST_BALL:

@@ -16,6 +16,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 
 _STEP = 1e-5  # [m] of the differences
+_POSTURES = 1000  # sampled of a chain
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class LimbShape:
     """What has to be beyond an obstacle's face, body frame."""
 
     shoulder: Array  # (3,) [m]
-    highest: float  # [m] by which a knee may be above the shoulder at most, femur or more
+    highest: float  # [m] by which the knee may be above the shoulder at most
     knee: Knee | None  # None where the nominal stance, or the toe lifted off it, is out of reach
 
 
@@ -49,17 +50,18 @@ def limb_shape(scene: ClimbScene, limb: int) -> LimbShape:
     toes = np.tile(robot.stance_body, (len(moved), 1, 1))
     toes[:, limb] += moved
     solution = inverse(robot, toes)
+    points = joint_points_body(robot, np.nan_to_num(solution.best()))[:, limb]
+    joint = _knee_of(robot, points[0])
     knee = None
     if solution.valid[:, limb].all():
-        points = joint_points_body(robot, np.nan_to_num(solution.best()))[:, limb]
-        knees = points[:, _knee_of(robot, points[0])]
+        knees = points[:, joint]
         knee = Knee(
             stance=robot.stance_body[limb],
             at=knees[0],
             by_toe=(knees[1:4] - knees[4:7]).T / (2 * _STEP),
             lifted=knees[7:] - knees[0],
         )
-    return LimbShape(robot.shoulder_body[limb], _highest(robot, limb), knee)
+    return LimbShape(robot.shoulder_body[limb], _highest(robot, limb, joint), knee)
 
 
 def _knee_of(robot: Robot, points: Array) -> int:
@@ -71,8 +73,12 @@ def _knee_of(robot: Robot, points: Array) -> int:
     return 1 + int(np.argmax(np.linalg.norm(off, axis=1)))
 
 
-def _highest(robot: Robot, limb: int) -> float:
-    """Links between first and last joint, upright: the femur alone, as the coxa is level."""
+def _highest(robot: Robot, limb: int, knee: int) -> float:
+    """The femur's length, or by how much sampled postures of a chain lift its knee."""
     if robot.mechanism is None:
         return float(robot.link_lengths[limb, 1])
-    return float(robot.link_lengths[limb, :-1].sum())
+    own = robot.one_limb(limb)
+    share = np.random.default_rng(0).random((_POSTURES, 1, robot.joint_count))
+    angles = own.joint_lower + share * (own.joint_upper - own.joint_lower)
+    points = joint_points_body(own, angles)[:, 0]
+    return float(max(0.0, (points[:, knee, 2] - points[:, 0, 2]).max()))

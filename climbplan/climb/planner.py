@@ -26,6 +26,7 @@ from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, StepLimits
+from climbplan.robots.any_robot import assumptions
 from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
 
@@ -257,6 +258,7 @@ def plan_climb(
     loaded = started(loaded)
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source)
+    assumed = assumptions(loaded.robot, scene.robot)
     supported = plan_support(scene, plan_motion(scene, clock, save_model), clock)
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
@@ -288,7 +290,12 @@ def plan_climb(
             "posture": {**motion.posture.sizes, "nodes": motion.posture.nodes},
             "force": {"instants": instants.count},
         },
-        warnings=(*motion.posture.warnings, *motion.tightenings, *deflection_warnings(forces)),
+        warnings=(
+            *motion.posture.warnings,
+            *motion.tightenings,
+            *deflection_warnings(forces),
+            *assumed,
+        ),
         study=study,
     )
     return replace(plan, summary=summary_lines(plan))

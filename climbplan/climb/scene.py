@@ -8,12 +8,13 @@ import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.plans.climb_plan import Index
+from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb import ClimbSpec, PostureSpec
 from climbplan.spec.motion import MotionSpec
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import AnyRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Surface
 
@@ -115,14 +116,14 @@ def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
     return np.concatenate([force, moment], axis=-1)
 
 
-def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") -> ClimbScene:
+def build_scene(spec: ClimbSpec, robot_spec: AnyRobot, source: str = "spec") -> ClimbScene:
     """Numbers of a validated spec.
 
     Raises SpecError for toes off their surfaces and UsageError for malformed terrain.
     """
     if spec.task.start.plan is not None:
         raise ValueError("the start is still in its plan file")
-    robot = with_stance(Robot.from_spec(robot_spec), spec.task.stance)
+    robot = with_stance(build_robot(robot_spec), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)

@@ -78,6 +78,11 @@ class RobotSpec(SpecModel):
     workspace: WorkspaceSpec = Field(description="limb workspace of the posture planner")
     limbs: tuple[LimbSpec, ...] = Field(min_length=3, description="limbs, in leg order")
 
+    @property
+    def limb_names(self) -> tuple[str, ...]:
+        """Limbs, in leg order."""
+        return tuple(limb.name for limb in self.limbs)
+
     @model_validator(mode="after")
     def _limb_names_differ(self) -> Self:
         names = [limb.name for limb in self.limbs]

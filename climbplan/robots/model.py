@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from climbplan.robots.gripper import Gripper
 from climbplan.robots.rotations import Array
 from climbplan.spec.robot import RobotSpec
 
@@ -35,6 +36,7 @@ class Robot:
     reach: float  # Delta_FK, largest shoulder-toe distance of the posture planner [m]
     stance_radius: float  # largest toe distance from its stance in the posture planner [m]
     limb_radius: float  # capsule radius of the links [m]
+    gripper: Gripper | None = None  # on a wrist at every toe
 
     @property
     def limb_count(self) -> int:
@@ -75,4 +77,5 @@ class Robot:
             reach=spec.workspace.reach,
             stance_radius=spec.workspace.stance_radius,
             limb_radius=spec.limb_radius,
+            gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
         )

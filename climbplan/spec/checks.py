@@ -67,6 +67,13 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
             for i, box in enumerate(parts.terrain.boxes)
             for j, name in enumerate(box.limbs or ())
         ]
+        panel = parts.terrain.panel
+        holds = panel.holds if panel is not None else {}
+        named += [
+            (("terrain", "panel", "holds", hold, "limbs", j), name)
+            for hold, spec in holds.items()
+            for j, name in enumerate(spec.limbs or ())
+        ]
     found += [
         Finding(
             path,
@@ -87,6 +94,8 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
     if terrain.ground is not None:
         return []
     picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
+    if terrain.panel is not None:
+        picky += [hold.limbs for hold in terrain.panel.holds.values()]
     return [
         Finding(("terrain", "regions"), f"limb {limb.name} may use none of the regions")
         for limb in parts.robot.limbs
@@ -96,8 +105,13 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
 
 def _method_limits(parts: ClimbParts) -> list[Finding]:
     """`micp` is convex but for the choice of regions: no curved walls, no lower step bounds."""
-    if parts.solver is None or parts.solver.method != "micp":
+    if parts.solver is None:
         return []
+    if parts.solver.method != "micp":
+        if parts.robot is None or parts.robot.gripper is None:
+            return []
+        message = f"{parts.robot.name} has grippers, whose postures only `micp` plans"
+        return [Finding(("solver", "method"), message)]
     cure = "which `micp` cannot state; use `--method nlp`"
     found = []
     if parts.terrain is not None and parts.terrain.tube is not None:

@@ -8,6 +8,7 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
+from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
@@ -20,7 +21,6 @@ from climbplan.limms.held import (
     release_share,
 )
 from climbplan.limms.limbs import arm, root_on_anchor
-from climbplan.limms.program import Outcome
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Connection

@@ -8,12 +8,13 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from climbplan.limms.answers import Cut, Ends, Outcome
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
 from climbplan.limms.cuts import solve_clear
 from climbplan.limms.limbs import limb_angles, limb_points
-from climbplan.limms.program import Cut, Ends, Outcome, solve
+from climbplan.limms.program import solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 

@@ -199,9 +199,11 @@ def plan_trajectory(
     share = (sample - ends[segment]) / count[segment]
     moving = _between(frames, segment, _ease(share))
     command = _joint_commands(robot, moving, [frames.label[s] for s in segment])
-    grips = None if robot.gripper is None else GripForces.unpacked(moving.held[..., :_PACKED])
-    contact = frames.contact[segment]
-    return Trajectory(sample / rate, moving.com, moving.rpy, command, contact, grips)
+    motion = Trajectory(sample / rate, moving.com, moving.rpy, command, frames.contact[segment])
+    if robot.gripper is None:
+        return motion
+    grips = GripForces.unpacked(moving.held[..., :_PACKED])
+    return replace(motion, grips=grips, force=moving.force)
 
 
 def _keyframes(

@@ -99,6 +99,7 @@ class Trajectory:
     joint_command: Array  # (T, N, J) [rad]
     contact: Mask  # (T, N)
     grips: GripForces | None = None  # of robots with grippers
+    force: Array | None = None  # (T, N, 3) likewise, contact forces [N]
 
 
 @dataclass(frozen=True)

@@ -47,3 +47,4 @@ class GripPlan:
     wrist_torque: Array  # (K, N, 3) [N m]
     pull_margin: Array  # (K, N) further pull that a grip holds, infinite if any [N]
     trajectory: GripForces
+    trajectory_force: Array  # (T, N, 3) contact forces on the way [N]

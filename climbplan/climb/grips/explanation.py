@@ -111,9 +111,7 @@ def _linear(instant: GripInstant) -> Array:
     )
 
 
-def _add_columns(
-    program: ConicProgram, rows: dict[str, Array], forces: Array, start: int
-) -> None:
+def _add_columns(program: ConicProgram, rows: dict[str, Array], forces: Array, start: int) -> None:
     """Let variables from `start` on add `forces` (9 n, m) in the named blocks."""
     blocks = []
     for name, cone, A, b in program.blocks:

@@ -36,7 +36,9 @@ def grip_plan(
 ) -> GripPlan | None:
     """Wrist angles, torques and pull-out margins beside the forces; None without grippers."""
     grippers = scene.grippers
-    if grippers is None or forces.grips is None or trajectory.grips is None:
+    if grippers is None or forces.grips is None:
+        return None
+    if trajectory.grips is None or trajectory.force is None:
         return None
     statement = state_grips(scene, instants, grippers)
     grips = forces.grips
@@ -57,6 +59,7 @@ def grip_plan(
         wrist_torque=wrist_torques(statement, forces.force, grips.moment),
         pull_margin=pull_margins(statement, parts),
         trajectory=trajectory.grips,
+        trajectory_force=trajectory.force,
     )
 
 

@@ -114,9 +114,7 @@ class LinearRows:
 def linear_rows(instant: GripInstant) -> LinearRows:
     """Torque, gripping force, pressure and command rows; friction is apart."""
     n = instant.contacts
-    pressure = [
-        -instant.part_rows(i, part)[0] for i in range(n) for part in range(PARTS)
-    ]
+    pressure = [-instant.part_rows(i, part)[0] for i in range(n) for part in range(PARTS)]
     A = [instant.torque, -instant.torque, instant.grip, -instant.grip, np.array(pressure)]
     by_s = [np.ones(12 * n), np.full(n, instant.max_grip), np.zeros(n + PARTS * n)]
     upper = [np.zeros(12 * n + 2 * n + PARTS * n)]

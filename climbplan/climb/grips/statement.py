@@ -78,9 +78,7 @@ class GripStatement:
 def grip_wrists(scene: MotionScene, instants: Instants, grippers: Grippers) -> Wrists:
     """Wrists (K, N, ...) that hold the grippers square on their holds; lifted ones likewise."""
     rotation = rotation_world_body(instants.rpy)
-    link = np.einsum(
-        "kab,knib->knia", rotation, last_link_body(scene.robot, instants.joint_angles)
-    )
+    link = np.einsum("kab,knib->knia", rotation, last_link_body(scene.robot, instants.joint_angles))
     return wrists_at(link, -instants.normal, grippers.axis[instants.region])
 
 

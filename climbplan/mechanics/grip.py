@@ -31,6 +31,7 @@ from climbplan.terrain.holds import flat_hold
 from climbplan.terrain.surfaces import Region, Surface
 
 _SMALL = 1e-12
+_SMALL_FORCE = 1e-7  # [N] rounding
 
 PALM, FIRST, SECOND = range(3)  # parts of a gripper: palm, finger at +axis, finger at -axis
 
@@ -149,6 +150,7 @@ def pull_margin(cones: GripCones, parts: Array, normal: Array) -> Array:
     d = (n * nu).sum(axis=-1)
     b = n - d[..., None] * nu
     c = (fingers * nu).sum(axis=-1)
+    c = np.where(np.abs(c) < _SMALL_FORCE, 0.0, c)
     a = fingers - c[..., None] * nu
     held = mu * c + sigma
     qa = (b * b).sum(-1) - (mu * d) ** 2
@@ -161,6 +163,6 @@ def pull_margin(cones: GripCones, parts: Array, normal: Array) -> Array:
         slips = np.where(np.abs(qa) > _SMALL, slips, np.where(qb < 0, qc / (2 * qb), np.inf))
         slips = np.where((inner < 0) | (slips < 0), np.inf, slips)
         leaves = np.where(d > 0, c / d, np.inf)  # presses no more
-    inside = (qc <= 0) & (c >= 0)
+    inside = (np.sqrt((a * a).sum(-1)) <= held + _SMALL_FORCE) & (c >= -_SMALL_FORCE)
     most = np.where(inside, np.minimum(slips, leaves), 0.0)
     return np.asarray(2 * np.maximum(most, 0.0).min(axis=-1))

@@ -116,11 +116,13 @@ def _model_of(text: str, where: str) -> GripperModel:
     if state.ndim != 2 or state.shape[1] != INPUTS or len(state) == 0:
         raise UsageError(f"{where}: state has shape {state.shape}, expected (n, {INPUTS})")
     arrays = {"force": len(state), "center": INPUTS, "scale": INPUTS}
-    found = {name: _numbers(data, name, where) for name in arrays}
+    found: dict[str, Any] = {name: _numbers(data, name, where) for name in arrays}
     for name, size in arrays.items():
         if found[name].shape != (size,):
             raise UsageError(f"{where}: {name} has shape {found[name].shape}, expected ({size},)")
-    numbers = {name: float(_numbers(data, name, where).reshape(())) for name in _NUMBERS}
+    numbers: dict[str, Any] = {
+        name: float(_numbers(data, name, where).reshape(())) for name in _NUMBERS
+    }
     if min(numbers.values()) <= 0 or found["scale"].min() <= 0:
         raise UsageError(f"{where}: expected signal, length, noise and scale > 0")
     return GripperModel(state=state, **found, **numbers)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import h5py
 import numpy as np
 
@@ -60,8 +62,10 @@ def read_gripper(reader: Reader) -> Gripper | None:
     where = "robot/gripper"
     if not reader.has(where):
         return None
-    numbers = {name: reader.number(where, name) for name in GRIPPER_NUMBERS}
-    arrays = {name: reader.array(f"{where}/{name}", shape) for name, shape in GRIPPER.items()}
+    numbers: dict[str, Any] = {name: reader.number(where, name) for name in GRIPPER_NUMBERS}
+    arrays: dict[str, Any] = {
+        name: reader.array(f"{where}/{name}", shape) for name, shape in GRIPPER.items()
+    }
     return Gripper(**numbers, **arrays)
 
 
@@ -96,11 +100,13 @@ def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
     if gripper is None:
         return None
     where = f"{GROUP}/model"
-    numbers = {name: reader.number(where, name) for name in MODEL_NUMBERS}
-    arrays = {name: np.asarray(reader.array(f"{where}/{name}", s)) for name, s in MODEL.items()}
+    numbers: dict[str, Any] = {name: reader.number(where, name) for name in MODEL_NUMBERS}
+    arrays: dict[str, Any] = {
+        name: np.asarray(reader.array(f"{where}/{name}", s)) for name, s in MODEL.items()
+    }
     if not len(arrays["state"]) or len(arrays["force"]) != len(arrays["state"]):
         raise reader.refuse(f"{where} holds {len(arrays['state'])} states, as many forces expected")
-    states = {
+    states: dict[str, Any] = {
         name: GripForces(
             **{
                 part: reader.array(f"{GROUP}/{name}/{part}", layout)
@@ -109,7 +115,9 @@ def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
         )
         for name, count in STATES.items()
     }
-    wrists = {name: reader.array(f"{GROUP}/{name}", shape) for name, shape in WRISTS.items()}
+    wrists: dict[str, Any] = {
+        name: reader.array(f"{GROUP}/{name}", shape) for name, shape in WRISTS.items()
+    }
     return GripPlan(
         risk=reader.number(GROUP, "risk"),
         model=GripperModel(**arrays, **numbers),

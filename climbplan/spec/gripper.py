@@ -1,4 +1,4 @@
-"""Gripper spec: what a robot's grippers are (robot file), and how a climb uses them (climb spec)."""
+"""Grippers: what they are (in the robot file), and how a climb uses them (in its spec)."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class GripperSpec(SpecModel):
     model: str = Field(
         default="spine_synthetic",
         min_length=1,
-        description="shear force of the spines: a built-in model, or the path of a gripper.json that "
-        "`fit-gripper` wrote, relative to the climb's spec",
+        description="shear force of the spines: a built-in model, or the path of a gripper.json "
+        "that `fit-gripper` wrote, relative to the climb's spec",
     )
 
     @model_validator(mode="after")

@@ -73,7 +73,8 @@ def grip_warnings(scene: MotionScene, instants: Instants) -> tuple[str, ...]:
         return ()
     names = ", ".join(repr(scene.terrain.surfaces[r].name) for r in used[:3])
     more = f" and {len(used) - 3} more" if len(used) > 3 else ""
-    return (
+    text = (
         f"orientation or friction of {names}{more} is beyond the grips that the gripper's model "
-        "was fitted to: its bound extrapolates",
+        "was fitted to: its bound extrapolates"
     )
+    return (text,)

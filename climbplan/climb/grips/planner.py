@@ -1,4 +1,4 @@
-"""The force planner of robots with grippers: contact forces, grips and commands at every instant."""
+"""The force planner of robots with grippers: contact forces, grips and commands by instant."""
 
 from __future__ import annotations
 

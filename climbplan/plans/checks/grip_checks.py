@@ -18,7 +18,7 @@ from climbplan.plans.checks.grips_anew import (
     wrist_axes,
 )
 from climbplan.plans.checks.subject import Subject
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.plans.climb_plan import ClimbPlan, Mask
 from climbplan.plans.grip_plan import GripPlan
 from climbplan.robots.gripper import WRIST_JOINTS, Gripper
 from climbplan.terrain.surfaces import Region
@@ -109,7 +109,7 @@ def _cones(subject: Subject, hands: Hands) -> Iterator[Check]:
 
 
 def _gripping(subject: Subject, gripper: Gripper, grips: GripPlan, hands: Hands) -> Iterator[Check]:
-    """Gripping force within the actuator's limit over S_tau; no moment that fingers cannot carry."""
+    """Gripping force within its limit over S_tau; no moment that fingers cannot carry."""
     plan = subject.plan
     force, contact = grips.instants.grip, plan.instants.contact
     limit = gripper.max_force / plan.limits.safety_torque
@@ -215,7 +215,7 @@ def _factors(
     """Stored safety factors are those of the stored grips."""
     plan = subject.plan
     forces, contact = plan.forces, plan.instants.contact[..., None]
-    loaded = contact & (hands.shear > _NO_SHEAR * subject.weight)
+    loaded: Mask = contact & (hands.shear > _NO_SHEAR * subject.weight)
     friction = np.where(loaded, hands.share(), 0.0).max(axis=(1, 2))
     use = [
         (np.abs(subject.torques) / plan.robot.max_torque).max(axis=(1, 2)),
@@ -223,9 +223,10 @@ def _factors(
     ]
     if gripper.max_force > 0:
         use.append((grips.instants.grip / gripper.max_force).max(axis=1))
+    tight = np.asarray(np.max(use, axis=0))
     off = np.stack(
         [
-            np.abs(1 / forces.safety_torque - np.max(use, axis=0)),
+            np.abs(1 / forces.safety_torque - tight),
             np.abs(1 / forces.safety_friction - friction),
             np.abs(forces.mu_critical - _critical(hands, spines, loaded)).max(axis=1),
         ],
@@ -235,7 +236,7 @@ def _factors(
     return judge_worst("safety.stored", off, lambda k, row: f"{subject.at(k)}, {names[row]}")
 
 
-def _critical(hands: Hands, spines: Array, loaded: Array) -> Array:
+def _critical(hands: Hands, spines: Array, loaded: Mask) -> Array:
     """(K, N) friction coefficient at which a part slips, its spines holding as counted on."""
     own = np.stack([0 * spines, spines / 2, spines / 2], axis=-1)
     beyond = np.maximum(hands.shear - own, 0.0)

@@ -107,6 +107,26 @@ def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array
     return float(shares[bad[0] - 1]) if len(bad) and bad[0] > 0 else float(not len(bad))
 
 
+def path_choices(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+) -> list[list[tuple[float, Limb]]]:
+    """Likeliest branches of each limb along the straight way, as far as it is not thrown."""
+    corners = way_points(task)
+    if task.throw:
+        share = release_share(scene, limbs, corners[-2], corners[-1])
+        corners[-1] = corners[-2] + share * (corners[-1] - corners[-2])
+    path = np.vstack(
+        [
+            first + np.linspace(0, 1, 9)[:, None] * (last - first)
+            for first, last in pairwise(corners)
+        ]
+    )
+    return [
+        branch_choices(scene, limb, path, np.tile(limb.fixed_position, (len(path), 1)))
+        for limb in limbs
+    ]
+
+
 def bumps(first: Array, last: Array) -> list[Array]:
     """Sideways detours (3,) of a straight way: none, and both ways along two directions."""
     along = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)

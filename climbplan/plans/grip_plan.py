@@ -11,9 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.mechanics.gripper_model import GripperModel
-
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SpineModel:
+    """The Gaussian process that spines were counted on by, eqs. (3.3) to (3.6), as arrays."""
+
+    state: Array  # (n, 4) training inputs: orientation [rad], friction
+    force: Array  # (n,) training outputs [N]
+    center: Array  # (4,) of the inputs
+    scale: Array  # (4,) of the inputs
+    signal: float  # sigma_f [N]
+    length: float  # l, on standardised inputs
+    noise: float  # sigma_n [N]
 
 
 @dataclass(frozen=True)
@@ -40,7 +51,7 @@ class GripPlan:
     """Grips at the instants and on the way, and what the spines were counted on for."""
 
     risk: float  # that a grip holds less than was counted on
-    model: GripperModel
+    model: SpineModel
     spines: Array  # (R,) shear force of a gripper's spines on each surface [N]
     instants: GripForces
     wrist_angles: Array  # (K, N, 3) [rad]

@@ -7,14 +7,14 @@ from typing import Any
 import h5py
 import numpy as np
 
-from climbplan.mechanics.gripper_model import INPUTS, GripperModel
-from climbplan.plans.grip_plan import GripForces, GripPlan
+from climbplan.plans.grip_plan import GripForces, GripPlan, SpineModel
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.gripper import Gripper
 
 GROUP = "grips"
+INPUTS = 4  # alpha, beta, gamma, friction
 GRIPPER = {
     "wrist_max_torque": Layout((3,), "N m"),
     "wrist_lower": Layout((3,), "rad"),
@@ -120,7 +120,7 @@ def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
     }
     return GripPlan(
         risk=reader.number(GROUP, "risk"),
-        model=GripperModel(**arrays, **numbers),
+        model=SpineModel(**arrays, **numbers),
         spines=reader.array(f"{GROUP}/spines", SPINES),
         trajectory_force=reader.array(f"{GROUP}/trajectory/force", FORCE),
         **states,

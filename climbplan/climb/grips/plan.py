@@ -10,7 +10,7 @@ from climbplan.climb.scene import MotionScene
 from climbplan.errors import ReachFailure
 from climbplan.mechanics.grip import outside_training, parts_of
 from climbplan.plans.climb_plan import Forces, Instants, Trajectory
-from climbplan.plans.grip_plan import GripPlan
+from climbplan.plans.grip_plan import GripPlan, SpineModel
 from climbplan.robots.gripper import WRIST_JOINTS
 
 _BOUND_SLACK = 1e-9  # [rad]
@@ -52,7 +52,7 @@ def grip_plan(
     )
     return GripPlan(
         risk=grippers.risk,
-        model=grippers.model,
+        model=SpineModel(**vars(grippers.model)),
         spines=grippers.spines,
         instants=grips,
         wrist_angles=statement.wrists.angles,

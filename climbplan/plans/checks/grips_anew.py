@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from climbplan.mechanics.gripper_model import GripperModel
 from climbplan.plans.checks.check import Array
 from climbplan.plans.climb_plan import ClimbPlan, Index
-from climbplan.plans.grip_plan import GripForces
+from climbplan.plans.grip_plan import GripForces, SpineModel
 from climbplan.robots.gripper import Gripper
 from climbplan.terrain.surfaces import Region
 
@@ -51,7 +50,7 @@ def holds_of(plan: ClimbPlan) -> Holds:
     return Holds(np.array(axes), np.array(undercut), np.array(orientation), friction)
 
 
-def spine_bounds(model: GripperModel, risk: float, holds: Holds) -> Array:
+def spine_bounds(model: SpineModel, risk: float, holds: Holds) -> Array:
     """(R,) lower confidence bound of eqs. (3.4) to (3.6) at every hold, at least zero [N]."""
 
     def kernel(first: Array, second: Array) -> Array:

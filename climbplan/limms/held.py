@@ -9,12 +9,12 @@ from itertools import pairwise, product
 import numpy as np
 
 from climbplan.limms.answers import Cut, Ends, Outcome
+from climbplan.limms.arm_program import solve_arms
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
 from climbplan.limms.cuts import solve_clear
 from climbplan.limms.limbs import limb_angles, limb_points
-from climbplan.limms.program import solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
@@ -218,7 +218,7 @@ def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: f
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
 
     def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
-        return solve(scene, limbs, guess or first, ends, cuts, time_limit)
+        return solve_arms(scene, limbs, guess or first, ends, cuts, time_limit)
 
     return solve_clear(scene, limbs, once)
 

@@ -1,7 +1,7 @@
 """Throws drawn at random: goals, sizes and places of the box, where the module stands.
 
-All like `specs/limms_throw.yaml`: one module, one anchor on the wall, a goal that no side of the box
-can be held at from there; at its start one can.
+All like `specs/limms_throw.yaml`: one module, one anchor on the wall, a goal that no side of the
+box can be held at from there; at its start one can.
 """
 
 from __future__ import annotations

@@ -9,18 +9,20 @@ from itertools import pairwise, product
 import numpy as np
 
 from climbplan.limms.answers import Cut, Ends, Outcome
+from climbplan.limms.arm_program import solve_arms
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
 from climbplan.limms.cuts import solve_clear
 from climbplan.limms.limbs import limb_angles, limb_points
-from climbplan.limms.program import solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
 KNOTS = 8  # intervals of a phase
 BUMP = 0.2  # [m]
 SPEED = 0.45  # [m/s] of the guess
+RELEASES = (0.92, 0.75, 0.55)  # how far of what arms reach a guess throws
+TRIES = 3  # guesses of a throw
 
 
 @dataclass(frozen=True)
@@ -137,15 +139,19 @@ def bumps(first: Array, last: Array) -> list[Array]:
 
 
 def guess_for(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, bump: Array | None = None
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    bump: Array | None = None,
+    release: float = 0.92,
 ) -> list[Trace]:
     """A slow straight motion through the way, and a parabola if the box is thrown.
 
-    bump: a sideways detour of every leg of the way.
+    bump: a sideways detour of every leg of the way; release: how far of what arms reach they throw.
     """
     corners = way_points(task)
     if task.throw:
-        reached = 0.92 * release_share(scene, limbs, corners[-2], corners[-1])
+        reached = release * release_share(scene, limbs, corners[-2], corners[-1])
         corners[-1] = corners[-2] + reached * (corners[-1] - corners[-2])
     blocks = list(task.way.blocks)
     if task.throw:
@@ -211,16 +217,36 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
 
 
 def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float) -> Outcome:
-    """Solve the program of one held stage."""
-    corners = way_points(task)
-    guesses = [guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])]
-    first = min(guesses, key=jerkiness)
+    """Solve the program of one held stage, from the smoothest guesses until one leads to an answer.
+
+    The outcome is the first that is solved, or the last; its times are those of all.
+    """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
+    spent, built = 0.0, 0.0
+    for first in guesses_for(scene, limbs, task)[: TRIES if task.throw else 1]:
 
-    def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
-        return solve(scene, limbs, guess or first, ends, cuts, time_limit)
+        def once(
+            guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first
+        ) -> Outcome:
+            return solve_arms(scene, limbs, guess or first, ends, cuts, time_limit)
 
-    return solve_clear(scene, limbs, once)
+        outcome = solve_clear(scene, limbs, once)
+        spent, built = spent + outcome.seconds, built + outcome.build_seconds
+        if outcome.solved:
+            break
+    return replace(outcome, seconds=spent, build_seconds=built)
+
+
+def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Trace]]:
+    """Guesses with and without detours, smoothest first; throws also from nearer the start."""
+    corners = way_points(task)
+    ranked: list[list[Trace]] = []
+    for share in RELEASES if task.throw else RELEASES[:1]:
+        guesses = [
+            guess_for(scene, limbs, task, bump, share) for bump in bumps(corners[0], corners[-1])
+        ]
+        ranked.append(min(guesses, key=jerkiness))
+    return ranked
 
 
 def jerkiness(traces: Sequence[Trace]) -> float:

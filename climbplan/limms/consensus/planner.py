@@ -30,7 +30,7 @@ from climbplan.spec.limms_loading import LoadedLimms
 
 METHOD = "admm"
 SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, arms and legs in turn
-REFINED = 30.0  # [s] of one refinement
+REFINED = 60.0  # [s] of one refinement
 Report = Callable[[str, float], None]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from climbplan.limms.bounds import Connection
@@ -46,7 +48,8 @@ def refine(
     sequence = sequence_of(modes)
     if sequence.kind == "quadruped":
         # Standing, or one leap: with one step at most no other contact sequence is left
-        return walk(scene, attempts, left, int((modes.box == LEAPS).any()), rng)
+        steps = int((modes.box == LEAPS).any())
+        return walk(scene, attempts, time.monotonic() + left, steps, rng)
     chains = chains_of(modes)
     if any(len(chain.modules) > 1 for chain in chains):
         return carry_on_chains(scene, sequence, attempts, left, rng, chains)

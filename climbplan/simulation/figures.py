@@ -21,7 +21,8 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.simulation.comparison import Comparison, instant_samples
+from climbplan.simulation.comparison import Comparison
+from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.pictures import Picture
 from climbplan.simulation.replay import Run
 from climbplan.simulation.variations import SweepPoint

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports.sheet import png
 from climbplan.robots.rotations import Array
-from climbplan.simulation.comparison import LEAST_TORQUE, Comparison, compare
+from climbplan.simulation.comparison import LEAST_SAG, LEAST_TORQUE, Comparison, compare
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.figures import falls, leg, sag, strip
 from climbplan.simulation.model import TIME_STEP
@@ -33,7 +33,8 @@ from climbplan.simulation.variations import (
 RESULT = "simulation.csv"
 UNITS = {
     "torque.*": "N m", "sag.*": "m", "time": "s", "time_step": "s", "final_offset": "m",
-    "slips.time": "s", "slips.distance": "m", "conditions.payload": "kg",
+    "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
+    "lost_contacts.duration": "s", "conditions.payload": "kg",
     "conditions.backlash": "rad",
 }  # fmt: skip
 
@@ -69,7 +70,7 @@ def simulate_plan(
     load_mujoco()
     camera = open_camera(plan) if pictures else "no pictures asked for"
     watch = camera.watch if isinstance(camera, Camera) else None
-    run = simulate(plan, conditions, lambda part: progress("simulate", part), watch)
+    run = simulate(plan, conditions, lambda part: progress("simulate", part), watch, rests=True)
     compared = compare(plan, run)
     trials: tuple[Trial, ...] = ()
     points: tuple[SweepPoint, ...] = ()
@@ -90,7 +91,10 @@ def headline(found: Simulated) -> str:
     end = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
     error = compared.torque_error
     torque = f"torque {np.median(error):.1%} off (median)" if error.size else "no instant reached"
-    return f"{end}, {len(compared.slips)} slips, {torque}, friction {_friction_words(compared)}"
+    lost = f"{len(compared.losses)} contacts lost, " if compared.losses else ""
+    return (
+        f"{end}, {len(compared.slips)} slips, {lost}{torque}, friction {_friction_words(compared)}"
+    )
 
 
 def _friction_words(compared: Comparison) -> str:
@@ -133,6 +137,9 @@ def report_dict(found: Simulated) -> dict[str, Any]:
             "absolute_error": _spread(
                 np.linalg.norm(compared.sag - compared.sag_predicted, axis=1)
             ),
+            "compared_above": LEAST_SAG,
+            "compared": int(len(compared.sag_error)),
+            "lag": _spread(np.linalg.norm(compared.lag, axis=1)),
         },
         "final_offset": (run.com[-1] - plan.trajectory.com[run.samples - 1]).tolist(),
         "bumps": float(run.bumped.mean()),
@@ -144,6 +151,15 @@ def report_dict(found: Simulated) -> dict[str, Any]:
                 "distance": s.distance,
             }
             for s in compared.slips
+        ],
+        "lost_contacts": [
+            {
+                "limb": names[s.limb],
+                "time": s.time,
+                "where": plan.instants.label(s.instant, names),
+                "duration": s.duration,
+            }
+            for s in compared.losses
         ],
         "runs": [_trial(trial) for trial in found.trials],
         "sweep": {

@@ -11,8 +11,9 @@ import pytest
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.comparison import compare, instant_samples
+from climbplan.simulation.comparison import compare
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
+from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import build_mjcf, motor_stiffness
 from climbplan.simulation.replay import simulate
 from climbplan.terrain.surfaces import Region, Tube

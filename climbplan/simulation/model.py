@@ -151,6 +151,10 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
         f' mass="0.001" material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{_numbers(l3 * down)}" size="0.001"/>'
     )
+    narrow = (
+        f'<geom type="capsule" fromto="0 0 0 {_numbers((l3 - radius / 4) * down)}"'
+        f' size="{radius / 4:.6g}" mass="0" material="link" contype="0" conaffinity="0"/>'
+    )
     # A tibia narrows to its toe, as where the planner keeps it clear of what it stands on: what is
     # left of it there is seen but touches nothing.
     return [
@@ -163,8 +167,7 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
         f'<body name="tibia{limb}" pos="{_numbers(l2 * along)}">',
         joint("tibia", "0 -1 0"),
         link("tibia", max(l3 - NARROW, 0.1 * l3) * down),
-        f'<geom type="capsule" fromto="0 0 0 {_numbers((l3 - radius / 4) * down)}"'
-        f' size="{radius / 4:.6g}" mass="0" material="link" contype="0" conaffinity="0"/>',
+        narrow,
         toe,
         "</body></body></body>",
     ]

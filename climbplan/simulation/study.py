@@ -138,7 +138,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
                 np.linalg.norm(compared.sag - compared.sag_predicted, axis=1)
             ),
             "compared_above": LEAST_SAG,
-            "compared": int(len(compared.sag_error)),
+            "compared": len(compared.sag_error),
             "lag": _spread(np.linalg.norm(compared.lag, axis=1)),
         },
         "final_offset": (run.com[-1] - plan.trajectory.com[run.samples - 1]).tolist(),

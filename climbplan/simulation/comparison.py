@@ -140,7 +140,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     contact = plan.trajectory.contact[: run.samples]
     found: list[Slip] = []
     for limb in range(plan.robot.limb_count):
-        for first, last in _stances(contact[:, limb]):
+        for first, last in spans_of(contact[:, limb]):
             touched = np.flatnonzero(run.touching[first:last, limb])
             if not len(touched):
                 continue
@@ -169,14 +169,14 @@ def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
     missing = plan.trajectory.contact[: run.samples] & (pressed > LEAST_PRESSED) & ~run.touching
     found: list[LostContact] = []
     for limb in range(plan.robot.limb_count):
-        for first, last in _stances(missing[:, limb]):
+        for first, last in spans_of(missing[:, limb]):
             lasted = float(run.time[last - 1] - run.time[first])
             if lasted > LOST:
                 found.append(LostContact(limb, float(run.time[first]), int(instant[first]), lasted))
     return tuple(sorted(found, key=lambda s: s.time))
 
 
-def _stances(contact: Mask) -> list[tuple[int, int]]:
-    """Spans of samples in which a limb's flag is set."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
+def spans_of(flags: Mask) -> list[tuple[int, int]]:
+    """Spans (first, after) of samples in which flags (T,) are set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -163,10 +163,11 @@ def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
     instant = sample_instants(plan)[: run.samples]
     pressure = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
     following = np.minimum(np.arange(len(pressure)) + 1, len(pressure) - 1)
-    air = plan.instants.lifted.any(axis=1)[:, None]
+    air = plan.instants.lifted.any(axis=1, keepdims=True)
     held = np.where(air, pressure, np.minimum(pressure, pressure[following]))
     pressed = np.where((instant >= 0)[:, None], held[np.maximum(instant, 0)], 0.0)
-    missing = plan.trajectory.contact[: run.samples] & (pressed > LEAST_PRESSED) & ~run.touching
+    stands = plan.trajectory.contact[: run.samples]
+    missing = np.asarray(stands & (pressed > LEAST_PRESSED) & ~run.touching, bool)
     found: list[LostContact] = []
     for limb in range(plan.robot.limb_count):
         for first, last in spans_of(missing[:, limb]):

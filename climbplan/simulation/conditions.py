@@ -30,6 +30,7 @@ class Conditions:
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[ContactLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
+    regulator: float = 0.0  # [1/s] integral gain of the body's attitude; 0 leaves it to the plan
 
 
 NOMINAL = Conditions()

@@ -28,7 +28,9 @@ def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
     """The model of a walk under given conditions; body and toes start anywhere."""
     task = plan.task
     friction = max(task.ground.friction * conditions.friction, 1e-5)
-    xy = np.concatenate([plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)])
+    xy = np.concatenate(
+        [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
+    )
     low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
     ground = []
     for index, height in enumerate(task.ground.height):
@@ -42,33 +44,30 @@ def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
             f' size="{_numbers([*(upper - lower) / 2, _THICK / 2])}" friction="{friction:.6g} 0 0"'
             f' contype="0" conaffinity="{_TOE | _BODY}" material="ground"/>'
         )
-    return "\n".join(
-        [
-            '<mujoco model="climbplan walk">',
-            f'<option timestep="{TIME_STEP}" gravity="0 0 {-task.body.gravity}" cone="elliptic"'
-            ' impratio="100" integrator="implicitfast" noslip_iterations="4"/>',
-            '<compiler angle="radian" autolimits="true"/>',
-            '<visual><global offwidth="1280" offheight="960"/>'
-            '<headlight ambient=".5 .5 .5" diffuse=".5 .5 .5"/></visual>',
-            '<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>',
-            "<asset>",
-            '<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8"'
-            ' height="48"/>',
-            '<texture name="tiles" type="2d" builtin="checker" rgb1=".78 .80 .83"'
-            ' rgb2=".88 .89 .91" width="64" height="64"/>',
-            '<material name="ground" texture="tiles" texrepeat="5 5" texuniform="true"/>',
-            '<material name="body" rgba="0.16 0.23 0.35 1"/>',
-            '<material name="toe" rgba="0.85 0.25 0.20 1"/>',
-            "</asset>",
-            "<worldbody>",
-            '<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>',
-            *ground,
-            _body(plan, conditions),
-            *(_toe(leg) for leg in range(LEGS)),
-            "</worldbody>",
-            "</mujoco>",
-        ]
-    )
+    toes = "\n".join(_toe(leg) for leg in range(LEGS))
+    return f"""
+<mujoco model="climbplan walk">
+<option timestep="{TIME_STEP}" gravity="0 0 {-task.body.gravity}" cone="elliptic" impratio="100"
+ integrator="implicitfast" noslip_iterations="4"/>
+<compiler angle="radian" autolimits="true"/>
+<visual><global offwidth="1280" offheight="960"/>
+<headlight ambient=".5 .5 .5" diffuse=".5 .5 .5"/></visual>
+<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>
+<asset>
+<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>
+<texture name="tiles" type="2d" builtin="checker" rgb1=".50 .52 .56" rgb2=".60 .62 .65"
+ width="64" height="64"/>
+<material name="ground" texture="tiles" texrepeat="5 5" texuniform="true"/>
+<material name="body" rgba="0.16 0.23 0.35 1"/>
+<material name="toe" rgba="0.85 0.25 0.20 1"/>
+</asset>
+<worldbody>
+<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>
+{"".join(ground)}
+{_body(plan, conditions)}
+{toes}
+</worldbody>
+</mujoco>"""
 
 
 def hips(plan: WalkPlan) -> Array:

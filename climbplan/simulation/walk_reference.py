@@ -63,9 +63,11 @@ def walk_reference(plan: WalkPlan) -> WalkReference:
     task, found = plan.task, plan.trajectory
     contact = found.gait.contact.copy()
     contact[-1] = contact[-2]  # flags tell of intervals; the last has none
-    time = task.step * np.arange(task.knots + 1)
-    swings = tuple(_swings(time, contact[:, leg], found.toes[:, leg], task.lift) for leg in range(LEGS))
-    rotation = rotation_world_body(found.state[:, ANGLES])
+    time = np.asarray(task.step * np.arange(task.knots + 1), np.float64)
+    swings = tuple(
+        _swings(time, contact[:, leg], found.toes[:, leg], task.lift) for leg in range(LEGS)
+    )
+    rotation = np.asarray(rotation_world_body(found.state[:, ANGLES]), np.float64)
     return WalkReference(time, found.state, rotation, contact, found.toes, swings)
 
 

@@ -118,7 +118,9 @@ class _Walker:
             rows.append(row | (_nothing() if last else self._interval(sample)))
             if progress is not None:
                 progress((sample + 1) / len(reference.time))
-            state = np.concatenate([row["com"], row["velocity"], _euler(row["rotation"]), np.zeros(3)])
+            state = np.concatenate(
+                [row["com"], row["velocity"], euler_angles(row["rotation"]), np.zeros(3)]
+            )
             away = float(np.linalg.norm(row["com"] - reference.state[sample, POSITION]))
             if lies_down(state) or (self.feedback and away > _AWAY) or not np.isfinite(start):
                 fell = True
@@ -181,9 +183,9 @@ class _Walker:
         data.xfrc_applied[self.body, 3:] = np.cross(arms, pushed).sum(axis=0)
         on_toes = -pushed - _STANDING_DRAG * speed
         for leg in np.flatnonzero(~contact):
-            goal = self.reference.toe(int(leg), now)
-            going = (self.reference.toe(int(leg), now + TIME_STEP) - goal) / TIME_STEP
-            off = goal + [0, 0, TOE_RADIUS] - toes[leg]
+            spot = self.reference.toe(int(leg), now)
+            going = (self.reference.toe(int(leg), now + TIME_STEP) - spot) / TIME_STEP
+            off = spot - ground[leg]
             on_toes[leg] = TOE_MASS * (_SWING**2 * off + 2 * _SWING * (going - speed[leg]))
         data.qfrc_applied[self.dof] = on_toes
 
@@ -273,7 +275,7 @@ def _nothing() -> dict[str, Any]:
     }
 
 
-def _euler(rotation: Array) -> Array:
+def euler_angles(rotation: Array) -> Array:
     """Roll, pitch, yaw of R = Rz Ry Rx."""
     pitch = -np.arcsin(np.clip(rotation[2, 0], -1, 1))
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])

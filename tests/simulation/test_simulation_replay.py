@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +12,16 @@ import pytest
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.comparison import compare
+from climbplan.simulation.comparison import compare, find_losses, find_slips
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import build_mjcf, motor_stiffness
 from climbplan.simulation.replay import simulate
+from climbplan.spec.transition_loading import load_transition
 from climbplan.terrain.surfaces import Region, Tube
+from climbplan.transition.planner import plan_transition
 
+SPECS = Path(__file__).parents[2] / "specs"
 Planned = Callable[..., ClimbPlan]
 
 
@@ -140,3 +144,25 @@ def test_tubes_and_polygons_are_walls_at_their_place(planned: Planned, mujoco) -
             assert bool(touching) is meets, (surface.name, depth)
             if meets:
                 assert touching[0].dist == pytest.approx(-depth, abs=6e-4)
+
+
+def test_transition_from_the_ground_to_the_walls(mujoco: object) -> None:
+    """Several limbs move at once; the published factors leave it standing."""
+    plan = plan_transition(load_transition(SPECS / "transition_flat.yaml"))
+    run = simulate(plan, Conditions(speed=2.0), rests=True)
+    found = compare(plan, run)
+    assert not run.fallen
+    assert found.slips == ()
+    assert found.losses == ()
+    assert len(found.instant) == plan.instants.count
+    assert np.median(found.torque_error) < 0.05
+    icy = simulate(plan, Conditions(friction=0.6, speed=4.0))
+    assert icy.fallen or find_slips(plan, icy)
+
+
+def test_toes_that_should_press_and_do_not_are_found(planned: Planned) -> None:
+    plan = planned()
+    run = simulate(plan, Conditions(speed=8.0))
+    assert find_losses(plan, run) == ()
+    untouched = replace(run, touching=run.touching & (np.arange(6) != 4))
+    assert {lost.limb for lost in find_losses(plan, untouched)} == {4}

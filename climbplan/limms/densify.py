@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from climbplan.limms.chain import Pose, along, inverse
+from climbplan.limms.cubics import box_path, knot_samples
 from climbplan.limms.limbs import limb_frames
 from climbplan.limms.reaching import closest_branch, rates_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
@@ -18,6 +19,7 @@ from climbplan.limms.timeline import (
     NOWHERE,
     QUADRUPED,
     Progress,
+    Stretch,
     samples,
 )
 
@@ -28,30 +30,6 @@ __all__ = ["add_traces", "along", "inverse"]
 
 class Follow(Exception):
     """A module cannot follow what the box does after it let go."""
-
-
-def box_path(trace: Trace, time: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (n, 3) at times (n,) of a phase."""
-    count = trace.phase.intervals
-    step = trace.duration / count
-    k = np.clip((time / step + 1e-9).astype(int), 0, count - 1)
-    t = (time - k * step)[:, None]
-    a0, a1 = trace.acceleration[k], trace.acceleration[k + 1]
-    slope = (a1 - a0) / step
-    return (
-        trace.position[k] + trace.velocity[k] * t + a0 * t**2 / 2 + slope * t**3 / 6,
-        trace.velocity[k] + a0 * t + slope * t**2 / 2,
-        a0 + slope * t,
-    )
-
-
-def knot_samples(trace: Trace) -> Array:
-    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples."""
-    count = trace.phase.intervals
-    inner = samples(trace.duration / count)
-    step = trace.duration / count
-    whole = [k * step + inner[:-1] for k in range(count)]
-    return np.concatenate([*whole, [trace.duration]])
 
 
 def other_ends(trace: Trace, limb: int, is_swinging: bool, time: Array) -> Array:
@@ -79,12 +57,14 @@ def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) 
 
 def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     scene, phase = world.scene, trace.phase
-    time = knot_samples(trace)
-    position, velocity, acceleration = box_path(trace, time)
+    time = knot_samples(trace.duration, phase.intervals)
+    position, velocity, acceleration = box_path(
+        trace.duration, trace.position, trace.velocity, trace.acceleration, time
+    )
     held = phase.kind == "held"
     world.box_mode = MANIPULATED if held else QUADRUPED
-    fields = world.rest(phase.kind, time)
-    fields["box"], fields["velocity"], fields["acceleration"] = position, velocity, acceleration
+    stretch = world.rest(phase.kind, time)
+    _move_box(stretch, position, velocity, acceleration)
     feet = np.stack(
         [other_ends(trace, i, i in phase.swing, time) for i in range(len(limbs))], axis=1
     )
@@ -94,30 +74,23 @@ def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
         first = Pose(first.position, np.broadcast_to(first.rotation, shape))
         last = Pose(last.position, np.broadcast_to(last.rotation, shape))
         angles = closest_branch(scene.module, first, last, trace.angles[0, i], trace.angles[-1, i])
-        _place(fields, limb.module, angles, rates_of(time, angles), first)
         # Whole turns of rolls count on from where they are
         turn = np.round((world.angles[limb.module] - angles[0]) / (2 * np.pi)) * 2 * np.pi
-        fields["angles"][:, limb.module] += turn  # type: ignore[index]
+        stretch.place(limb.module, first, angles + turn, rates_of(time, angles))
         if limb.is_leg:
-            fields["grounded"][limb.module] = NOWHERE if i in phase.swing else 1 - limb.box_end  # type: ignore[index]
+            stretch.grounded[limb.module] = NOWHERE if i in phase.swing else 1 - limb.box_end
     force = (
         _held_forces(scene, limbs, acceleration)
         if held
         else _foot_forces(scene, limbs, trace, time, position, acceleration, feet)
     )
     for i, limb in enumerate(limbs):
-        fields["force"][:, limb.side] = force[:, i]  # type: ignore[index]
-    world.add(**fields)
+        stretch.force[:, limb.side] = force[:, i]
+    world.add(stretch)
 
 
-def _place(fields: dict[str, object], module: int, angles: Array, rates: Array, base: Pose) -> None:
-    for key, value in (
-        ("angles", angles),
-        ("rates", rates),
-        ("base_position", base.position),
-        ("base_rotation", base.rotation),
-    ):
-        fields[key][:, module] = value  # type: ignore[index]
+def _move_box(stretch: Stretch, position: Array, velocity: Array, acceleration: Array) -> None:
+    stretch.box[:], stretch.velocity[:], stretch.acceleration[:] = position, velocity, acceleration
 
 
 def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Array:
@@ -168,13 +141,15 @@ def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     """The box flies; modules that threw it stop beside its way."""
     scene = world.scene
     time = samples(trace.duration)
-    position, velocity, acceleration = box_path(trace, time)
+    position, velocity, acceleration = box_path(
+        trace.duration, trace.position, trace.velocity, trace.acceleration, time
+    )
     world.box_mode = FREE
     for limb in limbs:
         anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor
         anchors[limb.module] = NOWHERE
-    fields = world.rest("flight", time)
-    fields["box"], fields["velocity"], fields["acceleration"] = position, velocity, acceleration
+    stretch = world.rest("flight", time)
+    _move_box(stretch, position, velocity, acceleration)
     for limb in limbs:
         normal = SIDE_NORMALS[limb.side]
         start = position[0] + scene.side_offset(0, limb.side)
@@ -195,8 +170,8 @@ def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
                 break
         else:
             raise Follow(f"module {scene.module_names[limb.module]} cannot stop after the throw")
-        _place(fields, limb.module, angles, rates, first)
-    world.add(**fields)
+        stretch.place(limb.module, first, angles, rates)
+    world.add(stretch)
 
 
 def _retreat(

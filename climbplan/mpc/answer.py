@@ -26,4 +26,6 @@ class WalkAnswer:
     word: str  # what the method says of its answer
     bound: float | None = None  # of a relaxation, see `word`
     tried: int = 0  # gaits
+    qps: int = 0  # of a search, its polish not counted
+    cut_short: str = ""  # a warning if the time limit did so, and so the machine's speed
     history: tuple[Improvement, ...] = field(default=())

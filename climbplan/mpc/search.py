@@ -1,4 +1,8 @@
-"""Local search over gaits: flips of single contacts, of knots and of legs, each priced by SQP."""
+"""Local search over gaits: flips of single contacts, of knots and of legs, each priced by SQP.
+
+What it finds depends on its seed and on its budget of QPs, not on the machine: the time limit is a
+cap, and an answer that it cut short says so.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.mpc.answer import Improvement, WalkAnswer
+from climbplan.mpc.checker import check_trajectory, failures
 from climbplan.mpc.footing import gait_of
 from climbplan.mpc.gaits import CYCLES, enough_contacts, starting_gaits, with_regions
+from climbplan.mpc.pinned import Iterate
 from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
 from climbplan.mpc.task import LEGS, Flags, Gait, WalkTask
 
-_FIRST_SHARE = 0.35  # of the time, for named gaits
-_GLANCE = 4  # QPs after which a gait that is far off is given up
-_PROMISING = 8  # named gaits that are looked at further
-_FAR_OFF = 1.15  # times the best cost, then
-_FULL = 15
+_FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
+_GLANCE = 2  # QPs after which a gait that is not better is given up
+_PROMISING = 4  # named gaits that are looked at further
+_FULL = 8
 _POLISH = 60
 _POLISHED = 10  # gaits, from the best, until one holds
 _REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
@@ -26,12 +31,13 @@ _REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """When a search ends."""
+    """When a search ends. The polish of what it found is not counted."""
 
-    seconds: float
+    seconds: float = np.inf  # a cap
     gaits: int = 100_000  # beyond the named ones
     seed: int = 0
     names: tuple[str, ...] = tuple(CYCLES)  # gaits to begin with
+    qps: int = 1_000_000_000
 
 
 def search(task: WalkTask, limits: SearchLimits, first: tuple[Gait, ...] = ()) -> WalkAnswer:
@@ -46,6 +52,8 @@ class _Search:
         self.begin = time.perf_counter()
         self.seen: set[bytes] = set()
         self.priced = 0  # gaits beyond the named ones
+        self.qps = 0
+        self.late = False  # the time limit cut it short
         self.best: GaitAnswer | None = None
         self.good: list[GaitAnswer] = []  # each was the best for a while
         self.history: list[Improvement] = []
@@ -60,47 +68,84 @@ class _Search:
 
     @property
     def spent(self) -> bool:
-        return self.seconds > self.limits.seconds or self.priced >= self.limits.gaits
+        self.late |= self.seconds > self.limits.seconds
+        used_up = self.qps >= self.limits.qps or self.priced >= self.limits.gaits
+        return self.late or used_up
+
+    @property
+    def cut_short(self) -> str:
+        """A warning if the time limit ended the search; empty if not."""
+        if not self.late:
+            return ""
+        budget = f" of {self.limits.qps}" if self.limits.qps < SearchLimits.qps else ""
+        return (
+            f"the time limit of {self.limits.seconds:g} s ended the search after "
+            f"{self.qps}{budget} QPs: a faster machine may find another answer"
+        )
+
+    def solved(
+        self, gait: Gait, start: Iterate | None, iterations: int, elastic: bool = True
+    ) -> GaitAnswer:
+        found = solve_gait(self.task, gait, start, iterations, agreement=ROUGHLY, elastic=elastic)
+        self.qps += found.iterations
+        return found
 
     def run(self, first: tuple[Gait, ...]) -> WalkAnswer:
         self.first_round(first)
         while self.best is not None and not self.spent:
             if not self.improve(self.best):
                 break
+        return self.polished()
+
+    def polished(self) -> WalkAnswer:
+        """The best gait that passes the exact check once its SQP has settled."""
         word = "no gait has a QP"
+        nearest: tuple[GaitAnswer, str] | None = None  # holds, but breaks a check: better than none
+        complete = "best gait so far" if self.spent else "local optimum over gaits"
         for candidate in sorted(self.good, key=self.price)[:_POLISHED]:
             assert candidate.trajectory is not None
             gait = candidate.trajectory.gait
             start = iterate_of(candidate.trajectory, gait)
             final = solve_gait(self.task, gait, start, _POLISH)
-            if final.trajectory is not None and final.holds:
-                found = "local optimum over gaits" if not self.spent else "best gait so far"
-                self.history.append(Improvement(self.seconds, final.objective))
-                return WalkAnswer(
-                    final.trajectory,
-                    final.objective,
-                    self.seconds,
-                    found,
-                    tried=len(self.seen),
-                    history=tuple(self.history),
-                )
-            if word.startswith("no"):
-                word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
-        return WalkAnswer(None, np.inf, self.seconds, word, tried=len(self.seen))
+            if final.trajectory is None or not final.holds:
+                if word.startswith("no"):
+                    word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
+                continue
+            if not failures(check_trajectory(self.task, final.trajectory)):
+                return self.answer(final, complete)
+            nearest = nearest or (final, complete)
+        if nearest is not None:
+            return self.answer(*nearest)
+        return WalkAnswer(
+            None, np.inf, self.seconds, word, tried=len(self.seen), cut_short=self.cut_short
+        )
+
+    def answer(self, final: GaitAnswer, word: str) -> WalkAnswer:
+        self.history.append(Improvement(self.seconds, final.objective))
+        return WalkAnswer(
+            final.trajectory,
+            final.objective,
+            self.seconds,
+            word,
+            tried=len(self.seen),
+            qps=self.qps,
+            cut_short=self.cut_short,
+            history=tuple(self.history),
+        )
 
     def first_round(self, first: tuple[Gait, ...]) -> None:
         """Given and named gaits: a glance at each, then the most promising in full."""
         glances: list[GaitAnswer] = []
         for gait in (*first, *starting_gaits(self.task, self.limits.names)):
-            if glances and self.seconds > _FIRST_SHARE * self.limits.seconds:
+            if glances and (self.spent or self.qps > _FIRST_SHARE * self.limits.qps):
                 break
             if gait.key not in self.seen:
                 self.seen.add(gait.key)
-                glances.append(solve_gait(self.task, gait, None, _GLANCE, agreement=ROUGHLY))
+                glances.append(self.solved(gait, None, _GLANCE))
         for k, glance in enumerate(sorted(glances, key=lambda found: found.predicted)):
             enough = k >= _PROMISING and self.holds
-            late = self.seconds > self.limits.seconds
-            if glance.trajectory is None or enough or late:
+            ended = self.spent and self.best is not None
+            if glance.trajectory is None or enough or ended or self.late:
                 break
             self.refine(glance)
 
@@ -124,8 +169,8 @@ class _Search:
         if parent is not None and parent.trajectory is not None:
             start = iterate_of(parent.trajectory, gait)
         elastic = not self.holds
-        found = solve_gait(self.task, gait, start, _GLANCE, agreement=ROUGHLY, elastic=elastic)
-        if found.trajectory is None or found.predicted > _FAR_OFF * self.price(self.best):
+        found = self.solved(gait, start, _GLANCE, elastic)
+        if found.trajectory is None or found.predicted > self.price(self.best):
             return False
         return self.refine(found)
 
@@ -135,7 +180,7 @@ class _Search:
         if not found.agreed:
             gait = found.trajectory.gait
             again = iterate_of(found.trajectory, gait)
-            found = solve_gait(self.task, gait, again, _FULL, agreement=ROUGHLY)
+            found = self.solved(gait, again, _FULL)
         if not self.price(found) < self.price(self.best) * (1 - 1e-6):
             return False
         self.best = found

@@ -32,7 +32,7 @@ _WILD = 1e3  # states beyond are no motion of a robot
 class GaitAnswer:
     """What a gait can do: a trajectory whose states are the true rollout of its forces."""
 
-    trajectory: WalkTrajectory | None  # None if a QP had no solution
+    trajectory: WalkTrajectory | None  # None if a QP had no solution, or the rollout is wild
     objective: float
     reach: float  # [m] how far a toe leaves its box on the rollout, <= 0 if none does
     iterations: int
@@ -77,6 +77,8 @@ def solve_gait(
             break
         at = between(at, found, share)
     trajectory = rolled_out(program, at)
+    if not np.abs(trajectory.state).max() < _WILD:
+        return GaitAnswer(None, np.inf, np.inf, done, False)
     reach = worst_reach(task, trajectory)
     cost = objective(task, trajectory.state, trajectory.force)
     predicted = objective(task, at.state, trajectory.force)

@@ -74,8 +74,9 @@ def knot_step(
 ) -> Array:
     """States (..., 12) one knot later, eq. (8.19).
 
-    `euler`: forward Euler. `mean`: the body moves on above the toes while forces are constant, so
-    that moments act at mean arms, and rotation in the middle. `rk4`: in continuous time.
+    `euler`: forward Euler. `mean`: the body moves on above the toes while forces are constant,
+    along a parabola, and turns by Runge-Kutta under the moments at the arms of each stage, whose
+    mean is exact. `rk4`: in continuous time.
     """
     if integrator == "rk4":
         return runge_kutta(body, dt, state, toes, force)
@@ -93,24 +94,22 @@ def knot_step(
             ],
             axis=-1,
         )
-    # Means of the position over the interval, and weighted by the time that is left in it: what a
-    # moment does to the angular velocity, and to the angles.
-    arm = position + dt * (velocity / 2 + dt * a / 6)
-    early = position + dt * (velocity / 3 + dt * a / 12)
-    about = spin_acceleration(body, angles, spin, moment(early, toes, force))
-    middle = angles + 0.5 * dt * euler_rates(angles, spin + 0.25 * dt * about)
-    turning = spin + 0.5 * dt * about
-    alpha = spin_acceleration(body, middle, turning, moment(arm, toes, force))
-    first = spin_acceleration(body, middle, turning, moment(early, toes, force))
-    return np.concatenate(
-        [
-            position + dt * (velocity + 0.5 * dt * a),
-            velocity + dt * a,
-            angles + dt * euler_rates(middle, spin + 0.5 * dt * first),
-            spin + dt * alpha,
-        ],
-        axis=-1,
-    )
+    halfway = moment(position + 0.5 * dt * (velocity + 0.25 * dt * a), toes, force)
+    there = position + dt * (velocity + 0.5 * dt * a)
+    moments = (moment(position, toes, force), halfway, halfway, moment(there, toes, force))
+    begun = np.concatenate([angles, spin], axis=-1)
+    turned, slope, share = begun, np.zeros_like(begun), (0.0, 0.5, 0.5, 1.0)
+    for now, part, weight in zip(moments, share, (1, 2, 2, 1), strict=True):
+        at = begun + part * dt * slope
+        slope = np.concatenate(
+            [
+                euler_rates(at[..., :3], at[..., 3:]),
+                spin_acceleration(body, at[..., :3], at[..., 3:], now),
+            ],
+            axis=-1,
+        )
+        turned = turned + dt / 6.0 * weight * slope
+    return np.concatenate([there, velocity + dt * a, turned], axis=-1)
 
 
 def runge_kutta(body: RigidBody, dt: float, state: Array, toes: Array, force: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,14 @@ if TYPE_CHECKING:
     from climbplan.simulation.report_files import Told
     from climbplan.simulation.study import Asked
     from climbplan.simulation.variations import Trial
+
+
+class Regulated(StrEnum):
+    """What of the body's pose a regulator corrects."""
+
+    nothing = "nothing"
+    attitude = "attitude"
+    pose = "pose"
 
 
 def simulate(
@@ -79,14 +88,13 @@ def simulate(
         ),
     ] = 0.0,
     regulate: Annotated[
-        float,
+        Regulated,
         typer.Option(
             "--regulate",
-            metavar="GAIN",
-            min=0.0,
-            help="Integral gain [1/s] of a regulator of the body's attitude [default: none].",
+            help="What of the body's pose standing limbs are told to correct: its attitude (an "
+            "inertial sensor's), or its place as well.",
         ),
-    ] = 0.0,
+    ] = Regulated.nothing,
     jobs: Jobs = 1,
     seed: Seed = None,
     as_json: Json = False,
@@ -120,7 +128,7 @@ def simulate(
             backlash=math.radians(backlash_deg),
             limb_weights=limb_weights,
             speed=speed,
-            regulator=regulate,
+            regulator=regulate.value,
         ),
         runs=runs,
         sweep_key=key,

@@ -25,6 +25,7 @@ from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import TIME_STEP, build_mjcf, motor_stiffness
+from climbplan.simulation.regulator import Regulator
 
 REST = 1.0  # [s] for which commands are held to see where the body comes to rest
 SETTLE = 1.0  # [s] at the first commands before the motion starts
@@ -117,6 +118,9 @@ class _Player:
         self.limb_of = np.full(model.ngeom, -1)
         self.limb_of[self.toe_geom] = np.arange(n)
         self.body = model.body("body").id
+        self.regulator = None
+        if conditions.regulator != "nothing":
+            self.regulator = Regulator(plan, place=conditions.regulator == "pose")
         self.command = plan.trajectory.joint_command
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
@@ -194,6 +198,9 @@ class _Player:
         for piece in range(1, pieces + 1):
             share = piece / pieces
             command = (1 - share) * before + share * after
+            if self.regulator is not None:
+                now = sample - 1 + share
+                command = command + self.regulator.correction(now, span / pieces, self._pose())
             data.ctrl[:] = command.ravel()
             self.mujoco.mj_step(self.model, data, nstep=steps)
 
@@ -203,6 +210,9 @@ class _Player:
         self.mujoco.mj_copyData(copy, self.model, self.data)
         self.mujoco.mj_step(self.model, copy, nstep=round(REST / TIME_STEP))
         return np.vstack([copy.qpos[:3], copy.geom_xpos[self.toe_geom]])
+
+    def _pose(self) -> tuple[Array, Array]:
+        return self.data.qpos[:3].copy(), self.data.xmat[self.body].reshape(3, 3).copy()
 
     def _lose_contacts(self, now: float) -> None:
         """A toe that lost its contact slides on anything."""

@@ -108,7 +108,7 @@ def _refuse(asked: Asked) -> None:
         ("--random-backlash-deg", asked.most_backlash > 0),
         ("--limb-mass-share", given.limb_mass_share != base.limb_mass_share),
         ("--no-limb-weights", not given.limb_weights),
-        ("--regulate", given.regulator > 0),
+        ("--regulate", given.regulator != base.regulator),
         ("--speed", given.speed != base.speed),
     ):
         if there:

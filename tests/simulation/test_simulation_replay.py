@@ -16,7 +16,7 @@ from climbplan.simulation.comparison import compare, find_losses, find_slips
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import build_mjcf, motor_stiffness
-from climbplan.simulation.replay import simulate
+from climbplan.simulation.replay import planned_tilt, simulate
 from climbplan.spec.transition_loading import load_transition
 from climbplan.terrain.surfaces import Region, Tube
 from climbplan.transition.planner import plan_transition
@@ -162,7 +162,33 @@ def test_transition_from_the_ground_to_the_walls(mujoco: object) -> None:
 
 def test_toes_that_should_press_and_do_not_are_found(planned: Planned) -> None:
     plan = planned()
-    run = simulate(plan, Conditions(speed=8.0))
+    run = simulate(plan, NOMINAL)
     assert find_losses(plan, run) == ()
     untouched = replace(run, touching=run.touching & (np.arange(6) != 4))
     assert {lost.limb for lost in find_losses(plan, untouched)} == {4}
+
+
+def test_regulator_keeps_the_place_that_soft_motors_lose(planned: Planned) -> None:
+    plan = planned()
+    soft = Conditions(gain=0.9)
+    off = {}
+    for what in ("nothing", "attitude", "pose"):
+        run = simulate(plan, replace(soft, regulator=what))
+        assert not run.fallen
+        off[what] = float(np.linalg.norm(run.com[-1] - plan.trajectory.com[-1]))
+    assert off["nothing"] > 0.005
+    assert off["pose"] < 0.3 * off["nothing"]
+
+
+def test_regulator_levels_a_body_that_hangs_askew(planned: Planned) -> None:
+    """A load beside the body that the plan does not know tilts it."""
+    plan = planned()
+    wrench = plan.instants.external_wrench.copy()
+    wrench[:, 3] += 1.0  # [N m] about the axis from wall to wall
+    askew = replace(plan, instants=replace(plan.instants, external_wrench=wrench))
+    tilt = {}
+    for what in ("nothing", "attitude"):
+        run = simulate(askew, Conditions(regulator=what))
+        wanted = rotation_world_body(plan.trajectory.rpy[: run.samples])
+        tilt[what] = float(np.median(planned_tilt(run.rotation, wanted)))
+    assert tilt["attitude"] < 0.5 * tilt["nothing"]

@@ -40,6 +40,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
+            + (f"; {answer.cut_short}" if answer.cut_short else "")
         )
     broken = failures(check_trajectory(task, answer.trajectory))
     gap = None
@@ -49,7 +50,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         name=loaded.name,
         title=spec.title,
         method=spec.solver.method,
-        status="feasible",
+        status="limit" if answer.cut_short else "feasible",
         task=task,
         trajectory=answer.trajectory,
         objective=answer.objective,
@@ -64,11 +65,16 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
             "contact binaries": int(answer.trajectory.gait.contact.size),
             "regions": len(task.ground.height),
             "gaits tried": answer.tried,
-        },
+        }
+        | ({"QPs": answer.qps} if answer.qps else {}),
         history=answer.history,
         bound=answer.bound,
         gap=gap,
-        warnings=(f"the answer breaks {broken}",) if broken else (),
+        warnings=tuple(
+            told
+            for told in (f"the answer breaks {broken}" if broken else "", answer.cut_short)
+            if told
+        ),
     )
     return replace(plan, summary=summary_lines(plan))
 
@@ -83,7 +89,7 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
     from climbplan.mpc.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
-    return search(task, SearchLimits(solver.time_limit, gaits, seed))
+    return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.qps))
 
 
 def _solvers(solver: WalkSolverSpec) -> dict[str, str]:

@@ -163,10 +163,19 @@ class WalkSolverSpec(SpecModel):
         "complementarity, from the guess of a trot; `online`: closed loop with integers from a "
         "library of solved walks",
     )
-    time_limit: Number = quantity("s", "of the search, or of IPOPT", default=2.0, gt=0)
+    time_limit: Number = quantity(
+        "s", "of IPOPT; a cap of the search, which says if it ended it", default=60.0, gt=0
+    )
+    qps: Count = quantity(
+        "",
+        "QPs that the search may solve (some 2 to 5 ms each): with the seed they decide what it "
+        "finds, on any machine",
+        default=600,
+        ge=1,
+    )
     gaits: Count | None = quantity(
         "",
-        "gaits that the search may try beyond the named ones; no limit but time if left out",
+        "gaits that the search may try beyond the named ones; as many as its QPs allow if left out",
         default=None,
         ge=1,
     )

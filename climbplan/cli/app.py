@@ -46,6 +46,7 @@ from climbplan.cli.solve import solve
 from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
+from climbplan.cli.view import view
 from climbplan.errors import ClimbplanError, ExitCode
 
 # Matrices here are small: threads in BLAS cost more than they give, several times more where other
@@ -112,6 +113,7 @@ for _command in (
     simulate,
     verify,
     report,
+    view,
     export,
     validate,
     schema,

@@ -100,6 +100,14 @@ PARTS = (
         install="pip install 'climbplan[simulate]'",
     ),
     Part(
+        "viser",
+        "viser",
+        "viser",
+        "`view`",
+        required=False,
+        install="pip install 'climbplan[view]'",
+    ),
+    Part(
         "Chromium",
         "",
         "chromium chromium-browser google-chrome google-chrome-stable chrome",

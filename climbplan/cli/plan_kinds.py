@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TextIO
 
 from climbplan.cli.console import warn
-from climbplan.errors import PlanFileError
+from climbplan.errors import PlanFileError, UsageError
 
 if TYPE_CHECKING:
     from climbplan.plans.verification import Verification
+    from climbplan.reports.viewer.scene import Scene
 
 
 class PlanKind(Protocol):
@@ -28,6 +29,9 @@ class PlanKind(Protocol):
 
     def export_csv(self, path: Path, out: Path | TextIO) -> None:
         """The plan as CSV."""
+
+    def scene(self, path: Path) -> Scene:
+        """What `view` shows; UsageError for files that have nothing in space."""
 
 
 class _Climb:
@@ -53,6 +57,11 @@ class _Climb:
 
         export_csv(path, out)
 
+    def scene(self, path: Path) -> Scene:
+        from climbplan.reports.viewer.climb_scene import climb_scene
+
+        return climb_scene(path)
+
 
 class _Bookshelf:
     csv_name = "placements.csv"
@@ -77,6 +86,11 @@ class _Bookshelf:
 
         export_csv(path, out)
 
+    def scene(self, path: Path) -> Scene:
+        from climbplan.reports.viewer.shelf_scene import shelf_scene
+
+        return shelf_scene(path)
+
 
 class _Walk:
     csv_name = "walk.csv"
@@ -100,6 +114,11 @@ class _Walk:
         from climbplan.mpc.trajectory_csv import export_csv
 
         export_csv(path, out)
+
+    def scene(self, path: Path) -> Scene:
+        from climbplan.reports.viewer.walk_scene import walk_scene
+
+        return walk_scene(path)
 
 
 class _Dataset:
@@ -132,6 +151,9 @@ class _Dataset:
 
         export_csv(read_dataset_file(path), out)
 
+    def scene(self, path: Path) -> Scene:
+        raise UsageError(f"{path}: a dataset; `report` draws its statistics, `view` shows plans")
+
 
 class _Limms:
     csv_name = "motion.csv"
@@ -155,6 +177,11 @@ class _Limms:
         from climbplan.limms.motion_csv import export_csv
 
         export_csv(path, out)
+
+    def scene(self, path: Path) -> Scene:
+        from climbplan.reports.viewer.limms_scene import limms_scene
+
+        return limms_scene(path)
 
 
 _KINDS: dict[str, PlanKind] = {

@@ -65,7 +65,7 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
         normal=normals,
         mu=mu,
         region=region,
-        joint_angles=np.full((*shape, 3), np.nan),
+        joint_angles=np.full((*shape, robot.joint_count), np.nan),
         external_wrench=load_wrench(scene.spec, robot, rpy),
     )
     angles = _joint_angles(scene, instants, toes, "")
@@ -74,7 +74,7 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
 
 
 def _joint_angles(scene: ClimbScene, instants: Instants, toes: Array, doing: str) -> Array:
-    """Joint angles (K, N, 3) for toes (K, N, 3) at the instants' poses; raises ReachFailure."""
+    """Joint angles (K, N, J) for toes (K, N, 3) at the instants' poses; raises ReachFailure."""
     toes_body = to_body(instants.com, instants.rpy, toes)
     solution = inverse(scene.robot, toes_body)
     names = scene.robot.limb_names

@@ -8,12 +8,12 @@ import numpy as np
 
 from climbplan.climb.scene import ClimbScene, MotionScene
 from climbplan.plans.climb_plan import Instants, Mask, Rounds
-from climbplan.robots.kinematics import JOINTS, inverse, joint_points_body, to_body
+from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
 BETWEEN = 1e-3  # [m] kept beyond the links' radius: what a link may lose between checked poses
-NARROW = 0.05  # [m] last part of a tibia, which narrows to its toe where it stands
+NARROW = 0.05  # [m] last part of a limb, which narrows to its toe where it stands
 _STEPS = 6  # poses checked along a push
 _TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
 
@@ -41,7 +41,8 @@ class LimbShortfall:
     def words(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
         radius = scene.robot.limb_radius
-        name = f"{scene.robot.limb_names[self.limb]}'s {JOINTS[self.link]}"
+        robot = scene.robot
+        name = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
         return (
             f"{name}, {1e3 * radius:.0f} mm in radius, comes {1e3 * self.missing:.1f} mm too close "
             f"to {self.obstacle!r}"
@@ -75,7 +76,7 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
 
 
 def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:
-    """Joints and toes (P, N, 4, 3) of limbs with toes (P, N, 3) in the world, NaN out of reach."""
+    """Joints and toes (P, N, J + 1, 3) of limbs for toes (P, N, 3), world; NaN out of reach."""
     robot = scene.robot
     angles = inverse(robot, to_body(com, rpy, toes)).best()
     points = joint_points_body(robot, angles)
@@ -83,11 +84,11 @@ def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Arra
 
 
 def narrowed(points: Array) -> Array:
-    """Joints and toe (..., 4, 3) with the tibia ending where it narrows to its toe."""
+    """Joints and toe (..., P, 3) with the last link ending where it narrows to its toe."""
     shorter = points.copy()
-    tibia = points[..., 3, :] - points[..., 2, :]
+    tibia = points[..., -1, :] - points[..., -2, :]
     length = np.linalg.norm(tibia, axis=-1, keepdims=True)
-    shorter[..., 3, :] -= tibia * np.minimum(NARROW / np.maximum(length, 1e-9), 1.0)
+    shorter[..., -1, :] -= tibia * np.minimum(NARROW / np.maximum(length, 1e-9), 1.0)
     return shorter
 
 
@@ -106,7 +107,7 @@ def closest_link(
 ) -> Closest:
     """The least distance of links from obstacles; links with NaN are left out.
 
-    points: (..., 4, 3) joints and toe [m]. stood_upon: (..., O) obstacles that limbs may stand on,
+    points: (..., P, 3) joints and toe [m]. stood_upon: (..., O) obstacles that limbs may stand on,
     to which the last part of a tibia, that narrows to its toe, may come close.
     """
     starts, whole = points[..., :-1, :], points[..., 1:, :]

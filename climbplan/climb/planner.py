@@ -26,7 +26,6 @@ from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, StepLimits
-from climbplan.robots.kinematics import JOINTS
 from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
 
@@ -124,9 +123,9 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
 
 
 def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:
-    """More room for the knees, or for the whole limb where a coxa is what comes too close."""
+    """More room for the knees, or for the whole limb where its first link comes too close."""
     more = max(1.2 * near.short.missing, _LEAST_WIDENING)
-    if JOINTS[near.short.link] == "coxa":
+    if near.short.link == 0:
         margins = replace(margins, limbs=margins.limbs + more)
         return margins, f"limb clearance asked {1e3 * margins.limbs:.1f} mm wider"
     margins = replace(margins, knees=margins.knees + more)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.robots.kinematics import JOINTS
 
 
 def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
@@ -39,5 +38,5 @@ def least_safety(plan: ClimbPlan) -> str:
     torque = abs(forces.joint_torques[k, limb, joint])
     return (
         f"least S_tau {forces.safety_torque[k]:.2f}: {instants.label(k, robot.limb_names)}, "
-        f"{robot.limb_names[limb]} {JOINTS[joint]} {torque:.1f} N m"
+        f"{robot.limb_names[limb]} {robot.joint_name(int(limb), int(joint))} {torque:.1f} N m"
     )

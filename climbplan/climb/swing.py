@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     solids = scene.terrain.solids
     lift = scene.spec.trajectory.lift
     hover = _hover(swing, lift)
-    robot = _one_limb(scene.robot, swing.limb)
+    robot = scene.robot.one_limb(swing.limb)
     blocker: Solid | None = None
     # Lifting off and setting down are parts of every way
     ends = [_sampled(np.stack(leg)) for leg in ((swing.old, hover[0]), (swing.new, hover[1]))]
@@ -201,30 +201,11 @@ def _too_near(points: Array, solids: tuple[Solid, ...]) -> Solid | None:
     return None
 
 
-def _one_limb(robot: Robot, limb: int) -> Robot:
-    """The robot with one limb alone, whose kinematics are done six times as fast."""
-    keep = slice(limb, limb + 1)
-    return replace(
-        robot,
-        limb_names=robot.limb_names[keep],
-        sides=robot.sides[keep],
-        shoulder_body=robot.shoulder_body[keep],
-        mount_yaw=robot.mount_yaw[keep],
-        link_lengths=robot.link_lengths[keep],
-        max_torque=robot.max_torque[keep],
-        joint_stiffness=robot.joint_stiffness[keep],
-        joint_lower=robot.joint_lower[keep],
-        joint_upper=robot.joint_upper[keep],
-        max_joint_speed=robot.max_joint_speed[keep],
-        stance_body=robot.stance_body[keep],
-    )
-
-
 def _links(robot: Robot, swing: Swing, toes: Array) -> Array | None:
-    """Joints and toe (S, 4, 3) of the limb along a way, or None if a point is out of reach."""
+    """Joints and toe (S, P, 3) of the limb along a way, or None if a point is out of reach."""
     pose = np.broadcast_to(swing.com, toes.shape), np.broadcast_to(swing.rpy, toes.shape)
     solution = inverse(robot, to_body(*pose, toes[:, None]))
     if not solution.valid.all():
         return None
-    joints = joint_points_body(robot, solution.best())[:, 0]  # (S, 4, 3)
+    joints = joint_points_body(robot, solution.best())[:, 0]  # (S, P, 3)
     return np.asarray(swing.com + joints @ rotation_world_body(swing.rpy).T)

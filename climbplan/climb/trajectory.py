@@ -20,10 +20,14 @@ from climbplan.climb.forces.statement import state_forces
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths, together
 from climbplan.errors import Infeasible, ReachFailure, UsageError
-from climbplan.mechanics.stiffness import deflections_for_forces, joint_softness, rigid_motion
+from climbplan.mechanics.stiffness import (
+    deflections_for_forces,
+    joint_softness,
+    joint_turns,
+    rigid_motion,
+)
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
 from climbplan.robots.kinematics import (
-    JOINTS,
     inverse,
     jacobian_world,
     require_reachable,
@@ -263,7 +267,7 @@ def _least_durations(robot: Robot, frames: _Keyframes) -> Array:
 
 
 def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
-    """Joint commands (S, N, 3) that hold toes and forces; raises ReachFailure."""
+    """Joint commands (S, N, J) that hold toes and forces; raises ReachFailure."""
     toes_body = to_body(moving.com, moving.rpy, moving.toes)
     solution = inverse(robot, toes_body)
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
@@ -273,11 +277,12 @@ def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     torques = np.einsum("snij,sni->snj", jacobian, moving.force)
     command = angles - joint_softness(robot) * torques
     if moving.carried.any():
-        command -= (np.linalg.pinv(jacobian) @ moving.carried[..., None])[..., 0]
+        command -= (joint_turns(robot, jacobian) @ moving.carried[..., None])[..., 0]
     beyond = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
     if beyond.max() > _BOUND_SLACK:
         s, limb, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
         over = f"{np.rad2deg(beyond.max()):.2g} deg past its bound"
-        reason = f"toe with the planned force: commanded {JOINTS[joint]} {over}"
+        name = robot.joint_name(int(limb), int(joint))
+        reason = f"toe with the planned force: commanded {name} {over}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
     return command

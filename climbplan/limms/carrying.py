@@ -4,26 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise, permutations
+from itertools import permutations
 
 import numpy as np
 
+from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
+from climbplan.limms.bounds import Connection
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
 from climbplan.limms.held import (
     HeldTask,
-    branch_choices,
     clearance,
     combinations,
+    path_choices,
     plan_held,
-    release_share,
 )
 from climbplan.limms.limbs import arm, root_on_anchor
-from climbplan.limms.program import Outcome
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
-from climbplan.limms.sequences import Connection
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import Progress, Stretch
@@ -69,7 +68,7 @@ def carry(
             _limb(scene, module, connection)
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
-        choices = _choices(scene, limbs, task)
+        choices = path_choices(scene, limbs, task)
         if not all(choices):
             attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
             continue
@@ -114,23 +113,6 @@ def _limb(scene: Scene, module: int, connection: Connection) -> Limb:
     return arm(module, connection.side, root, box_end)
 
 
-def _choices(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[tuple[float, Limb]]]:
-    corners = np.vstack([task.start, task.way.crossings, task.goal])
-    if task.throw:
-        share = release_share(scene, limbs, corners[-2], corners[-1])
-        corners[-1] = corners[-2] + share * (corners[-1] - corners[-2])
-    path = np.vstack(
-        [
-            first + np.linspace(0, 1, 9)[:, None] * (last - first)
-            for first, last in pairwise(corners)
-        ]
-    )
-    return [
-        branch_choices(scene, limb, path, np.tile(limb.fixed_position, (len(path), 1)))
-        for limb in limbs
-    ]
-
-
 def _whole(
     scene: Scene,
     limbs: Sequence[Limb],
@@ -155,10 +137,8 @@ def _whole(
     before = len(world.stretches)
     add_traces(world, limbs, outcome.traces)
     for stretch in world.stretches[before:]:
-        if stretch.name == "flight":
-            continue
-        ends, angles = _fixed_ends(stretch, limbs), _angles(stretch, limbs)
-        require_clear(scene, limbs, stretch.box, ends, angles)
+        if stretch.name != "flight":
+            require_clear_stretch(scene, limbs, stretch)
     return world
 
 
@@ -171,13 +151,8 @@ def require_clear(
         raise Blocked(f"limbs reach {-1e3 * worst:.1f} mm into something on the way")
 
 
-def _fixed_ends(stretch: Stretch, limbs: Sequence[Limb]) -> Array:
-    """Where limbs are held (n, L, 3) [m], world."""
+def require_clear_stretch(scene: Scene, limbs: Sequence[Limb], stretch: Stretch) -> None:
+    """Raise Blocked if arms touch anything in a stretch of the plan."""
     fixed = [np.tile(limb.fixed_position, (len(stretch.time), 1)) for limb in limbs]
-    return np.stack(fixed, axis=1)
-
-
-def _angles(stretch: Stretch, limbs: Sequence[Limb]) -> Array:
-    """Joint angles of limbs (n, L, 6) [rad]."""
-    found: Array = stretch.angles[:, [limb.module for limb in limbs]]
-    return found
+    angles = stretch.angles[:, [limb.module for limb in limbs]]
+    require_clear(scene, limbs, stretch.box, np.stack(fixed, axis=1), angles)

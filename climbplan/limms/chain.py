@@ -127,6 +127,21 @@ def along(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, in
     return Solution(angles, solution.missing)
 
 
+def continued(module: ModuleSpec, first: Pose, last: Pose, begin: Array) -> Solution:
+    """Angles (T, 6) along a path of frames, each the nearest to the one before, from `begin`.
+
+    Unlike `along` it may pass straight through a pose where two branches meet.
+    """
+    every = [inverse(module, first, last, branch) for branch in BRANCHES]
+    turn = 2 * np.pi
+    found, now = [], begin
+    for options in np.stack([solution.angles for solution in every], axis=1):
+        options = options + np.round((now - options) / turn) * turn
+        now = options[np.argmin(np.abs(options - now).max(axis=1))]
+        found.append(now)
+    return Solution(np.array(found), every[0].missing)
+
+
 def in_range(module: ModuleSpec, angles: Array, margin: float = 0.0) -> Array:
     """By how much the worst joint exceeds its range (...) [rad]; negative inside."""
     excess: Array = (np.abs(angles) - np.array(module.joint_range)).max(axis=-1) + margin

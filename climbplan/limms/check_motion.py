@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.dense import Stretch, anchor_pose, stretches
-from climbplan.limms.limbs import standing_rotation
+from climbplan.limms.limbs import joined_rotation, standing_rotation
 from climbplan.limms.limits import judge
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
@@ -18,6 +18,7 @@ from climbplan.plans.checks.check import Check
 from climbplan.spec.limms_module import ModuleSpec
 
 _DRIVING = 1
+_STABLE = 1
 
 
 def motion_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
@@ -64,10 +65,9 @@ def _latches(plan: LimmsPlan, stretch: Stretch, worst: Worst) -> None:
             if anchor >= len(plan.anchor_names):
                 parent, its_end = divmod(anchor - len(plan.anchor_names), 2)
                 target = stretch.points[parent].position[:, 7 * its_end]
-                rotation = stretch.points[parent].rotation[:, 7 * its_end]
-                z = stretch.points[m].rotation[:, 7 * end, :, 2]
-                sign = -1.0 if its_end == end else 1.0
-                turn = np.abs(z - sign * rotation[..., 2])
+                carrying = stretch.points[parent].rotation[:, 7 * its_end]
+                joined = joined_rotation(carrying, its_end, end)
+                turn = np.abs(stretch.points[m].rotation[:, 7 * end] - joined)
             else:
                 pose = anchor_pose(plan, anchor, end, stretch.box)
                 target = pose.position
@@ -102,7 +102,8 @@ def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst)
     for m, name in enumerate(plan.module_names):
         end = int(motion.ground_end[stretch.first, m])
         driving = motion.mode[stretch.first, m] == _DRIVING
-        worst.look("ground.free", stretch.time[:1], np.array([float(driving and end < 0)]), name)
+        adrift = driving and end < 0 and not _on_stable_box(plan, stretch.first, m)
+        worst.look("ground.free", stretch.time[:1], np.array([float(adrift)]), name)
         if end < 0:
             continue
         place = stretch.points[m].position[:, 7 * end]
@@ -114,6 +115,14 @@ def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst)
         speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(time)
         limit = module.ground_speed if driving else 0.0
         worst.look("ground.speed", time[1:], speed - limit, name)
+
+
+def _on_stable_box(plan: LimmsPlan, sample: int, m: int) -> bool:
+    """Whether a module is held by a box that stands."""
+    motion = plan.motion
+    anchors = (int(motion.base_anchor[sample, m]), int(motion.tip_anchor[sample, m]))
+    boxes = [a // 4 for a in anchors if 0 <= a < 4 * len(plan.box_size)]
+    return any(int(motion.box_mode[sample, b]) == _STABLE for b in boxes)
 
 
 def _off_ground(plan: LimmsPlan, points: Array) -> Array:

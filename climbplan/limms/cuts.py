@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.limms.answers import Cut, Outcome
 from climbplan.limms.contact import LINKS, gap_to_blocks, link_segments
 from climbplan.limms.limbs import limb_points
-from climbplan.limms.program import Cut, Outcome
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb, Trace
 

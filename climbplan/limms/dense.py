@@ -5,16 +5,24 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from climbplan.limms.chain import Points, Pose, forward, from_last
-from climbplan.limms.limbs import end_rotation, standing_rotation
+from climbplan.limms.limbs import end_rotation, joined_rotation, standing_rotation
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.spec.limms_module import ModuleSpec
 
 STEP = 1e-3  # [s]
+
+
+class Root(NamedTuple):
+    """The end of a module that is held, and its pose (M, 3), (M, 3, 3)."""
+
+    end: int
+    pose: Pose
 
 
 @dataclass(frozen=True)
@@ -76,11 +84,28 @@ def stretches(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Stretch]:
         at = fine_times(time)
         box, velocity = hermite(time, motion.box_position[span], motion.box_velocity[span], at)
         angles, rates = hermite(time, motion.joint_angles[span], motion.joint_velocity[span], at)
-        points = tuple(
-            _points(plan, module, m, first, span, time, at, box, angles[:, m])
-            for m in range(len(plan.module_names))
-        )
-        yield Stretch(first, last, at, box, velocity, angles, rates, points)
+        points: dict[int, Points] = {}
+        for m in carriers_first(plan, first):
+            root = _root(plan, m, first, span, time, at, box, points)
+            place = forward if root.end == 0 else from_last
+            points[m] = place(module, root.pose, angles[:, m])
+        whole = tuple(points[m] for m in range(len(points)))
+        yield Stretch(first, last, at, box, velocity, angles, rates, whole)
+
+
+def carriers_first(plan: LimmsPlan, sample: int) -> list[int]:
+    """Modules in an order in which each comes after the one that carries it."""
+    count, anchors = len(plan.module_names), len(plan.anchor_names)
+    ends = (plan.motion.base_anchor[sample], plan.motion.tip_anchor[sample])
+    carried = {
+        m: {(int(a[m]) - anchors) // 2 for a in ends if a[m] >= anchors} for m in range(count)
+    }
+    order: list[int] = []
+    while len(order) < count:
+        fit = [m for m in range(count) if m not in order and carried[m] <= {m, *order}]
+        # A ring of modules breaks rule 9 or 10, which says so; here any order will do.
+        order += fit or [m for m in range(count) if m not in order]
+    return order
 
 
 def anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array) -> Pose:
@@ -96,35 +121,36 @@ def anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array) -> Pose:
     return Pose(position, np.broadcast_to(end_rotation(normal, end), (count, 3, 3)))
 
 
-def _points(
+def _root(
     plan: LimmsPlan,
-    module: ModuleSpec,
     m: int,
     first: int,
     span: slice,
     time: Array,
     at: Array,
     box: Array,
-    angles: Array,
-) -> Points:
-    """All points of one module, from whichever of its ends is held: terrain, box, ground."""
+    others: dict[int, Points],
+) -> Root:
+    """What one module hangs on: terrain, another module, a box, or the ground."""
     motion = plan.motion
     anchors = (int(motion.base_anchor[first, m]), int(motion.tip_anchor[first, m]))
     ground = int(motion.ground_end[first, m])
-    on_boxes = 4 * len(plan.box_size)
+    on_boxes, count = 4 * len(plan.box_size), len(plan.anchor_names)
     ends = sorted((0, 1), key=lambda end: -1 if anchors[end] >= on_boxes else 1)
     held = next((end for end in ends if anchors[end] >= 0), None)
+    if held is not None and anchors[held] < count:
+        return Root(held, anchor_pose(plan, anchors[held], held, box))
     if held is not None:
-        root = anchor_pose(plan, anchors[held], held, box)
-    elif ground >= 0:
-        held = ground
-        path = motion.joint_position[span, m, 7 * ground]
-        position = np.stack([np.interp(at, time, path[:, i]) for i in range(3)], axis=-1)
-        root = Pose(position, np.broadcast_to(standing_rotation(ground), (len(at), 3, 3)))
-    else:  # in nobody's hands: as stored, between samples straight
-        held = 0
-        path = motion.joint_position[span, m, 0]
-        position = np.stack([np.interp(at, time, path[:, i]) for i in range(3)], axis=-1)
-        near = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
-        root = Pose(position, motion.joint_rotation[span, m, 0][near])
-    return (forward if held == 0 else from_last)(module, root, angles)
+        parent, its_end = divmod(anchors[held] - count, 2)
+        if parent in others:
+            carrier = others[parent]
+            rotation = joined_rotation(carrier.rotation[:, 7 * its_end], its_end, held)
+            return Root(held, Pose(carrier.position[:, 7 * its_end], rotation))
+    end = max(ground, 0)
+    path = motion.joint_position[span, m, 7 * end]
+    position = np.stack([np.interp(at, time, path[:, i]) for i in range(3)], axis=-1)
+    if ground >= 0:
+        return Root(end, Pose(position, np.broadcast_to(standing_rotation(end), (len(at), 3, 3))))
+    # In nobody's hands: as stored, between samples straight
+    near = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
+    return Root(end, Pose(position, motion.joint_rotation[span, m, 0][near]))

@@ -18,6 +18,7 @@ from climbplan.limms.timeline import (
     NOWHERE,
     QUADRUPED,
     Progress,
+    Stretch,
     samples,
 )
 
@@ -83,8 +84,8 @@ def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     position, velocity, acceleration = box_path(trace, time)
     held = phase.kind == "held"
     world.box_mode = MANIPULATED if held else QUADRUPED
-    fields = world.rest(phase.kind, time)
-    fields["box"], fields["velocity"], fields["acceleration"] = position, velocity, acceleration
+    stretch = world.rest(phase.kind, time)
+    _move_box(stretch, position, velocity, acceleration)
     feet = np.stack(
         [other_ends(trace, i, i in phase.swing, time) for i in range(len(limbs))], axis=1
     )
@@ -94,30 +95,23 @@ def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
         first = Pose(first.position, np.broadcast_to(first.rotation, shape))
         last = Pose(last.position, np.broadcast_to(last.rotation, shape))
         angles = closest_branch(scene.module, first, last, trace.angles[0, i], trace.angles[-1, i])
-        _place(fields, limb.module, angles, rates_of(time, angles), first)
         # Whole turns of rolls count on from where they are
         turn = np.round((world.angles[limb.module] - angles[0]) / (2 * np.pi)) * 2 * np.pi
-        fields["angles"][:, limb.module] += turn  # type: ignore[index]
+        stretch.place(limb.module, first, angles + turn, rates_of(time, angles))
         if limb.is_leg:
-            fields["grounded"][limb.module] = NOWHERE if i in phase.swing else 1 - limb.box_end  # type: ignore[index]
+            stretch.grounded[limb.module] = NOWHERE if i in phase.swing else 1 - limb.box_end
     force = (
         _held_forces(scene, limbs, acceleration)
         if held
         else _foot_forces(scene, limbs, trace, time, position, acceleration, feet)
     )
     for i, limb in enumerate(limbs):
-        fields["force"][:, limb.side] = force[:, i]  # type: ignore[index]
-    world.add(**fields)
+        stretch.force[:, limb.side] = force[:, i]
+    world.add(stretch)
 
 
-def _place(fields: dict[str, object], module: int, angles: Array, rates: Array, base: Pose) -> None:
-    for key, value in (
-        ("angles", angles),
-        ("rates", rates),
-        ("base_position", base.position),
-        ("base_rotation", base.rotation),
-    ):
-        fields[key][:, module] = value  # type: ignore[index]
+def _move_box(stretch: Stretch, position: Array, velocity: Array, acceleration: Array) -> None:
+    stretch.box[:], stretch.velocity[:], stretch.acceleration[:] = position, velocity, acceleration
 
 
 def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Array:
@@ -173,8 +167,8 @@ def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     for limb in limbs:
         anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor
         anchors[limb.module] = NOWHERE
-    fields = world.rest("flight", time)
-    fields["box"], fields["velocity"], fields["acceleration"] = position, velocity, acceleration
+    stretch = world.rest("flight", time)
+    _move_box(stretch, position, velocity, acceleration)
     for limb in limbs:
         normal = SIDE_NORMALS[limb.side]
         start = position[0] + scene.side_offset(0, limb.side)
@@ -195,8 +189,8 @@ def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
                 break
         else:
             raise Follow(f"module {scene.module_names[limb.module]} cannot stop after the throw")
-        _place(fields, limb.module, angles, rates, first)
-    world.add(**fields)
+        stretch.place(limb.module, first, angles, rates)
+    world.add(stretch)
 
 
 def _retreat(

@@ -8,12 +8,13 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from climbplan.limms.answers import Cut, Ends, Outcome
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
 from climbplan.limms.cuts import solve_clear
 from climbplan.limms.limbs import limb_angles, limb_points
-from climbplan.limms.program import Cut, Ends, Outcome, solve
+from climbplan.limms.program import solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
@@ -104,6 +105,26 @@ def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array
         ok &= np.any(each, axis=0)
     bad = np.flatnonzero(~ok)
     return float(shares[bad[0] - 1]) if len(bad) and bad[0] > 0 else float(not len(bad))
+
+
+def path_choices(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+) -> list[list[tuple[float, Limb]]]:
+    """Likeliest branches of each limb along the straight way, as far as it is not thrown."""
+    corners = way_points(task)
+    if task.throw:
+        share = release_share(scene, limbs, corners[-2], corners[-1])
+        corners[-1] = corners[-2] + share * (corners[-1] - corners[-2])
+    path = np.vstack(
+        [
+            first + np.linspace(0, 1, 9)[:, None] * (last - first)
+            for first, last in pairwise(corners)
+        ]
+    )
+    return [
+        branch_choices(scene, limb, path, np.tile(limb.fixed_position, (len(path), 1)))
+        for limb in limbs
+    ]
 
 
 def bumps(first: Array, last: Array) -> list[Array]:

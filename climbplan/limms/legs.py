@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.limms.answers import Cut, Ends, Outcome
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.corridor import Way
 from climbplan.limms.cuts import solve_clear
+from climbplan.limms.footholds import PATCH_MARGIN
 from climbplan.limms.gaits import Gait, guess_for
 from climbplan.limms.held import clearance
 from climbplan.limms.limbs import leg, limb_angles
-from climbplan.limms.program import PATCH_MARGIN, Cut, Ends, Outcome, solve
+from climbplan.limms.program import solve
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb, Trace
 

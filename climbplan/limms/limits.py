@@ -24,7 +24,7 @@ LIMITS = {
     "ground.speed": Limit(
         1e-4, "m/s", "modules that drive keep their speed limit, feet stand still"
     ),
-    "ground.free": Limit(0, "", "a free module has an end on the ground"),
+    "ground.free": Limit(0, "", "a free module has an end on the ground or on a box that stands"),
     "clear.solids": Limit(1e-4, "m", "links stay out of what is solid"),
     "clear.boxes": Limit(1e-4, "m", "links stay out of the boxes"),
     "clear.modules": Limit(1e-4, "m", "modules stay out of each other"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY, Array
+from climbplan.limms.scene import GRAVITY, Array, Index
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ def loads_of(plan: LimmsPlan) -> Loads:
     """Loads of all modules.
 
     A module without mass carries the same force through all of its joints: the torque about each
-    is that of the force at the end on the box, or at the foot of a leg. Latch moments of arms are
-    left out.
+    is that of the force at the end on the box, or at the foot of a leg; who carries another module
+    bears its force. Latch moments of arms are left out.
     """
     motion = plan.motion
     count = len(plan.module_names)
@@ -40,11 +41,32 @@ def loads_of(plan: LimmsPlan) -> Loads:
             is_leg = motion.mode[at, m] == 4
             points = motion.joint_position[at, m]
             where = np.where(is_leg[:, None], points[:, 7 * (1 - end)], points[:, 7 * end])
-            force[m] = max(force[m], float(np.linalg.norm(f, axis=1).max()))
-            for joint in range(1, 7):
-                axis = motion.joint_rotation[at, m, joint, :, 2 if joint in (1, 4, 6) else 1]
-                arm = np.cross(where - points[:, joint], f)
-                torque[m] = max(torque[m], float(np.abs((arm * axis).sum(axis=1)).max()))
+            for who, part in _bearers(plan, m, np.arange(len(at)), at):
+                force[who] = max(force[who], float(np.linalg.norm(f[part], axis=1).max()))
+                most = _torque(plan, who, at[part], where[part], f[part])
+                torque[who] = max(torque[who], most)
     length = sum(plan.module["link_lengths"])
     own = plan.module["mass"] * GRAVITY * length / 2
     return Loads(force, torque, float(own), float(plan.module["max_torque"]))
+
+
+def _bearers(plan: LimmsPlan, module: int, part: Index, at: Index) -> Iterator[tuple[int, Index]]:
+    """A module and those that carry it, with the places in `at` (samples) where they do."""
+    yield module, part
+    first = len(plan.anchor_names)
+    for anchors in (plan.motion.base_anchor[:, module], plan.motion.tip_anchor[:, module]):
+        parent = np.where(anchors[at[part]] >= first, (anchors[at[part]] - first) // 2, -1)
+        for who in np.unique(parent[parent >= 0]):
+            if int(who) != module:
+                yield from _bearers(plan, int(who), part[parent == who], at)
+
+
+def _torque(plan: LimmsPlan, module: int, at: Index, where: Array, force: Array) -> float:
+    """Largest torque [N m] at a joint of a module from a force that acts `where` (n, 3)."""
+    motion = plan.motion
+    most = 0.0
+    for joint in range(1, 7):
+        axis = motion.joint_rotation[at, module, joint, :, 2 if joint in (1, 4, 6) else 1]
+        arm = np.cross(where - motion.joint_position[at, module, joint], force)
+        most = max(most, float(np.abs((arm * axis).sum(axis=1)).max()))
+    return most

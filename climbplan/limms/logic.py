@@ -9,7 +9,10 @@ As published, with what they leave open filled in:
 - 9 to 11: added arms and legs are on exactly one end of another module; that other module is an arm
   or an added arm (a leg or an added leg) and holds no box; each end carries one module at most, and
   chains do not close on themselves.
-- A stable box stands on the ground; a free one touches nothing.
+- 12: a stable box stands on the ground, and may itself be stood on: a free module is latched to one
+  of its sides with one end and to nothing else, on its way to an anchor (relatching; as published
+  no mode describes a module that has let go of the ground and holds nothing but a box at rest).
+- A free box touches nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ RULES = {
     9: "added arm: on exactly one other module",
     10: "a connection: parent arm or added arm, child added arm",
     11: "a module that carries another holds no box",
-    12: "stable or free box: all its anchors empty",
+    12: "free box: all its anchors empty; stable box: on them only modules that stand on it alone",
 }
 
 
@@ -82,21 +85,59 @@ def broken(plan: LimmsPlan) -> dict[int, Mask]:
         9: (added & (on_module.sum(-1) != 1)).any(axis=1),
         10: (on_module.any(-1) & ~added).any(axis=1) | wrong_parent,
         11: (carries & on_box.any(-1)).any(axis=1),
-        12: (np.isin(box_mode, (1, 2))[..., None] & (held > 0)).any(axis=(1, 2)),
+        12: ((box_mode == 2)[..., None] & (held > 0)).any(axis=(1, 2))
+        | (on_box & (its_mode == 1) & ~_stands_on_box(on_box, ends, mode)[..., None]).any(
+            axis=(1, 2)
+        ),
     }
 
 
+def _stands_on_box(on_box: Mask, ends: np.ndarray, mode: np.ndarray) -> Mask:
+    """Modules (T, L) that are free, one end on a box and the other on no anchor."""
+    return np.asarray((mode == 1) & (on_box.sum(-1) == 1) & ((ends >= 0).sum(-1) == 1))
+
+
 def _connections(ends: np.ndarray, mode: np.ndarray, anchors: int) -> tuple[Mask, Mask]:
-    """Which modules carry another (T, L), and samples (T,) with a parent of the wrong mode."""
+    """Which modules carry another (T, L), and samples (T,) with a chain of the wrong kind."""
     count, modules = mode.shape
-    carries = np.zeros((count, modules), bool)
-    wrong = np.zeros(count, bool)
-    for child in range(modules):
-        for end in (0, 1):
-            at = np.flatnonzero(ends[:, child, end] >= anchors)
-            parent = np.minimum((ends[at, child, end] - anchors) // 2, modules - 1)
-            carries[at, parent] = True
-            family = np.where(mode[at, child] == 5, 4, 2)
-            wrong[at] |= ~((mode[at, parent] == family) | (mode[at, parent] == family + 1))
-            wrong[at] |= parent == child
-    return carries, wrong
+    rows = np.concatenate([ends.reshape(count, -1), mode], axis=1)
+    kinds, which = np.unique(rows, axis=0, return_inverse=True)
+    carries = np.zeros((len(kinds), modules), bool)
+    wrong = np.zeros(len(kinds), bool)
+    for k, row in enumerate(kinds):
+        parents = _parents(row[: 2 * modules].reshape(modules, 2), anchors)
+        for parent, _ in parents.values():
+            carries[k, parent] = True
+        wrong[k] = _is_wrong(row[: 2 * modules].reshape(modules, 2), row[2 * modules :], parents)
+    which = which.reshape(-1)
+    return carries[which], wrong[which]
+
+
+def _parents(ends: np.ndarray, anchors: int) -> dict[tuple[int, int], tuple[int, int]]:
+    """(module, end) on (other module, its end)."""
+    last = len(ends) - 1
+    return {
+        (m, end): (min((int(ends[m, end]) - anchors) // 2, last), (int(ends[m, end]) - anchors) % 2)
+        for m in range(len(ends))
+        for end in (0, 1)
+        if ends[m, end] >= anchors
+    }
+
+
+def _is_wrong(
+    ends: np.ndarray, mode: np.ndarray, parents: dict[tuple[int, int], tuple[int, int]]
+) -> bool:
+    """Whether an end carries two or holds on itself, families mix, or a chain hangs on nothing."""
+    if len(set(parents.values())) < len(parents):
+        return True
+    above = {child: parent for (child, _), (parent, _) in parents.items()}
+    for (child, _), (parent, its_end) in parents.items():
+        family = 4 if mode[child] == 5 else 2
+        if ends[parent, its_end] >= 0 or mode[parent] not in (family, family + 1):
+            return True
+        top = child
+        for _ in range(len(ends)):
+            top = above.get(top, top)
+        if top in above or mode[top] not in (2, 4):
+            return True
+    return False

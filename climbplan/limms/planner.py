@@ -14,7 +14,9 @@ import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.chain_carrying import carry_on_chains
 from climbplan.limms.plan import LimmsPlan, motion_of
+from climbplan.limms.relatching import relatch
 from climbplan.limms.scene import GRAVITY, Scene, scene_of
 from climbplan.limms.sequences import Search, Sequence, search
 from climbplan.limms.summary import summary_lines
@@ -48,11 +50,14 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
         left = loaded.spec.solver.time_limit - (time.perf_counter() - began)
         if left <= 0:
             break
-        world = (
-            walk(scene, attempts, left, most_steps, rng)
-            if sequence.kind == "quadruped"
-            else carry(scene, sequence, attempts, left, rng)
-        )
+        if sequence.kind == "quadruped":
+            world = walk(scene, attempts, left, most_steps, rng)
+        elif sequence.kind == "relatch":
+            world = relatch(scene, sequence, attempts, left, rng)
+        elif any(connection.links > 1 for connection in sequence.connections):
+            world = carry_on_chains(scene, sequence, attempts, left, rng)
+        else:
+            world = carry(scene, sequence, attempts, left, rng)
         if world is not None:
             seconds = {"search": searched, "total": time.perf_counter() - began}
             return _plan(loaded, scene, found, sequence, number, attempts, world, seconds)

@@ -12,7 +12,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.limms.chain import BRANCHES, Points, Pose, forward, from_last, in_range, inverse
+from climbplan.limms.chain import (
+    BRANCHES,
+    Points,
+    Pose,
+    continued,
+    forward,
+    from_last,
+    in_range,
+    inverse,
+)
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.rrt import connect
 from climbplan.limms.scene import Array
@@ -23,6 +32,7 @@ MARGIN = 0.004  # [m] kept on the way
 LENGTHS = (0.08, 0.05, 0.03, 0.015)  # [m] of the straight way along the normal of an anchor
 SPEED_SHARE = 0.95
 _STEP = 0.06  # [rad] between the poses that are looked at
+_JUMP = 0.2  # [rad] between samples of a straight way, a few millimetres apart
 _TURN = np.pi  # [rad] of a roll that trees look through
 
 
@@ -139,15 +149,9 @@ def add_motion(
     name: str,
 ) -> None:
     """Add a motion of one module while all else rests."""
-    fields = world.rest(name, time)
-    for key, value in (
-        ("angles", angles),
-        ("rates", rates),
-        ("base_position", points.position[:, 0]),
-        ("base_rotation", points.rotation[:, 0]),
-    ):
-        fields[key][:, module] = value  # type: ignore[index]
-    world.add(**fields)
+    moving = world.rest(name, time)
+    moving.place(module, Pose(points.position[:, 0], points.rotation[:, 0]), angles, rates)
+    world.add(moving)
 
 
 def straight_in(
@@ -174,17 +178,16 @@ def straight_in(
         np.broadcast_to(root.position, positions.shape), np.broadcast_to(root.rotation, shape)
     )
     first, last = (still, moving) if free_end == 1 else (moving, still)
-    best = None
-    for branch in BRANCHES:
-        solution = inverse(scene.module, first, last, branch)
-        if solution.missing.max() > 0:
-            continue
-        angles = np.unwrap(solution.angles, axis=0)
-        angles = angles + np.round((ending - angles[-1]) / (2 * np.pi)) * 2 * np.pi
-        if np.abs(angles[-1] - ending).max() < 1e-3:
-            best = angles
-            break
-    if best is None or in_range(scene.module, best).max() > 0:
+    backwards = continued(
+        scene.module,
+        Pose(first.position[::-1], first.rotation),
+        Pose(last.position[::-1], last.rotation),
+        ending,
+    )
+    best = backwards.angles[::-1]
+    if backwards.missing.max() > 0 or np.abs(best[-1] - ending).max() > 1e-3:
+        return None
+    if in_range(scene.module, best).max() > 0 or np.abs(np.diff(best, axis=0)).max() > _JUMP:
         return None
     clear = gaps(world, module, rooted(world, root, root_end, best), root_end)
     return None if clear.min() < -1e-9 else best
@@ -263,7 +266,7 @@ def follow(world: Progress, module: int, root: Pose, root_end: int, path: Array,
         np.broadcast_to(root.position, positions.shape), np.broadcast_to(root.rotation, shape)
     )
     first, last = (still, moving) if free_end == 7 else (moving, still)
-    angles = closest_branch(scene.module, first, last, path[0], path[-1])
+    angles = continued(scene.module, first, last, path[0]).angles
     rates = rates_of(t, angles)
     rates[[0, -1]] = 0.0
     add_motion(world, module, rooted(world, root, root_end, angles), t, angles, rates, name)

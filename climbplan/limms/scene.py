@@ -95,6 +95,10 @@ class Scene:
         """Weight of the box to deliver [N]."""
         return float(self.box_mass[0] * GRAVITY)
 
+    def end_anchor(self, module: int, end: int) -> int:
+        """The anchor that an end of a module (0 first, 1 last) is to other modules."""
+        return len(self.anchor_names) + 2 * module + end
+
     def side_offset(self, box: int, side: int) -> Array:
         """From a box's centre to one of its anchors (3,) [m]."""
         offset: Array = SIDE_NORMALS[side] * self.box_size[box] / 2

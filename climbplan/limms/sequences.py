@@ -2,52 +2,62 @@
 
 Modules are alike, so a configuration says how many hold the box from where, not which (their
 permutations are one). Bounds that no plan escapes cut sequences off before any program is solved:
-force at latches and feet, moment at latches, reach, number of modules.
+force at latches and feet, moment at latches, reach, ways to the anchors, number of modules.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations, permutations
-
-import numpy as np
+from itertools import combinations, permutations, product
 
 from climbplan.errors import Conflict
-from climbplan.limms.scene import SIDES, Scene
-from climbplan.limms.statement import held_forces
+from climbplan.limms.bounds import (
+    Connection,
+    access,
+    access_over_box,
+    anchor_wrist,
+    holding_misfit,
+    side_wrist,
+    span,
+    within_reach,
+)
+from climbplan.limms.scene import GRAVITY, SIDES, Scene
 
-
-@dataclass(frozen=True)
-class Connection:
-    """An arm from an anchor of the terrain to a side of the box."""
-
-    root: int  # number of the anchor among those of the terrain
-    side: int
+LONGEST = 2  # modules in a chain
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """How the box moves from start to goal: held by arms, thrown by them, or as a quadruped."""
+    """How the box moves from start to goal: held by arms, thrown by them, or as a quadruped.
 
-    kind: str  # "arms", "throw", "quadruped"
+    A module that relatches holds the box first, and comes to its anchor from there.
+    """
+
+    kind: str  # "arms", "throw", "relatch", "quadruped"
     connections: tuple[Connection, ...] = ()
+    away: float = 0.0  # [m] how far wrists are apart that the chains have to bring together
 
     @property
     def modules(self) -> int:
         """How many modules it takes."""
-        return 4 if self.kind == "quadruped" else len(self.connections)
+        return 4 if self.kind == "quadruped" else sum(c.links for c in self.connections)
 
     def cost(self) -> float:
-        """What is tried first: few modules, no flight."""
-        return self.modules + (0.5 if self.kind == "throw" else 0.0)
+        """What is tried first: few modules, no change of latches, steps or flight; near ones."""
+        extra = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}.get(self.kind, 0.0)
+        return self.modules + extra + 0.01 * self.away
 
     def named(self, scene: Scene) -> str:
         """In words."""
         if self.kind == "quadruped":
             return "quadruped"
         names = scene.anchor_names[scene.wall_offset :]
-        arms = ", ".join(f"{names[c.root]} to {SIDES[c.side]}" for c in self.connections)
+        arms = ", ".join(
+            f"{names[c.root]} to {SIDES[c.side]}"
+            + (f" by {c.links} modules" if c.links > 1 else "")
+            for c in self.connections
+        )
         return f"{self.kind}: {arms}"
 
 
@@ -81,11 +91,15 @@ def search(scene: Scene) -> Search:
 
 
 def _arm_sets(scene: Scene) -> Iterator[tuple[Connection, ...]]:
-    """Sets of arms: different anchors, different sides, as many modules as there are."""
+    """Sets of chains: different anchors, different sides, as many modules as there are."""
     for n in range(1, min(scene.count, scene.walls, 4) + 1):
-        for roots in combinations(range(scene.walls), n):
-            for sides in permutations(range(4), n):
-                yield tuple(Connection(r, s) for r, s in zip(roots, sides, strict=True))
+        for links in product(range(1, LONGEST + 1), repeat=n):
+            if sum(links) > scene.count:
+                continue
+            for roots in combinations(range(scene.walls), n):
+                for sides in permutations(range(4), n):
+                    each = zip(roots, sides, links, strict=True)
+                    yield tuple(Connection(*one) for one in each)
 
 
 def _possible_arms(
@@ -103,23 +117,17 @@ def _possible_arms(
             f"{most} arms hold {strength:.1f} N at most, the box weighs {scene.weight:.1f} N: "
             f"{short:.1f} N short"
         )
-        cures = (f"box.mass <= {strength / 9.81:.2f} kg",)
+        cures = (f"box.mass <= {strength / GRAVITY:.2f} kg",)
         conflicts.append(Conflict("arms", (what,), cures, True))
         return []
-    found = []
-    reasons = {"force": 0, "moment": 0, "reach": 0}
-    thrown = "flight" in scene.allow and scene.arrival_speed > 0
+    found: list[Sequence] = []
+    reasons = dict.fromkeys(("force", "moment", "reach", "way to the anchor"), 0)
     for connections in every:
-        reason = _misfit(scene, connections, scene.box_start[0])
-        if reason:
-            reasons[reason] += 1
-            continue
-        if _misfit(scene, connections, scene.goal) != "reach":
-            found.append(Sequence("arms", connections))
-        elif not thrown:
-            reasons["reach"] += 1
-        if thrown:
-            found.append(Sequence("throw", connections))
+        possible = _uses(scene, connections)
+        if isinstance(possible, str):
+            reasons[possible] += 1
+        else:
+            found += possible
     if not found:
         counted = ", ".join(f"{n} by {reason}" for reason, n in reasons.items() if n)
         what = f"each of {len(every)} ways to hold the box is ruled out ({counted})"
@@ -127,28 +135,38 @@ def _possible_arms(
     return found
 
 
-def _misfit(scene: Scene, connections: tuple[Connection, ...], box: np.ndarray) -> str:
-    """Which bound rules arms out with the box at rest there; empty if none."""
-    offsets = np.array([scene.side_offset(0, c.side) for c in connections])
-    share = held_forces(offsets, scene.module.max_force, scene.module.latch_moment)
-    both = share @ np.array([0, 0, scene.weight])
-    n = len(connections)
-    force = np.linalg.norm(both[: 3 * n].reshape(n, 3), axis=1).max()
-    moment = np.linalg.norm(both[3 * n :].reshape(n, 3), axis=1).max()
-    if force > scene.module.max_force:
-        return "force"
-    if moment > scene.module.latch_moment:
-        return "moment"
-    a = scene.module.link_lengths
-    stretch, ends = sum(a[2:5]), (a[0] + a[1], a[5] + a[6])
-    for connection, offset in zip(connections, offsets, strict=True):
-        shoulder = (
-            scene.wall_position[connection.root] + ends[0] * scene.wall_normal[connection.root]
-        )
-        wrist = box + offset + ends[1] * offset / np.linalg.norm(offset)
-        if np.linalg.norm(wrist - shoulder) > stretch:
-            return "reach"
-    return ""
+def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] | str:
+    """What chains can do with the box, or what rules them out."""
+    thrown = "flight" in scene.allow and scene.arrival_speed > 0
+    reason = holding_misfit(scene, connections)
+    if reason:
+        return reason
+    if not within_reach(scene, connections, scene.box_start[0]):
+        return "reach"
+    carried = within_reach(scene, connections, scene.goal)
+    if not carried and not thrown:
+        return "reach"
+    away = _away(scene, connections)
+    single = all(c.links == 1 for c in connections)
+    found = []
+    if all(access(scene, c.root) for c in connections):
+        if carried:
+            found.append(Sequence("arms", connections, away))
+        if thrown and single:
+            found.append(Sequence("throw", connections, away))
+    relatched = len(connections) == 1 and single and carried
+    if relatched and access_over_box(scene, connections[0]):
+        found.append(Sequence("relatch", connections, away))
+    return found or "way to the anchor"
+
+
+def _away(scene: Scene, connections: tuple[Connection, ...]) -> float:
+    """Distances between the wrists at anchors and box, at start and goal together [m]."""
+    return sum(
+        span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, box))
+        for c in connections
+        for box in (scene.box_start[0], scene.goal)
+    )
 
 
 def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequence]:
@@ -162,7 +180,7 @@ def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequenc
             f"4 legs push {strength:.1f} N at most, the box weighs {scene.weight:.1f} N: "
             f"{scene.weight - strength:.1f} N short"
         )
-        cures = (f"box.mass <= {strength / 9.81:.2f} kg",)
+        cures = (f"box.mass <= {strength / GRAVITY:.2f} kg",)
         conflicts.append(Conflict("quadruped", (what,), cures, True))
         return []
     return [Sequence("quadruped")]

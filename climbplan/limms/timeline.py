@@ -15,7 +15,6 @@ STEP = 0.01  # [s] between samples at most
 STABLE, FREE, MANIPULATED, QUADRUPED = 1, 2, 3, 4  # of a box
 DRIVES, ARM, ADDED_ARM, LEG, ADDED_LEG = 1, 2, 3, 4, 5  # of a module
 NOWHERE = -1
-MODULE_END = 1000  # anchors from here on are ends of modules: MODULE_END + 2 module + end
 
 
 @dataclass(frozen=True)
@@ -37,6 +36,13 @@ class Stretch:
     tip_anchor: Index  # (L,)
     grounded: Index  # (L,) end that stands on the ground: 0, 1, or -1 none
     force: Array  # (n, 4, 3) on the box at its anchors [N]
+
+    def place(self, module: int, base: Pose, angles: Array, rates: Array) -> None:
+        """Write the motion of one module: its first end (n, 3) and (n, 3, 3), joints (n, 6)."""
+        self.angles[:, module] = angles
+        self.rates[:, module] = rates
+        self.base_position[:, module] = base.position
+        self.base_rotation[:, module] = base.rotation
 
 
 @dataclass
@@ -98,30 +104,29 @@ class Progress:
         """Its links (4, 2, 3)."""
         return link_segments(self.points(module), self.scene.module.radius)
 
-    def rest(self, name: str, time: Array) -> dict[str, object]:
-        """The fields of a stretch in which nothing moves."""
+    def rest(self, name: str, time: Array) -> Stretch:
+        """A stretch in which nothing moves; what moves after all is written into its arrays."""
         n = len(time)
-        return {
-            "name": name,
-            "time": time,
-            "box": np.tile(self.box, (n, 1)),
-            "velocity": np.zeros((n, 3)),
-            "acceleration": np.zeros((n, 3)),
-            "box_mode": self.box_mode,
-            "base_position": np.tile(self.base_position, (n, 1, 1)),
-            "base_rotation": np.tile(self.base_rotation, (n, 1, 1, 1)),
-            "angles": np.tile(self.angles, (n, 1, 1)),
-            "rates": np.zeros((n, self.scene.count, 6)),
-            "mode": self.mode.copy(),
-            "base_anchor": self.base_anchor.copy(),
-            "tip_anchor": self.tip_anchor.copy(),
-            "grounded": self.grounded.copy(),
-            "force": np.zeros((n, 4, 3)),
-        }
+        return Stretch(
+            name=name,
+            time=time,
+            box=np.tile(self.box, (n, 1)),
+            velocity=np.zeros((n, 3)),
+            acceleration=np.zeros((n, 3)),
+            box_mode=self.box_mode,
+            base_position=np.tile(self.base_position, (n, 1, 1)),
+            base_rotation=np.tile(self.base_rotation, (n, 1, 1, 1)),
+            angles=np.tile(self.angles, (n, 1, 1)),
+            rates=np.zeros((n, self.scene.count, 6)),
+            mode=self.mode.copy(),
+            base_anchor=self.base_anchor.copy(),
+            tip_anchor=self.tip_anchor.copy(),
+            grounded=self.grounded.copy(),
+            force=np.zeros((n, 4, 3)),
+        )
 
-    def add(self, **fields: object) -> None:
+    def add(self, stretch: Stretch) -> None:
         """Append a stretch; its last sample is where everything is now."""
-        stretch = Stretch(**fields)  # type: ignore[arg-type]
         self.stretches.append(stretch)
         self.box = stretch.box[-1].copy()
         self.box_mode = stretch.box_mode

@@ -7,6 +7,7 @@ from itertools import permutations, product
 
 import numpy as np
 
+from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_box, stand_leg
 from climbplan.limms.carrying import TOUCH, Attempts
 from climbplan.limms.corridor import Way, centre_blocks, ways
@@ -14,7 +15,6 @@ from climbplan.limms.densify import Follow, add_traces
 from climbplan.limms.gaits import Gait, gaits
 from climbplan.limms.held import clearance
 from climbplan.limms.legs import Stand, first_stands, legs_of, plan_legs
-from climbplan.limms.program import Outcome
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb

@@ -8,7 +8,8 @@ that act as springs k (1 - share) about their commands, and a small body motion 
 
 where S_i is the Hessian of f_i . toe_i by the joint angles. The wrench of all contacts changes by
 -A dx, and A = A_0 + sum of terms linear in f: what is left of the elastic stiffness A_0 under load
-is a matter of linear matrix inequalities.
+is a matter of linear matrix inequalities. Limbs of more than three joints turn them with the least
+elastic energy; that the load shifts their share of it is of second order and left out here.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.mechanics.stiffness import joint_softness, rigid_motion
+from climbplan.mechanics.stiffness import joint_softness, joint_turns, rigid_motion
 from climbplan.robots.kinematics import toe_hessian
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body, skew
@@ -38,8 +39,8 @@ class LoadedStiffness:
 class BracedBody:
     """What the stiffness of B bodies on n contacts depends on beside the forces."""
 
-    turn: Array  # (B, n, 3, 6) joint turns by body motion, -J^-1 B
-    hessian: Array  # (B, n, 3, 3, 3) of the toes by joint angles, world frame [m]
+    turn: Array  # (B, n, J, 6) joint turns by body motion, -J^-1 B
+    hessian: Array  # (B, n, 3, J, J) of the toes by joint angles, world frame [m]
     arms: Array  # (B, n, 3) [m]
     elastic: Array  # (B, 6, 6) A_0
     whitening: Array  # (B, 6, 6) W with W^T A_0 W = 1, zero columns for what is not resisted
@@ -53,8 +54,8 @@ def braced_body(
     arms: Array,
     contact: NDArray[np.bool_],
 ) -> BracedBody:
-    """The elastic part, for rpy (B, 3), angles, arms (B, N, 3), jacobian (B, N, 3, 3), world."""
-    turn = -np.linalg.pinv(jacobian) @ rigid_motion(arms) * contact[..., None, None]
+    """The elastic part, for rpy (B, 3), angles (B, N, J), arms, jacobian (B, N, 3, J), world."""
+    turn = -joint_turns(robot, jacobian) @ rigid_motion(arms) * contact[..., None, None]
     hessian = np.einsum("bil,bnljk->bnijk", rotation_world_body(rpy), toe_hessian(robot, angles))
     firm = turn / joint_softness(robot)[..., None]
     count = len(arms)

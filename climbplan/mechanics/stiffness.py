@@ -28,7 +28,7 @@ class SingularPosture(ClimbplanError):
 def limb_compliance(robot: Robot, jacobian: Array) -> Array:
     """Toe compliance J k^-1 J^T / (1 - share) of every limb, the inverse of eq. (4.7).
 
-    jacobian: (..., N, 3, 3), world frame [m/rad]. The structure's share of the compliance (chapter
+    jacobian: (..., N, 3, J), world frame [m/rad]. The structure's share of the compliance (chapter
     4.3) is added in proportion. Returns (..., N, 3, 3) [m/N], symmetric.
     """
     soft = jacobian / (robot.joint_stiffness * (1 - robot.structural_compliance_share))[:, None, :]
@@ -38,7 +38,7 @@ def limb_compliance(robot: Robot, jacobian: Array) -> Array:
 def limb_stiffness(robot: Robot, jacobian: Array) -> Array:
     """Toe stiffness K = (J k^-1 J^T)^-1 (1 - share) of every limb, eq. (4.7).
 
-    jacobian: (..., N, 3, 3), world frame [m/rad]. Returns (..., N, 3, 3) [N/m], symmetric positive
+    jacobian: (..., N, 3, J), world frame [m/rad]. Returns (..., N, 3, 3) [N/m], symmetric positive
     definite. Raises SingularPosture where the Jacobian has no inverse.
     """
     compliance = limb_compliance(robot, jacobian)
@@ -125,8 +125,20 @@ def deflections_for_forces(
     return Deflections(own + np.einsum("...nij,...j->...ni", motion, com), com)
 
 
+def joint_turns(robot: Robot, jacobian: Array) -> Array:
+    """(..., N, J, 3) by how much joints turn when the terrain moves a toe, J^-1 for three joints.
+
+    jacobian: (..., N, 3, J). Joints that are springs turn with the least energy, so that those of a
+    limb with freedom to choose take k^-1 J^T (J k^-1 J^T)^-1, of which J times it is the identity.
+    """
+    if jacobian.shape[-1] == 3:
+        return np.asarray(np.linalg.pinv(jacobian))
+    root = np.sqrt(joint_softness(robot))[:, None, :]
+    return np.asarray(np.swapaxes(root, -1, -2) * np.linalg.pinv(jacobian * root))
+
+
 def joint_softness(robot: Robot) -> Array:
-    """(N, 3) angle by which a joint gives way under torque, structure included [rad/(N m)].
+    """(N, J) angle by which a joint gives way under torque, structure included [rad/(N m)].
 
     The structure's share of the compliance is counted to the joints, as in `limb_compliance`.
     """
@@ -138,8 +150,8 @@ def joint_bending(
 ) -> Array:
     """D with joint command = joint angles - D f: by how much contact forces bend the joints.
 
-    jacobian: (..., N, 3, 3), world frame [m/rad]; arms: (..., N, 3) [m]; contact: (..., N).
-    Returns (..., N, 3, N, 3) [rad/N], zero for limbs in the air. A position-controlled joint under
+    jacobian: (..., N, 3, J), world frame [m/rad]; arms: (..., N, 3) [m]; contact: (..., N).
+    Returns (..., N, J, N, 3) [rad/N], zero for limbs in the air. A position-controlled joint under
     tau = J^T f settles tau / (k (1 - share)) from its command: with `compensated` D is just that,
     and commands hold the planned pose exactly. Else the body's own deflection, linear in the forces
     by `deflections_for_forces`, turns the joints as well, to first order.
@@ -148,7 +160,7 @@ def joint_bending(
     limbs = np.arange(n)
     there = contact[..., None, None]
     own = joint_softness(robot)[..., None] * np.swapaxes(jacobian, -1, -2) * there
-    bending = np.zeros((*contact.shape, 3, n, 3))
+    bending = np.zeros((*contact.shape, jacobian.shape[-1], n, 3))
     bending[..., limbs, :, limbs, :] = np.moveaxis(own, -3, 0)
     if compensated:
         return bending
@@ -163,7 +175,7 @@ def joint_bending(
         0,
         -1,
     )  # (..., 6, 3 N)
-    turned = np.linalg.pinv(jacobian) @ rigid_motion(arms) * there  # (..., N, 3, 6)
+    turned = joint_turns(robot, jacobian) @ rigid_motion(arms) * there  # (..., N, J, 6)
     carried = turned @ per_force[..., None, :, :]
     return bending + carried.reshape(bending.shape)
 

@@ -27,6 +27,7 @@ from climbplan.plans.climb_plan import (
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.mechanism_store import read_mechanism, write_mechanism
 from climbplan.plans.terrain_store import read_terrain, write_terrain
 from climbplan.robots.model import Robot
 
@@ -139,6 +140,7 @@ def _write_robot(group: h5py.Group, robot: Robot) -> None:
         group.attrs[name] = float(vars(robot)[name])
     _write_fields(group, robot, layout.ROBOT_TEXTS)
     _write_fields(group, robot, layout.ROBOT)
+    write_mechanism(group, robot.mechanism)
 
 
 def _write_study(group: h5py.Group, study: Study) -> None:
@@ -249,6 +251,7 @@ def _read_robot(reader: Reader) -> Robot:
     }
     fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
     fields |= _arrays(reader, "robot", layout.ROBOT)
+    fields["mechanism"] = read_mechanism(reader)
     return Robot(name=reader.text("robot", "name"), **fields)
 
 

@@ -1,6 +1,6 @@
 """The layout of climb plan files, as data: what is stored where, in which shape, unit and frame.
 
-N limbs, M rounds (M1 = M + 1 postures), K instants, T samples, R surfaces; "*" is any length.
+N limbs of J joints, M rounds (M1 = M + 1 postures), K instants, T samples, R surfaces; "*" any.
 Each table's keys are the fields of the dataclass of the same name in `climb_plan`.
 """
 
@@ -16,12 +16,12 @@ STATUSES = ("optimal", "feasible", "infeasible", "limit")
 ROBOT = {
     "shoulder_body": Layout(("N", 3), "m", "body"),
     "mount_yaw": Layout(("N",), "rad", "body"),
-    "link_lengths": Layout(("N", 3), "m"),
-    "max_torque": Layout(("N", 3), "N m"),
-    "joint_stiffness": Layout(("N", 3), "N m/rad"),
-    "joint_lower": Layout(("N", 3), "rad"),
-    "joint_upper": Layout(("N", 3), "rad"),
-    "max_joint_speed": Layout(("N", 3), "rad/s"),
+    "link_lengths": Layout(("N", "J"), "m"),
+    "max_torque": Layout(("N", "J"), "N m"),
+    "joint_stiffness": Layout(("N", "J"), "N m/rad"),
+    "joint_lower": Layout(("N", "J"), "rad"),
+    "joint_upper": Layout(("N", "J"), "rad"),
+    "max_joint_speed": Layout(("N", "J"), "rad/s"),
     "stance_body": Layout(("N", 3), "m", "body"),
     "body_hull": Layout(("*", 3), "m", "body"),
 }
@@ -52,17 +52,17 @@ INSTANTS = {
     "normal": Layout(("K", "N", 3), "", "world"),
     "mu": Layout(("K", "N")),
     "region": Layout(("K", "N"), kind="int"),
-    "joint_angles": Layout(("K", "N", 3), "rad"),
+    "joint_angles": Layout(("K", "N", "J"), "rad"),
     "external_wrench": Layout(("K", 6), "N, N m", "world"),
 }
 
 # Stored in the same group as the instants.
 FORCES = {
     "force": Layout(("K", "N", 3), "N", "world"),
-    "joint_torques": Layout(("K", "N", 3), "N m"),
+    "joint_torques": Layout(("K", "N", "J"), "N m"),
     "wall_deflection": Layout(("K", "N", 3), "m", "world"),
     "com_deflection": Layout(("K", 6), "m, rad", "world"),
-    "joint_command": Layout(("K", "N", 3), "rad"),
+    "joint_command": Layout(("K", "N", "J"), "rad"),
     "toe_command": Layout(("K", "N", 3), "m", "world"),
     "safety_torque": Layout(("K",), may_be_infinite=True),
     "safety_friction": Layout(("K",), may_be_infinite=True),
@@ -73,7 +73,7 @@ TRAJECTORY = {
     "time": Layout(("T",), "s"),
     "com": Layout(("T", 3), "m", "world"),
     "rpy": Layout(("T", 3), "rad", "world"),
-    "joint_command": Layout(("T", "N", 3), "rad"),
+    "joint_command": Layout(("T", "N", "J"), "rad"),
     "contact": Layout(("T", "N"), kind="bool"),
 }
 

@@ -51,7 +51,7 @@ class Instants:
     normal: Array  # (K, N, 3) unit, from the surface into free space
     mu: Array  # (K, N) friction coefficient
     region: Index  # (K, N) surface of each toe (a lifted toe: the one it left)
-    joint_angles: Array  # (K, N, 3) [rad]
+    joint_angles: Array  # (K, N, J) [rad]
     external_wrench: Array  # (K, 6) force and moment about the body origin beside the weight
 
     @property
@@ -77,10 +77,10 @@ class Forces:
     """Contact forces at the instants and what follows from them."""
 
     force: Array  # (K, N, 3) [N], zero for lifted limbs
-    joint_torques: Array  # (K, N, 3) J^T force [N m]
+    joint_torques: Array  # (K, N, J) J^T force [N m]
     wall_deflection: Array  # (K, N, 3) imposed toe deflection [m]
     com_deflection: Array  # (K, 6) sag and small rotation of the body [m, rad]
-    joint_command: Array  # (K, N, 3) angles sent to the joints, which press with the forces [rad]
+    joint_command: Array  # (K, N, J) angles sent to the joints, which press with the forces [rad]
     toe_command: Array  # (K, N, 3) where the joint commands would put the toes in free space [m]
     safety_torque: Array  # (K,) least max_torque / |torque|
     safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
@@ -94,7 +94,7 @@ class Trajectory:
     time: Array  # (T,) [s]
     com: Array  # (T, 3) [m]
     rpy: Array  # (T, 3) [rad]
-    joint_command: Array  # (T, N, 3) [rad]
+    joint_command: Array  # (T, N, J) [rad]
     contact: Mask  # (T, N)
 
 

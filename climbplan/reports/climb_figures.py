@@ -10,7 +10,6 @@ from climbplan.plans.climb_plan import ClimbPlan, Study
 from climbplan.reports.plan_spec import plan_spec
 from climbplan.reports.series import least_at
 from climbplan.reports.study_grid import study_axes
-from climbplan.robots.kinematics import JOINTS
 from climbplan.robots.rotations import Array
 
 # Unit of every number in the report, by dotted key; what is not listed is a pure number.
@@ -53,7 +52,7 @@ def _joint(plan: ClimbPlan, k: int, limb: int, joint: int) -> dict[str, Any]:
         "where": plan.instants.label(k, names),
         "instant": k,
         "limb": names[limb],
-        "joint": JOINTS[joint],
+        "joint": plan.robot.joint_name(limb, joint),
         "torque": float(abs(plan.forces.joint_torques[k, limb, joint])),
         "max_torque": float(plan.robot.max_torque[limb, joint]),
     }

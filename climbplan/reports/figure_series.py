@@ -25,7 +25,6 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.robots.kinematics import JOINTS
 from climbplan.robots.rotations import Array
 
 MOST_ROUND_TICKS = 12
@@ -74,7 +73,7 @@ _TORQUE = _Quantity(
     failure=lambda s: s.torque_limit,
     planned=lambda s: s.torque_planned,
     names=("planned torque", "torque limit", r"limit / $S_\tau$ of the instant"),
-    worst=lambda s, k: f"max {s.torque[k]:.1f} N m, {JOINTS[s.joint[k]]}",
+    worst=lambda s, k: f"max {s.torque[k]:.1f} N m, {s.joint_names[s.joint[k]]}",
 )
 _FRICTION = _Quantity(
     heading=r"Critical friction coefficient $\mu_c$",

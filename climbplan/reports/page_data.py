@@ -27,7 +27,6 @@ from climbplan.reports.patches import (
 from climbplan.reports.replay import build_replay
 from climbplan.reports.series import instant_labels, limb_series, round_spans
 from climbplan.reports.study_grid import study_axes
-from climbplan.robots.kinematics import JOINTS
 from climbplan.terrain.solids import Solid
 
 LENGTH, ANGLE, FORCE = 1e-4, 1e-4, 1e-2  # [m], [rad], [N] per integer
@@ -116,7 +115,7 @@ def _limbs(plan: ClimbPlan) -> list[dict[str, Any]]:
             "name": series.name,
             "color": palette.limb_color(limb),
             "torque": _rounded(series.torque, 3),
-            "joint": [JOINTS[j] for j in series.joint],
+            "joint": [series.joint_names[j] for j in series.joint],
             "torque_limit": _rounded(series.torque_limit, 3),
             "torque_planned": _rounded(series.torque_planned, 3),
             "mu_critical": _rounded(series.mu_critical, 6),

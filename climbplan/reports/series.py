@@ -25,7 +25,8 @@ class LimbSeries:
 
     name: str
     torque: Array  # (K,) |torque| of the joint nearest to its limit [N m]
-    joint: Index  # (K,) that joint: 0 coxa, 1 femur, 2 tibia
+    joint: Index  # (K,) that joint
+    joint_names: tuple[str, ...]  # of this limb
     torque_limit: Array  # (K,) max_torque of that joint [N m]
     torque_planned: Array  # (K,) torque_limit / S_tau of the instant [N m]
     mu_critical: Array  # (K,) friction coefficient at which the toe would slip, eq. (5.1)
@@ -60,6 +61,7 @@ def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
             name=name,
             torque=torque[:, limb],
             joint=worst[:, limb, 0],
+            joint_names=plan.robot.limbs.joint_names[limb],
             torque_limit=limit[:, limb],
             torque_planned=limit[:, limb] / forces.safety_torque,
             mu_critical=forces.mu_critical[:, limb],

@@ -15,7 +15,7 @@ from climbplan.mechanics.identification.measurements import AXES
 from climbplan.mechanics.identification.study import Identification
 from climbplan.reports.figure_stiffness import stiffness
 from climbplan.reports.sheet import png
-from climbplan.robots.kinematics import JOINTS
+from climbplan.robots.coxa_femur_tibia import JOINTS
 
 RESULT = "stiffness.csv"
 

@@ -1,102 +1,53 @@
-"""Forward and inverse kinematics of coxa-femur-tibia limbs.
+"""Forward and inverse kinematics of a robot's limbs, in the body frame and in the world.
 
-With yaw psi = mount_yaw + theta_1 the toe of a limb lies at radius
-L1 + L2 cos(theta_2) + L3 sin(theta_2 + theta_3) from the shoulder and at height
-L2 sin(theta_2) - L3 cos(theta_2 + theta_3): at zero angles the femur points outward and the tibia
-straight down.
+What a limb is made of is its mechanism's business (`robots/mechanism.py`): coxa, femur and tibia in
+closed form (`coxa_femur_tibia.py`), or any chain of revolute joints (`serial_chain.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from climbplan.errors import ReachFailure
+from climbplan.robots.mechanism import InverseKinematics
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 
-JOINTS = ("coxa", "femur", "tibia")
-_BOUND_SLACK = 1e-9  # [rad] rounding at a joint bound is not a violation
-
 
 def joint_points_body(robot: Robot, angles: Array) -> Array:
-    """Shoulder, femur joint, knee and toe of every limb.
+    """First joint, further joints and toe of every limb (shoulder, femur joint, knee, toe).
 
-    angles: (..., N, 3) [rad]. Returns (..., N, 4, 3) in the body frame [m].
+    angles: (..., N, J) [rad]. Returns (..., N, P, 3) in the body frame [m].
     """
-    l1, l2, l3 = robot.link_lengths.T
-    psi = robot.mount_yaw + angles[..., 0]
-    tilt = angles[..., 1] + angles[..., 2]
-    radius = np.stack([np.zeros_like(psi), np.broadcast_to(l1, psi.shape)], axis=-1)
-    knee_r = l1 + l2 * np.cos(angles[..., 1])
-    toe_r = knee_r + l3 * np.sin(tilt)
-    knee_z = l2 * np.sin(angles[..., 1])
-    toe_z = knee_z - l3 * np.cos(tilt)
-    radius = np.concatenate([radius, knee_r[..., None], toe_r[..., None]], axis=-1)  # (..., N, 4)
-    height = np.stack([np.zeros_like(psi), np.zeros_like(psi), knee_z, toe_z], axis=-1)
-    offset = np.stack(
-        [radius * np.cos(psi)[..., None], radius * np.sin(psi)[..., None], height], axis=-1
-    )
-    return robot.shoulder_body[:, None, :] + offset
+    return robot.limbs.joint_points(angles)
 
 
 def toe_body(robot: Robot, angles: Array) -> Array:
-    """Toe positions (..., N, 3) in the body frame [m] for angles (..., N, 3) [rad]."""
-    return joint_points_body(robot, angles)[..., 3, :]
+    """Toe positions (..., N, 3) in the body frame [m] for angles (..., N, J) [rad]."""
+    return joint_points_body(robot, angles)[..., -1, :]
 
 
 def jacobian_body(robot: Robot, angles: Array) -> Array:
-    """d(toe_body)/d(angles) of every limb, (..., N, 3, 3), body frame [m/rad]."""
-    l1, l2, l3 = robot.link_lengths.T
-    psi = robot.mount_yaw + angles[..., 0]
-    tilt = angles[..., 1] + angles[..., 2]
-    cos_psi, sin_psi = np.cos(psi), np.sin(psi)
-    toe_r = l1 + l2 * np.cos(angles[..., 1]) + l3 * np.sin(tilt)
-    tibia_dr, tibia_dz = l3 * np.cos(tilt), l3 * np.sin(tilt)
-    femur_dr = tibia_dr - l2 * np.sin(angles[..., 1])
-    femur_dz = tibia_dz + l2 * np.cos(angles[..., 1])
-    columns = [
-        np.stack([-toe_r * sin_psi, toe_r * cos_psi, np.zeros_like(psi)], axis=-1),
-        np.stack([femur_dr * cos_psi, femur_dr * sin_psi, femur_dz], axis=-1),
-        np.stack([tibia_dr * cos_psi, tibia_dr * sin_psi, tibia_dz], axis=-1),
-    ]
-    return np.stack(columns, axis=-1)
+    """d(toe_body)/d(angles) of every limb, (..., N, 3, J), body frame [m/rad]."""
+    return robot.limbs.jacobian(angles)
 
 
 def toe_hessian(robot: Robot, angles: Array) -> Array:
-    """Second derivatives of toe_body by the angles of its limb, (..., N, 3, 3, 3) [m/rad^2].
+    """Second derivatives of toe_body by the angles of its limb, (..., N, 3, J, J) [m/rad^2].
 
     The first of the last three axes is the toe's, body frame.
     """
-    l1, l2, l3 = robot.link_lengths.T
-    psi = robot.mount_yaw + angles[..., 0]
-    tilt = angles[..., 1] + angles[..., 2]
-    tibia_r, tibia_z = l3 * np.sin(tilt), -l3 * np.cos(tilt)
-    femur_r, femur_z = l2 * np.cos(angles[..., 1]), l2 * np.sin(angles[..., 1])
-    zero = np.zeros_like(psi)
-    along = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
-    across = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
-    up = np.array([0.0, 0.0, 1.0])
-    bent = -tibia_r[..., None] * along - tibia_z[..., None] * up  # towards the joint that turns
-    out = np.empty((*psi.shape, 3, 3, 3))
-    out[..., 0, 0] = -(l1 + femur_r + tibia_r)[..., None] * along
-    out[..., 0, 1] = out[..., 1, 0] = -(tibia_z + femur_z)[..., None] * across
-    out[..., 0, 2] = out[..., 2, 0] = -tibia_z[..., None] * across
-    out[..., 1, 1] = bent - femur_r[..., None] * along - femur_z[..., None] * up
-    out[..., 1, 2] = out[..., 2, 1] = out[..., 2, 2] = bent
-    return out
+    return robot.limbs.hessian(angles)
 
 
 def toe_world(robot: Robot, com: Array, rpy: Array, angles: Array) -> Array:
-    """Toe positions (..., N, 3) in the world for body poses (..., 3) and angles (..., N, 3)."""
+    """Toe positions (..., N, 3) in the world for body poses (..., 3) and angles (..., N, J)."""
     rotation = rotation_world_body(rpy)
     return com[..., None, :] + np.einsum("...ij,...nj->...ni", rotation, toe_body(robot, angles))
 
 
 def jacobian_world(robot: Robot, rpy: Array, angles: Array) -> Array:
-    """d(toe_world)/d(angles) at a fixed body, (..., N, 3, 3) [m/rad]."""
+    """d(toe_world)/d(angles) at a fixed body, (..., N, 3, J) [m/rad]."""
     rotation = rotation_world_body(rpy)
     return np.einsum("...ij,...njk->...nik", rotation, jacobian_body(robot, angles))
 
@@ -107,87 +58,19 @@ def to_body(com: Array, rpy: Array, points_world: Array) -> Array:
     return np.einsum("...ji,...nj->...ni", rotation, points_world - com[..., None, :])
 
 
-@dataclass(frozen=True)
-class InverseKinematics:
-    """All closed-form branches of the limbs for given toes.
-
-    Branches: 0 knee up, 1 knee down (coxa towards the toe); 2 and 3 with the coxa turned away.
-    """
-
-    angles: Array  # (..., 4, N, 3) [rad], wrapped into the joint bounds where possible
-    reachable: NDArray[np.bool_]  # (..., 4, N) the toe lies within the links' reach
-    within_bounds: NDArray[np.bool_]  # (..., 4, N) reachable and every joint within its bounds
-    missing: Array  # (..., 4, N) [m] distance by which the toe is out of reach, 0 if reachable
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """(..., N): at least one branch is within the joint bounds."""
-        return np.asarray(self.within_bounds.any(axis=-2))
-
-    def best(self) -> Array:
-        """(..., N, 3): the first branch within bounds of every limb (NaN where there is none)."""
-        first = np.argmax(self.within_bounds, axis=-2)  # (..., N)
-        chosen = np.take_along_axis(self.angles, first[..., None, :, None], axis=-3)[..., 0, :, :]
-        return np.where(self.valid[..., None], chosen, np.nan)
-
-
 def inverse(robot: Robot, toes_body: Array) -> InverseKinematics:
     """Joint angles that put the toes at toes_body (..., N, 3), body frame [m]."""
-    l1, l2, l3 = robot.link_lengths.T
-    offset = toes_body - robot.shoulder_body
-    direction = np.arctan2(offset[..., 1], offset[..., 0])
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    angles, reachable, missing = [], [], []
-    for turn, sign in ((0.0, 1.0), (np.pi, -1.0)):
-        u = sign * distance - l1
-        z = offset[..., 2]
-        span = np.hypot(u, z)
-        cos_beta = (span**2 - l2**2 - l3**2) / (2 * l2 * l3)
-        gap = np.maximum(span - (l2 + l3), np.abs(l2 - l3) - span)
-        # beta: angle from femur to tibia; rounding at full stretch must not count as out of reach
-        beta = np.arccos(np.clip(cos_beta, -1.0, 1.0))
-        for bend in (-beta, beta):
-            femur = np.arctan2(z, u) - np.arctan2(l3 * np.sin(bend), l2 + l3 * np.cos(bend))
-            coxa = direction + turn - robot.mount_yaw
-            angles.append(np.stack([coxa, femur, bend + np.pi / 2], axis=-1))
-            reachable.append(gap <= 1e-9)
-            missing.append(np.maximum(gap, 0.0))
-    stacked = np.stack(angles, axis=-3)  # (..., 4, N, 3)
-    middle = (robot.joint_lower + robot.joint_upper) / 2
-    wrapped = stacked - 2 * np.pi * np.round((stacked - middle) / (2 * np.pi))
-    inside = (wrapped >= robot.joint_lower - _BOUND_SLACK) & (
-        wrapped <= robot.joint_upper + _BOUND_SLACK
-    )
-    reach = np.stack(reachable, axis=-2)
-    return InverseKinematics(
-        angles=wrapped,
-        reachable=reach,
-        within_bounds=reach & inside.all(axis=-1),
-        missing=np.stack(missing, axis=-2),
-    )
+    return robot.limbs.inverse(toes_body, robot.joint_lower, robot.joint_upper)
 
 
 def require_reachable(robot: Robot, toes_body: Array, where: str) -> Array:
-    """Joint angles (N, 3) for one posture.
+    """Joint angles (N, J) for one posture.
 
     Raises ReachFailure with the limb, the missing reach or the violated joint bound.
     """
     solution = inverse(robot, toes_body)
-    for limb in np.flatnonzero(~solution.valid):
-        name = robot.limb_names[limb]
-        # Said of the branches that face the toe: turning the coxa away is no one's intention.
-        if not solution.reachable[:2, limb].any():
-            gap = float(solution.missing[:2, limb].min())
-            offset = toes_body[limb] - robot.shoulder_body[limb]
-            u = np.hypot(offset[0], offset[1]) - robot.link_lengths[limb, 0]
-            far = np.hypot(u, offset[2]) > robot.link_lengths[limb, 1:].sum()
-            raise ReachFailure(name, "too far" if far else "too near", gap, where)
-        excess = np.maximum(
-            robot.joint_lower[limb] - solution.angles[:2, limb],
-            solution.angles[:2, limb] - robot.joint_upper[limb],
-        )
-        branch = int(np.argmin(excess.max(axis=-1)))
-        joint = int(np.argmax(excess[branch]))
-        over = np.rad2deg(excess[branch, joint])
-        raise ReachFailure(name, f"{JOINTS[joint]} {over:.1f} deg past its bound", 0.0, where)
+    for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
+        bounds = robot.joint_lower, robot.joint_upper
+        found = robot.limbs.miss(solution, toes_body, limb, *bounds)
+        raise ReachFailure(robot.limb_names[limb], found.reason, found.missing, where)
     return solution.best()

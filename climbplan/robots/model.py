@@ -3,18 +3,38 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
+from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
+from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
 from climbplan.spec.robot import RobotSpec
+
+_BY_LIMB = (
+    "limb_names",
+    "sides",
+    "shoulder_body",
+    "mount_yaw",
+    "link_lengths",
+    "max_torque",
+    "joint_stiffness",
+    "joint_lower",
+    "joint_upper",
+    "max_joint_speed",
+    "stance_body",
+)
 
 
 @dataclass(frozen=True)
 class Robot:
-    """N limbs with coxa, femur and tibia on a rigid body; body frame x right, y forward, z up."""
+    """N limbs with up to J joints on a rigid body; body frame x right, y forward, z up.
+
+    Limbs are coxa, femur and tibia (J = 3) unless `mechanism` says what else they are.
+    """
 
     name: str
     mass: float  # [kg], acts at the body origin
@@ -24,22 +44,53 @@ class Robot:
     sides: tuple[str, ...]  # "left", "right" or "any"
     shoulder_body: Array  # (N, 3) first joint [m]
     mount_yaw: Array  # (N,) direction of the coxa at zero angle [rad]
-    link_lengths: Array  # (N, 3) coxa, femur, tibia [m]
-    max_torque: Array  # (N, 3) [N m]
-    joint_stiffness: Array  # (N, 3) [N m/rad]
-    joint_lower: Array  # (N, 3) [rad]
-    joint_upper: Array  # (N, 3) [rad]
-    max_joint_speed: Array  # (N, 3) [rad/s]
+    link_lengths: Array  # (N, J) coxa, femur, tibia, or the distances between joints and toe [m]
+    max_torque: Array  # (N, J) [N m]
+    joint_stiffness: Array  # (N, J) [N m/rad]
+    joint_lower: Array  # (N, J) [rad]
+    joint_upper: Array  # (N, J) [rad]
+    max_joint_speed: Array  # (N, J) [rad/s]
     stance_body: Array  # (N, 3) nominal toe positions [m]
     body_hull: Array  # (8, 3) corners of the body's box [m]
     reach: float  # Delta_FK, largest shoulder-toe distance of the posture planner [m]
     stance_radius: float  # largest toe distance from its stance in the posture planner [m]
     limb_radius: float  # capsule radius of the links [m]
+    mechanism: Mechanism | None = None  # None: coxa, femur and tibia of the lengths above
 
     @property
     def limb_count(self) -> int:
         """N."""
         return len(self.limb_names)
+
+    @property
+    def joint_count(self) -> int:
+        """J, joints of the limb that has most."""
+        return int(self.max_torque.shape[1])
+
+    @property
+    def limbs(self) -> Mechanism:
+        """The kinematics of all limbs."""
+        if self.mechanism is not None:
+            return self.mechanism
+        return CoxaFemurTibia(self.shoulder_body, self.mount_yaw, self.link_lengths)
+
+    @property
+    def has_joint(self) -> NDArray[np.bool_]:
+        """(N, J): whether a limb has a joint of that number."""
+        return np.array([[bool(name) for name in own] for own in self.limbs.joint_names])
+
+    def joint_name(self, limb: int, joint: int) -> str:
+        """What a joint is called, and the link that it moves: "femur"."""
+        own = self.limbs.joint_names[limb]
+        return next((name for name in own[joint:] if name), own[-1])
+
+    def one_limb(self, limb: int) -> Self:
+        """The robot with one limb alone, whose kinematics are done as many times as fast."""
+        keep = slice(limb, limb + 1)
+        rows = {name: value[keep] for name, value in vars(self).items() if name in _BY_LIMB}
+        if self.mechanism is not None:
+            rows["mechanism"] = self.mechanism.only(keep)
+        return replace(self, **rows)
 
     @property
     def weight(self) -> float:

@@ -92,7 +92,7 @@ def _solved(lab: Laboratory, statement: ForceStatement) -> tuple[Array, Array]:
         corners = np.broadcast_to(regular_corners(facets), (b, n, facets))
         rows = halfspaces(group, corners)
         # Contact rows -n . f <= 0 become -n . f <= -least: who supports carries some load.
-        rows.upper[:, 6 * n : 7 * n] -= least / statement.unit
+        rows.upper[:, rows.contact] -= least / statement.unit
         optima = solve_daqp(group, rows)
         force[group.instant[:, None], group.limb] = group.forces(optima.x[:, 1:])
         solved[group.instant] = optima.solved

@@ -20,7 +20,6 @@ _PATIENCE = 60.0  # [s] for anything to happen at all
 _SWITCHES = (
     "--headless",
     "--no-sandbox",
-    "--disable-gpu",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
@@ -30,6 +29,8 @@ _SWITCHES = (
     "--hide-scrollbars",
     "--remote-debugging-pipe",
 )
+# WebGL without a graphics card
+_SOFTWARE_GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 # The browser reads commands from descriptor 3 and answers on 4.
 _LAUNCH = """
 import os, sys
@@ -48,7 +49,9 @@ def chromium_path() -> str | None:
 class Browser:
     """One page in a fresh browser profile; its console and network traffic are recorded."""
 
-    def __init__(self, program: str, width: int = 1280, height: int = 900) -> None:
+    def __init__(
+        self, program: str, width: int = 1280, height: int = 900, *, graphics: bool = False
+    ) -> None:
         self.console: list[str] = []  # errors, warnings and exceptions
         self.requests: list[str] = []  # addresses asked for
         self._profile = tempfile.mkdtemp(prefix="chromium-test-")
@@ -58,10 +61,12 @@ class Browser:
         command_read, self._write = os.pipe()
         self._read, answer_write = os.pipe()
         # High numbers, so that the launcher can put them at 3 and 4 without losing one.
+        switches = _SOFTWARE_GRAPHICS if graphics else ("--disable-gpu",)
+        switches = (*_SWITCHES, *switches)
         ends = [os.dup(end) for end in (command_read, answer_write)]
         own = [f"--user-data-dir={self._profile}", f"--window-size={width},{height}"]
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _LAUNCH, *map(str, ends), program, *_SWITCHES, *own],
+            [sys.executable, "-c", _LAUNCH, *map(str, ends), program, *switches, *own],
             pass_fds=ends,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -97,7 +102,11 @@ class Browser:
 
     def open(self, page: Path) -> None:
         """Load a file and wait for it."""
-        self._call("Page.navigate", url=page.resolve().as_uri())
+        self.visit(page.resolve().as_uri())
+
+    def visit(self, address: str) -> None:
+        """Load an address and wait for it."""
+        self._call("Page.navigate", url=address)
         self._until("Page.loadEventFired")
 
     def emulate(self, *, width: int, height: int, dark: bool = False, phone: bool = False) -> None:

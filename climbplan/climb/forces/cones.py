@@ -34,10 +34,10 @@ class InstantCones:
     axes: Array  # (n, 3, 3) rows normal, tangent, bitangent
     mu: Array  # (n,)
     safety_friction: float
-    torque: Array  # (n, 3, 3) torque / limit from force
+    torque: Array  # (n, J, 3) torque / limit from force
     largest_s: float
-    bending: Array  # (n, 3, 3 n) joint angles less commands by forces [rad]
-    room: Array  # (n, 3, 2) for commands below and above the joint angles [rad]
+    bending: Array  # (n, J, 3 n) joint angles less commands by forces [rad]
+    room: Array  # (n, J, 2) for commands below and above the joint angles [rad]
     stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
     stiffness: Array  # (21 or 0,) of what they may take at most
 
@@ -45,6 +45,11 @@ class InstantCones:
     def contacts(self) -> int:
         """n."""
         return len(self.limb)
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return self.torque.shape[1]
 
     def with_friction(self, factor: float) -> InstantCones:
         """The same instant with all friction coefficients scaled."""
@@ -55,7 +60,7 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
     """The constraints of instant k."""
     limb = np.flatnonzero(statement.contact[k])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
-    bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), 3, 3 * len(limb))
+    bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), -1, 3 * len(limb))
     stability = stability_cone(statement, np.array([k]))
     lost = stability.A[0][:, limb].reshape(-1, 3 * len(limb))
     return InstantCones(
@@ -120,11 +125,13 @@ class ConicProgram:
             rows = selector(np.concatenate([cones.torque[i], -cones.torque[i]]), i, self.size)
             if s_column is not None:
                 rows[:, s_column] = -1.0
-            self.below(f"torque.{i}", rows, np.full(6, 0.0 if s_column else cones.largest_s))
+            self.below(
+                f"torque.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
+            )
             self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), np.zeros(1))
             if friction:
                 self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
-            for j in range(3):
+            for j in range(cones.joints):
                 self.below(
                     f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j]
                 )

@@ -51,9 +51,9 @@ def all_members(cones: InstantCones) -> list[Member]:
     limbs = range(cones.contacts)
     return [
         *(Member("friction", i) for i in limbs),
-        *(Member("torque", i, j) for i in limbs for j in range(3)),
+        *(Member("torque", i, j) for i in limbs for j in range(cones.joints)),
         *(Member("contact", i) for i in limbs),
-        *(Member("command", i, j) for i in limbs for j in range(3)),
+        *(Member("command", i, j) for i in limbs for j in range(cones.joints)),
         *([Member("stability")] if len(cones.stiffness_lost) else []),
     ]
 

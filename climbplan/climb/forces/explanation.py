@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,7 @@ from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.plans.climb_plan import Instants
-from climbplan.robots.kinematics import JOINTS
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 
 LISTED = 5  # instants described one by one
@@ -84,7 +83,7 @@ def explain(
             unsteady &= any(member.kind == "stability" for member in members)
             amounts = _amounts(cones, load, None)
             remedies = _remedies(scene, statement, amounts)
-            conflicts.append(Conflict(where, _constraints(members, cones, names), remedies))
+            conflicts.append(Conflict(where, _constraints(members, cones, scene.robot), remedies))
             worst = _worse(worst, amounts)
         else:
             # The conflicts that are not listed are not looked into: taken to be like the others
@@ -194,11 +193,9 @@ def _remedies(scene: MotionScene, statement: ForceStatement, amounts: Amounts) -
     return tuple(out)
 
 
-def _constraints(
-    members: list[Member], cones: InstantCones, names: Sequence[str]
-) -> tuple[str, ...]:
+def _constraints(members: list[Member], cones: InstantCones, robot: Robot) -> tuple[str, ...]:
     """Members in words, one phrase a kind."""
-    limb = [names[i] for i in cones.limb]
+    limb = [robot.limb_names[i] for i in cones.limb]
     phrases = []
     for kind, words in (
         ("friction", "friction at"),
@@ -214,7 +211,9 @@ def _constraints(
             phrases.append(words)
             continue
         if kind in ("torque", "command"):
-            listed = _listed([f"{limb[m.contact]} {JOINTS[m.joint]}" for m in chosen], _NAMED)
+            joints = [robot.joint_name(int(cones.limb[m.contact]), m.joint) for m in chosen]
+            said = [f"{limb[m.contact]} {name}" for m, name in zip(chosen, joints, strict=True)]
+            listed = _listed(said, _NAMED)
         elif len(chosen) == len(limb) > _NAMED:
             listed = f"all {len(limb)} limbs"
         else:

@@ -177,7 +177,7 @@ def _reduced(
 class Halfspaces:
     """Linear rows A x <= upper of B instants, beside 0 <= s <= largest_s.
 
-    Rows: 6 n of torque (positive, then negative), n of contact, n F of friction, and what further
+    Rows: 2 J n of torque (positive, then negative), n of contact, n F of friction, and what further
     rows the group has.
     """
 
@@ -185,11 +185,18 @@ class Halfspaces:
     upper: Array  # (B, m)
     contacts: int  # n
     facets: int  # F
+    joints: int = 3  # J
+
+    @property
+    def contact(self) -> slice:
+        """The contact rows: those after the 2 J n of torque."""
+        start = 2 * self.joints * self.contacts
+        return slice(start, start + self.contacts)
 
     @property
     def friction(self) -> slice:
-        """The friction rows: those after the 7 n of torque and contact."""
-        start = 7 * self.contacts
+        """The friction rows: those after the (2 J + 1) n of torque and contact."""
+        start = (2 * self.joints + 1) * self.contacts
         return slice(start, start + self.contacts * self.facets)
 
 
@@ -200,20 +207,22 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     """
     b, n, q = len(group.instant), group.contacts, group.unknowns
     facets = facets if corners is None else corners.shape[-1]
-    m = n * (7 + facets)
+    count = group.torque_particular.shape[-1]
+    t = count * n  # torques in one direction
+    m = n * (2 * count + 1 + facets)
     A = np.zeros((b, m + group.further.shape[1], q + 1))
     upper = np.zeros((b, m + group.further.shape[1]))
     # Torque: +-(T f0 + T Z y) - s <= 0
-    A[:, : 6 * n, 0] = -1.0
-    A[:, : 3 * n, 1:] = group.torque_null_space.reshape(b, 3 * n, q)
-    np.negative(A[:, : 3 * n, 1:], out=A[:, 3 * n : 6 * n, 1:])
-    upper[:, 3 * n : 6 * n] = group.torque_particular.reshape(b, 3 * n)
-    np.negative(upper[:, 3 * n : 6 * n], out=upper[:, : 3 * n])
+    A[:, : 2 * t, 0] = -1.0
+    A[:, :t, 1:] = group.torque_null_space.reshape(b, t, q)
+    np.negative(A[:, :t, 1:], out=A[:, t : 2 * t, 1:])
+    upper[:, t : 2 * t] = group.torque_particular.reshape(b, t)
+    np.negative(upper[:, t : 2 * t], out=upper[:, :t])
     # Contact: -n . (f0 + Z y) <= 0
-    np.negative(group.frame_null_space[:, :, 0], out=A[:, 6 * n : 7 * n, 1:])
-    upper[:, 6 * n : 7 * n] = group.frame_particular[:, :, 0]
+    np.negative(group.frame_null_space[:, :, 0], out=A[:, 2 * t : 2 * t + n, 1:])
+    upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0]
     A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
-    rows = Halfspaces(A, upper, n, facets)
+    rows = Halfspaces(A, upper, n, facets, count)
     if corners is not None:
         set_friction(group, rows, corners)
     return rows

@@ -90,9 +90,10 @@ class Restrictions:
     def commands(self, instants: Index) -> Rows:
         """Rows that keep the commands of some instants within bounds, down and up."""
         b, n = len(instants), self.statement.contact.shape[1]
-        bending = self.statement.bending[instants].reshape(b, 3 * n, n, 3)
+        rows = self.statement.max_torque.size
+        bending = self.statement.bending[instants].reshape(b, rows, n, 3)
         room = [self.statement.room_below[instants], self.statement.room_above[instants]]
-        upper = kept(np.concatenate(room, axis=1).reshape(b, 6 * n), self.reserve)
+        upper = kept(np.concatenate(room, axis=1).reshape(b, 2 * rows), self.reserve)
         return Rows(np.concatenate([bending, -bending], axis=1), upper)
 
     def cuts(self, instants: Index) -> Rows:

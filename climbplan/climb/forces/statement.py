@@ -45,13 +45,13 @@ class ForceStatement:
     arms: Array  # (K, N, 3) from the body origin to the toes [m]
     normal: Array  # (K, N, 3) unit, into free space
     mu: Array  # (K, N)
-    jacobian: Array  # (K, N, 3, 3) world frame [m/rad]
+    jacobian: Array  # (K, N, 3, J) world frame [m/rad]
     compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
-    joint_angles: Array  # (K, N, 3) [rad]
-    bending: Array  # (K, N, 3, N, 3) D, joint angles less commands by forces [rad/N]
-    room_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
-    room_above: Array  # (K, N, 3) from the joint angle to the upper bound [rad]
-    max_torque: Array  # (N, 3) [N m]
+    joint_angles: Array  # (K, N, J) [rad]
+    bending: Array  # (K, N, J, N, 3) D, joint angles less commands by forces [rad/N]
+    room_below: Array  # (K, N, J) from the lower joint bound to the joint angle [rad]
+    room_above: Array  # (K, N, J) from the joint angle to the upper bound [rad]
+    max_torque: Array  # (N, J) [N m]
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
     least_safety_torque: float  # lower bound on S_tau
@@ -81,7 +81,7 @@ class ForceStatement:
 
     @property
     def torque_per_force(self) -> Array:
-        """(K, N, 3, 3) J^T with each row divided by its torque limit [1/N]."""
+        """(K, N, J, 3) J^T with each row divided by its torque limit [1/N]."""
         return np.asarray(np.swapaxes(self.jacobian, -1, -2) / self.max_torque[..., None])
 
     @property
@@ -129,12 +129,12 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
 
 
 def torques_of(statement: ForceStatement, force: Array) -> Array:
-    """Joint torques J^T f (K, N, 3) [N m] of forces (K, N, 3)."""
+    """Joint torques J^T f (K, N, J) [N m] of forces (K, N, 3)."""
     return np.einsum("knij,kni->knj", statement.jacobian, force)
 
 
 def commands_of(statement: ForceStatement, force: Array) -> Array:
-    """Joint commands theta - D f (K, N, 3) [rad] that press with forces (K, N, 3)."""
+    """Joint commands theta - D f (K, N, J) [rad] that press with forces (K, N, 3)."""
     return np.asarray(statement.joint_angles - _bent(statement, force))
 
 
@@ -143,7 +143,7 @@ def _bent(statement: ForceStatement, force: Array) -> Array:
 
 
 def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0) -> Array:
-    """(K, N, 3) by how much commands leave the joint bounds, or a reserve within them [rad]."""
+    """(K, N, J) by how much commands leave the joint bounds, or a reserve within them [rad]."""
     bent = _bent(statement, force)
     low, high = (kept(room, reserve) for room in (statement.room_below, statement.room_above))
     return np.maximum(np.maximum(bent - low, -bent - high), 0.0)

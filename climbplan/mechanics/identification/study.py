@@ -13,7 +13,7 @@ from climbplan.mechanics.identification.fit import Fit, Model, fit_stiffness
 from climbplan.mechanics.identification.limb_model import Limb
 from climbplan.mechanics.identification.measurements import Matrix, Measurements, read_measurements
 from climbplan.mechanics.identification.slopes import Reduced, matrices_from
-from climbplan.robots.kinematics import JOINTS
+from climbplan.robots.coxa_femur_tibia import JOINTS
 from climbplan.robots.model import Robot
 
 _MANY = 0.2  # relative error of the matrices above which the model does not describe the limb

@@ -10,14 +10,14 @@ from climbplan.plans.checks.check import Array, Check, judge_worst
 from climbplan.plans.checks.convex import body_clearance, chain_separation, polygon_normal
 from climbplan.plans.checks.distances import chain_distance
 from climbplan.plans.checks.kinematics_anew import body_axes, placed
-from climbplan.plans.checks.subject import JOINT_NAMES, Subject
+from climbplan.plans.checks.subject import Subject
 from climbplan.plans.climb_plan import Mask
 from climbplan.terrain.surfaces import Region, Tube
 
 _MEASURED = 0.05  # [m] link distances below this are measured, beyond it a bound is enough
 _TOLD = 5e-3  # [m] room beside links up to which it is measured, not bounded
 _ON_FACE = 1e-6  # [m] a surface this close to an obstacle's face lies on it
-_TOE_STRETCH = 0.05  # [m] last part of the tibia, which has to come close to its surface
+_TOE_STRETCH = 0.05  # [m] last part of a limb, which has to come close to its surface
 
 
 def clearance_checks(subject: Subject) -> Iterator[Check]:
@@ -102,18 +102,18 @@ def _limbs(subject: Subject) -> Check:
 
 
 def _narrowed(subject: Subject, points: Array) -> Array:
-    """Joints and toes (..., N, 4, 3) without the last stretch of the tibia."""
+    """Joints and toes (..., N, P, 3) without the last stretch before the toe."""
     shorter = points.copy()
-    tibia = points[..., 3, :] - points[..., 2, :]
-    length = subject.plan.robot.link_lengths[:, 2, None]
-    shorter[..., 3, :] -= tibia * np.minimum(_TOE_STRETCH / length, 1.0)
+    last = points[..., -1, :] - points[..., -2, :]
+    length = np.maximum(subject.plan.robot.link_lengths[:, -1, None], 1e-12)
+    shorter[..., -1, :] -= last * np.minimum(_TOE_STRETCH / length, 1.0)
     return shorter
 
 
 def link_depths(subject: Subject, points: Array, enough: float) -> Array:
-    """Depth of link axes in solids (..., N, 3, S) [m], negative outside.
+    """Depth of link axes in solids (..., N, P - 1, S) [m], negative outside.
 
-    points: (..., N, 4, 3) joints and toes. Outside, the value is minus a lower bound on the
+    points: (..., N, P, 3) joints and toes. Outside, the value is minus a lower bound on the
     distance, measured closely only below `enough` [m].
     """
     depths = [-chain_separation(points, solid, enough) for solid in subject.solids]
@@ -128,12 +128,12 @@ def link_depths(subject: Subject, points: Array, enough: float) -> Array:
 def judge_link_depths(
     name: str, subject: Subject, depth: Array, moment: Callable[[int], str], margin: str
 ) -> Check:
-    """A check of link depths (P, N, 3, S); `moment` describes the first index."""
+    """A check of link depths (P, N, links, S); `moment` describes the first index."""
     names = [solid.name for solid in subject.solids]
     names += [s.name for s in subject.plan.terrain.surfaces if isinstance(s, Tube)]
 
     def where(p: int, limb: int, link: int, solid: int) -> str:
-        link_name = f"{subject.plan.robot.limb_names[limb]} {JOINT_NAMES[link]} link"
+        link_name = f"{subject.limb(limb, link)} link"
         return f"{moment(p)}, {link_name} and {names[solid]}"
 
     return judge_worst(name, depth, where, margin)
@@ -144,9 +144,9 @@ def judge_capsules(
 ) -> Check:
     """A check that links as capsules of the robot's limb radius miss all obstacles.
 
-    points: (P, N, 4, 3) joints and toes; `moment` describes the first index. Walls are left out:
-    a tibia comes as close to its wall as its toe. So it does to an obstacle whose face the limb may
-    stand on: there the tibia counts as a capsule up to where it narrows to its toe.
+    points: (P, N, J + 1, 3) joints and toes; `moment` describes the first index. Walls are left
+    out: a last link comes as close to its wall as its toe. So it does to an obstacle whose face the
+    limb may stand on: there it counts as a capsule up to where it narrows to its toe.
     """
     radius = subject.plan.robot.limb_radius
     solids = subject.solids[: len(subject.plan.terrain.obstacles)]

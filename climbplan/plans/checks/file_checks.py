@@ -70,8 +70,9 @@ def limits_check(limits: StepLimits) -> Check:
 
 
 def _robot_faults(robot: Robot) -> Iterator[str]:
-    positive = {
-        "link_lengths": robot.link_lengths,
+    # Joints of a chain may lie on one another.
+    lengths = {} if robot.mechanism is not None else {"link_lengths": robot.link_lengths}
+    positive = lengths | {
         "max_torque": robot.max_torque,
         "joint_stiffness": robot.joint_stiffness,
         "max_joint_speed": robot.max_joint_speed,

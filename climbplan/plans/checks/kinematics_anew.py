@@ -1,7 +1,8 @@
 """Limb geometry from the definitions of the file format, by rotations about joint axes.
 
-A limb: the coxa turns about the body's z at the shoulder, femur and tibia about the horizontal
-axis through the limb's plane; at zero angles coxa and femur point outward, the tibia down.
+A limb, unless it is another chain (`chains_anew.py`): the coxa turns about the body's z at the
+shoulder, femur and tibia about the horizontal axis through the limb's plane; at zero angles coxa
+and femur point outward, the tibia down.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.plans.checks.chains_anew import chains_at, settled_chains
 from climbplan.plans.checks.check import Array
 from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
 
 
 def turned(vector: Array, axis: Array, angle: Array) -> Array:
@@ -38,23 +41,25 @@ def placed(com: Array, axes: Array, points: Array) -> Array:
 class Limbs:
     """Joint positions and axes of all limbs in the world."""
 
-    joints: Array  # (..., N, 3, 3) coxa, femur and tibia joint [m]
-    axes: Array  # (..., N, 3, 3) their unit axes
+    joints: Array  # (..., N, J, 3) coxa, femur and tibia joint, or those of a chain [m]
+    axes: Array  # (..., N, J, 3) their unit axes
     toe: Array  # (..., N, 3) [m]
 
     @property
     def points(self) -> Array:
-        """Shoulder, femur joint, knee, toe (..., N, 4, 3)."""
+        """Shoulder, femur joint, knee, toe (..., N, J + 1, 3)."""
         return np.concatenate([self.joints, self.toe[..., None, :]], axis=-2)
 
     def jacobian(self) -> Array:
-        """Toe velocity by joint speed, (..., N, 3, 3): column j is axis_j x (toe - joint_j)."""
+        """Toe velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe - joint_j)."""
         columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
         return np.swapaxes(columns, -1, -2)
 
 
 def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
-    """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, 3) [rad]."""
+    """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, J) [rad]."""
+    if robot.mechanism is not None:
+        return _chains_at(chain_of(robot), com, axes, angles)
     shoulder = placed(com, axes, robot.shoulder_body)
     up = np.broadcast_to(axes[..., 2:3, :], shoulder.shape)
     forward = np.broadcast_to(axes[..., 0:1, :], shoulder.shape)
@@ -76,19 +81,22 @@ def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
 class StandingLimbs:
     """Limbs whose toes are held by the terrain while the body moves."""
 
-    points: Array  # (..., N, 4, 3) shoulder, femur joint, knee, toe [m]
-    angles: Array  # (..., N, 3) [rad]
+    points: Array  # (..., N, J + 1, 3) shoulder, femur joint, knee, toe [m]
+    angles: Array  # (..., N, J) [rad]
     missing: Array  # (..., N) distance by which the links do not reach the toe [m]
 
 
 def standing_limbs(
-    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array
+    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array, command: Array
 ) -> StandingLimbs:
-    """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, 3).
+    """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, J).
 
     Angles are those within half a turn of `alike`. The knee is where the circles of femur and tibia
-    meet in the limb's plane.
+    meet in the limb's plane. A chain of more than three joints
+    settles as springs about their commands (..., N, J) do.
     """
+    if robot.mechanism is not None:
+        return _standing_chains(robot, com, axes, toes, alike, command)
     model = limbs_at(robot, com, axes, alike)
     shoulder = placed(com, axes, robot.shoulder_body)
     up = axes[..., 2:3, :]
@@ -128,6 +136,36 @@ def standing_limbs(
         angles=angles,
         missing=np.maximum(missing[..., 0], 0.0),
     )
+
+
+def chain_of(robot: Robot) -> SerialChain:
+    """The chains of a robot that has them; no other mechanism can be built anew."""
+    if not isinstance(robot.mechanism, SerialChain):
+        raise TypeError(f"no check knows limbs of type {type(robot.mechanism).__name__}")
+    return robot.mechanism
+
+
+def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:
+    """Chains of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
+    body = chains_at(chain, angles)
+    turn, origin = axes[..., None, :, :], com[..., None, :]
+    return Limbs(
+        joints=origin[..., None, :] + body.joints @ turn,
+        axes=body.axes @ turn,
+        toe=origin + (body.toe[..., None, :] @ turn)[..., 0, :],
+    )
+
+
+def _standing_chains(
+    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array, command: Array
+) -> StandingLimbs:
+    """Chains that reach for toes (..., N, 3), joints as springs about their commands."""
+    chain = chain_of(robot)
+    local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
+    spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    settled = settled_chains(chain, local, alike, command, spring)
+    points = _chains_at(chain, com, axes, settled.angles).points
+    return StandingLimbs(points, settled.angles, settled.missing)
 
 
 def _dot(a: Array, b: Array) -> Array:

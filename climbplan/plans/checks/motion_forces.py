@@ -23,7 +23,7 @@ class MotionForces:
 
     deflection: Array  # (T, 6) of the body from its path, linear [m, rad]
     force: Array  # (T, N, 3) there, zero in the air [N]
-    torque: Array  # (T, N, 3) [N m]
+    torque: Array  # (T, N, J) [N m]
 
 
 def motion_forces(
@@ -35,13 +35,13 @@ def motion_forces(
     contact: Mask,
     load: Array,
 ) -> MotionForces:
-    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, 3)."""
+    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J)."""
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     touching = contact[..., None]
     torque = np.where(touching, spring * (standing.angles - command), 0.0)
     jacobian = limbs_at(robot, com, axes, standing.angles).jacobian()
-    motion = body_motion(standing.points[..., 3, :] - com[:, None, :])
-    bend = joints_by_body(jacobian, motion) * touching[..., None]  # joints turn by -bend dx
+    motion = body_motion(standing.points[..., -1, :] - com[:, None, :])
+    bend = joints_by_body(jacobian, motion, spring) * touching[..., None]  # joints turn by -bend dx
     torque_flat, bend_flat = torque.reshape(len(com), -1), bend.reshape(len(com), -1, 6)
     firm = bend * spring[..., None]
     stiffness = np.swapaxes(bend_flat, 1, 2) @ firm.reshape(bend_flat.shape)

@@ -12,8 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.plans.checks.chains_anew import chains_at
 from climbplan.plans.checks.check import Array
-from climbplan.plans.checks.kinematics_anew import Limbs, limbs_at, standing_limbs, turned
+from climbplan.plans.checks.kinematics_anew import (
+    Limbs,
+    chain_of,
+    limbs_at,
+    standing_limbs,
+    turned,
+)
 from climbplan.plans.climb_plan import Mask
 from climbplan.robots.model import Robot
 
@@ -31,8 +38,8 @@ class Braced:
     robot: Robot
     toes: Array  # (K, N, 3) [m]
     contact: Mask  # (K, N)
-    command: Array  # (K, N, 3) [rad]
-    alike: Array  # (K, N, 3) joint angles that tell which way the limbs bend [rad]
+    command: Array  # (K, N, J) [rad]
+    alike: Array  # (K, N, J) joint angles that tell which way the limbs bend [rad]
     load: Array  # (K, 6) force and moment on the body, weight included
 
 
@@ -40,10 +47,11 @@ class Braced:
 class Pressed:
     """What joints do at given body poses."""
 
-    torque: Array  # (K, N, 3) [N m]
+    torque: Array  # (K, N, J) [N m]
     force: Array  # (K, N, 3) on the toes, zero without contact [N]
     wrench: Array  # (K, 6) of forces and load [N, N m]
     limbs: Limbs
+    angles: Array  # (K, N, J) [rad]
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class Settled:
 
     shift: Array  # (K, 3) of the body from where it started [m], NaN if there is none
     turn: Array  # (K, 3) rotation vector likewise [rad]
-    torque: Array  # (K, N, 3) [N m]
+    torque: Array  # (K, N, J) [N m]
     force: Array  # (K, N, 3) [N]
     stiffness_left: Array  # (K,) least share of the joints' stiffness left under load; < 0: buckles
 
@@ -60,23 +68,36 @@ class Settled:
 def pressed(braced: Braced, com: Array, axes: Array) -> Pressed:
     """Torques and forces for bodies at com (K, 3) with axes (K, 3, 3)."""
     robot = braced.robot
-    angles = standing_limbs(robot, com, axes, braced.toes, braced.alike).angles
+    angles = standing_limbs(robot, com, axes, braced.toes, braced.alike, braced.command).angles
     limbs = limbs_at(robot, com, axes, angles)
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     torque = spring * (angles - braced.command) * braced.contact[..., None]
     force = np.where(braced.contact[..., None], force_of(limbs.jacobian(), torque), 0.0)
     moment = np.cross(braced.toes - com[..., None, :], force).sum(axis=-2)
     wrench = np.concatenate([force.sum(axis=-2), moment], axis=-1) + braced.load
-    return Pressed(torque, force, wrench, limbs)
+    return Pressed(torque, force, wrench, limbs, angles)
 
 
 def force_of(jacobian: Array, torque: Array) -> Array:
-    """J^-T tau (..., 3), not finite where J is singular."""
+    """J^-T tau (..., 3), not finite where J is singular; of least squares for limbs with a choice.
+
+    Settled joints of such a limb have torques J^T f, so that no square is left.
+    """
+    if jacobian.shape[-1] != 3:
+        square = jacobian @ np.swapaxes(jacobian, -1, -2)
+        torque = (jacobian @ torque[..., None])[..., 0]
+        return np.asarray((_inverse_transposed(square) @ torque[..., None])[..., 0])
     return np.asarray((_inverse_transposed(jacobian) @ torque[..., None])[..., 0])
 
 
-def joints_by_body(jacobian: Array, motion: Array) -> Array:
-    """J^-1 B (..., 3, 6): joint turns that answer toe motions B, not finite where J is singular."""
+def joints_by_body(jacobian: Array, motion: Array, spring: Array) -> Array:
+    """J^-1 B (..., J, 6): joint turns that answer toe motions B, not finite where J is singular.
+
+    Where a limb has a choice its springs (N, J) turn with the least energy.
+    """
+    if jacobian.shape[-1] != 3:
+        soft = np.swapaxes(jacobian, -1, -2) / spring[..., None]
+        return np.asarray(soft @ _inverse_transposed(jacobian @ soft) @ motion)
     return np.asarray(np.swapaxes(_inverse_transposed(jacobian), -1, -2) @ motion)
 
 
@@ -121,6 +142,7 @@ def settle(braced: Braced, com: Array, axes: Array) -> Settled:
     lost = ~(np.abs(now.wrench).max(axis=1) <= enough)  # NaN counts as lost
     shift[lost], turn[lost] = np.nan, np.nan
     left = _stiffness_left(braced, com + shift, now.limbs, -_slope(at, still))
+    left = np.minimum(left, _choice_left(braced, _rotated(axes, turn), now))
     return Settled(shift, turn, now.torque, now.force, np.where(lost, np.nan, left))
 
 
@@ -147,7 +169,10 @@ def _stiffness_left(braced: Braced, com: Array, limbs: Limbs, stiffness: Array) 
     """Least eigenvalue of the stiffness (K, 6, 6) relative to that of the joints alone."""
     spring = braced.robot.joint_stiffness * (1 - braced.robot.structural_compliance_share)
     arms = braced.toes - com[:, None, :]
-    bend = joints_by_body(limbs.jacobian(), body_motion(arms)) * braced.contact[..., None, None]
+    bend = (
+        joints_by_body(limbs.jacobian(), body_motion(arms), spring)
+        * braced.contact[..., None, None]
+    )
     elastic = np.einsum("knji,nj,knjl->kil", bend, spring, bend)
     left = np.full(len(com), np.nan)
     fine = np.isfinite(elastic).all(axis=(1, 2)) & np.isfinite(stiffness).all(axis=(1, 2))
@@ -160,6 +185,33 @@ def _stiffness_left(braced: Braced, com: Array, limbs: Limbs, stiffness: Array) 
     share = np.swapaxes(whitening, 1, 2) @ even @ whitening
     share += np.eye(6) * ~resisted[:, None, :]
     left[fine] = np.linalg.eigvalsh(share)[:, 0]
+    return left
+
+
+def _choice_left(braced: Braced, axes: Array, now: Pressed) -> Array:
+    """Share of their stiffness (K,) left to joints that may turn while toe and body stand still.
+
+    Of limbs with more than three joints; 1 for others. Below zero a limb folds away by itself.
+    """
+    robot = braced.robot
+    count = robot.joint_count
+    if count == 3:
+        return np.ones(len(axes))
+    spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    local = np.einsum("kij,knj->kni", axes, now.force)
+    body = chains_at(chain_of(robot), now.angles)
+    root = np.sqrt(spring)
+    jacobian = body.jacobian() / root[:, None, :]
+    share = body.bending(local) / (root[:, :, None] * root[:, None, :])
+    fine = np.isfinite(jacobian).all(axis=(2, 3)) & np.isfinite(share).all(axis=(2, 3))
+    there = np.abs(body.axes).max(axis=-1) > 0  # (K, N, J)
+    left = np.ones(len(axes))
+    for k, limb in np.argwhere(fine & braced.contact):
+        own = there[k, limb]
+        free = np.linalg.svd(jacobian[k, limb][:, own])[2][3:]  # (own - 3, own)
+        if len(free):
+            lost = free @ share[k, limb][np.ix_(own, own)] @ free.T
+            left[k] = min(left[k], 1.0 - float(np.linalg.eigvalsh(lost)[-1]))
     return left
 
 

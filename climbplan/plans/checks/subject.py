@@ -11,8 +11,6 @@ from climbplan.plans.checks.convex import ConvexBody, hull_of, solids_of
 from climbplan.plans.checks.kinematics_anew import Limbs, body_axes, limbs_at
 from climbplan.plans.climb_plan import ClimbPlan
 
-JOINT_NAMES = ("coxa", "femur", "tibia")
-
 
 @dataclass(frozen=True)
 class Subject:
@@ -34,7 +32,8 @@ class Subject:
 
     def limb(self, limb: int, *joint: int) -> str:
         """Limb and joint: "RF femur"."""
-        return " ".join([self.plan.robot.limb_names[limb], *(JOINT_NAMES[j] for j in joint)])
+        robot = self.plan.robot
+        return " ".join([robot.limb_names[limb], *(robot.joint_name(limb, j) for j in joint)])
 
     def at_time(self, sample: int) -> str:
         """A sample of the trajectory: "t = 12.30 s"."""
@@ -70,7 +69,7 @@ class Subject:
 
     @property
     def torques(self) -> Array:
-        """(K, N, 3) joint torques J^T f from joint angles and forces [N m]."""
+        """(K, N, J) joint torques J^T f from joint angles and forces [N m]."""
         return np.einsum("knij,kni->knj", self.limbs.jacobian(), self.plan.forces.force)
 
 

@@ -110,7 +110,9 @@ def _motion_of(subject: Subject) -> _Motion:
         done=np.minimum(landed, gait.steps),
         ground=ground,
         commanded=commanded,
-        standing=standing_limbs(robot, trajectory.com, axes, ground, planned),
+        standing=standing_limbs(
+            robot, trajectory.com, axes, ground, planned, trajectory.joint_command
+        ),
     )
 
 
@@ -300,7 +302,7 @@ def _clearance(motion: _Motion) -> Iterator[Check]:
 
 
 def _swinging_between(motion: _Motion, points: Array, samples: Index, share: float) -> Array:
-    """Limbs (S, N, 4, 3) a share of the way to the next sample; standing ones stay as they are."""
+    """Limbs (S, N, J + 1, 3) a share of the way to the next sample; standing ones stay put."""
     trajectory = motion.subject.plan.trajectory
 
     def between(values: Array) -> Array:

@@ -1,0 +1,48 @@
+"""What goes into a program beside its phases, and what comes out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from climbplan.limms.scene import Array
+from climbplan.limms.statement import Trace
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A point of a limb that has to stay on one side of a plane, found by looking at an answer.
+
+    point: 0 to 7 of the module; normal . (point - move * box centre) >= offset at one knot.
+    """
+
+    phase: int
+    knot: int
+    limb: int
+    point: int
+    normal: Array
+    offset: float
+    moves_with_box: bool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Whether a program was solved, and its answer."""
+
+    solved: bool
+    message: str
+    traces: tuple[Trace, ...]
+    violation: float
+    objective: float
+    seconds: float
+    build_seconds: float
+    variables: int
+    constraints: int
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What holds at the two ends of the motion."""
+
+    start: Array  # (3,) [m]
+    goal: Array  # (3,) [m]
+    arrival_speed: float  # [m/s]

@@ -1,0 +1,206 @@
+"""A mode sequence with arms on arms made into a plan: carriers, added arms, program, way there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, permutations
+
+import numpy as np
+
+from climbplan.limms.added_arms import Grip, grips, grounds, pairs
+from climbplan.limms.assembly import (
+    initial,
+    latch_arm,
+    latch_box,
+    latch_from_ground,
+    reach_box,
+    root_pose,
+)
+from climbplan.limms.bounds import Connection
+from climbplan.limms.carrying import Attempts
+from climbplan.limms.corridor import centre_blocks, ways
+from climbplan.limms.densify import Follow, add_traces
+from climbplan.limms.held import HeldTask, combinations, path_choices, plan_held, way_points
+from climbplan.limms.limbs import arm
+from climbplan.limms.reaching import Blocked, move_joints
+from climbplan.limms.scene import Array, Scene
+from climbplan.limms.sequences import Sequence as Modes
+from climbplan.limms.statement import Limb, Trace
+from climbplan.limms.stretch_clearance import require_clear_of_all
+from climbplan.limms.timeline import ADDED_ARM, Progress
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One connection with its modules; the second, if there is one, is the added arm."""
+
+    connection: Connection
+    modules: tuple[int, ...]
+
+
+def carry_on_chains(
+    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+) -> Progress | None:
+    """A plan in which chains of modules carry the box, or None."""
+    start = scene.box_start[0]
+    way = ways(centre_blocks(scene), start, scene.goal)
+    if way is None:
+        attempts.notes.append("there is no way for the box")
+        return None
+    task = HeldTask(start, scene.goal, way, False, 0.0)
+    for chains in _owners(scene, modes.connections):
+        try:
+            world, still = _carriers(scene, chains, task, rng)
+        except Blocked as error:
+            attempts.notes.append(f"{modes.named(scene)}: {error}")
+            continue
+        for chosen in pairs(still):
+            try:
+                ready, limbs = _added(world, chains, chosen, rng)
+            except Blocked as error:
+                attempts.notes.append(f"{modes.named(scene)}: {error}")
+                continue
+            found = _carried(ready, limbs, task, modes.named(scene), attempts, left, rng)
+            if found is not None:
+                return found
+    return None
+
+
+def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[Chain, ...]]:
+    """Which modules, least way to their anchors; who is latched to an anchor starts its chain."""
+    needed = sum(c.links for c in connections)
+    best: tuple[float, tuple[int, ...]] | None = None
+    for modules in permutations(range(scene.count), needed):
+        cost, taken = 0.0, 0
+        for connection in connections:
+            anchor = scene.wall_offset + connection.root
+            for place in range(connection.links):
+                module = modules[taken + place]
+                held = int(scene.held[module])
+                if (held == anchor) != (place == 0 and anchor in scene.held) or (
+                    held >= 0 and held != anchor
+                ):
+                    cost = np.inf
+                elif held < 0:
+                    away = scene.stand[module] - scene.wall_position[connection.root]
+                    cost += float(np.linalg.norm(away)) * (1.0 if place else 1.001)
+            taken += connection.links
+        if np.isfinite(cost) and (best is None or cost < best[0]):
+            best = (cost, modules)
+    if best is None:
+        return
+    chains, taken = [], 0
+    for connection in connections:
+        chains.append(Chain(connection, best[1][taken : taken + connection.links]))
+        taken += connection.links
+    yield tuple(chains)
+
+
+def _carriers(
+    scene: Scene, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
+) -> tuple[Progress, list[list[Grip]]]:
+    """First modules of all chains latched to their anchors; where their free ends may be held.
+
+    Raises:
+        Blocked: a module does not get to its anchor, or no place for an added arm is good.
+    """
+    world = initial(scene)
+    for chain in chains:
+        name = scene.module_names[chain.modules[0]]
+        world, _ = latch_arm(world, chain.modules[0], chain.connection.root, name, rng)
+    path = _path(task)
+    still = []
+    for chain in chains:
+        carrier = chain.modules[0]
+        if chain.connection.links == 1:
+            end = 0 if world.base_anchor[carrier] >= 0 else 1
+            still.append([Grip(root_pose(world, carrier, end), world.angles[carrier], 0.0)])
+            continue
+        found = grips(world, carrier, chain.connection.side, path, grounds(scene))
+        if not found:
+            name = scene.module_names[carrier]
+            raise Blocked(f"module {name} holds no place from which another serves the way")
+        still.append(found)
+    return world, still
+
+
+def _path(task: HeldTask) -> Array:
+    corners = way_points(task)
+    share = np.linspace(0, 1, 9)[:, None]
+    return np.vstack([first + share * (last - first) for first, last in pairwise(corners)])
+
+
+def _added(
+    world: Progress, chains: Sequence[Chain], chosen: Sequence[Grip], rng: np.random.Generator
+) -> tuple[Progress, list[Limb]]:
+    """Carriers hold their ends where they are to be, and added arms come to them.
+
+    Raises:
+        Blocked: no free way was found.
+    """
+    scene = world.scene
+    world = world.copy()
+    for chain, grip in zip(chains, chosen, strict=True):
+        if chain.connection.links > 1:
+            carrier = chain.modules[0]
+            wall_end = 0 if world.base_anchor[carrier] >= 0 else 1
+            root = root_pose(world, carrier, wall_end)
+            name = f"{scene.module_names[carrier]}: hold out"
+            move_joints(world, carrier, root, wall_end, grip.carrier, name, rng)
+    limbs = []
+    for chain, grip in zip(chains, chosen, strict=True):
+        carrier, last = chain.modules[0], chain.modules[-1]
+        wall_end = 0 if world.base_anchor[carrier] >= 0 else 1
+        box_end = 1 - wall_end
+        if chain.connection.links > 1:
+            anchor = scene.end_anchor(carrier, 1 - wall_end)
+            name = f"{scene.module_names[last]} onto {scene.module_names[carrier]}"
+            world = latch_from_ground(world, last, grip.root, anchor, ADDED_ARM, name, rng)
+            box_end = 0
+        limbs.append(arm(last, chain.connection.side, grip.root, box_end))
+    return world, limbs
+
+
+def _carried(
+    world: Progress,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    name: str,
+    attempts: Attempts,
+    left: float,
+    rng: np.random.Generator,
+) -> Progress | None:
+    """The box from start to goal by arms that are all in place, or None."""
+    scene = world.scene
+    choices = path_choices(scene, limbs, task)
+    if not all(choices):
+        attempts.notes.append(f"{name}: out of reach at the start")
+        return None
+    for combo in combinations(choices, most=4):
+        outcome = plan_held(scene, combo, task, min(left, 20.0))
+        attempts.count(outcome, name)
+        if not outcome.solved:
+            continue
+        try:
+            return _whole(world, combo, outcome.traces, rng)
+        except (Blocked, Follow) as error:
+            attempts.notes.append(f"{name}: {error}")
+    return None
+
+
+def _whole(
+    world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace], rng: np.random.Generator
+) -> Progress:
+    """Raises Blocked where a way to the box is not free, or the motion touches something."""
+    scene, world = world.scene, world.copy()
+    first = traces[0]
+    for i, limb in enumerate(limbs):
+        name = f"{scene.module_names[limb.module]}: to the box"
+        reach_box(world, limb, first.position[0], first.angles[0, i], name, rng)
+    latch_box(world, limbs)
+    before = len(world.stretches)
+    add_traces(world, limbs, traces)
+    for stretch in world.stretches[before:]:
+        require_clear_of_all(scene, stretch)
+    return world

@@ -1,0 +1,154 @@
+"""Climbs, transitions and missions as scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from climbplan.plans.climb_file import read_climb
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.reports import palette
+from climbplan.reports.patches import (
+    Box,
+    climb_box,
+    oblique_camera,
+    shoulder_ring,
+    solid_faces,
+    surface_patches,
+)
+from climbplan.reports.replay import START, Replay, build_replay
+from climbplan.reports.series import instant_labels
+from climbplan.reports.viewer.scene import (
+    Array,
+    Boxes,
+    Forces,
+    Index,
+    Path,
+    Rods,
+    Scene,
+    Shape,
+    polygons,
+)
+from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.rotations import rotation_world_body
+
+
+def climb_scene(path: FilePath) -> Scene:
+    """The scene of a climb or transition plan file.
+
+    Raises PlanFileError for a damaged file.
+    """
+    plan = read_climb(path)
+    frames = build_replay(plan)
+    rotation = rotation_world_body(frames.rpy)
+    box = climb_box(plan)
+    camera = oblique_camera(plan, -63.0, 18.0)
+    return Scene(
+        title=plan.name,
+        facts=_facts(plan),
+        time=frames.time,
+        caption=_captions(plan, frames),
+        marks=np.flatnonzero(np.diff(frames.instant, prepend=START) != 0),
+        shapes=_terrain(plan, box),
+        paths=_paths(plan),
+        rods=_rods(plan, frames, rotation),
+        boxes=_body(plan, frames, rotation),
+        forces=_forces(plan, frames),
+        lower=box.lower,
+        upper=box.upper,
+        azimuth_deg=camera.azimuth_deg,
+        elevation_deg=camera.elevation_deg,
+    )
+
+
+def _facts(plan: ClimbPlan) -> tuple[str, ...]:
+    forces = plan.forces
+    torque, friction = forces.safety_torque.min(), forces.safety_friction.min()
+    return (
+        f"{plan.robot.name}, {plan.rounds.count} rounds, {plan.instants.count} instants",
+        f"least S_tau {torque:.2f}, least S_mu {friction:.2f}",
+    )
+
+
+def _captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
+    labels, forces = instant_labels(plan), plan.forces
+    texts = [
+        f"{label}: S_tau {torque:.2f}, S_mu {friction:.2f}"
+        for label, torque, friction in zip(
+            labels, forces.safety_torque, forces.safety_friction, strict=True
+        )
+    ]
+    return tuple("before the first lift" if k == START else texts[k] for k in frames.instant)
+
+
+def _terrain(plan: ClimbPlan, box: Box) -> tuple[Shape, ...]:
+    shapes = []
+    for surface in plan.terrain.surfaces:
+        corners = [patch.vertices for patch in surface_patches(surface, box)]
+        if corners:
+            note = f"{surface.name}  mu {surface.friction:g}"
+            shapes.append(polygons(surface.name, corners, palette.SURFACE, 0.45, note))
+    for solid in plan.terrain.obstacles:
+        corners = [face.vertices for face in solid_faces(solid, box)]
+        if corners:
+            shapes.append(polygons(solid.name, corners, palette.OBSTACLE, 0.9))
+    return tuple(shapes)
+
+
+def _paths(plan: ClimbPlan) -> tuple[Path, ...]:
+    com, toes = plan.rounds.com, plan.rounds.toes
+    body = Path("body", np.stack([com[:-1], com[1:]], axis=1), palette.TRACE)
+    limbs = [
+        Path(name, np.stack([toes[:-1, limb], toes[1:, limb]], axis=1), palette.limb_color(limb))
+        for limb, name in enumerate(plan.robot.limb_names)
+    ]
+    return (body, *limbs)
+
+
+def _rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
+    robot, count = plan.robot, len(frames.time)
+    root = joint_points_body(robot, np.zeros(plan.robot.joint_lower.shape))[:, 0]  # (N, 3)
+    shoulder = frames.com[:, None] + np.einsum("fij,nj->fni", rotation, root)
+    chain = np.concatenate([shoulder[:, :, None], frames.joints], axis=2)  # (F, N, J + 1, 3)
+    links = np.stack([chain[:, :, :-1], chain[:, :, 1:]], axis=3)  # (F, N, J, 2, 3)
+    joints = links.shape[2]
+    ring = shoulder_ring(plan)
+    frame = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)  # (N, 2, 3)
+    placed = frames.com[:, None, None] + np.einsum("fij,nkj->fnki", rotation, frame)
+    used = np.abs(plan.forces.joint_torques) / robot.max_torque  # (K, N, J)
+    load = np.zeros((count, robot.limb_count, joints))
+    acting = frames.instant != START
+    load[acting] = used[frames.instant[acting]]
+    limbs = robot.limb_count * joints
+    radius = robot.limb_radius
+    return Rods(
+        ends=np.concatenate([links.reshape(count, limbs, 2, 3), placed], axis=1),
+        radius=np.concatenate([np.full(limbs, radius), np.full(len(ring), 0.6 * radius)]),
+        color=(
+            *(palette.limb_color(n) for n in range(robot.limb_count) for _ in range(joints)),
+            *(palette.BODY for _ in ring),
+        ),
+        load=np.concatenate([load.reshape(count, limbs), np.zeros((count, len(ring)))], axis=1),
+    )
+
+
+def _body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
+    hull, count = plan.robot.body_hull, len(frames.time)
+    lower, upper = hull.min(axis=0), hull.max(axis=0)
+    center = frames.com + rotation @ ((lower + upper) / 2)
+    size = np.broadcast_to(upper - lower, (count, 1, 3))
+    return Boxes(center[:, None], rotation[:, None], size, (palette.BODY,), 0.8)
+
+
+def _forces(plan: ClimbPlan, frames: Replay) -> Forces:
+    instants = plan.instants
+    acting = frames.instant != START
+    k: Index = np.where(acting, frames.instant, 0)
+    pressing = acting[:, None] & instants.contact[k]  # (F, N)
+    return Forces(
+        point=frames.joints[:, :, -1],
+        force=plan.forces.force[k] * pressing[..., None],
+        normal=instants.normal[k] * pressing[..., None],
+        mu=np.where(pressing, instants.mu[k], 0.0),
+    )

@@ -1,0 +1,134 @@
+"""What a plan of any kind looks like over time: the viewer draws this and knows no robots.
+
+A scene is sampled at F times. Rods, boxes and their frames move linearly between samples; forces,
+cones and captions belong to the sample at or before the time shown. World frame, z up, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Something that stands still: triangles."""
+
+    name: str
+    vertices: Array  # (V, 3) [m]
+    faces: Index  # (F, 3)
+    color: str  # "#rrggbb"
+    opacity: float = 1.0
+    note: str = ""  # shown beside it, such as its friction
+
+
+@dataclass(frozen=True)
+class Path:
+    """Line segments that stand still."""
+
+    name: str
+    ends: Array  # (K, 2, 3) [m]
+    color: str
+
+
+@dataclass(frozen=True)
+class Rods:
+    """Links as round rods with balls at both ends."""
+
+    ends: Array  # (F, K, 2, 3) [m]
+    radius: Array  # (K,) [m]
+    color: tuple[str, ...]  # (K,)
+    load: Array | None = None  # (F, K) largest share of a limit that the link's motors use
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Cuboids that move, bodies and books."""
+
+    center: Array  # (F, K, 3) [m]
+    rotation: Array  # (F, K, 3, 3) box to world
+    size: Array  # (F, K, 3) edge lengths [m]; zeros hide one
+    color: tuple[str, ...]  # (K,)
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces at points, with friction cones where they press on something."""
+
+    point: Array  # (F, K, 3) [m]
+    force: Array  # (F, K, 3) [N], zeros where there is none
+    normal: Array  # (F, K, 3) unit, zeros: no cone
+    mu: Array  # (F, K)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that is drawn of a plan."""
+
+    title: str
+    facts: tuple[str, ...]  # lines about the whole plan
+    time: Array  # (F,) [s], not decreasing; a repeated time is a jump
+    caption: tuple[str, ...]  # (F,)
+    marks: Index  # samples worth stopping at, increasing
+    shapes: tuple[Shape, ...] = ()
+    paths: tuple[Path, ...] = ()
+    rods: Rods | None = None
+    boxes: Boxes | None = None
+    forces: Forces | None = None
+    lower: Array = field(default_factory=lambda: -np.ones(3))  # [m] of what is worth seeing
+    upper: Array = field(default_factory=lambda: np.ones(3))
+    azimuth_deg: float = -63.0  # where it is first seen from, about z from x
+    elevation_deg: float = 18.0
+
+    def moment(self, time: float) -> tuple[int, int, float]:
+        """Samples before and after a time, and the share of the way from one to the other.
+
+        At a jump (a repeated time) it is the later sample that counts.
+        """
+        last = len(self.time) - 1
+        before = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last))
+        after = min(before + 1, last)
+        span = float(self.time[after] - self.time[before])
+        share = 0.0 if span <= 0 else float(np.clip((time - self.time[before]) / span, 0.0, 1.0))
+        return before, after, share
+
+
+def between(values: Array, moment: tuple[int, int, float]) -> Array:
+    """Samples (F, ...) at a moment, linearly between the two beside it."""
+    before, after, share = moment
+    mixed: Array = (1.0 - share) * values[before] + share * values[after]
+    return mixed
+
+
+def polygons(name: str, corners: list[Array], color: str, opacity: float, note: str = "") -> Shape:
+    """Flat convex polygons (V, 3) as one shape, each a fan of triangles.
+
+    Raises ValueError if there is none.
+    """
+    fans, start = [], 0
+    for polygon in corners:
+        count = len(polygon)
+        fan = np.column_stack(
+            [np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)]
+        )
+        fans.append(start + fan)
+        start += count
+    faces = np.concatenate(fans).astype(np.int64)
+    return Shape(name, np.concatenate(corners), faces, color, opacity, note)
+
+
+_CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+def block(name: str, lower: Array, upper: Array, color: str, opacity: float) -> Shape:
+    """An axis-aligned cuboid that stands still."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    placed = lower + corners * (upper - lower)
+    return polygons(name, [placed[list(face)] for face in _CUBE_FACES], color, opacity)

@@ -1,0 +1,108 @@
+"""Inverse kinematics of chains with any number of joints: the posture nearest to a given one.
+
+Of all angles q within their bounds that put the toe at x, the one nearest to the limb's own posture
+q0 is taken: least |q - q0|^2 subject to p(q) = x. Steps of damped Gauss-Newton go from q0 along the
+straight line to x, with what they leave free spent on getting back to q0, and joints that would
+leave their bounds held there. The answer depends on x alone, so that a toe that comes back finds
+the same angles, and moves without a jump where the toe does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.robots.chain_pose import ChainZero
+from climbplan.robots.rotations import Array
+
+REACHED = 1e-9  # [m] of a toe from its place
+_ITERATIONS = 80
+_STRIDE = 0.06  # [m] of the straight line in one step
+_DAMPING = 1e-5  # of the Jacobian's largest singular value, squared in the step
+_LONGEST = 0.5  # [rad] turned by a joint in one step
+_SETTLED = 1e-10  # [rad] by which the free motion still turns joints
+_CHUNK = 20_000  # toes at a time: what fits into a cache and a laptop
+
+
+@dataclass(frozen=True)
+class ChainAngles:
+    """Answers for F toes."""
+
+    angles: Array  # (F, J) within the bounds [rad]
+    reached: NDArray[np.bool_]  # (F,)
+    missing: Array  # (F,) distance left [m]
+
+
+def chain_inverse(
+    chain: ChainZero,
+    posture: Array,
+    limbs: NDArray[np.int64],
+    toes: Array,
+    lower: Array,
+    upper: Array,
+) -> ChainAngles:
+    """Angles of limbs (F,) that put toes at (F, 3) within bounds (F, J), body frame.
+
+    chain, posture: (N, J) of all limbs.
+    """
+    if len(toes) > _CHUNK:
+        parts = [
+            chain_inverse(chain, posture, limbs[s], toes[s], lower[s], upper[s])
+            for s in (slice(at, at + _CHUNK) for at in range(0, len(toes), _CHUNK))
+        ]
+        return ChainAngles(*(np.concatenate([vars(p)[n] for p in parts]) for n in vars(parts[0])))
+    geometry = chain.rows(limbs)
+    home = np.clip(posture[limbs], lower, upper)
+    angles = home.copy()
+    moves = np.abs(geometry.axes).max(axis=-1) > 0  # (F, J) joints that a limb really has
+    active = np.flatnonzero(np.isfinite(toes).all(axis=1))
+    for _ in range(_ITERATIONS):
+        if not len(active):
+            break
+        q = angles[active]
+        pose = geometry.rows(active).pose(q)
+        jacobian, error = pose.jacobian, toes[active] - pose.toe
+        distance = np.linalg.norm(error, axis=1)
+        error *= np.minimum(1.0, _STRIDE / np.maximum(distance, 1e-300))[:, None]
+        step = _step(
+            jacobian, error, home[active] - q, moves[active], lower[active] - q, upper[active] - q
+        )
+        angles[active] = np.clip(q + step, lower[active], upper[active])
+        settled = (distance < REACHED / 10) & (np.abs(step).max(axis=1) < _SETTLED)
+        active = active[~settled]
+    toe = geometry.pose(angles).toe
+    missing = np.linalg.norm(toes - toe, axis=1)
+    return ChainAngles(angles, missing <= REACHED, np.where(np.isnan(missing), np.inf, missing))
+
+
+def _step(
+    jacobian: Array, error: Array, home: Array, moves: NDArray[np.bool_], down: Array, up: Array
+) -> Array:
+    """Joint turns (A, J) towards the toe's place and, as far as that leaves open, towards home.
+
+    jacobian: (A, 3, J); error: (A, 3); home, down, up: (A, J) turns to the posture and the bounds.
+    Joints that a step would take beyond a bound are put on it and the others step again.
+    """
+    free = moves.copy()
+    held = np.zeros_like(home)
+    for _ in range(jacobian.shape[-1]):
+        part = jacobian * free[:, None, :]
+        square = part @ np.swapaxes(part, -1, -2)
+        size = np.trace(square, axis1=1, axis2=2)[:, None, None]
+        damped = square + (_DAMPING**2 * size + 1e-30) * np.eye(3)
+        wish = home * free
+        left = error - (jacobian @ held[..., None])[..., 0] - (part @ wish[..., None])[..., 0]
+        answer = np.linalg.solve(damped, left[..., None])
+        # Once more for what damping left undone, or the pull home would hold the toe off its place
+        answer += np.linalg.solve(damped, left[..., None] - square @ answer)
+        step = (np.swapaxes(part, -1, -2) @ answer)[..., 0] + wish
+        most = np.abs(step).max(axis=1, keepdims=True)
+        step = step * np.minimum(1.0, _LONGEST / np.maximum(most, 1e-300)) * free
+        beyond = free & ((step < down) | (step > up))
+        if not beyond.any():
+            break
+        held = np.where(beyond, np.clip(step, down, up), held)
+        free &= ~beyond
+    return np.where(free, step, held)

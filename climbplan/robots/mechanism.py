@@ -1,0 +1,86 @@
+"""What every kind of limb answers, whatever its joints are.
+
+A mechanism knows the geometry of all N limbs of a robot in the body frame and nothing else: no
+torques, bounds or masses. J is the number of joints of the limb that has most; a limb with fewer
+begins with joints that move nothing and stay at zero (no name, a zero column in the Jacobian).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.robots.rotations import Array
+
+BOUND_SLACK = 1e-9  # [rad] rounding at a joint bound is not a violation
+
+
+@dataclass(frozen=True)
+class InverseKinematics:
+    """Joint angles for given toes, by branch (a closed form has several, a chain has one).
+
+    Branches of a coxa-femur-tibia limb: 0 knee up, 1 knee down (coxa towards the toe); 2 and 3 with
+    the coxa turned away. B is the number of branches.
+    """
+
+    angles: Array  # (..., B, N, J) [rad], wrapped into the joint bounds where possible
+    reachable: NDArray[np.bool_]  # (..., B, N) the toe lies within the links' reach
+    within_bounds: NDArray[np.bool_]  # (..., B, N) reachable and every joint within its bounds
+    missing: Array  # (..., B, N) [m] distance by which the toe is out of reach, 0 if reachable
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(..., N): at least one branch is within the joint bounds."""
+        return np.asarray(self.within_bounds.any(axis=-2))
+
+    def best(self) -> Array:
+        """(..., N, J): the first branch within bounds of every limb (NaN where there is none)."""
+        first = np.argmax(self.within_bounds, axis=-2)  # (..., N)
+        chosen = np.take_along_axis(self.angles, first[..., None, :, None], axis=-3)[..., 0, :, :]
+        return np.where(self.valid[..., None], chosen, np.nan)
+
+
+@dataclass(frozen=True)
+class Miss:
+    """Why a limb does not reach a toe."""
+
+    reason: str  # "too far", "femur 3.0 deg past its bound"
+    missing: float  # [m] by which the toe is out of reach, 0 if only joint bounds fail
+
+
+class Mechanism(Protocol):
+    """Kinematics of N limbs with up to J joints; all positions in the body frame [m]."""
+
+    @property
+    def joint_names(self) -> tuple[tuple[str, ...], ...]:
+        """Names of every limb's J joints, from the body to the toe; empty for none; N tuples."""
+
+    def joint_points(self, angles: Array) -> Array:
+        """First joint, further joints and toe (..., N, P, 3) for angles (..., N, J) [rad].
+
+        Links are the straight pieces between them; the link after joint j moves with joint j.
+        """
+
+    def jacobian(self, angles: Array) -> Array:
+        """d(toe)/d(angles) (..., N, 3, J) [m/rad] for angles (..., N, J)."""
+
+    def hessian(self, angles: Array) -> Array:
+        """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2] for angles (..., N, J)."""
+
+    def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
+        """Joint angles for toes (..., N, 3) and joint bounds (N, J) [rad].
+
+        A function of each toe alone: the same toe is reached in the same way every time, and toes
+        along a path without a jump.
+        """
+
+    def miss(
+        self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
+    ) -> Miss:
+        """Why limb `limb` of a solution for toes (N, 3) is not valid."""
+
+    def only(self, limbs: slice) -> Self:
+        """Some limbs alone."""

@@ -1,0 +1,113 @@
+"""Limbs that are chains of revolute joints, in any number and about any axes (`chain_pose.py`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from climbplan.robots.chain_inverse import chain_inverse
+from climbplan.robots.chain_pose import ChainPose, ChainZero
+from climbplan.robots.mechanism import InverseKinematics, Miss
+from climbplan.robots.rotations import Array
+
+_AT_BOUND = 1e-6  # [rad]
+
+
+@dataclass(frozen=True)
+class SerialChain:
+    """N chains of up to J joints; P = J + 1 points."""
+
+    names: tuple[tuple[str, ...], ...]  # of every limb's joints, from the body to the toe
+    joint_zero: Array  # (N, J, 3) points on the joint axes at zero angles [m]
+    axis_zero: Array  # (N, J, 3) unit axes at zero angles; zero where a limb has no such joint
+    toe_zero: Array  # (N, 3) toes at zero angles [m]
+    posture: Array  # (N, J) angles that a limb with freedom to choose stays nearest to [rad]
+
+    @property
+    def joint_names(self) -> tuple[tuple[str, ...], ...]:
+        """Names of every limb's joints, from the body to the toe."""
+        return self.names
+
+    @property
+    def joint_count(self) -> int:
+        """J."""
+        return self.axis_zero.shape[1]
+
+    @property
+    def zero(self) -> ChainZero:
+        """The chains at zero angles."""
+        return ChainZero(self.joint_zero, self.axis_zero, self.toe_zero)
+
+    def only(self, limbs: slice) -> Self:
+        """Some limbs alone."""
+        return type(self)(
+            self.names[limbs],
+            self.joint_zero[limbs],
+            self.axis_zero[limbs],
+            self.toe_zero[limbs],
+            self.posture[limbs],
+        )
+
+    def pose(self, angles: Array) -> ChainPose:
+        """Joints, axes and toes for angles (..., N, J) [rad]."""
+        return self.zero.pose(angles)
+
+    def joint_points(self, angles: Array) -> Array:
+        """Joints and toe (..., N, J + 1, 3) in the body frame [m] for angles (..., N, J)."""
+        pose = self.pose(angles)
+        return np.concatenate([pose.joints, pose.toe[..., None, :]], axis=-2)
+
+    def jacobian(self, angles: Array) -> Array:
+        """d(toe)/d(angles) (..., N, 3, J) [m/rad]."""
+        return self.pose(angles).jacobian
+
+    def turning(self, angles: Array) -> Array:
+        """Angular velocity of the toe's link by joint speed (..., N, 3, J): the joint axes."""
+        return np.swapaxes(self.pose(angles).axes, -1, -2)
+
+    def hessian(self, angles: Array) -> Array:
+        """Second derivatives of the toe (..., N, 3, J, J): a_i x (a_j x (toe - p_j)), i <= j."""
+        pose = self.pose(angles)
+        columns = np.swapaxes(pose.jacobian, -1, -2)  # (..., N, J, 3)
+        count = self.joint_count
+        out = np.empty((*columns.shape[:-2], 3, count, count))
+        for i in range(count):
+            later = np.cross(pose.axes[..., i, None, :], columns[..., i:, :])
+            out[..., i, i:] = out[..., i:, i] = np.swapaxes(later, -1, -2)
+        return out
+
+    def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
+        """The angles nearest to `posture` that put the toes at toes (..., N, 3); one branch."""
+        batch = toes.shape[:-2]
+        limbs = np.broadcast_to(np.arange(toes.shape[-2]), toes.shape[:-1]).ravel()
+        found = chain_inverse(
+            self.zero, self.posture, limbs, toes.reshape(-1, 3), lower[limbs], upper[limbs]
+        )
+        shape = (*batch, 1, toes.shape[-2])
+        reachable = found.reached.reshape(shape)
+        return InverseKinematics(
+            angles=found.angles.reshape(*shape, -1),
+            reachable=reachable,
+            within_bounds=reachable,  # bounds are kept all the way
+            missing=np.where(reachable, 0.0, found.missing.reshape(shape)),
+        )
+
+    def miss(
+        self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
+    ) -> Miss:
+        """Why limb `limb` of a solution for toes (N, 3) is not valid: the joints that stop it."""
+        angles = solution.angles[0, limb]
+        missing = float(solution.missing[0, limb])
+        gap = np.minimum(angles - lower[limb], upper[limb] - angles)
+        stopped = [
+            name for name, room in zip(self.names[limb], gap, strict=False) if room < _AT_BOUND
+        ]
+        if stopped:
+            plural = "s" if len(stopped) > 1 else ""
+            return Miss(f"stopped by the bound{plural} of {', '.join(stopped)}", missing)
+        there = self.only(slice(limb, limb + 1)).joint_points(angles[None])[0]
+        first, toe = there[0], there[-1]
+        far = np.linalg.norm(toes[limb] - first) > np.linalg.norm(toe - first)
+        return Miss("too far" if far else "too near", missing)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.mpc.answer import Improvement, WalkAnswer
-from climbplan.mpc.checker import check_trajectory, failures
+from climbplan.mpc.checker import passes
 from climbplan.mpc.footing import toe_heights
 from climbplan.mpc.gaits import CYCLES, cycle, enough_contacts, starting_gaits, with_regions
 from climbplan.mpc.nlp_program import NlpShape, compiled_nlp
@@ -23,7 +23,8 @@ from climbplan.mpc.task import LEGS, STATE, Array, Gait, WalkTask
 from climbplan.solvers.interruption import interruptible
 
 _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
-_POLISH = (3, 8, 40)  # QPs, further ones only if the exact check does not pass
+_INSIDE = 1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
+_POLISH = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
 
 
 class NlpMethod:
@@ -155,10 +156,10 @@ def _settled(task: WalkTask, gait: Gait) -> Iterate:
 def _polished(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
     """IPOPT's answer made exact; most need no more than a few QPs."""
     for iterations in _POLISH:
-        found = solve_gait(task, gait, at, iterations, agreement=ROUGHLY)
+        found = solve_gait(task, gait, at, iterations, _INSIDE, ROUGHLY)
         if found.trajectory is None:
             return found
-        if found.holds and not failures(check_trajectory(task, found.trajectory)):
+        if found.holds and passes(task, found.trajectory):
             return found
         at = iterate_of(found.trajectory, gait)
     return found

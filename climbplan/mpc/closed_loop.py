@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.mpc.library import Situation
+from climbplan.mpc.compiled_body import moved
+from climbplan.mpc.compiled_feet import worst_standing
+from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import Command, OnlineController
 from climbplan.mpc.task import (
     ANGLES,
@@ -22,7 +24,6 @@ from climbplan.mpc.task import (
     WalkTask,
     WalkTrajectory,
 )
-from climbplan.mpc.truth import runge_kutta, toes_in_body
 from climbplan.robots.rotations import rotation_world_body
 
 SUBSTEPS = 16  # Runge-Kutta steps in a knot: 5 ms at 80 ms
@@ -75,6 +76,7 @@ def run_loop(
 ) -> Loop:
     """Walk from the start of a task until the end, or until the body falls."""
     task, rng = controller.task, np.random.default_rng(seed)
+    body, inverse = task.body, np.linalg.inv(task.body.inertia).astype(float)
     dt = task.step / SUBSTEPS
     ticks = round(duration / task.step)
     state, toes = start.start.state.copy(), start.start.toes.copy()
@@ -98,8 +100,10 @@ def run_loop(
             state[VELOCITY] += jump
             shown = _swung(first, landing, contact, part / SUBSTEPS, task.lift)
             rows.append((state.copy(), shown, force, contact, jump))
-            state = runge_kutta(task.body, dt, state, toes, force)
-            overreach = max(overreach, _outside(task, state, toes, contact))
+            state = moved(body.mass, body.gravity, body.inertia, inverse, dt, 1, state, toes, force)
+            overreach = max(
+                overreach, worst_standing(body.toe_center, body.toe_half, state, toes, contact)
+            )
             if fallen(state):
                 fell = now + dt
                 break
@@ -182,9 +186,3 @@ def _swung(first: Array, landing: Array, contact: Flags, share: float, lift: flo
     toes[moving, :2] += share * (landing[moving, :2] - first[moving, :2])
     toes[moving, 2] = lift * np.sin(np.pi * share)
     return toes
-
-
-def _outside(task: WalkTask, state: Array, toes: Array, contact: Flags) -> float:
-    spots = toes_in_body(state, toes)
-    beyond = (np.abs(spots - task.body.toe_center) - task.body.toe_half).max(axis=-1)
-    return float(np.where(contact, beyond, 0.0).max())

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from climbplan.mpc.task import LEGS, STATE, Array, RigidBody
+from climbplan.mpc.task import LEGS, RigidBody
 
 
 def rotation(angles: Any) -> Any:
@@ -67,11 +66,6 @@ def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, forc
     return ca.vertcat(there, velocity + dt * a, turn)
 
 
-def toe_in_body(state: Any, toe: Any) -> Any:
-    """A toe seen from the body, eqs. (8.20), (8.21)."""
-    return rotation(state[6:9]).T @ (toe - state[:3])
-
-
 @dataclass(frozen=True)
 class BodyNumbers:
     """What the dynamics need of a body; hashable, so that compiled functions are shared."""
@@ -83,115 +77,3 @@ class BodyNumbers:
     @classmethod
     def of(cls, body: RigidBody) -> BodyNumbers:
         return cls(body.mass, body.gravity, tuple(float(v) for v in body.inertia.ravel()))
-
-
-class KnotModel:
-    """Next states and toe positions with their Jacobians at N knots in one call each.
-
-    Inputs and outputs are arrays of the object that the next call overwrites.
-    """
-
-    def __init__(self, body: BodyNumbers, knots: int) -> None:
-        state, toes, force = (ca.SX.sym(name, size) for name, size in _INPUTS)
-        dt, mean = ca.SX.sym("dt"), ca.SX.sym("mean")
-        after = knot_step(body, dt, mean, state, toes, force)
-        jacobian = ca.jacobian(after, ca.vertcat(state, toes, force))
-        # Column-major with knots last: read as (N, columns, rows) without a copy.
-        step = ca.Function(
-            "step",
-            [state, toes, force, dt, mean],
-            [ca.densify(after), ca.densify(jacobian)],
-        ).map(knots)
-        spots = ca.vertcat(*(toe_in_body(state, toes[3 * i : 3 * i + 3]) for i in range(LEGS)))
-        turn = ca.jacobian(spots, state[6:9])
-        seen = ca.Function(
-            "seen",
-            [state, toes],
-            [ca.densify(spots), ca.densify(turn), ca.densify(rotation(state[6:9]))],
-        ).map(knots)
-        self.knots = knots
-        self.state = np.zeros((knots, STATE))
-        self.toes = np.zeros((knots, LEGS, 3))
-        self.force = np.zeros((knots, LEGS, 3))
-        self.dt = np.zeros(knots)
-        self.mean = np.zeros(knots)
-        self.after = np.zeros((knots, STATE))
-        self._jacobian = np.zeros((knots, 36, STATE))
-        self.later_state = np.zeros((knots, STATE))
-        self.later_toes = np.zeros((knots, LEGS, 3))
-        self.spots = np.zeros((knots, LEGS, 3))
-        self._turn = np.zeros((knots, 3, 12))
-        self._rotation = np.zeros((knots, 3, 3))
-        self._step = _bound(
-            step,
-            [self.state, self.toes, self.force, self.dt, self.mean],
-            [self.after, self._jacobian],
-        )
-        self._seen = _bound(
-            seen,
-            [self.later_state, self.later_toes],
-            [self.spots, self._turn, self._rotation],
-        )
-
-    def linearise_step(self) -> None:
-        """`after` and the Jacobians from state, toes, force, dt and mean."""
-        self._step()
-
-    def linearise_toes(self) -> None:
-        """`spots` and its Jacobians from later_state and later_toes."""
-        self._seen()
-
-    @property
-    def by_state(self) -> Array:
-        """(N, 12, 12) of `after` by the state."""
-        return self._jacobian[:, :12].transpose(0, 2, 1)
-
-    @property
-    def by_toes(self) -> Array:
-        """(N, 12, 4, 3) of `after` by the toes."""
-        return self._jacobian[:, 12:24].transpose(0, 2, 1).reshape(self.knots, 12, LEGS, 3)
-
-    @property
-    def by_force(self) -> Array:
-        """(N, 12, 4, 3) of `after` by the forces."""
-        return self._jacobian[:, 24:].transpose(0, 2, 1).reshape(self.knots, 12, LEGS, 3)
-
-    @property
-    def spots_by_angles(self) -> Array:
-        """(N, 4, 3, 3) of `spots` by the Euler angles."""
-        return self._turn.transpose(0, 2, 1).reshape(self.knots, LEGS, 3, 3)
-
-    @property
-    def body_world(self) -> Array:
-        """(N, 3, 3) rotation world to body: of `spots` by the toe, minus that by the position."""
-        return self._rotation
-
-
-@dataclass(frozen=True)
-class _Call:
-    """A CasADi call together with what it reads and writes, which it does not keep alive."""
-
-    call: Any
-    kept: tuple[Any, ...]
-
-    def __call__(self) -> None:
-        self.call()
-
-
-_INPUTS = (("state", STATE), ("toes", 3 * LEGS), ("force", 3 * LEGS))
-
-
-@lru_cache(maxsize=16)
-def knot_model(body: BodyNumbers, knots: int) -> KnotModel:
-    """A model, built once for each body and number of knots; not to be shared by threads."""
-    return KnotModel(body, knots)
-
-
-def _bound(function: Any, inputs: list[Array], outputs: list[Array]) -> _Call:
-    """The function as a call without arguments on these very arrays."""
-    buffer, call = function.buffer()
-    for k, array in enumerate(inputs):
-        buffer.set_arg(k, memoryview(array))  # type: ignore[arg-type]
-    for k, array in enumerate(outputs):
-        buffer.set_res(k, memoryview(array))  # type: ignore[arg-type]
-    return _Call(call, (function, buffer, *inputs, *outputs))

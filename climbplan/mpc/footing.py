@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.mpc.ground import Ground
-from climbplan.mpc.task import ANGLES, LEGS, POSITION, Array, Flags, Gait, RigidBody, Whole
-from climbplan.robots.rotations import rotation_world_body
+from climbplan.mpc.task import LEGS, Array, Flags, Gait, Whole
 
 HELD = -1  # the toe stands where it stood at the start
 SWINGING = -2
@@ -74,49 +73,3 @@ def toe_heights(ground: Ground, gait: Gait, lift: float) -> Array:
     """Heights of all toes (N + 1, 4) [m]: on their regions, or lifted above ground, eq. (8.23)."""
     clear = ground.clearance_height(gait.region) + lift
     return np.where(gait.contact, ground.height[gait.region], clear)
-
-
-def swinging_toes(body: RigidBody, state: Array, height: Array) -> Array:
-    """Toes (..., 4, 3) at given heights (..., 4) [m], near the middle of their boxes.
-
-    A tilted body may have to draw a toe in or stretch it to keep it within its box: it goes just so
-    far to the corner where it is higher, or lower, in the body. state: (..., 12).
-    """
-    R = rotation_world_body(state[..., ANGLES])  # (..., 3, 3)
-    down = R[..., None, 2, 2]
-    middle = np.broadcast_to(body.toe_center[:, :2], (*state.shape[:-1], LEGS, 2))
-    tilt = R[..., None, 2, :2]  # (..., 1, 2)
-
-    def depth(spot: Array) -> Array:
-        result: Array = (height - state[..., None, 2] - (tilt * spot).sum(axis=-1)) / down
-        return result
-
-    reach = body.toe_half[:2] * np.sign(tilt)
-    lowest, highest = middle + reach, middle - reach
-    here, least, most = depth(middle), depth(lowest), depth(highest)
-    ceiling = body.toe_center[:, 2] + body.toe_half[2]
-    floor = body.toe_center[:, 2] - body.toe_half[2]
-    down_share = np.clip((here - ceiling) / np.maximum(here - least, 1e-9), 0.0, 1.0)
-    up_share = np.clip((floor - here) / np.maximum(most - here, 1e-9), 0.0, 1.0)
-    spot = middle + down_share[..., None] * (lowest - middle)
-    spot = spot + up_share[..., None] * (highest - middle)
-    seen = np.concatenate([spot, depth(spot)[..., None]], axis=-1)
-    result: Array = state[..., None, POSITION] + seen @ np.swapaxes(R, -1, -2)
-    return result
-
-
-def place_toes(
-    body: RigidBody, footing: Footing, state: Array, height: Array, start: Array, spots: Array
-) -> Array:
-    """All toes (N + 1, 4, 3): standing ones at their footholds, others under the body.
-
-    height (N + 1, 4); start (4, 3); spots (F, 2) the free footholds.
-    """
-    toes = swinging_toes(body, state, height)
-    held = footing.foothold == HELD
-    toes[held] = np.broadcast_to(start, toes.shape)[held]
-    free = footing.foothold >= 0
-    toes[free, :2] = spots[footing.foothold[free]]
-    toes[free, 2] = height[free]
-    toes[0] = start
-    return toes

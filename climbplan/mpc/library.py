@@ -10,6 +10,15 @@ from typing import Any
 import numpy as np
 
 from climbplan.errors import UsageError
+from climbplan.mpc.features import (
+    FEATURES,
+    MIRROR_LEGS,
+    MIRROR_POINT,
+    MIRROR_TURN,
+    feature_mirror,
+    features_of,
+)
+from climbplan.mpc.measurement import Situation
 from climbplan.mpc.search import SearchLimits, search
 from climbplan.mpc.task import (
     ANGLES,
@@ -32,19 +41,6 @@ from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
 FORMAT = "climbplan/walk-library"
 _NAMES = ("trot", "walking trot", "slow trot", "stand")  # gaits to begin with
 SECTION = 5  # knots of a section: 400 ms
-# What a unit of distance between two situations is, for each kind of feature
-_SCALES = {
-    "velocity": 0.4,
-    "height": 0.05,
-    "tilt": 0.15,
-    "spin": 1.0,
-    "toes": 0.08,
-    "toes_before": 0.16,
-    "contact": 1.0,
-}
-_MIRROR_LEGS = np.array([1, 0, 3, 2])
-_MIRROR_POINT = np.array([1.0, -1.0, 1.0])
-_MIRROR_TURN = np.array([-1.0, 1.0, -1.0])
 # K sections of M knots, F features
 _LAYOUT = {
     "features": Layout(("K", "F")),
@@ -54,30 +50,6 @@ _LAYOUT = {
     "contact": Layout(("K", "M", LEGS), kind="bool"),
     "walk": Layout(("K",), kind="int"),
 }
-
-
-@dataclass(frozen=True)
-class Situation:
-    """What the controller knows at a knot: the body, its toes, and what legs just did."""
-
-    state: Array  # (12,)
-    toes: Array  # (4, 3) world [m]
-    toes_before: Array  # (4, 3) one knot earlier
-    contact_before: Flags  # (4,) from one knot earlier until now
-
-    def features(self, height: float) -> Array:
-        """(F,) numbers by which situations are near; height: reference of the body [m]."""
-        state = self.state
-        parts = (
-            state[VELOCITY] / _SCALES["velocity"],
-            (state[2:3] - height) / _SCALES["height"],
-            state[6:8] / _SCALES["tilt"],
-            state[SPIN] / _SCALES["spin"],
-            (self.toes[:, :2] - state[:2]).ravel() / _SCALES["toes"],
-            (self.toes_before[:, :2] - state[:2]).ravel() / _SCALES["toes_before"],
-            self.contact_before.astype(float) / _SCALES["contact"],
-        )
-        return np.concatenate(parts)
 
 
 @dataclass(frozen=True)
@@ -98,14 +70,6 @@ class Library:
 
     def __len__(self) -> int:
         return len(self.features)
-
-    def nearest(self, features: Array, count: int) -> Whole:
-        """Indices of the nearest sections, nearest first."""
-        apart = ((self.features - features) ** 2).sum(axis=1)
-        count = min(count, len(apart))
-        found = np.argpartition(apart, count - 1)[:count] if count else np.zeros(0, np.int64)
-        nearest: Whole = found[np.argsort(apart[found])]
-        return nearest
 
     def first(self, walks: int) -> Library:
         """Only the sections of so many walks."""
@@ -182,7 +146,7 @@ def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
         base = np.array([*found.state[n, :2], 0.0])
         state, toes = found.state[here].copy(), found.toes[here] - base
         state[:, POSITION] -= base
-        features = situation.features(float(task.reference.height[0]))
+        features = features_of(situation, float(task.reference.height[0]))
         rows.append((features, state, toes, found.force[here], found.gait.contact[here]))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     features, state, toes, force, contact = columns
@@ -194,7 +158,7 @@ def symmetric(task: WalkTask) -> bool:
     """Whether a walk seen in a mirror answers the same task."""
     reference, center = task.reference, task.body.toe_center
     inertia = task.body.inertia
-    same_legs = np.allclose(center[_MIRROR_LEGS] * _MIRROR_POINT, center)
+    same_legs = np.allclose(center[MIRROR_LEGS] * MIRROR_POINT, center)
     sideways = np.abs(reference.velocity[:, 1]).max() + np.abs(reference.euler[:, [0, 2]]).max()
     return bool(same_legs and sideways < 1e-9 and abs(inertia[0, 1]) + abs(inertia[1, 2]) < 1e-9)
 
@@ -202,36 +166,15 @@ def symmetric(task: WalkTask) -> bool:
 def mirrored(task: WalkTask, library: Library) -> Library:
     """The same sections with left and right exchanged."""
     state = library.state.copy()
-    state[..., POSITION] *= _MIRROR_POINT
-    state[..., VELOCITY] *= _MIRROR_POINT
-    state[..., ANGLES] *= _MIRROR_TURN
-    state[..., SPIN] *= _MIRROR_TURN
-    toes = library.toes[:, :, _MIRROR_LEGS] * _MIRROR_POINT
-    force = library.force[:, :, _MIRROR_LEGS] * _MIRROR_POINT
-    features = library.features @ _feature_mirror().T
-    contact = library.contact[:, :, _MIRROR_LEGS]
+    state[..., POSITION] *= MIRROR_POINT
+    state[..., VELOCITY] *= MIRROR_POINT
+    state[..., ANGLES] *= MIRROR_TURN
+    state[..., SPIN] *= MIRROR_TURN
+    toes = library.toes[:, :, MIRROR_LEGS] * MIRROR_POINT
+    force = library.force[:, :, MIRROR_LEGS] * MIRROR_POINT
+    features = library.features @ feature_mirror().T
+    contact = library.contact[:, :, MIRROR_LEGS]
     return Library(features, state, toes, force, contact, library.walk)
-
-
-def _feature_mirror() -> Array:
-    """Features of the mirrored situation as a matrix (F, F)."""
-    flat = np.diag([1.0, -1.0])
-    swap = np.eye(LEGS)[_MIRROR_LEGS]
-    blocks = [
-        np.diag(_MIRROR_POINT),
-        np.eye(1),
-        np.diag(_MIRROR_TURN[:2]),
-        np.diag(_MIRROR_TURN),
-        np.kron(swap, flat),
-        np.kron(swap, flat),
-        swap,
-    ]
-    size = sum(len(block) for block in blocks)
-    whole, at = np.zeros((size, size)), 0
-    for block in blocks:
-        whole[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    return whole
 
 
 def write_library(library: Library, path: Path, key: str) -> None:
@@ -255,15 +198,11 @@ def read_library(path: Path, key: str) -> Library:
         parts = {name: reader.array(name, layout) for name, layout in _LAYOUT.items()}
         if reader.not_finite:
             raise reader.refuse(f"NaN or infinity in {', '.join(reader.not_finite)}")
-        if parts["features"].shape[1] != _feature_count() or parts["state"].shape[1] != SECTION + 1:
+        if parts["features"].shape[1] != FEATURES or parts["state"].shape[1] != SECTION + 1:
             raise reader.refuse("its sections are of another shape")
         if reader.text("", "task") != key:
             raise UsageError(f"{path}: made for another robot, reference or weights")
     return Library(**parts)
-
-
-def _feature_count() -> int:
-    return len(_feature_mirror())
 
 
 def _joined(parts: list[Library]) -> Library:
@@ -274,7 +213,7 @@ def _joined(parts: list[Library]) -> Library:
 def _empty() -> Library:
     knots = SECTION + 1
     return Library(
-        np.zeros((0, _feature_count())),
+        np.zeros((0, FEATURES)),
         np.zeros((0, knots, STATE)),
         np.zeros((0, knots, LEGS, 3)),
         np.zeros((0, knots, LEGS, 3)),

@@ -1,33 +1,31 @@
-"""One tick of the online controller: neighbours' gaits, pinned QPs, the nonlinear check.
+"""One tick of the online controller: candidates' gaits, pinned QPs, the nonlinear check.
 
-The library's nearest sections give all integers. Each is linearised about the neighbour's own
-motion; a second QP about the first one's answer follows. What is taken is judged on the nonlinear
-dynamics: the rollout of its forces stays within 0.05 m/s and 0.05 rad of the prediction, and toes
-stay in their workspace.
+The library's sections give all integers. Each is linearised about the section's own motion; a
+second QP about the first one's answer follows if the first does not hold (`attempt.py`). So many
+QPs are solved in a tick and no more, which bounds its time.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
+from climbplan.mpc.attempt import REACH_SLACK, Attempt, Budget, GaitTrials
 from climbplan.mpc.cost import objective
-from climbplan.mpc.dynamics import BodyNumbers, knot_model
+from climbplan.mpc.features import features_of
 from climbplan.mpc.footing import footing_of, gait_of
 from climbplan.mpc.gaits import cycle
-from climbplan.mpc.library import SECTION, Library, Situation
-from climbplan.mpc.pinned import Iterate, PinnedProgram
-from climbplan.mpc.sqp import guess, worst_reach
+from climbplan.mpc.library import SECTION, Library
+from climbplan.mpc.measurement import Situation, fault_of, safe_stance
+from climbplan.mpc.pinned import Iterate
+from climbplan.mpc.strategies import Neighbours, Ranking
 from climbplan.mpc.task import (
-    ANGLES,
     LEGS,
     POSITION,
-    SPIN,
-    STATE,
-    VELOCITY,
     Array,
     Flags,
     Gait,
@@ -37,23 +35,26 @@ from climbplan.mpc.task import (
 )
 from climbplan.mpc.truth import toes_in_body
 
-SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
-REACH_SLACK = 5e-3  # [m]
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
 _FALLBACK_QPS = 6
+_FALLBACK_SHARE = 0.6  # of a tick's effort that is kept for named gaits
+_MADE_BEFORE = 200  # programs of gaits
 _BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
+Form = Literal["pinned", "published"]
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
-_LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement
 
 
 @dataclass(frozen=True)
 class OnlineSettings:
     """How a tick spends its time."""
 
-    candidates: int = 8  # gaits that are tried at most
+    candidates: int = 8  # gaits of the library that are tried at most
     enough: int = 2  # answers that hold; the cheapest is taken
     iterations: int = 2  # QPs of each gait
+    effort: int = 1400  # DAQP iterations in a tick, named gaits included; a QP's assembly counts
     margin: float = 3e-3  # [m] kept inside the workspace boxes
+    form: Form = "pinned"  # what is solved: `published.py` says what the other is
+    beside: float = 0.0  # share of regions beside the neighbour's that the published form allows
 
 
 @dataclass(frozen=True)
@@ -63,141 +64,178 @@ class Command:
     trajectory: WalkTrajectory
     winner: int  # section of the library, or LAST, FALLBACK, SAFE
     tried: int
-    tick_time: float  # [s]
-    solve_time: float  # [s] of it in QPs
+    tick_time: float  # [s] of processor time of this thread
+    solve_time: float  # [s] of it in QPs and their checks
     warning: str = ""
+    qps: int = 0
+    holds: bool = False  # on the nonlinear dynamics
 
 
 @dataclass(frozen=True)
-class _Tried:
-    """A gait's trajectory, and by how many of the slacks it misses them."""
-
-    trajectory: WalkTrajectory
-    excess: float  # <= 0 if it holds
+class _Candidate:
+    winner: int
+    gait: Gait
+    at: Iterate | None  # what to linearise about; None for an even motion
 
 
 class OnlineController:
     """Plans 400 ms ahead at each tick; keeps what it planned last as a candidate."""
 
-    def __init__(self, task: WalkTask, library: Library, settings: OnlineSettings) -> None:
-        """task: gives body, ground, references and weights; its horizon is cut to the section's."""
+    def __init__(
+        self,
+        task: WalkTask,
+        library: Library,
+        settings: OnlineSettings,
+        ranking: Ranking | None = None,
+    ) -> None:
+        """task: gives body, ground, references and weights; its horizon is cut to the section's.
+
+        ranking: of the library's sections; their nearest neighbours if None.
+        """
         self.task = horizon_of(task)
         self.library, self.settings = library, settings
-        self._single = knot_model(BodyNumbers.of(task.body), 1)
+        self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
+        self._trials = GaitTrials(self.task, settings.margin, settings.beside)
         self._last: WalkTrajectory | None = None
         self._good = task.start  # the last measurement that could be one
+        self._warm_up()
 
     def tick(self, situation: Situation) -> Command:
         """A checked plan from a situation; a safe stance with a warning if there is none."""
-        begin = time.perf_counter()
-        if fault := fault_of(situation):
-            self._last = None
-            return self._safe(self._good, begin, 0, 0.0, fault)
-        start = Start(situation.state, situation.toes)
-        self._good = start
-        task = replace(self.task, start=start)
-        best: tuple[float, WalkTrajectory, int] | None = None
-        nearly: tuple[float, WalkTrajectory, int] | None = None
-        tried, held, solving = 0, 0, 0.0
+        choice = _Choice(Budget(self.settings.effort))
+        if fault := fault_of(situation, self.task.body):
+            return self._safe(choice, fault)
+        task = replace(self.task, start=Start(situation.state, situation.toes))
+        self._good = task.start
+        able = _reachable(task)
+        able[list(situation.unfelt)] = False
         seen: set[bytes] = set()
-        for winner, wanted, at in self._candidates(task, situation):
-            if winner == FALLBACK and best is not None:
-                break
-            gait = usable(task, wanted)
-            if gait is None or gait.key in seen:
+        for candidate in self._candidates(task, situation, choice):
+            gait = usable(task, candidate.gait, able)
+            # The published form has other integers, its regions, for the same gait.
+            if gait is None or (gait.key in seen and not self._published):
                 continue
             seen.add(gait.key)
-            tried += 1
+            choice.tried += 1
             before = time.perf_counter()
-            found = self._solved(task, gait, at, winner == FALLBACK)
-            solving += time.perf_counter() - before
-            if found is not None and found.excess <= 0:
-                held += 1
-                walk = found.trajectory
-                cost = objective(task, walk.state, walk.force)
-                if best is None or cost < best[0]:
-                    best = (cost, walk, winner)
-            elif found is not None and (nearly is None or found.excess < nearly[0]):
-                nearly = (found.excess, found.trajectory, winner)
-            if held >= self.settings.enough or (winner == FALLBACK and held):
+            found = self._attempt(task, gait, candidate, choice.budget)
+            choice.solving += time.perf_counter() - before
+            if found is not None:
+                choice.weigh(task, found, candidate.winner)
+                if self._published:
+                    break  # what solves is taken, as published
+            if choice.held >= self.settings.enough or (choice.held and candidate.at is None):
                 break
-        warning = "the library is empty" if not len(self.library) else ""
-        if best is None and nearly is not None and nearly[0] < _BEARABLE:
-            best = nearly
-            warning = f"none of {tried} gaits holds, the nearest is taken"
-        if best is None:
-            self._last = None
-            word = f"none of {tried} gaits holds"
-            if not len(self.library):
-                word = f"the library is empty, and {word}"
-            return self._safe(start, begin, tried, solving, word)
-        self._last = best[1]
-        spent = time.perf_counter() - begin
-        return Command(best[1], best[2], tried, spent, solving, warning)
+        words = [] if len(self.library) else ["the library is empty"]
+        if situation.unfelt:
+            legs = ", ".join(task.body.leg_names[leg] for leg in situation.unfelt)
+            words.append(f"{legs} without contact")
+        taken = choice.best
+        if taken is None:
+            words.append(f"none of {choice.tried} gaits holds")
+            if choice.nearest is None or (choice.nearest[0] >= _BEARABLE and not self._published):
+                return self._safe(choice, ", and ".join(words))
+            taken = choice.nearest
+            words[-1] += ", the nearest is taken"
+        self._last = taken[1]
+        return choice.command(taken[1], taken[2], ", and ".join(words))
+
+    @property
+    def _published(self) -> bool:
+        return self.settings.form == "published"
+
+    def _warm_up(self) -> None:
+        """Load compiled code and make the programs of the commonest gaits, before time counts."""
+        contact = self.library.contact.reshape(-1, (SECTION + 1) * LEGS)
+        gaits, count = np.unique(contact, axis=0, return_counts=True)
+        for row in gaits[np.argsort(-count)[:_MADE_BEFORE]]:
+            self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
+        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None)
+        found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
+        if found is not None:
+            objective(self.task, found.trajectory.state, found.trajectory.force)
 
     def _candidates(
-        self, task: WalkTask, situation: Situation
-    ) -> Iterator[tuple[int, Gait, Iterate | None]]:
-        if self._last is not None:
-            gait, at = continued(self._last)
-            yield LAST, gait, at
-        features = situation.features(float(task.reference.height[0]))
+        self, task: WalkTask, situation: Situation, choice: _Choice
+    ) -> Iterator[_Candidate]:
+        """The plan before, sections of the library, and where none of them holds named gaits."""
+        if self._last is not None and not self._published:
+            yield _Candidate(LAST, *continued(self._last))
+        features = features_of(situation, float(task.reference.height[0]))
         base = np.array([*situation.state[:2], 0.0])
-        for index in self.library.nearest(features, self.settings.candidates):
-            gait = _flat(self.library.contact[index])
-            yield int(index), gait, self._neighbour(int(index), gait, base)
+        named = len(self.library) and not self._published
+        kept = 0 if not named else round(_FALLBACK_SHARE * self.settings.effort)
+        for index in self._ranking.ranked(features, self.settings.candidates):
+            if choice.budget.left <= (0 if choice.held else kept):
+                break
+            gait = flat_gait(self.library.contact[index])
+            yield _Candidate(int(index), gait, self._section(int(index), gait, base))
+        if choice.held or self._published:
+            return
         for name, phase in _FALLBACKS:
-            yield FALLBACK, _flat(cycle(name, SECTION, phase)), None
+            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None)
 
-    def _neighbour(self, index: int, gait: Gait, base: Array) -> Iterate:
+    def _section(self, index: int, gait: Gait, base: Array) -> Iterate:
+        """A section of the library as a point to linearise about, moved to where the body is."""
         library = self.library
         state = library.state[index].copy()
         state[:, POSITION] += base
-        footing = footing_of(gait)
+        footing = self._trials.program(self.task, gait).footing
         spots = library.toes[index][footing.first, footing.leg, :2] + base[:2]
         return Iterate(state, library.force[index, :-1], spots)
 
-    def _solved(
-        self, task: WalkTask, gait: Gait, at: Iterate | None, fallback: bool
-    ) -> _Tried | None:
-        """The gait's trajectory, judged on the nonlinear dynamics; None without one."""
-        program = PinnedProgram(task, gait, self.settings.margin)
-        here = guess(task, gait) if at is None else _fitting(program, at)
-        for _ in range(_FALLBACK_QPS if fallback else self.settings.iterations):
-            found = program.step(here, elastic=fallback)
-            if found is None:
-                return None
-            here = found
-        state, toes = self._rollout(task, program, here)
-        if not np.isfinite(state).all():
-            return None
-        off = np.abs(state - here.state)
-        force = np.concatenate([here.force, np.zeros((1, LEGS, 3))])
-        walk = WalkTrajectory(state, toes, force, gait)
-        excess = max(
-            float(off[:, VELOCITY].max()) / SPEED_SLACK - 1.0,
-            float(off[:, ANGLES].max()) / ANGLE_SLACK - 1.0,
-            worst_reach(task, walk) / REACH_SLACK - 1.0,
-        )
-        return _Tried(walk, excess)
+    def _attempt(
+        self, task: WalkTask, gait: Gait, candidate: _Candidate, budget: Budget
+    ) -> Attempt | None:
+        program = self._trials.program(task, gait)
+        if self._published and candidate.at is not None:
+            return self._trials.published(task, program, candidate.at, budget)
+        named = candidate.at is None
+        iterations = _FALLBACK_QPS if named else self.settings.iterations
+        return self._trials.attempt(task, program, candidate.at, iterations, budget, named)
 
-    def _rollout(self, task: WalkTask, program: PinnedProgram, at: Iterate) -> tuple[Array, Array]:
-        """States that the forces bring about on the nonlinear dynamics, and the toes."""
-        model, toes = self._single, program.toes(at.state, at.spots)
-        state = np.empty((task.knots + 1, STATE))
-        state[0] = task.start.state
-        model.dt[:], model.mean[:] = task.step, float(task.integrator == "mean")
-        for n in range(task.knots):
-            model.state[0], model.toes[0], model.force[0] = state[n], toes[n], at.force[n]
-            model.linearise_step()
-            state[n + 1] = model.after[0]
-        return state, program.toes(state, at.spots)
-
-    def _safe(self, start: Start, begin: float, tried: int, solving: float, word: str) -> Command:
+    def _safe(self, choice: _Choice, word: str) -> Command:
         """All legs down, each with its share of the weight, against the motion."""
-        task = replace(self.task, start=start)
-        spent = time.perf_counter() - begin
-        return Command(safe_stance(task), SAFE, tried, spent, solving, f"safe stance: {word}")
+        self._last = None
+        task = replace(self.task, start=self._good)
+        return choice.command(safe_stance(task), SAFE, f"safe stance: {word}")
+
+
+@dataclass
+class _Choice:
+    """What a tick found so far.
+
+    best: (cost, walk, winner) of what holds; nearest: (excess, walk, winner) of what misses.
+    """
+
+    budget: Budget
+    best: tuple[float, WalkTrajectory, int] | None = None
+    nearest: tuple[float, WalkTrajectory, int] | None = None
+    tried: int = 0
+    held: int = 0
+    solving: float = 0.0  # [s] by the clock
+    begin: float = field(default_factory=time.thread_time)
+    clock: float = field(default_factory=time.perf_counter)
+
+    def weigh(self, task: WalkTask, found: Attempt, winner: int) -> None:
+        """Take it if it is the cheapest that holds, or the nearest miss."""
+        walk = found.trajectory
+        if found.holds:
+            self.held += 1
+            cost = objective(task, walk.state, walk.force)
+            if self.best is None or cost < self.best[0]:
+                self.best = (cost, walk, winner)
+        elif self.nearest is None or found.excess < self.nearest[0]:
+            self.nearest = (found.excess, walk, winner)
+
+    def command(self, walk: WalkTrajectory, winner: int, warning: str) -> Command:
+        """The command with what it took."""
+        spent = time.thread_time() - self.begin
+        # Asking for processor time takes as long as half a QP: once a tick, shares by the clock.
+        share = self.solving / max(time.perf_counter() - self.clock, 1e-9)
+        solving = min(share, 1.0) * spent
+        held = self.best is not None
+        return Command(walk, winner, self.tried, spent, solving, warning, self.budget.qps, held)
 
 
 def horizon_of(task: WalkTask) -> WalkTask:
@@ -215,41 +253,32 @@ def horizon_of(task: WalkTask) -> WalkTask:
     )
 
 
-def fault_of(situation: Situation) -> str:
-    """Why a measurement cannot be one; empty if it can."""
-    numbers = np.concatenate(
-        [situation.state, situation.toes.ravel(), situation.toes_before.ravel()]
-    )
-    if not np.isfinite(numbers).all():
-        return "the measurement is not a number"
-    state = situation.state
-    if np.abs(state[VELOCITY]).max() > _LARGEST_SPEED or np.abs(state[SPIN]).max() > _LARGEST_SPIN:
-        return "the measured speed is impossible"
-    if np.abs(state[6:8]).max() > _LARGEST_TILT:
-        return "the measured tilt leaves no way to stand"
-    if np.abs(situation.toes - state[POSITION]).max() > 2.0:
-        return "the measured toes are nowhere near the body"
-    return ""
-
-
-def usable(task: WalkTask, gait: Gait) -> Gait | None:
-    """The gait without contacts out of reach right now; None if too few are left."""
+def _reachable(task: WalkTask) -> Flags:
+    """(4,) legs whose toes are in their boxes right now."""
     body = task.body
     spots = toes_in_body(task.start.state, task.start.toes)
-    inside = (np.abs(spots - body.toe_center) <= body.toe_half + REACH_SLACK).all(axis=1)
+    beyond = (np.abs(spots - body.toe_center) - body.toe_half).max(axis=1)
+    inside: Flags = beyond <= REACH_SLACK
+    return inside
+
+
+def usable(task: WalkTask, gait: Gait, able: Flags) -> Gait | None:
+    """The gait without contacts of legs that cannot stand now; None if too few are left."""
+    if not (gait.contact[0] & ~able).any():
+        return gait
     contact = gait.contact.copy()
-    contact[0] &= inside
+    contact[0] &= able
     if contact[0].sum() < task.least_contacts:
-        contact[0] = inside  # whatever can stand, stands
-    if contact[0].sum() < min(task.least_contacts, int(inside.sum())):
+        contact[0] = able  # whatever can stand, stands
+    if contact[0].sum() < min(task.least_contacts, int(able.sum())):
         return None
-    return gait if np.array_equal(contact, gait.contact) else gait_of(contact, gait.region)
+    return gait_of(contact, gait.region)
 
 
 def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
     """What is left of a plan after its first knot, and one more knot of the same rhythm."""
     contact = np.vstack([last.gait.contact[1:], last.gait.contact[-2:-1]])
-    gait = _flat(contact)
+    gait = flat_gait(contact)
     extended = last.state[-1:].copy()
     step = last.state[-1, POSITION] - last.state[-2, POSITION]
     extended[0, POSITION] += step
@@ -261,30 +290,6 @@ def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
     return gait, Iterate(state, force, spots)
 
 
-def safe_stance(task: WalkTask) -> WalkTrajectory:
-    """All legs down with equal shares of the weight, within friction, against the motion."""
-    state = np.tile(task.start.state, (task.knots + 1, 1))
-    toes = np.tile(task.start.toes, (task.knots + 1, 1, 1))
-    weight = task.body.mass * task.body.gravity / LEGS
-    brake = -task.body.mass * task.start.state[VELOCITY][:2] / (LEGS * task.step * task.knots)
-    room = 0.5 * task.ground.friction * weight
-    brake = brake * min(1.0, room / max(float(np.hypot(*brake)), 1e-9))
-    force = np.zeros((task.knots + 1, LEGS, 3))
-    force[:-1] = [*brake, weight]
-    contact = np.ones((task.knots + 1, LEGS), bool)
-    return WalkTrajectory(state, toes, force, _flat(contact))
-
-
-def _fitting(program: PinnedProgram, at: Iterate) -> Iterate:
-    """The start with forces and footholds of the legs that stand in this program only."""
-    standing = program.gait.contact[:-1]
-    force = np.where(standing[..., None], at.force, 0.0)
-    spots = at.spots
-    if len(spots) != program.footing.count:
-        spots = guess(program.task, program.gait).spots
-    return Iterate(at.state, force, spots)
-
-
-def _flat(contact: Flags) -> Gait:
+def flat_gait(contact: Flags) -> Gait:
     """A gait on flat ground."""
     return Gait(np.array(contact, bool), np.zeros(contact.shape, np.int64))

@@ -18,6 +18,7 @@ from climbplan.mpc.library import Library, build_library, read_library
 from climbplan.mpc.online import OnlineController, OnlineSettings, horizon_of
 from climbplan.mpc.plan import LoopRecord, WalkPlan
 from climbplan.mpc.problem import build_task
+from climbplan.mpc.published import TOLERANCE
 from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
 from climbplan.spec.mpc import WalkLibrarySpec
 from climbplan.spec.mpc_loading import LoadedMpc
@@ -50,7 +51,14 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
     report("library", 0.0)
     library = library_of(task, spec.library, loaded.directory, spec.seed, key, report)
     ready = time.perf_counter()
-    settings = OnlineSettings(spec.loop.candidates, spec.loop.enough, spec.loop.iterations)
+    settings = OnlineSettings(
+        spec.loop.candidates,
+        spec.loop.enough,
+        spec.loop.iterations,
+        spec.loop.effort,
+        form=spec.solver.form,
+        beside=spec.solver.regions_beside,
+    )
     controller = OnlineController(task, library, settings)
     noise = spec.loop.noise
     loop = run_loop(
@@ -161,7 +169,7 @@ def _plan(
         spec_sha256=loaded.sha256,
         seed=spec.seed,
         timings={"library": building, "walk": walking, "method": walking},
-        solvers={"method": "online", "daqp": metadata.version("daqp")},
+        solvers=_solvers(spec.solver.form),
         sizes={
             "knots": loop.ticks,
             "walks": library.walks,
@@ -179,6 +187,13 @@ def _plan(
         warnings=tuple(told),
         summary=summary,
     )
+
+
+def _solvers(form: str) -> dict[str, str]:
+    used = {"method": "online"}
+    if form == "published":
+        return used | {"osqp": f"{metadata.version('osqp')}, tolerance {TOLERANCE:g}"}
+    return used | {"daqp": metadata.version("daqp")}
 
 
 def _whole(values: list[int]) -> Whole:

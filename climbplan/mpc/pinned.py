@@ -1,7 +1,8 @@
 """The program with all integers given, linearised: states eliminated, a small dense QP left.
 
 Unknowns are the forces of standing legs and the footholds that are still free. Friction cones are
-inscribed pyramids, so that what the QP holds the cone holds too.
+inscribed pyramids, so that what the QP holds the cone holds too. What a gait alone decides is made
+once; the numbers of a linearisation are written by compiled code into arrays that serve again.
 """
 
 from __future__ import annotations
@@ -11,20 +12,20 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
-from climbplan.mpc.dynamics import BodyNumbers, knot_model
-from climbplan.mpc.footing import HELD, Footing, footing_of, place_toes, toe_heights
-from climbplan.mpc.task import LEGS, STATE, Array, Flags, Gait, WalkTask
+from climbplan.mpc.compiled_feet import place_toes
+from climbplan.mpc.compiled_qp import objective, stance_rows, states, swing_rows
+from climbplan.mpc.compiled_step import linearised
+from climbplan.mpc.footing import Footing, footing_of, toe_heights
+from climbplan.mpc.task import LEGS, STATE, Array, Gait, Start, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
 _RIDGE = 1e-7  # curvature along directions that cost nothing
-_TRACKED = np.array([2, 3, 4, 5, 6, 7, 8])  # height, velocity, angles of a state
 _SOLVED = 1
 _SOLVED_SOFTLY = 2
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
 _SOFT = 8  # rows that DAQP may break at a price
 _FAR = 1e30
-_ROUNDED = 0.05  # sine of a tilt
 _MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
 
@@ -39,7 +40,10 @@ class Iterate:
 
 @dataclass(frozen=True)
 class PinnedQp:
-    """min 1/2 z'Hz + g'z with bounds and rows; states are offset + sensitivity z."""
+    """min 1/2 z'Hz + g'z with bounds and rows; states are offset + sensitivity z.
+
+    Its arrays are the program's, which the next linearisation overwrites.
+    """
 
     hessian: Array
     gradient: Array
@@ -55,21 +59,33 @@ class PinnedProgram:
 
     def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
         self.task, self.gait, self.margin = task, gait, margin
+        self.start = task.start
         self.footing: Footing = footing_of(gait)
         self.height = toe_heights(task.ground, gait, task.lift)
         contact = gait.contact[:-1]
         self.stand_knot, self.stand_leg = np.nonzero(contact)
         self.forces = len(self.stand_knot)
-        self.first_force = np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
         self.foot_column = 3 * self.forces
         self.size = self.foot_column + 2 * self.footing.count
         self.force_scale = task.weight / LEGS
-        self.model = knot_model(BodyNumbers.of(task.body), task.knots)
-        self._mean = 1.0 if task.integrator == "mean" else 0.0
-        self._friction = self._friction_rows()
-        self._bounds = self._variable_bounds()
+        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
+        self._after = np.empty((task.knots, STATE))
+        self._slopes = np.empty((task.knots, 2 * STATE + 3 * LEGS, STATE))
+        self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
+        weights, reference = task.weights, task.reference
+        self._weight = np.concatenate([[weights.height], weights.velocity, weights.angles])
+        self._wanted = np.concatenate(
+            [reference.height[:, None], reference.velocity, reference.euler], axis=1
+        )
         self._force_hessian = self._force_cost()
+        self._qp = self._empty_qp()
         self._active: Array | None = None  # multipliers of the QP before: where to start
+        self.spent = 0  # DAQP iterations of the last step
+        self.softly = False  # its answer leaves the workspace where nothing else was possible
+
+    def begin(self, start: Start) -> None:
+        """The same gait from another start; a first guess of what will be active is kept."""
+        self.start = start
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Forces (N, 4, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
@@ -80,55 +96,140 @@ class PinnedProgram:
 
     def toes(self, state: Array, spots: Array) -> Array:
         """All toes (N + 1, 4, 3)."""
-        start = self.task.start.toes
-        return place_toes(self.task.body, self.footing, state, self.height, start, spots)
+        body = self.task.body
+        toes: Array = place_toes(
+            body.toe_center,
+            body.toe_half,
+            self.footing.foothold,
+            state,
+            self.height,
+            self.start.toes,
+            spots,
+        )
+        return toes
 
     def qp(self, at: Iterate) -> PinnedQp:
         """The QP of the linearisation about an iterate."""
+        task, qp = self.task, self._qp
+        body, weights, foothold = task.body, task.weights, self.footing.foothold
+        contact = self.gait.contact
         toes = self.toes(at.state, at.spots)
-        offset, sensitivity = self._states(at, toes)
-        hessian, gradient = self._cost(offset, sensitivity)
-        reach, low, high = self._reach(at, toes, offset, sensitivity)
-        lower, upper = self._bounds
-        return PinnedQp(
-            hessian,
-            gradient,
-            np.concatenate([lower, np.full(len(self._friction), -_FAR), low]),
-            np.concatenate([upper, np.zeros(len(self._friction)), high]),
-            np.vstack([self._friction, reach]),
-            offset,
-            sensitivity,
+        # Dynamics, eqs. (8.14) to (8.19), about the iterate
+        linearised(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            task.integrator == "mean",
+            at.state,
+            toes,
+            at.force,
+            self._after,
+            self._slopes,
         )
+        states(
+            self._after,
+            self._slopes,
+            at.state,
+            at.force,
+            at.spots,
+            foothold,
+            contact,
+            self.start.state,
+            self.force_scale,
+            FOOT_SCALE,
+            self.foot_column,
+            qp.offset,
+            qp.sensitivity,
+        )
+        # Objective, eq. (8.30)
+        objective(
+            qp.offset,
+            qp.sensitivity,
+            self._wanted,
+            self._weight,
+            weights.motion,
+            self._columns,
+            self.foot_column,
+            self._force_hessian,
+            _RIDGE,
+            qp.hessian,
+            qp.gradient,
+        )
+        # Workspace boxes, eqs. (8.20), (8.21), at knots 1 to N
+        first = self.forces * FACETS
+        rows = qp.rows[first:]
+        low, high = qp.lower[self.size + first :], qp.upper[self.size + first :]
+        half = body.toe_half - self.margin
+        count = stance_rows(
+            body.toe_center,
+            half,
+            task.whole_stance,
+            at.state,
+            toes,
+            at.spots,
+            foothold,
+            contact,
+            qp.offset,
+            qp.sensitivity,
+            FOOT_SCALE,
+            self.foot_column,
+            rows,
+            low,
+            high,
+        )
+        swing_rows(
+            body.toe_center,
+            body.toe_half,
+            half[2],
+            at.state,
+            self.height,
+            contact,
+            qp.offset,
+            qp.sensitivity,
+            rows[count:],
+            low[count:],
+            high[count:],
+        )
+        return qp
 
-    def step(self, at: Iterate, elastic: bool = False) -> Iterate | None:
+    def step(
+        self, at: Iterate, elastic: bool = False, soft: bool = False, most: int = _MOST_STEPS
+    ) -> Iterate | None:
         """The optimum of that QP; None if it has none.
 
-        elastic: if it has none, the one with the least overreach, dearly paid for.
+        elastic: if it has none, the one with the least overreach, dearly paid for; soft: look for
+        that at once. most: DAQP iterations. `spent` and `softly` tell how it went.
         """
+        self.spent, self.softly = 0, False
         qp = self.qp(at)
         if (qp.lower > qp.upper).any():
             return None
         if self.size == 0:  # no leg ever stands
             return self.iterate(qp, np.zeros(0))
-        z, flag = self._minimised(qp, self._active)
-        if flag != _SOLVED and self._active is not None:
-            z, flag = self._minimised(qp, None)
-        if flag != _SOLVED and elastic:
-            z, flag = self._minimised(qp, None, _SOFT)
+        flag = 0
+        if not soft:
+            z, flag = self._minimised(qp, self._active, most)
+            if flag != _SOLVED and self._active is not None:
+                z, flag = self._minimised(qp, None, most - self.spent)
+        if flag != _SOLVED and (elastic or soft) and self.spent < most:
+            z, flag = self._minimised(qp, None, most - self.spent, _SOFT)
+            self.softly = flag == _SOLVED
         if flag != _SOLVED:
             return None
         return self.iterate(qp, z)
 
     def _minimised(
-        self, qp: PinnedQp, multipliers: Array | None, reach: int = 0
+        self, qp: PinnedQp, multipliers: Array | None, most: int, reach: int = 0
     ) -> tuple[Array, int]:
         """DAQP's answer and flag, from an active set if multipliers are given.
 
         reach: how DAQP is to take the rows of the workspace.
         """
         sense = np.zeros(len(qp.lower), np.int32)
-        sense[self.size + len(self._friction) :] = reach
-        if multipliers is not None and len(multipliers) == len(sense):
+        sense[self.size + self.forces * FACETS :] = reach
+        if multipliers is not None:
             sense[multipliers > 0], sense[multipliers < 0] = _AT_UPPER, _AT_LOWER
         z, _, flag, info = daqp.solve(
             qp.hessian,
@@ -138,9 +239,10 @@ class PinnedProgram:
             qp.lower,
             sense,
             primal_tol=1e-8,
-            iter_limit=_MOST_STEPS,
+            iter_limit=max(most, 1),
             eps_prox=0.0,
         )
+        self.spent += int(info["iterations"])
         solved = flag in (_SOLVED, _SOLVED_SOFTLY)
         self._active = np.array(info["lam"]) if flag == _SOLVED and reach == 0 else None
         return np.asarray(z), _SOLVED if solved else int(flag)
@@ -150,54 +252,36 @@ class PinnedProgram:
         force, spots = self.split(z)
         return Iterate(qp.offset + qp.sensitivity @ z, force, spots)
 
-    # Dynamics, eqs. (8.14) to (8.19), about the iterate
-    def _states(self, at: Iterate, toes: Array) -> tuple[Array, Array]:
-        model, knots = self.model, self.task.knots
-        model.state[:], model.toes[:], model.force[:] = at.state[:-1], toes[:-1], at.force
-        model.dt[:], model.mean[:] = self.task.step, self._mean
-        model.linearise_step()
-        A, by_toes, by_force = model.by_state, model.by_toes, model.by_force
-        offset = np.empty((knots + 1, STATE))
-        sensitivity = np.zeros((knots + 1, STATE, self.size))
-        offset[0] = self.task.start.state
-        constant = model.after - np.einsum("nij,nj->ni", A, at.state[:-1])
-        constant -= np.einsum("nilk,nlk->ni", by_force, at.force)
-        for n in range(knots):
-            here = slice(self.first_force[n], self.first_force[n + 1])
-            columns = slice(3 * here.start, 3 * here.stop)
-            np.matmul(A[n], sensitivity[n], out=sensitivity[n + 1])
-            legs = self.stand_leg[here]
-            block = by_force[n][:, legs].reshape(STATE, -1)
-            sensitivity[n + 1][:, columns] += block * self.force_scale
-            shift = constant[n]
-            for leg in legs:
-                index = self.footing.foothold[n, leg]
-                if index != HELD:  # a free foothold moves the arm of its force
-                    column = self.foot_column + 2 * index
-                    turn = by_toes[n][:, leg, :2]
-                    sensitivity[n + 1][:, column : column + 2] += turn * FOOT_SCALE
-                    shift = shift - turn @ at.spots[index]
-            offset[n + 1] = shift + A[n] @ offset[n]
-        return offset, sensitivity
-
-    # Objective, eq. (8.30)
-    def _cost(self, offset: Array, sensitivity: Array) -> tuple[Array, Array]:
-        task, knots = self.task, self.task.knots
-        weights, reference = task.weights, task.reference
-        tracked = np.concatenate(
-            [reference.height[:, None], reference.velocity, reference.euler], axis=1
+    def _empty_qp(self) -> PinnedQp:
+        """Arrays of the QP with what no linearisation changes: friction and bounds."""
+        knots, contact = self.task.knots, self.gait.contact
+        standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
+        leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
+        friction = self.forces * FACETS
+        rows = np.zeros((friction + 3 * int(standing + leaving) + 2 * int(lifted), self.size))
+        # Friction, eq. (8.18), as a pyramid inside the cone
+        angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
+        slope = self.task.ground.friction * np.cos(np.pi / FACETS)
+        facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
+        rows[:friction, : self.foot_column] = np.kron(np.eye(self.forces), facets)
+        # Force limits, eq. (8.23), and regions, eq. (8.24)
+        most = self.task.body.force_limit / self.force_scale
+        ground, region = self.task.ground, self.footing.region
+        lower, upper = np.empty(self.size + len(rows)), np.empty(self.size + len(rows))
+        lower[: self.foot_column] = np.tile([-most, -most, 0.0], self.forces)
+        upper[: self.foot_column] = most
+        lower[self.foot_column : self.size] = (ground.lower[region] / FOOT_SCALE).ravel()
+        upper[self.foot_column : self.size] = (ground.upper[region] / FOOT_SCALE).ravel()
+        lower[self.size :], upper[self.size :] = -_FAR, 0.0
+        return PinnedQp(
+            np.zeros((self.size, self.size)),
+            np.zeros(self.size),
+            lower,
+            upper,
+            rows,
+            np.zeros((knots + 1, STATE)),
+            np.zeros((knots + 1, STATE, self.size)),
         )
-        root = np.sqrt(np.concatenate([[weights.height], weights.velocity, weights.angles]))
-        J = sensitivity[1:, _TRACKED] * root[:, None]
-        r = (offset[1:, _TRACKED] - tracked) * root
-        motion = np.sqrt(weights.motion)
-        J_motion = np.diff(sensitivity[:, :3], axis=0) * motion
-        r_motion = np.diff(offset[:, :3], axis=0) * motion
-        J = np.concatenate([J.reshape(7 * knots, -1), J_motion.reshape(3 * knots, -1)])
-        r = np.concatenate([r.ravel(), r_motion.ravel()])
-        hessian = 2.0 * (J.T @ J) + self._force_hessian
-        hessian[np.diag_indices(self.size)] += _RIDGE * (1.0 + np.abs(hessian.diagonal()))
-        return hessian, 2.0 * (J.T @ r)
 
     def _force_cost(self) -> Array:
         """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (4 sum f^2 - (sum f)^2) at each knot."""
@@ -207,113 +291,3 @@ class PinnedProgram:
         legs = LEGS * np.eye(self.forces) - same
         hessian[: self.foot_column, : self.foot_column] = factor * np.kron(legs, np.eye(3))
         return hessian
-
-    # Friction, eq. (8.18), as a pyramid inside the cone
-    def _friction_rows(self) -> Array:
-        angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
-        slope = self.task.ground.friction * np.cos(np.pi / FACETS)
-        facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
-        rows = np.zeros((self.forces * FACETS, self.size))
-        rows[:, : self.foot_column] = np.kron(np.eye(self.forces), facets)
-        return rows
-
-    # Force limits, eq. (8.23), and regions, eq. (8.24)
-    def _variable_bounds(self) -> tuple[Array, Array]:
-        most = self.task.body.force_limit / self.force_scale
-        ground, region = self.task.ground, self.footing.region
-        lower = np.concatenate(
-            [
-                np.tile([-most, -most, 0.0], self.forces),
-                (ground.lower[region] / FOOT_SCALE).ravel(),
-            ]
-        )
-        upper = np.concatenate(
-            [np.full(3 * self.forces, most), (ground.upper[region] / FOOT_SCALE).ravel()]
-        )
-        return lower, upper
-
-    # Workspace boxes, eqs. (8.20), (8.21), at knots 1 to N
-    def _reach(
-        self, at: Iterate, toes: Array, offset: Array, sensitivity: Array
-    ) -> tuple[Array, Array, Array]:
-        parts = [self._stance(at, toes[1:], offset, sensitivity, self.gait.contact[1:], 1)]
-        if self.task.whole_stance:
-            leaving = self.gait.contact[:-1] & ~self.gait.contact[1:]
-            parts.append(self._stance(at, toes[:-1], offset, sensitivity, leaving, 0))
-        parts.append(self._swing(at, offset, sensitivity))
-        rows, low, high = zip(*parts, strict=True)
-        return np.concatenate(rows), np.concatenate(low), np.concatenate(high)
-
-    def _stance(
-        self,
-        at: Iterate,
-        toes: Array,
-        offset: Array,
-        sensitivity: Array,
-        standing: Flags,
-        later: int,
-    ) -> tuple[Array, Array, Array]:
-        """Standing toes in their boxes at knots 1 to N.
-
-        toes (N, 4, 3): of those knots (later = 1), or of the ones before, just before they lift.
-        """
-        model, body = self.model, self.task.body
-        model.later_state[:], model.later_toes[:] = at.state[1:], toes
-        model.linearise_toes()
-        low = body.toe_center - body.toe_half + self.margin
-        high = body.toe_center + body.toe_half - self.margin
-        n, leg = np.nonzero(standing)
-        R, T = model.body_world[n], model.spots_by_angles[n, leg]  # (M, 3, 3) each
-        S = sensitivity[n + 1]
-        rows = np.matmul(T, S[:, 6:9]) - np.matmul(R, S[:, :3])
-        moved = offset[n + 1] - at.state[n + 1]
-        here = model.spots[n, leg] + np.einsum("mij,mj->mi", T, moved[:, 6:9])
-        here -= np.einsum("mij,mj->mi", R, moved[:, :3])
-        index = self.footing.foothold[n + later, leg]
-        for m in np.flatnonzero(index >= 0):
-            column = self.foot_column + 2 * index[m]
-            rows[m, :, column : column + 2] += R[m, :, :2] * FOOT_SCALE
-            here[m] -= R[m, :, :2] @ at.spots[index[m]]
-        return (
-            rows.reshape(3 * len(n), self.size),
-            (low[leg] - here).ravel(),
-            (high[leg] - here).ravel(),
-        )
-
-    def _swing(self, at: Iterate, offset: Array, sensitivity: Array) -> tuple[Array, Array, Array]:
-        """Lifted toes: some point of their boxes has their height.
-
-        The height in the body is linear in where the toe is, so that the corner where it is least
-        must not be too high, and that where it is most not too low.
-        """
-        body = self.task.body
-        n, leg = np.nonzero(~self.gait.contact[1:])
-        n = n + 1
-        height = self.height[n, leg]
-        (sr, cr), (sp, cp) = ((np.sin(at.state[n, k]), np.cos(at.state[n, k])) for k in (6, 7))
-        down, rise = cr * cp, height - at.state[n, 2]
-        picked = np.array([2, 6, 7])
-        S = sensitivity[n][:, picked]
-        moved = offset[n][:, picked] - at.state[n][:, picked]
-        rows, bounds = [], []
-        for side in (-1.0, 1.0):  # the corner of least height, then of most
-            # Rounded where the tilt changes its sign: any point of the box will do.
-            along, across = np.tanh(sp / _ROUNDED), np.tanh(sr / _ROUNDED)
-            a = body.toe_center[leg, 0] + side * body.toe_half[0] * along
-            b = body.toe_center[leg, 1] - side * body.toe_half[1] * across
-            a_turn = side * body.toe_half[0] * (1 - along**2) / _ROUNDED * cp
-            b_turn = -side * body.toe_half[1] * (1 - across**2) / _ROUNDED * cr
-            depth = (rise + sp * a - sr * cp * b) / down
-            gradient = np.column_stack(
-                [
-                    -1.0 / down,
-                    (-cr * cp * b - sr * cp * b_turn + depth * sr * cp) / down,
-                    (cp * a + sp * a_turn + sr * sp * b + depth * cr * sp) / down,
-                ]
-            )
-            rows.append(np.einsum("mk,mkz->mz", gradient, S))
-            end = body.toe_center[leg, 2] - side * (body.toe_half[2] - self.margin)
-            bounds.append(end - depth - (gradient * moved).sum(axis=1))
-        far = np.full(len(n), _FAR)
-        low, high = np.concatenate([-far, bounds[1]]), np.concatenate([bounds[0], far])
-        return np.concatenate(rows), low, high

@@ -182,6 +182,19 @@ class WalkSolverSpec(SpecModel):
     guess: Literal[
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
     ] = Field(default="trot", description="gait that `nlp` starts from")
+    form: Literal["pinned", "published"] = Field(
+        default="pinned",
+        description="what `online` solves: `pinned`: the dynamics linearised about a neighbour, "
+        "with DAQP; `published`: McCormick planes in the neighbour's regions, with OSQP, the first "
+        "answer taken",
+    )
+    regions_beside: Number = quantity(
+        "",
+        "share of the regions on either side of the neighbour's that `published` allows too",
+        default=0.0,
+        ge=0,
+        le=1,
+    )
 
 
 class WalkLibrarySpec(SpecModel):
@@ -226,7 +239,15 @@ class WalkLoopSpec(SpecModel):
     enough: Count = quantity(
         "", "answers that hold, of which the cheapest is taken", default=2, ge=1, le=1000
     )
-    iterations: Count = quantity("", "QPs for each gait", default=2, ge=1, le=100)
+    iterations: Count = quantity("", "QPs for each gait at most", default=2, ge=1, le=100)
+    effort: Count = quantity(
+        "",
+        "steps of the QP solver in a tick at most, named gaits included; assembling a QP counts "
+        "as 60",
+        default=1400,
+        ge=0,
+        le=10_000_000,
+    )
 
 
 class MpcSpec(SpecModel):

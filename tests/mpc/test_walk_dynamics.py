@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from walk_tasks import walk_task
 
-from climbplan.mpc.dynamics import BodyNumbers, KnotModel
+from climbplan.mpc.compiled_step import linearised
+from climbplan.mpc.dynamics import BodyNumbers
+from climbplan.mpc.dynamics import knot_step as symbolic_step
 from climbplan.mpc.task import ANGLES, LEGS, SPIN, STATE, VELOCITY, Integrator
 from climbplan.mpc.truth import (
     continuous_rollout,
     euler_rates,
     knot_step,
     runge_kutta,
-    toes_in_body,
 )
 from climbplan.robots.rotations import rotation_world_body
 
@@ -33,49 +35,40 @@ def some_toes(count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("integrator", ["euler", "mean"])
 def test_expressions_agree_with_numpy(integrator: Integrator) -> None:
-    model = KnotModel(BodyNumbers.of(BODY), 5)
-    model.state[:], model.toes[:] = some_states(5), some_toes(5)
-    model.force[:] = RNG.normal(0, 15, (5, LEGS, 3))
-    model.dt[:], model.mean[:] = 0.08, float(integrator == "mean")
-    model.linearise_step()
-    after = knot_step(BODY, integrator, 0.08, model.state, model.toes, model.force)
-    np.testing.assert_allclose(model.after, after, atol=1e-11)
+    state, toes, force = some_states(1)[0], some_toes(1)[0], RNG.normal(0, 15, (LEGS, 3))
+    names = ca.SX.sym("state", STATE), ca.SX.sym("toes", 12), ca.SX.sym("force", 12)
+    mean = float(integrator == "mean")
+    step = ca.Function("step", names, [symbolic_step(BodyNumbers.of(BODY), 0.08, mean, *names)])
+    after = knot_step(BODY, integrator, 0.08, state, toes, force)
+    found = np.asarray(step(state, toes.ravel(), force.ravel())).ravel()
+    np.testing.assert_allclose(found, after, atol=1e-11)
 
 
-@pytest.mark.parametrize("mean", [0.0, 1.0])
-def test_jacobians_by_finite_differences(mean: float) -> None:
-    model = KnotModel(BodyNumbers.of(BODY), 2)
-    model.state[:], model.toes[:] = some_states(2), some_toes(2)
-    model.force[:] = RNG.normal(0, 15, (2, LEGS, 3))
-    model.dt[:], model.mean[:] = 0.08, mean
-    model.linearise_step()
-    jacobians = (model.by_state.copy(), model.by_toes.copy(), model.by_force.copy())
-    h = 1e-5
-    for held, jacobian in zip((model.state, model.toes, model.force), jacobians, strict=True):
+@pytest.mark.parametrize("integrator", ["euler", "mean"])
+def test_compiled_steps_and_slopes(integrator: Integrator) -> None:
+    """Steps against NumPy, their Jacobians by finite differences."""
+    count = 3
+    parts = [some_states(count), some_toes(count), RNG.normal(0, 15, (count, LEGS, 3))]
+    inverse = np.linalg.inv(BODY.inertia).astype(float)
+    after, slopes = np.empty((count, STATE)), np.empty((count, 36, STATE))
+    mean = integrator == "mean"
+    state, toes, force = parts
+    mass, gravity, inertia = BODY.mass, BODY.gravity, BODY.inertia
+    linearised(mass, gravity, inertia, inverse, 0.08, mean, state, toes, force, after, slopes)
+    np.testing.assert_allclose(
+        after, knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]), atol=1e-11
+    )
+    h, column = 1e-5, 0
+    for held in parts:
         for index in np.ndindex(held.shape[1:]):
+            ends = []
+            for step in (h, -2 * h):
+                held[(slice(None), *index)] += step
+                ends.append(knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]))
             held[(slice(None), *index)] += h
-            model.linearise_step()
-            up = model.after.copy()
-            held[(slice(None), *index)] -= 2 * h
-            model.linearise_step()
-            down = model.after.copy()
-            held[(slice(None), *index)] += h
-            slope = (up - down) / (2 * h)
-            np.testing.assert_allclose(jacobian[(..., *index)], slope, atol=2e-6)
-
-
-def test_toes_seen_from_the_body() -> None:
-    model = KnotModel(BodyNumbers.of(BODY), 3)
-    model.later_state[:], model.later_toes[:] = some_states(3), some_toes(3)
-    model.linearise_toes()
-    spots = toes_in_body(model.later_state, model.later_toes)
-    np.testing.assert_allclose(model.spots, spots, atol=1e-12)
-    R = rotation_world_body(model.later_state[:, ANGLES])
-    np.testing.assert_allclose(model.body_world, np.swapaxes(R, -1, -2), atol=1e-12)
-    turned = model.later_state.copy()
-    turned[:, 7] += 1e-6
-    slope = (toes_in_body(turned, model.later_toes) - spots) / 1e-6
-    np.testing.assert_allclose(model.spots_by_angles[..., 1], slope, atol=1e-5)
+            slope = (ends[0] - ends[1]) / (2 * h)
+            np.testing.assert_allclose(slopes[:, column], slope, atol=2e-6)
+            column += 1
 
 
 def test_euler_rates_turn_the_body() -> None:

@@ -12,16 +12,11 @@ from walk_tasks import walk_task
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.mpc.checker import check_loop, failures
 from climbplan.mpc.closed_loop import Noise, Push, recovered, run_loop, sampled_task
-from climbplan.mpc.library import (
-    Library,
-    Situation,
-    build_library,
-    mirrored,
-    read_library,
-    write_library,
-)
+from climbplan.mpc.library import Library, build_library, mirrored, read_library, write_library
+from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
 from climbplan.mpc.online_run import library_key
+from climbplan.mpc.strategies import Neighbours
 from climbplan.mpc.task import VELOCITY, WalkTask
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
@@ -45,7 +40,7 @@ def test_sections_and_mirror(library: Library) -> None:
     np.testing.assert_allclose(twice.toes, library.toes)
     one, other = library.features[0], mirrored(TASK, library).features[0]
     assert one[1] == -other[1]
-    assert library.nearest(library.features[7], 3)[0] == 7
+    assert Neighbours(library).ranked(library.features[7], 3)[0] == 7
 
 
 def test_library_file(library: Library, tmp_path: Path) -> None:
@@ -105,20 +100,63 @@ def broken(kind: str) -> Situation:
         state[3] = 1e3
     elif kind == "tilt":
         state[7] = 1.5
-    else:
+    elif kind == "height":
+        state[2] = -0.1
+    elif kind == "toes":
         toes[2] = [30.0, 0.0, 0.0]
+    elif kind == "old":
+        return replace(good, age=0.5)
+    elif kind == "contact":
+        return replace(good, unfelt=(0, 1, 2))
+    elif kind == "shape":
+        state = state[:7]
     return replace(good, state=state, toes=toes)
 
 
-@pytest.mark.parametrize("kind", ["nan", "speed", "tilt", "toes"])
+WORDS = {
+    "nan": "not a number",
+    "speed": "speed is impossible",
+    "tilt": "tilt",
+    "height": "height is impossible",
+    "toes": "nowhere near",
+    "old": "500 ms old",
+    "contact": "LF, RF, LH make no contact",
+    "shape": "shape",
+}
+
+
+@pytest.mark.parametrize("kind", list(WORDS))
 def test_measurements_that_cannot_be(library: Library, kind: str) -> None:
     command = OnlineController(TASK, library, OnlineSettings()).tick(broken(kind))
     assert command.winner == SAFE
-    assert "safe stance: " in command.warning
+    assert command.warning.startswith("safe stance: ")
+    assert WORDS[kind] in command.warning
     force = command.trajectory.force[0]
     assert np.isfinite(force).all()
     assert force[:, 2].sum() == pytest.approx(TASK.weight)
     assert command.trajectory.gait.contact.all()
+
+
+def test_a_leg_without_contact_is_not_stood_on(library: Library) -> None:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    command = controller.tick(replace(situation(TASK), unfelt=(2,)))
+    assert "LH without contact" in command.warning
+    assert not command.trajectory.gait.contact[0, 2]
+    assert (command.trajectory.force[0, 2] == 0).all()
+
+
+@pytest.mark.parametrize("effort", [0, 200, 1400])
+def test_effort_bounds_the_qps_of_a_tick(library: Library, effort: int) -> None:
+    """From a state that no gait can answer, every candidate is tried until the effort is spent."""
+    settings = OnlineSettings(effort=effort)
+    controller = OnlineController(TASK, library, settings)
+    start = situation(TASK)
+    state = start.state.copy()
+    state[VELOCITY] = [-4.0, 3.0, -1.0]
+    command = controller.tick(replace(start, state=state))
+    assert command.qps <= effort // 60
+    assert np.isfinite(command.trajectory.force).all()
+    assert command.warning
 
 
 def test_a_push_that_nobody_survives_is_a_fall(library: Library) -> None:

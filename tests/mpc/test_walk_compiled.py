@@ -1,0 +1,122 @@
+"""Compiled functions of the loop and of the pinned QP against NumPy and finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from walk_tasks import named, shorter, walk_task
+
+from climbplan.mpc.compiled_body import rolled
+from climbplan.mpc.compiled_feet import worst_beyond, worst_standing
+from climbplan.mpc.cost import objective
+from climbplan.mpc.pinned import Iterate, PinnedProgram
+from climbplan.mpc.sqp import guess, rolled_out
+from climbplan.mpc.task import LEGS, STATE, Gait, WalkTask
+from climbplan.mpc.truth import continuous_rollout, toes_in_body
+
+RNG = np.random.default_rng(8)
+TASK = shorter(walk_task(integrator="mean", whole_stance=True), 5)
+INVERSE = np.linalg.inv(TASK.body.inertia).astype(float)
+
+
+def trot_point(task: WalkTask = TASK) -> tuple[PinnedProgram, Iterate]:
+    gait = named("walking trot", task)
+    at = guess(task, gait)
+    off = RNG.normal(0, 0.03, at.state.shape)
+    off[0] = 0
+    return PinnedProgram(task, gait), Iterate(at.state + off, at.force, at.spots)
+
+
+def test_rollout_is_that_of_the_checker() -> None:
+    start = RNG.normal(0, 0.3, STATE)
+    toes = TASK.body.toe_center + RNG.normal(0, 0.05, (6, LEGS, 3))
+    force = RNG.normal(0, 15, (5, LEGS, 3))
+    body = TASK.body
+    mine = rolled(body.mass, body.gravity, body.inertia, INVERSE, 0.08, 16, start, toes, force)
+    theirs = continuous_rollout(body, 0.08, start, toes[:-1], force, 16)
+    np.testing.assert_allclose(mine, theirs, atol=1e-10)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_reach_is_that_of_numpy(whole: bool) -> None:
+    program, at = trot_point()
+    toes = program.toes(at.state, at.spots)
+    body, contact = TASK.body, program.gait.contact
+    beyond = (np.abs(toes_in_body(at.state, toes) - body.toe_center) - body.toe_half).max(axis=-1)
+    beyond[0, ~contact[0]] = -np.inf
+    worst = beyond.max()
+    if whole:
+        late = np.abs(toes_in_body(at.state[1:], toes[:-1]) - body.toe_center) - body.toe_half
+        worst = max(worst, late.max(axis=-1)[contact[:-1]].max())
+    mine = worst_beyond(body.toe_center, body.toe_half, whole, contact, at.state, toes)
+    assert mine == pytest.approx(worst, abs=1e-12)
+    standing = worst_standing(body.toe_center, body.toe_half, at.state[3], toes[3], contact[3])
+    assert standing == pytest.approx(max(beyond[3][contact[3]].max(), 0.0), abs=1e-12)
+
+
+def test_objective_of_the_qp_is_the_cost_of_its_states() -> None:
+    program, at = trot_point()
+    qp = program.qp(at)
+    ridge = 1e-7 * np.abs(qp.hessian.diagonal())
+    hessian = qp.hessian - np.diag(1e-7 + ridge)
+    values, costs = [], []
+    for z in RNG.normal(0, 1, (4, program.size)):
+        found = program.iterate(qp, z)
+        values.append(0.5 * z @ hessian @ z + qp.gradient @ z)
+        costs.append(objective(TASK, found.state, np.concatenate([found.force, found.force[:1]])))
+    np.testing.assert_allclose(np.diff(values), np.diff(costs), rtol=1e-5)
+
+
+def test_states_and_stance_rows_are_slopes() -> None:
+    """A small move of the unknowns moves the rollout and the toes in the body as the QP says."""
+    program, at = trot_point()
+    here = rolled_out(program, at)
+    at = Iterate(here.state, at.force, at.spots)
+    qp = program.qp(at)
+    unit = program.force_scale
+    z0 = np.concatenate(
+        [(at.force[program.stand_knot, program.stand_leg] / unit).ravel(), (at.spots * 10).ravel()]
+    )
+    np.testing.assert_allclose(program.iterate(qp, z0).state, here.state, atol=1e-9)
+    rows = qp.rows[program.forces * 8 :][:3].copy()  # a toe that stands at knot 1
+    sensitivity = qp.sensitivity.copy()
+    leg = int(np.flatnonzero(program.gait.contact[1])[0])
+    for k in (0, 4, program.foot_column - 1, program.foot_column, program.size - 1):
+        ends = []
+        for step in (-1e-5, 1e-5):
+            z = z0.copy()
+            z[k] += step
+            force, spots = program.split(z)
+            walk = rolled_out(program, Iterate(at.state, force, spots))
+            toe = np.zeros((LEGS, 3))
+            toe[leg] = walk.toes[1, leg]
+            ends.append((walk.state, toes_in_body(walk.state[1], toe)[leg]))
+        slope = (ends[1][0] - ends[0][0]) / 2e-5
+        np.testing.assert_allclose(sensitivity[:, :, k], slope, atol=2e-4)
+        np.testing.assert_allclose(rows[:, k], (ends[1][1] - ends[0][1]) / 2e-5, atol=2e-4)
+
+
+def test_a_program_serves_again_from_another_start() -> None:
+    program, at = trot_point()
+    moved = TASK.start.state.copy()
+    moved[3] += 0.3
+    other = replace(TASK, start=replace(TASK.start, state=moved))
+    fresh = PinnedProgram(other, program.gait).step(at)
+    program.step(at)
+    program.begin(other.start)
+    again = program.step(at)
+    assert fresh is not None
+    assert again is not None
+    np.testing.assert_allclose(again.state, fresh.state, atol=1e-6)
+
+
+def test_iterations_are_counted_and_limited() -> None:
+    program, at = trot_point()
+    assert program.step(at) is not None
+    needed = program.spent
+    assert needed > 3
+    fresh = PinnedProgram(TASK, Gait(program.gait.contact, program.gait.region))
+    assert fresh.step(at, most=needed // 2) is None
+    assert fresh.spent <= needed // 2 + 1

@@ -1,0 +1,84 @@
+"""The published form: its planes contain the true motion, and its answers are judged as all are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from walk_tasks import named, shorter, walk_task
+
+from climbplan.mpc.attempt import Budget, GaitTrials
+from climbplan.mpc.library import build_library
+from climbplan.mpc.measurement import Situation
+from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
+from climbplan.mpc.pinned import Iterate, PinnedProgram
+from climbplan.mpc.published import PublishedProgram
+from climbplan.mpc.published_rows import Rows
+from climbplan.mpc.sqp import guess, rolled_out
+from climbplan.mpc.task import Integrator, Start
+
+RNG = np.random.default_rng(3)
+
+
+@pytest.mark.parametrize("integrator", ["euler", "mean"])
+@pytest.mark.parametrize("beside", [0.0, 0.7])
+def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> None:
+    """Lines, planes and regions hold at the exact values of any motion; so do feet and friction."""
+    task = shorter(walk_task(integrator=integrator, whole_stance=True), 5)
+    program = PinnedProgram(task, named("walking trot", task))
+    at = guess(task, program.gait)
+    for _ in range(3):
+        found = program.step(at, elastic=True)
+        assert found is not None
+        at = found
+    force = at.force + np.where(at.force != 0, RNG.normal(0, 0.5, at.force.shape), 0)
+    walk = rolled_out(program, Iterate(at.state, force, at.spots))
+    assert 0.01 < np.abs(walk.state[:, 6:9]).max() < 1.0
+    published = PublishedProgram(program, beside)
+    values = published.layout.values(walk.state, force, walk.toes, at.spots)
+    low, high = published.layout.cells(values, beside)
+    x, y = published.layout.products()[1:]
+    assert (low[x] <= values[x]).all()
+    assert (values[y] <= high[y]).all()
+    published.write(low, high)
+    rows = published.rows
+    found = rows.matrix @ values
+    off = np.maximum(rows.low - found, found - rows.high)
+    blocks = [*published.lines, *published.planes, *published.arms]
+    blocks += [block for parts in published.reaches for _, block in parts]
+    assert max(float(off[block.rows].max()) for block in blocks) < 1e-9
+
+
+def test_rows_add_up_coefficients_of_one_unknown() -> None:
+    rows = Rows(3)
+    first = rows.add(((np.array([0, 1]), 2.0), (np.array([0, 2]), np.array([1.0, 4.0]))), 5.0)
+    frozen = rows.frozen()
+    np.testing.assert_allclose(frozen.matrix.toarray(), [[3, 0, 0], [0, 2, 4]])
+    frozen.value[first.values] = [1, 1, 1, -1]
+    frozen.refresh()
+    np.testing.assert_allclose(frozen.matrix.toarray(), [[2, 0, 0], [0, 1, -1]])
+    np.testing.assert_allclose(frozen.high, [5, 5])
+
+
+def test_answers_are_judged_on_the_true_dynamics() -> None:
+    task = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+    library = build_library(task, 2, 0, gaits=0)
+    settings = OnlineSettings(form="published", beside=1.0, candidates=3)
+    controller = OnlineController(task, library, settings)
+    situation = Situation(
+        library.state[0, 0], library.toes[0, 0], library.toes[0, 0], np.ones(4, bool)
+    )
+    command = controller.tick(situation)
+    assert command.winner == SAFE or command.winner >= 0
+    assert command.holds != bool(command.warning)
+    # The regions allow more than the dynamics do: what the pinned form finds holds.
+    own = replace(controller.task, start=Start(situation.state, situation.toes))
+    trials, gait = GaitTrials(own, 0.0, 1.0), named("stand", own)
+    program, at = trials.program(own, gait), guess(own, gait)
+    loose = trials.published(own, program, at, Budget(1000))
+    sound = trials.attempt(own, program, at, 4, Budget(1000))
+    assert sound is not None
+    assert sound.holds
+    assert loose is not None
+    assert loose.excess > sound.excess

@@ -199,8 +199,11 @@ class _Build:
                 self.model.add(standing, task.least_contacts, LEGS)
         for n in range(knots - 1):
             for leg in range(LEGS):
-                self._no_slip(n, pieces[n][leg], pieces[n + 1][leg], leg)
+                self._no_slip(n, pieces[n][leg], pieces[n + 1][leg])
         self._costs(pieces)
+        # Nothing dearer than what is known
+        squares = total(Lin({square.column: 1.0}) for square in self.model.squares)
+        self.model.add(squares, 0.0, self.cost - self.model.constant)
         states = [(*p[n], *v[n], *angles[n], *spin[n]) for n in range(knots + 1)]
         return Relaxation(self.model, tuple(pieces), tuple(heights), self.unit, tuple(states))
 
@@ -355,15 +358,31 @@ class _Build:
         column = next(iter(arm.terms))
         return (self.model.lower, self.model.upper)[side][column]
 
-    # No slip, eq. (8.22), with M from the ranges of arms and velocity
-    def _no_slip(self, n: int, now: tuple[Piece, ...], later: tuple[Piece, ...], leg: int) -> None:
-        both = total(q.chosen for q in (*now, *later))
+    # No slip, eq. (8.22): either a leg stands through, with v the body's velocity and arm' = arm - v
+    # dt, or it does not; the hull of both instead of M
+    def _no_slip(self, n: int, now: tuple[Piece, ...], later: tuple[Piece, ...]) -> None:
+        model, dt = self.model, self.task.step
+        before, after = total(q.chosen for q in now), total(q.chosen for q in later)
+        through = model.variable(0.0, 1.0)
+        model.least(before - through)
+        model.least(after - through)
+        model.least(through - before - after + 1.0)
         for k in range(2):
-            arm, before = self.arms[n + 1, leg][k], self.arms[n, leg][k]
-            moved = arm - before + self.p[n + 1][k] - self.p[n][k]
-            low, high = self._extent(moved)
-            self.model.least(high * (2.0 - both) - moved)
-            self.model.least(moved - low * (2.0 - both))
+            arms = []
+            for pieces, standing in ((now, before), (later, after)):
+                low = min(float(q.low[k]) for q in pieces)
+                high = max(float(q.high[k]) for q in pieces)
+                arm = self._scaled(through, low, high)
+                left = total(q.arm[k] for q in pieces) - arm
+                model.least(left - (standing - through) * low)
+                model.least((standing - through) * high - left)
+                arms.append(arm)
+            low, high = float(self.v_low[n, k]), float(self.v_high[n, k])
+            velocity = self._scaled(through, low, high)
+            other = self.v[n][k] - velocity
+            model.least(other - (1.0 - through) * low)
+            model.least((1.0 - through) * high - other)
+            model.add(arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
 
     def _extent(self, expression: Lin) -> tuple[float, float]:
         """Least and largest value within the bounds of columns."""

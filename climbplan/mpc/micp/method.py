@@ -74,6 +74,7 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
         word,
         bound=min(run.bound, run.objective),
         tried=len(run.seen),
+        begun=known,
         history=tuple(run.history),
     )
 

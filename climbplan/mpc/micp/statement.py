@@ -358,8 +358,8 @@ class _Build:
         column = next(iter(arm.terms))
         return (self.model.lower, self.model.upper)[side][column]
 
-    # No slip, eq. (8.22): either a leg stands through, with v the body's velocity and arm' = arm - v
-    # dt, or it does not; the hull of both instead of M
+    # No slip, eq. (8.22): a leg stands through, and its arm changes by -v dt, or it does not; the
+    # hull of both instead of M
     def _no_slip(self, n: int, now: tuple[Piece, ...], later: tuple[Piece, ...]) -> None:
         model, dt = self.model, self.task.step
         before, after = total(q.chosen for q in now), total(q.chosen for q in later)

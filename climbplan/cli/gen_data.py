@@ -201,7 +201,7 @@ def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
     if place.endswith(".py"):
         files.append(Path(place).absolute())
     problem = loaded.spec.problem
-    if problem.kind in ("terrains", "mpc"):
+    if problem.kind == "terrains" or problem.kind == "mpc":
         if Path(problem.robot).suffix in (".yaml", ".yml"):
             files.append(loaded.directory.absolute() / problem.robot)
         return tuple(files)

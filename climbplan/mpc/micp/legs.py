@@ -74,7 +74,10 @@ class Legs(Frame):
         model, most = self.model, self.most
         friction = self.task.ground.friction
         chosen = model.variable(0.0, 1.0, whole=True)
-        arm = tuple(self.scaled(chosen, low[k], high[k]) for k in range(2))
+        arm = (
+            self.scaled(chosen, float(low[0]), float(high[0])),
+            self.scaled(chosen, float(low[1]), float(high[1])),
+        )
         force = (
             self.scaled(chosen, -most, most),
             self.scaled(chosen, -most, most),

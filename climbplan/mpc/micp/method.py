@@ -185,8 +185,9 @@ class _Run:
             if found.trajectory is None or found.objective >= self.objective:
                 continue
             settled = solve_gait(self.task, gait, iterate_of(found.trajectory, gait), _POLISH)
-            better = settled.trajectory is not None and settled.objective < self.objective
-            if better and settled.holds and passes(self.task, settled.trajectory):
+            if settled.trajectory is None or settled.objective >= self.objective:
+                continue
+            if settled.holds and passes(self.task, settled.trajectory):
                 self.best, self.objective = settled.trajectory, settled.objective
                 self.note()
 

@@ -21,7 +21,8 @@ class Motion(Legs):
         low, high = float(self.p_low[n, 2]), float(self.p_high[n, 2])
         parts = self.height_pieces if high - low > 1e-9 else 1
         knots = np.linspace(low, high, parts + 1)
-        chosen, height, sums = [], [], [[], [], []]
+        chosen, height = [], []
+        sums: tuple[list[Lin], ...] = ([], [], [])
         products: tuple[list[Lin], list[Lin]] = ([], [])
         most, friction = LEGS * self.most, self.task.ground.friction
         for a, b in itertools.pairwise(knots):

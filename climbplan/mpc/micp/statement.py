@@ -61,15 +61,16 @@ class Relaxation:
                         values[part.column] = float(share * force)
         return values
 
-    def gait(self, x: Array) -> tuple[Flags, Whole]:
-        """Contacts and regions (N, 4) of a point; regions of swinging legs are -1."""
+    def gait(self, x: Array, share: float = 0.5) -> tuple[Flags, Whole]:
+        """Contacts beyond a share and regions (N, 4) of a point; of swinging legs -1."""
         contact = np.zeros((len(self.pieces), LEGS), bool)
         region = np.full((len(self.pieces), LEGS), -1, np.int64)
         for n, legs in enumerate(self.pieces):
             for leg, pieces in enumerate(legs):
-                for piece in pieces:
-                    if piece.chosen.at(x) > 0.5:
-                        contact[n, leg], region[n, leg] = True, piece.region
+                chosen = [piece.chosen.at(x) for piece in pieces]
+                if sum(chosen) > share:
+                    largest = pieces[int(np.argmax(chosen))]
+                    contact[n, leg], region[n, leg] = True, largest.region
         return contact, region
 
 

@@ -149,13 +149,8 @@ def test_doctor_covers_every_dependency() -> None:
 
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
-<<<<<<< HEAD
-    names = ["posture", "force", "plan", "coupled", "transition", "growth", "bookshelf"]
+    names = ["posture", "force", "plan", "coupled", "transition", "mpc", "growth", "bookshelf"]
     names += ["strategies", "limms"]
-=======
-    names = ["posture", "force", "plan", "coupled", "transition", "mpc", "growth"]
-    names += ["bookshelf", "strategies"]
->>>>>>> b14207c7158d82e4a8c14b2b6776f39640371e66
     assert [line.split()[0] for line in listed] == names
 
 

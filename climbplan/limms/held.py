@@ -217,12 +217,14 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
 
 
 def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float) -> Outcome:
-    """Solve the program of one held stage, from the smoothest guesses until one leads to an answer.
+    """Solve the program of one held stage, from guess after guess until one leads to an optimum.
 
-    The outcome is the first that is solved, or the last; its times are those of all.
+    The outcome is the first optimum, else the best answer, else the last try; its times are those
+    of all.
     """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
     spent, built = 0.0, 0.0
+    best: Outcome | None = None
     for first in guesses_for(scene, limbs, task)[: TRIES if task.throw else 1]:
 
         def once(
@@ -232,9 +234,17 @@ def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: f
 
         outcome = solve_clear(scene, limbs, once)
         spent, built = spent + outcome.seconds, built + outcome.build_seconds
-        if outcome.solved:
+        if best is None or _rank(outcome) < _rank(best):
+            best = outcome
+        if outcome.optimal:
             break
-    return replace(outcome, seconds=spent, build_seconds=built)
+    assert best is not None
+    return replace(best, seconds=spent, build_seconds=built)
+
+
+def _rank(outcome: Outcome) -> tuple[bool, bool, float]:
+    """Optima first, then answers, the cheapest first."""
+    return (not outcome.optimal, not outcome.solved, outcome.objective)
 
 
 def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Trace]]:

@@ -39,6 +39,7 @@ CONE_SHARE = 0.96
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further where latches close: a module still has to get there
 OWN_SIDE = 0.02  # [m] of a foot ahead of its face of the box
+KEEPING = 2.0  # [s/m^2] for footholds away from those of the guess, which were found clear
 LEAST_FORCE = 0.3  # [N] on a foot that stands
 LIFTED = 0.015  # [m] of a foot in the air over the lower of both grounds, between its ends
 SHARES = (0.2, 0.4, 0.6, 0.8)  # of a swing where that holds
@@ -226,6 +227,7 @@ class _Program:
         ground = self.scene.patches[phase.patches[limb]]
         margin = PATCH_MARGIN
         flat = self.store.variable("F", start[:2], ground.lower + margin, ground.upper - margin)
+        self.cost += KEEPING * ca.sumsqr(flat - ca.DM(start[:2]))
         return ca.vertcat(flat, ground.height)
 
     def _motion(

@@ -153,10 +153,14 @@ def largest_share(feet: Array, box: Array) -> Array:
         [(-1) ** i * np.linalg.det(rows[:, :, [j for j in range(4) if j != i]]) for i in range(4)],
         axis=-1,
     )
+    # The least largest force is where two are equal or where one vanishes
+    lines = [
+        (some[:, j] - some[:, i], free[:, i] - free[:, j]) for i, j in combinations(range(4), 2)
+    ]
+    lines += [(-some[:, i], free[:, i]) for i in range(4)]
     best = np.full(len(feet), np.inf)
-    for i, j in combinations(range(4), 2):
-        slope = free[:, i] - free[:, j]
+    for offset, slope in lines:
         safe = np.where(np.abs(slope) > 1e-9, slope, np.inf)
-        force = some + ((some[:, j] - some[:, i]) / safe)[:, None] * free
+        force = some + (offset / safe)[:, None] * free
         best = np.minimum(best, np.where(force.min(axis=1) < -1e-9, np.inf, force.max(axis=1)))
     return best

@@ -49,12 +49,8 @@ def test_quadruped_over_a_ledge_verifies(tmp_path: Path) -> None:
 
 def test_load_of_four_feet_is_the_least_there_is() -> None:
     rng = np.random.default_rng(0)
-    feet = rng.uniform(-0.5, 0.5, (20, 4, 3)) + [
-        [0.6, 0, 0],
-        [-0.6, 0, 0],
-        [0, 0.6, 0],
-        [0, -0.6, 0],
-    ]
+    round_box = np.array([[0.6, 0, 0], [-0.6, 0, 0], [0, 0.6, 0], [0, -0.6, 0]])
+    feet = round_box + rng.uniform(-0.5, 0.5, (20, 4, 3))
     shares = largest_share(feet, np.zeros(3))
     for four, share in zip(feet, shares, strict=True):
         rows = np.vstack([np.ones(4), four[:, 0], four[:, 1]])

@@ -68,6 +68,13 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
             for i, box in enumerate(parts.terrain.boxes)
             for j, name in enumerate(box.limbs or ())
         ]
+        panel = parts.terrain.panel
+        holds = panel.holds if panel is not None else {}
+        named += [
+            (("terrain", "panel", "holds", hold, "limbs", j), name)
+            for hold, spec in holds.items()
+            for j, name in enumerate(spec.limbs or ())
+        ]
     found += [
         Finding(
             path,
@@ -88,6 +95,8 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
     if terrain.ground is not None:
         return []
     picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
+    if terrain.panel is not None:
+        picky += [hold.limbs for hold in terrain.panel.holds.values()]
     return [
         Finding(("terrain", "regions"), f"limb {limb} may use none of the regions")
         for limb in parts.robot.limb_names
@@ -99,17 +108,20 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
     """What the method cannot state.
 
     `micp` is convex but for the choice of regions: no curved walls, no lower step bounds. The other
-    methods state limbs by their closed form.
+    methods state limbs by their closed form, and know no grippers.
     """
     if parts.solver is None:
         return []
     if parts.solver.method != "micp":
-        if not isinstance(parts.robot, UrdfRobot):
+        if isinstance(parts.robot, UrdfRobot):
+            message = (
+                f"`{parts.solver.method}` states limbs of coxa, femur and tibia; expected `micp` "
+                "for a robot from a URDF"
+            )
+        elif parts.robot is not None and parts.robot.gripper is not None:
+            message = f"{parts.robot.name} has grippers, whose postures only `micp` plans"
+        else:
             return []
-        message = (
-            f"`{parts.solver.method}` states limbs of coxa, femur and tibia; expected `micp` for a "
-            "robot from a URDF"
-        )
         return [Finding(("solver", "method"), message)]
     cure = "which `micp` cannot state; use `--method nlp`"
     found = []

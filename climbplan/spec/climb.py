@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.gripper import GripSpec
 from climbplan.spec.terrain import TerrainSpec
 from climbplan.spec.urdf import RobotReference
 
@@ -143,7 +144,8 @@ class PosturePlannerSpec(SpecModel):
     """Step bounds."""
     rotation_limit_deg: Number = quantity(
         "deg",
-        "largest roll and pitch of the body, and yaw away from the start's (free in a tube)",
+        "largest roll and pitch of the body, and yaw away from the start's (free in a tube); all "
+        "away from the start's where the body starts further from level than this",
         default=20.0,
         gt=0,
         le=180,
@@ -291,6 +293,8 @@ class ClimbSpec(SpecModel):
     """The posture planner."""
     force: ForcePlannerSpec = ForcePlannerSpec()
     """The force planner."""
+    gripper: GripSpec = GripSpec()
+    """How grippers are used, by robots that have them."""
     trajectory: TrajectorySpec = TrajectorySpec()
     """The playable motion."""
     solver: SolverSpec = SolverSpec()

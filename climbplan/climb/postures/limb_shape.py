@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import Array
 
 _STEP = 1e-5  # [m] of the differences
 _POSTURES = 1000  # sampled of a chain
@@ -38,12 +38,11 @@ class LimbShape:
     knee: Knee | None  # None where the nominal stance, or the toe lifted off it, is out of reach
 
 
-def limb_shape(scene: ClimbScene, limb: int) -> LimbShape:
-    """A limb about the stance of the scene."""
+def limb_shape(scene: ClimbScene, limb: int, reference: Array) -> LimbShape:
+    """A limb about the stance of the scene; reference: (3, 3) rotation of the body there."""
     robot = scene.robot
     regions = [scene.terrain.regions[r] for r in np.flatnonzero(scene.terrain.allowed[limb])]
-    level = rotation_world_body(np.array([0.0, 0.0, scene.start.rpy[2]]))
-    normals = np.unique([region.normal for region in regions], axis=0) @ level
+    normals = np.unique([region.normal for region in regions], axis=0) @ reference
     moved = np.vstack(
         [np.zeros(3), _STEP * np.eye(3), -_STEP * np.eye(3), scene.spec.trajectory.lift * normals]
     )

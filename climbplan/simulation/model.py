@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from climbplan.climb.limb_clearance import NARROW
+from climbplan.errors import UsageError
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
@@ -57,8 +58,13 @@ def link_mass(robot: Robot, conditions: Conditions) -> float:
 
 
 def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
-    """The model of a plan's robot and terrain under given conditions."""
+    """The model of a plan's robot and terrain under given conditions.
+
+    Raises UsageError for limbs that it does not know, and for grippers.
+    """
     robot = plan.robot
+    if robot.gripper is not None:
+        raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
     assets: list[str] = []
     world: list[str] = []
     for index, surface in enumerate(plan.terrain.surfaces):

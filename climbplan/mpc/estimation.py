@@ -48,6 +48,7 @@ class Sensed:
     accel: Array  # (3,) mean specific force since the last sample, body frame then [m/s^2]
     toes: Array  # (4, 3) in the body frame, from joint angles [m]
     contact: Flags  # (4,) felt
+    rate: Array  # (3,) angular velocity now, body frame, for whoever needs it at once [rad/s]
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,10 @@ class Beginning:
 def foot(leg: int) -> slice:
     """Where the error of a foot is."""
     return slice(9 + 3 * leg, 12 + 3 * leg)
+
+
+def _legs(chosen: Flags) -> list[int]:
+    return [leg for leg in range(LEGS) if chosen[leg]]
 
 
 class ContactFilter:
@@ -104,7 +109,7 @@ class ContactFilter:
         A[TURN, GYRO_BIAS] = -R
         A[VELOCITY, GYRO_BIAS], A[VELOCITY, ACCEL_BIAS] = -skew(self.v) @ R, -R
         A[POSITION, GYRO_BIAS] = -skew(self.p) @ R
-        for leg in np.flatnonzero(self.standing):
+        for leg in _legs(self.standing):
             A[foot(leg), GYRO_BIAS] = -skew(self.d[leg]) @ R
         step = np.eye(SIZE) + dt * A
         step[POSITION, TURN] += 0.5 * dt**2 * A[VELOCITY, TURN]
@@ -116,12 +121,12 @@ class ContactFilter:
     def correct(self, sensed: Sensed) -> None:
         """Legs' kinematics: standing feet are where they were, new ones where encoders say."""
         seen = np.isfinite(sensed.toes).all(axis=1) & sensed.contact
-        for leg in np.flatnonzero(self.standing & ~seen):
+        for leg in _legs(self.standing & ~seen):
             self._forget(leg)
-        old = np.flatnonzero(self.standing & seen)
-        if len(old):
+        old = _legs(self.standing & seen)
+        if old:
             self._update(old, sensed.toes[old])
-        for leg in np.flatnonzero(seen & ~self.standing):
+        for leg in _legs(seen & ~self.standing):
             self._stand(leg, sensed.toes[leg])
 
     def toes(self, sensed: Sensed) -> Array:
@@ -139,17 +144,17 @@ class ContactFilter:
         by[TURN, :3], by[VELOCITY, :3] = R, skew(self.v) @ R
         by[POSITION, :3], by[VELOCITY, 3:] = skew(self.p) @ R, R
         by[POSITION, 3:] = 0.5 * dt * R
-        for leg in np.flatnonzero(self.standing):
+        for leg in _legs(self.standing):
             by[foot(leg), :3] = skew(self.d[leg]) @ R
         strength = np.repeat([quality.gyro**2, accel**2], 3) * dt**2
         noise = (by * strength) @ by.T
-        for leg in np.flatnonzero(self.standing):
+        for leg in _legs(self.standing):
             noise[foot(leg), foot(leg)] += quality.slip**2 * dt * np.eye(3)
         noise[GYRO_BIAS, GYRO_BIAS] += quality.gyro_drift**2 * dt * np.eye(3)
         noise[ACCEL_BIAS, ACCEL_BIAS] += quality.accel_drift**2 * dt * np.eye(3)
         return noise
 
-    def _update(self, legs: Array, toes: Array) -> None:
+    def _update(self, legs: list[int], toes: Array) -> None:
         """Innovation R^ s - (d^ - p^) = xi_p - xi_d + R^ n of standing legs' toes s (L, 3)."""
         count = len(legs)
         innovation = (toes @ self.R.T - (self.d[legs] - self.p)).ravel()
@@ -159,7 +164,8 @@ class ContactFilter:
             H[rows, POSITION], H[rows, foot(leg)] = np.eye(3), -np.eye(3)
         variance = self.quality.toe**2
         PH = self.P @ H.T
-        gain = np.linalg.solve(H @ PH + variance * np.eye(3 * count), PH.T).T
+        innovated = H @ PH + variance * np.eye(3 * count)
+        gain: Array = np.linalg.solve(innovated, PH.T).T.astype(float)
         left = np.eye(SIZE) - gain @ H
         self.P = left @ self.P @ left.T + variance * gain @ gain.T
         self.P = 0.5 * (self.P + self.P.T)
@@ -171,7 +177,7 @@ class ContactFilter:
         self.R = turn @ self.R
         self.v = turn @ self.v + spread @ xi[VELOCITY]
         self.p = turn @ self.p + spread @ xi[POSITION]
-        for leg in np.flatnonzero(self.standing):
+        for leg in _legs(self.standing):
             self.d[leg] = turn @ self.d[leg] + spread @ xi[foot(leg)]
         self.gyro_bias = self.gyro_bias + xi[GYRO_BIAS]
         self.accel_bias = self.accel_bias + xi[ACCEL_BIAS]

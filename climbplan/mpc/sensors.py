@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.mpc.estimation import Sensed, SensorQuality, logarithm
-from climbplan.mpc.task import ANGLES, LEGS, POSITION, VELOCITY, Array, Flags
+from climbplan.mpc.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
 from climbplan.robots.rotations import rotation_world_body
 
 
@@ -41,4 +41,5 @@ class SimulatedSensors:
         accel = force + self.accel_bias + quality.accel * rng.normal(size=3)
         accel = np.clip(accel, -quality.accel_range, quality.accel_range)
         seen = (toes - after[POSITION]) @ R_after + quality.toe * rng.normal(size=(LEGS, 3))
-        return Sensed(gyro, accel, seen, contact.copy())
+        rate = after[SPIN] @ R_after + self.gyro_bias + quality.gyro * rng.normal(size=3)
+        return Sensed(gyro, accel, seen, contact.copy(), rate)

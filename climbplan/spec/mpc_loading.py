@@ -15,7 +15,7 @@ from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
-from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkTaskSpec
+from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkLoopSpec, WalkTaskSpec
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
@@ -115,7 +115,7 @@ def _robot(document: Document, directory: Path) -> tuple[RigidBodySpec | None, l
 
 
 def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
-    """Toes of the start are those of legs that the robot has."""
+    """Toes of the start and lost contacts are those of legs that the robot has."""
     if robot is None:
         return []
     try:
@@ -123,12 +123,21 @@ def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
     except ValidationError:
         return []  # reported with the whole
     legs = list(robot.legs)
+    try:
+        loop = WalkLoopSpec.model_validate(document.value.get("loop", {}))
+    except ValidationError:
+        return []
+    named: list[tuple[tuple[str | int, ...], str]] = []
+    named += [(("task", "start", "toes", name), name) for name in task.start.toes]
+    named += [
+        (("loop", "lost_contacts", k, "leg"), e.leg) for k, e in enumerate(loop.lost_contacts)
+    ]
     return [
         Finding(
-            ("task", "start", "toes", name),
+            path,
             f"{robot.name} has no leg {name!r}, its legs are {', '.join(legs)}",
             nearest(name, legs),
         )
-        for name in task.start.toes
+        for path, name in named
         if name not in legs
     ]

@@ -11,11 +11,12 @@ from walk_tasks import walk_task
 
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.mpc.checker import check_loop, failures
-from climbplan.mpc.closed_loop import Noise, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.closed_loop import LoopWorld, Push, recovered, run_loop, sampled_task
 from climbplan.mpc.library import Library, build_library, mirrored, read_library, write_library
 from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
 from climbplan.mpc.online_run import library_key
+from climbplan.mpc.perception import Noise
 from climbplan.mpc.strategies import Neighbours
 from climbplan.mpc.task import VELOCITY, WalkTask
 
@@ -30,6 +31,10 @@ def library() -> Library:
 def situation(task: WalkTask) -> Situation:
     start = task.start
     return Situation(start.state, start.toes, start.toes, np.ones(4, bool))
+
+
+def pushed(time: float, forward: float, aside: float) -> LoopWorld:
+    return LoopWorld(pushes=[Push(time, np.array([forward, aside, 0]))])
 
 
 def test_sections_and_mirror(library: Library) -> None:
@@ -65,7 +70,7 @@ def test_key_is_that_of_the_task_not_of_its_start() -> None:
 
 def test_walks_under_a_push_in_continuous_time(library: Library) -> None:
     controller = OnlineController(TASK, library, OnlineSettings())
-    loop = run_loop(controller, TASK, 2.0, [Push(0.81, np.array([-1.0, 0, 0]))])
+    loop = run_loop(controller, TASK, 2.0, pushed(0.81, -1.0, 0))
     assert recovered(loop, TASK)
     speed = loop.trajectory.state[:, VELOCITY][:, 0]
     assert speed[163:200].min() < 1.2  # the push was felt
@@ -78,7 +83,7 @@ def test_walks_under_a_push_in_continuous_time(library: Library) -> None:
 def test_noise_is_borne(library: Library) -> None:
     controller = OnlineController(TASK, library, OnlineSettings())
     noise = Noise(velocity=0.03, angles=0.005, spin=0.03, position=0.002)
-    one = run_loop(controller, TASK, 1.2, noise=noise, seed=4)
+    one = run_loop(controller, TASK, 1.2, LoopWorld(noise=noise), seed=4)
     assert one.fell is None
     other = run_loop(OnlineController(TASK, library, OnlineSettings()), TASK, 1.2)
     assert np.abs(one.trajectory.state - other.trajectory.state).max() > 1e-3
@@ -161,7 +166,7 @@ def test_effort_bounds_the_qps_of_a_tick(library: Library, effort: int) -> None:
 
 def test_a_push_that_nobody_survives_is_a_fall(library: Library) -> None:
     controller = OnlineController(TASK, library, OnlineSettings())
-    loop = run_loop(controller, TASK, 2.0, [Push(0.5, np.array([0, -6.0, 0]))])
+    loop = run_loop(controller, TASK, 2.0, pushed(0.5, 0, -6.0))
     assert loop.fell is not None
     assert not recovered(loop, TASK)
     whole = sampled_task(TASK, len(loop.trajectory.state) - 1)

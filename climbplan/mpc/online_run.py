@@ -31,6 +31,7 @@ from climbplan.mpc.perception import Noise
 from climbplan.mpc.plan import LoopRecord, WalkPlan
 from climbplan.mpc.problem import build_task
 from climbplan.mpc.published import TOLERANCE
+from climbplan.mpc.strategies import trained
 from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
 from climbplan.spec.mpc import WalkLibrarySpec, WalkLoopSpec
 from climbplan.spec.mpc_loading import LoadedMpc
@@ -71,7 +72,8 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
         form=spec.solver.form,
         beside=spec.solver.regions_beside,
     )
-    controller = OnlineController(task, library, settings)
+    ranking = trained(spec.library.strategy, library, spec.seed)
+    controller = OnlineController(task, library, settings, ranking)
     loop = run_loop(
         controller,
         task,

@@ -201,6 +201,11 @@ class WalkLibrarySpec(SpecModel):
         description="library.h5 of an earlier run, of which `size` walks are used; solved anew if "
         "left out",
     )
+    strategy: Literal["knn", "forest", "boosting", "network"] = Field(
+        default="knn",
+        description="how candidates are chosen: nearest neighbours, or a classifier of gaits "
+        "trained on the sections at the start, with the nearest section of each likely gait",
+    )
 
 
 class PushSpec(SpecModel):

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from climbplan.limms.chain import BRANCHES, Pose, in_range, inverse
-from climbplan.limms.legs import Stand
-from climbplan.limms.limbs import end_rotation, root_on_anchor, standing_rotation
+from climbplan.limms.limbs import root_on_anchor, standing_rotation
 from climbplan.limms.reaching import (
     LENGTHS,
     Blocked,
@@ -19,7 +18,7 @@ from climbplan.limms.reaching import (
     rooted,
     straight_in,
 )
-from climbplan.limms.scene import SIDE_NORMALS, Array, Scene, anchor_frame
+from climbplan.limms.scene import Array, Scene, anchor_frame
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import ADDED_ARM, ARM, DRIVES, LEG, NOWHERE, Progress
 
@@ -145,18 +144,18 @@ def latch_box(world: Progress, limbs: Sequence[Limb]) -> None:
 
 
 def stand_leg(
-    world: Progress, module: int, stand: Stand, angles: Array, name: str, rng: np.random.Generator
+    world: Progress, limb: Limb, foot: Array, angles: Array, rng: np.random.Generator
 ) -> None:
     """Drive a module to its first foothold and bring its last end to the box, not latched yet.
 
     Raises:
         Blocked: no free way was found.
     """
-    scene = world.scene
-    drive(world, module, stand.foot, f"{name}: drive", rng)
-    root = Pose(stand.foot, standing_rotation(0))
-    normal = SIDE_NORMALS[stand.side]
-    target = Pose(world.box + scene.side_offset(0, stand.side), end_rotation(normal, 1))
+    scene, module = world.scene, limb.module
+    name = scene.module_names[module]
+    drive(world, module, foot, f"{name}: drive", rng)
+    root = Pose(foot, standing_rotation(0))
+    target = Pose(world.box + scene.side_offset(0, limb.side), limb.box_rotation)
     limits = np.array(scene.module.joint_range)
     now = world.angles[module]
     wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi

@@ -20,6 +20,7 @@ from climbplan.limms.held import (
     path_choices,
     plan_held,
 )
+from climbplan.limms.leg_program import LegOutcome
 from climbplan.limms.limbs import arm, root_on_anchor
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
@@ -42,7 +43,7 @@ class Attempts:
     constraints: int = 0
     notes: list[str] = field(default_factory=list)
 
-    def count(self, outcome: Outcome, what: str) -> None:
+    def count(self, outcome: Outcome | LegOutcome, what: str) -> None:
         """One more program."""
         self.programs += 1
         self.solver_seconds += outcome.seconds

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from climbplan.limms.chain import Pose, along, inverse
+from climbplan.limms.cubics import box_path, knot_samples
 from climbplan.limms.limbs import limb_frames
 from climbplan.limms.reaching import closest_branch, rates_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
@@ -29,30 +30,6 @@ __all__ = ["add_traces", "along", "inverse"]
 
 class Follow(Exception):
     """A module cannot follow what the box does after it let go."""
-
-
-def box_path(trace: Trace, time: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (n, 3) at times (n,) of a phase."""
-    count = trace.phase.intervals
-    step = trace.duration / count
-    k = np.clip((time / step + 1e-9).astype(int), 0, count - 1)
-    t = (time - k * step)[:, None]
-    a0, a1 = trace.acceleration[k], trace.acceleration[k + 1]
-    slope = (a1 - a0) / step
-    return (
-        trace.position[k] + trace.velocity[k] * t + a0 * t**2 / 2 + slope * t**3 / 6,
-        trace.velocity[k] + a0 * t + slope * t**2 / 2,
-        a0 + slope * t,
-    )
-
-
-def knot_samples(trace: Trace) -> Array:
-    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples."""
-    count = trace.phase.intervals
-    inner = samples(trace.duration / count)
-    step = trace.duration / count
-    whole = [k * step + inner[:-1] for k in range(count)]
-    return np.concatenate([*whole, [trace.duration]])
 
 
 def other_ends(trace: Trace, limb: int, is_swinging: bool, time: Array) -> Array:
@@ -80,8 +57,10 @@ def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) 
 
 def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     scene, phase = world.scene, trace.phase
-    time = knot_samples(trace)
-    position, velocity, acceleration = box_path(trace, time)
+    time = knot_samples(trace.duration, phase.intervals)
+    position, velocity, acceleration = box_path(
+        trace.duration, trace.position, trace.velocity, trace.acceleration, time
+    )
     held = phase.kind == "held"
     world.box_mode = MANIPULATED if held else QUADRUPED
     stretch = world.rest(phase.kind, time)
@@ -162,7 +141,9 @@ def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     """The box flies; modules that threw it stop beside its way."""
     scene = world.scene
     time = samples(trace.duration)
-    position, velocity, acceleration = box_path(trace, time)
+    position, velocity, acceleration = box_path(
+        trace.duration, trace.position, trace.velocity, trace.acceleration, time
+    )
     world.box_mode = FREE
     for limb in limbs:
         anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor

@@ -9,7 +9,7 @@ from climbplan.limms.building import Building
 from climbplan.limms.scene import Array
 from climbplan.limms.statement import Phase, Trace
 
-PATCH_MARGIN = 0.05  # [m] of a foot from the edge of the ground it stands on
+PATCH_MARGIN = 0.035  # [m] of a foot from the edge of the ground it stands on
 LIFT = 0.05  # [m] of a foot half-way through its swing
 
 

@@ -13,11 +13,9 @@ from itertools import permutations
 
 import numpy as np
 
-from climbplan.limms.chain import in_range
 from climbplan.limms.corridor import Way
-from climbplan.limms.limbs import limb_angles
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
-from climbplan.limms.statement import Limb, Phase, Trace
+from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
+from climbplan.limms.statement import Limb
 
 STANCE = 0.45  # [m] of a foot from the face of the box, nominal
 HEIGHT = 0.36  # [m] of the box's centre above the ground under it while it moves, nominal
@@ -101,74 +99,7 @@ def nominal_feet(
     return np.array(points), patches
 
 
-def guess_for(
-    scene: Scene,
-    limbs: Sequence[Limb],
-    gait: Gait,
-    way: Way,
-    start: Array,
-    goal: Array,
-    first_feet: Array,
-    first_patches: Sequence[int],
-) -> list[Trace]:
-    """A slow motion of a contact sequence along a way, feet moved to nominal places on the way."""
-    corners = _centre_path(scene, gait, way, start, goal)
-    traces: list[Trace] = []
-    feet, patches = first_feet.copy(), list(first_patches)
-    previous: Array | None = None
-    n = len(limbs)
-    for number, swing in enumerate(gait.swings):
-        first, last = corners[number], corners[number + 1]
-        leap = len(swing) == n
-        below = last[2]
-        target, target_patches = feet.copy(), list(patches)
-        if swing:
-            ahead = corners[-1] if leap else corners[min(number + 2 * n, len(corners) - 1)]
-            aim = last if leap else last + 0.5 * (ahead - last)
-            wanted, ground = nominal_feet(scene, limbs, aim, below)
-            for i in swing:
-                target[i], target_patches[i] = wanted[i], ground[i]
-        count = (12 if leap else 4) if swing else (7 if gait.steps <= 1 else 3)
-        share = np.linspace(0, 1, count + 1)[:, None]
-        length = float(np.linalg.norm(last - first))
-        duration = 0.35 if leap else max(length / SPEED, 0.35 if not swing else 0.6)
-        position = first + share * (last - first)
-        path = feet[None] + share[:, :, None] * (target - feet)[None]
-        arch = 4 * share[:, 0] * (1 - share[:, 0]) * 0.12
-        for i in swing:
-            path[:, i, 2] += arch
-        angles = np.zeros((count + 1, n, 6))
-        for i, limb in enumerate(limbs):
-            angles[:, i] = limb_angles(scene, limb, position, path[:, i], limb.branch)[0]
-        if previous is not None:
-            angles += np.round((previous - angles[0]) / (2 * np.pi)) * 2 * np.pi
-        previous = angles[-1]
-        block = _block_for(way, first, last)
-        standing = n - len(swing)
-        load = np.zeros((count + 1, n, 3))
-        for i in range(n):
-            if i not in swing:
-                load[:, i, 2] = scene.weight / standing
-        acceleration = np.zeros((count + 1, 3))
-        if leap:
-            acceleration[:, 2] = -GRAVITY
-        limits = (0.1, 1.0) if leap else (0.15, 6.0) if swing else (0.05, 8.0)
-        phase = Phase(
-            "quadruped",
-            block[0],
-            block[1],
-            count,
-            *limits,
-            swing=swing,
-            patches=dict(enumerate(target_patches)),
-        )
-        velocity = np.broadcast_to((last - first) / duration, position.shape)
-        traces.append(Trace(phase, duration, position, velocity, acceleration, angles, path, load))
-        feet, patches = target, target_patches
-    return traces
-
-
-def _centre_path(scene: Scene, gait: Gait, way: Way, start: Array, goal: Array) -> Array:
+def centre_path(scene: Scene, gait: Gait, way: Way, start: Array, goal: Array) -> Array:
     """Box centres (phases + 1, 3) between phases."""
     phases = len(gait.swings)
     if gait.steps == 0:
@@ -186,23 +117,3 @@ def _centre_path(scene: Scene, gait: Gait, way: Way, start: Array, goal: Array) 
     share = np.linspace(0, 1, phases - 1)[:, None]
     middle = raised + share * (lowered - raised)
     return np.vstack([start, middle, goal]) if phases > 2 else np.array([start, raised, goal])
-
-
-def _block_for(way: Way, first: Array, last: Array) -> Array:
-    """The block that holds both ends of a phase best."""
-
-    def outside(block: Array) -> float:
-        return float(
-            sum(np.maximum(np.maximum(block[0] - p, p - block[1]), 0).sum() for p in (first, last))
-        )
-
-    best: Array = min(way.blocks, key=outside)
-    return best
-
-
-def reachable(scene: Scene, limb: Limb, box: Array, foot: Array) -> float:
-    """By how much a foothold is out of a leg's reach or range; <= 0 if it can be stood on."""
-    angles, missing = limb_angles(scene, limb, box[None], foot[None], limb.branch)
-    if missing[0] > 0:
-        return float(missing[0])
-    return float(in_range(scene.module, angles)[0])

@@ -1,23 +1,21 @@
-"""The box as body of a quadruped: first footholds, contact sequences, the program."""
+"""The box as body of a quadruped: where its legs may stand when they latch to it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from climbplan.limms.answers import Cut, Ends, Outcome
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.corridor import Way
-from climbplan.limms.cuts import solve_clear
 from climbplan.limms.footholds import PATCH_MARGIN
-from climbplan.limms.gaits import Gait, guess_for
+from climbplan.limms.gaits import Gait
 from climbplan.limms.held import clearance
 from climbplan.limms.limbs import leg, limb_angles
-from climbplan.limms.program import solve
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
-from climbplan.limms.statement import Limb, Trace
+from climbplan.limms.statement import Limb
 
 _SIDEWAYS = (-0.3, -0.15, 0.0, 0.15, 0.3)
 _AWAY = (0.3, 0.38, 0.46, 0.54, 0.62)
@@ -91,26 +89,25 @@ def first_stands(
 
 def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
     """Legs that stand on first footholds; module numbers are those of the stands' order."""
-    return tuple(replace(leg(i, s.side, 1, s.branch)) for i, s in enumerate(stands))
+    return tuple(leg(i, s.side, 1, s.branch) for i, s in enumerate(stands))
 
 
-def plan_legs(
-    scene: Scene,
-    stands: Sequence[Stand],
-    gait: Gait,
-    way: Way,
-    start: Array,
-    goal: Array,
-    time_limit: float,
-    iterations: int = 200,
-) -> Outcome:
-    """Solve the program of one contact sequence."""
-    limbs = legs_of(stands)
-    feet = np.array([s.foot for s in stands])
-    first = guess_for(scene, limbs, gait, way, start, goal, feet, [s.patch for s in stands])
-    ends = Ends(start, goal, 0.0)
-
-    def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
-        return solve(scene, limbs, guess or first, ends, cuts, time_limit, iterations)
-
-    return solve_clear(scene, limbs, once)
+def first_stand_sets(scene: Scene, gait: Gait, way: Way, most: int) -> Iterator[tuple[Stand, ...]]:
+    """Sets of first footholds, least trouble first, that do not stand on each other."""
+    start = scene.box_start[0]
+    if gait.steps == 0:
+        toward = np.vstack([way.crossings, scene.goal])
+    else:
+        toward = (start + np.array([0, 0, 0.15]))[None]
+    choices = [first_stands(scene, side, start, toward) for side in range(4)]
+    ranked = sorted(product(*choices), key=lambda stands: sum(s.trouble for s in stands))
+    count = 0
+    for stands in ranked:
+        feet = np.array([s.foot for s in stands])
+        apart = np.linalg.norm(feet[:, None] - feet[None], axis=-1) + np.eye(len(feet))
+        if apart.min() < 0.15:
+            continue
+        yield tuple(stands)
+        count += 1
+        if count >= most:
+            return

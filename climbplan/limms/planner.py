@@ -51,7 +51,7 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
         if left <= 0:
             break
         if sequence.kind == "quadruped":
-            world = walk(scene, attempts, left, most_steps, rng)
+            world = walk(scene, attempts, time.monotonic() + left, most_steps, rng)
         elif sequence.kind == "relatch":
             world = relatch(scene, sequence, attempts, left, rng)
         elif any(connection.links > 1 for connection in sequence.connections):

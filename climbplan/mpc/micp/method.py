@@ -1,0 +1,197 @@
+"""Solving the relaxation with HiGHS: a bound, and gaits that are solved again on the true dynamics.
+
+The cost of the mixed-integer program is not the true one: envelopes and the tube give it room. Each
+gait that it comes up with is therefore priced by the SQP on the nonlinear dynamics, and only such
+trajectories are answers. Its bound holds for every motion within the tube.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import highspy
+import numpy as np
+
+from climbplan.mpc.answer import Improvement, WalkAnswer
+from climbplan.mpc.checker import passes
+from climbplan.mpc.footing import gait_of
+from climbplan.mpc.gaits import with_regions
+from climbplan.mpc.micp.statement import Relaxation, relaxation
+from climbplan.mpc.micp.tube import tube_about
+from climbplan.mpc.sqp import iterate_of, solve_gait
+from climbplan.mpc.task import Array, Gait, WalkTask, WalkTrajectory
+from climbplan.solvers.highs_model import highs
+from climbplan.solvers.interruption import interruptible
+
+_TOLERANCE = 1e-7  # of rows
+_ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
+_TANGENTS = 1.5  # each so many times the one before
+_SAG = 1e-4  # of the cost that a square may be too small, then
+_PRICING = 8  # QPs for a gait of the program, and once more to settle
+_POLISH = 40
+
+
+@dataclass(frozen=True)
+class MicpLimits:
+    """What is stated, and when to stop."""
+
+    seconds: float = 150.0
+    gap: float = 0.01
+    arm_pieces: int = 2
+    height_pieces: int = 2
+    angles: tuple[float, float, float] = (0.1, 0.2, 0.1)  # [rad] half widths of the tube
+    spin: tuple[float, float, float] = (1.5, 3.0, 1.5)  # [rad/s]
+
+
+def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnswer:
+    """Improve and bound a known trajectory (of `nlp` or `search`) on forward Euler.
+
+    The known one gives the tube, the largest cost, and its contacts and pieces a partial start.
+    """
+    known = warm.trajectory
+    if known is None:
+        return WalkAnswer(None, np.inf, warm.seconds, f"nothing to start from: {warm.word}")
+    begin = time.perf_counter()
+    tube = tube_about(task, known.state, np.array(limits.angles), np.array(limits.spin))
+    program = relaxation(
+        task, tube, warm.objective, limits.arm_pieces, limits.height_pieces, _TANGENTS
+    )
+    run = _Run(task, program, known, warm.objective, limits.gap, begin)
+    run.tighten(limits.seconds)
+    run.branch(known, limits.seconds)
+    width = np.rad2deg(limits.angles)
+    word = (
+        f"bound of motions within {width[0]:.0f}, {width[1]:.0f}, {width[2]:.0f} degrees and "
+        f"{limits.spin[0]:g}, {limits.spin[1]:g}, {limits.spin[2]:g} rad/s of the start's attitude "
+        f"or the reference; {run.word}"
+    )
+    return WalkAnswer(
+        run.best,
+        run.objective,
+        time.perf_counter() - begin,
+        word,
+        bound=min(run.bound, run.objective),
+        tried=len(run.seen),
+        history=tuple(run.history),
+    )
+
+
+@dataclass
+class _Run:
+    task: WalkTask
+    program: Relaxation
+    best: WalkTrajectory
+    objective: float
+    gap: float
+    begin: float
+    bound: float = 0.0  # squares cost nothing less
+    word: str = ""
+    waiting: list[Gait] = field(default_factory=list)
+    seen: set[bytes] = field(default_factory=set)
+    history: list[Improvement] = field(default_factory=list)
+
+    @property
+    def seconds(self) -> float:
+        return time.perf_counter() - self.begin
+
+    def note(self) -> None:
+        """Keep incumbent and bound of this moment."""
+        self.history.append(Improvement(self.seconds, self.objective, self.bound))
+
+    def tighten(self, seconds: float) -> None:
+        """Tangents where the relaxed program wants to be: its bound is the first."""
+        model = self.program.model
+        for _ in range(_ROUNDS):
+            solver = _quiet(max(seconds - self.seconds, 0.0))
+            solver.passModel(model.lp(whole=False))
+            solver.run()
+            if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+                break
+            self.bound = max(self.bound, float(solver.getInfo().objective_function_value))
+            x = np.array(solver.getSolution().col_value)
+            if not model.refine(x, _SAG * self.objective):
+                break
+        self.note()
+
+    def branch(self, known: WalkTrajectory, seconds: float) -> None:
+        """The program with binaries, from the known gait."""
+        model = self.program.model
+        solver = _quiet(max(seconds - self.seconds, 0.0))
+        solver.setOptionValue("mip_rel_gap", self.gap)
+        solver.passModel(model.lp(whole=True))
+        start = self.program.integers(known)
+        columns = np.array(list(start), np.int32)
+        solver.setSolution(len(columns), columns, np.array(list(start.values()), float))
+        stopping = False
+
+        def stop() -> None:
+            nonlocal stopping
+            stopping = True
+
+        def improved(event: Any) -> None:
+            self.consider(np.array(event.data_out.mip_solution))
+
+        def logged(event: Any) -> None:
+            self.raise_bound(float(event.data_out.mip_dual_bound))
+
+        def interrupt(event: Any) -> None:
+            if stopping or self.objective - self.bound <= self.gap * self.objective:
+                event.interrupt()
+
+        solver.cbMipImprovingSolution.subscribe(improved)
+        solver.cbMipLogging.subscribe(logged)
+        solver.cbMipInterrupt.subscribe(interrupt)
+        with interruptible(stop):
+            solver.run()
+        info = solver.getInfo()
+        status = solver.getModelStatus()
+        self.word = (
+            f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}, "
+            f"{info.mip_node_count} nodes, {len(model.lower)} variables, {len(model.binaries)} "
+            f"binaries, {len(model.rows)} rows"
+        )
+        if status == highspy.HighsModelStatus.kInfeasible:
+            # Nothing within the tube costs less than what was known.
+            self.raise_bound(self.objective)
+        else:
+            self.raise_bound(float(info.mip_dual_bound))
+        solution = solver.getSolution()
+        if solution.value_valid:
+            self.consider(np.array(solution.col_value))
+        self.note()
+
+    def raise_bound(self, bound: float) -> None:
+        """A bound that HiGHS proved, less what its tolerance may be worth."""
+        if np.isfinite(bound) and bound > self.bound:
+            self.bound = bound
+            self.note()
+
+    def consider(self, x: Array) -> None:
+        """Solve the gait of a point on the true dynamics."""
+        contact, region = self.program.gait(x)
+        contact = np.vstack([contact, contact[-1:]])
+        region = np.vstack([region, region[-1:]])
+        gait = with_regions(self.task, contact)
+        if len(self.task.ground.height) > 1:
+            gait = gait_of(contact, np.where(region >= 0, region, gait.region))
+        if gait.key in self.seen:
+            return
+        self.seen.add(gait.key)
+        for start in (None, iterate_of(self.best, gait)):
+            found = solve_gait(self.task, gait, start, _PRICING)
+            if found.trajectory is None or found.objective >= self.objective:
+                continue
+            settled = solve_gait(self.task, gait, iterate_of(found.trajectory, gait), _POLISH)
+            better = settled.trajectory is not None and settled.objective < self.objective
+            if better and settled.holds and passes(self.task, settled.trajectory):
+                self.best, self.objective = settled.trajectory, settled.objective
+                self.note()
+
+
+def _quiet(seconds: float) -> Any:
+    solver = highs(seconds)
+    solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
+    solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
+    return solver

@@ -113,6 +113,7 @@ class _Run:
         self.perception = Perception(
             self.task, self.state, world.noise, world.estimation, np.random.default_rng(seed)
         )
+        self.perception.listen(self.state, self.stance.toes, self.dt)
         self.commands: list[Command] = []
         self.told: list[Array] = []
         self.true: list[Array] = []
@@ -148,7 +149,7 @@ class _Run:
         """Measure, look ahead over the delay, plan, and queue the plan."""
         delay = self.world.delay
         state, toes = self.perception.state_and_toes(self.state, self.stance)
-        stance = self.stance.at(toes)
+        stance = self.stance.thought(toes)
         if self.world.compensate:
             state, stance = self.ahead(state, stance, sample, sample + delay)
         unfelt = tuple(int(leg) for leg in np.flatnonzero(stance.phase.contact & self.lost(sample)))

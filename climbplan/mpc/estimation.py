@@ -25,6 +25,7 @@ TURN, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCEL_BIAS = slice(SIZE - 6, SIZE - 3), slice(SIZE - 3, SIZE)
 _UNKNOWN = 1e4  # [m^2] variance of a foot in the air
 _NEARLY_ZERO = 1e-8  # [rad]
+_SLIPPED = 21.1  # squared distance that one in 10,000 of three Gaussian numbers exceeds
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,10 @@ def _legs(chosen: Flags) -> list[int]:
 
 
 class ContactFilter:
-    """The estimate and its covariance; `predict` with each IMU sample, `correct` with encoders."""
+    """The estimate and its covariance: `predict` with each IMU sample, `correct` with encoders.
+
+    A foot that is seen where it cannot be has slipped: it is taken anew instead of being used.
+    """
 
     def __init__(self, begin: Beginning, quality: SensorQuality, gravity: float) -> None:
         self.quality = quality
@@ -84,6 +88,7 @@ class ContactFilter:
         self.d: Array = np.zeros((LEGS, 3))
         self.gyro_bias, self.accel_bias = np.zeros(3), np.zeros(3)
         self.standing: Flags = np.zeros(LEGS, bool)
+        self.slips = 0  # feet that were taken anew because they moved
         self.P = np.zeros((SIZE, SIZE))
         # Given as errors of velocity and position themselves, whose invariant errors turn with R.
         self._spread(TURN, begin.turn)
@@ -123,6 +128,10 @@ class ContactFilter:
         seen = np.isfinite(sensed.toes).all(axis=1) & sensed.contact
         for leg in _legs(self.standing & ~seen):
             self._forget(leg)
+        for leg in _legs(self.standing & seen):
+            if self._slipped(leg, sensed.toes[leg]):
+                self.slips += 1
+                self._forget(leg)
         old = _legs(self.standing & seen)
         if old:
             self._update(old, sensed.toes[old])
@@ -153,6 +162,15 @@ class ContactFilter:
         noise[GYRO_BIAS, GYRO_BIAS] += quality.gyro_drift**2 * dt * np.eye(3)
         noise[ACCEL_BIAS, ACCEL_BIAS] += quality.accel_drift**2 * dt * np.eye(3)
         return noise
+
+    def _slipped(self, leg: int, toe: Array) -> bool:
+        """Whether a standing foot is where it cannot be, by its own covariance."""
+        here = foot(leg)
+        off = self.R @ toe - (self.d[leg] - self.p)
+        P = self.P
+        spread = P[POSITION, POSITION] - P[POSITION, here] - P[here, POSITION] + P[here, here]
+        spread = spread + self.quality.toe**2 * np.eye(3)
+        return bool(off @ np.linalg.solve(spread, off) > _SLIPPED)
 
     def _update(self, legs: list[int], toes: Array) -> None:
         """Innovation R^ s - (d^ - p^) = xi_p - xi_d + R^ n of standing legs' toes s (L, 3)."""

@@ -58,9 +58,13 @@ class Stance:
         toes[moving, 2] = lift * np.sin(np.pi * share)
         return toes
 
-    def at(self, toes: Array) -> Stance:
-        """The same with toes as measured."""
-        return replace(self, toes=toes)
+    def thought(self, toes: Array) -> Stance:
+        """The same as the controller knows it: toes as measured, the phase as it was planned.
+
+        Its world may have drifted away from the true one.
+        """
+        plan = self.phase.plan
+        return replace(self, toes=toes, phase=self.phase if plan is None else phase_of(plan))
 
 
 def phase_of(plan: WalkTrajectory) -> Phase:

@@ -34,7 +34,8 @@ from climbplan.mpc.task import (
 )
 
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
-_FALLBACK_QPS = 6
+_ELASTIC_QPS = 6
+_SECOND_LOOKS = 2  # candidates
 _FALLBACK_SHARE = 0.6  # of a tick's effort that is kept for named gaits
 _DOUBTED = 6  # ticks for which a leg that felt no ground is not stood on
 _MADE_BEFORE = 200  # programs of gaits
@@ -51,7 +52,7 @@ class OnlineSettings:
     enough: int = 2  # answers that hold; the cheapest is taken
     iterations: int = 2  # QPs of each gait
     effort: int = 1400  # DAQP iterations in a tick, named gaits included; a QP's assembly counts
-    margin: float = 3e-3  # [m] kept inside the workspace boxes
+    margin: float = 8e-3  # [m] kept inside the workspace boxes by toes yet to be placed
     form: Form = "pinned"  # what is solved: `published.py` says what the other is
     beside: float = 0.0  # share of regions beside the neighbour's that the published form allows
 
@@ -75,6 +76,7 @@ class _Candidate:
     winner: int
     gait: Gait
     at: Iterate | None  # what to linearise about; None for an even motion
+    elastic: bool = False  # the workspace may be left, at a price
 
 
 class OnlineController:
@@ -114,7 +116,8 @@ class OnlineController:
         for candidate in self._candidates(task, situation, choice):
             gait = usable(task, candidate.gait, able)
             # The published form has other integers, its regions, for the same gait.
-            if gait is None or (gait.key in seen and not self._published):
+            again = candidate.elastic or self._published
+            if gait is None or (gait.key in seen and not again):
                 continue
             seen.add(gait.key)
             choice.tried += 1
@@ -125,7 +128,7 @@ class OnlineController:
                 choice.weigh(task, found, candidate.winner)
                 if self._published:
                     break  # what solves is taken, as published
-            if choice.held >= self.settings.enough or (choice.held and candidate.at is None):
+            if choice.held >= self.settings.enough or (choice.held and candidate.elastic):
                 break
         words = [] if len(self.library) else ["the library is empty"]
         if self._doubted.any():
@@ -155,7 +158,7 @@ class OnlineController:
         gaits, count = np.unique(contact, axis=0, return_counts=True)
         for row in gaits[np.argsort(-count)[:_MADE_BEFORE]]:
             self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
-        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None)
+        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None, elastic=True)
         found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
         if found is not None:
             objective(self.task, found.trajectory.state, found.trajectory.force)
@@ -164,8 +167,10 @@ class OnlineController:
         self, task: WalkTask, situation: Situation, choice: _Choice
     ) -> Iterator[_Candidate]:
         """The plan before, sections of the library, and where none of them holds named gaits."""
+        first: list[_Candidate] = []
         if self._last is not None and not self._published:
-            yield _Candidate(LAST, *continued(self._last))
+            first.append(_Candidate(LAST, *continued(self._last)))
+            yield first[-1]
         features = features_of(situation, float(task.reference.height[0]))
         base = np.array([*situation.state[:2], 0.0])
         named = len(self.library) and not self._published
@@ -174,11 +179,15 @@ class OnlineController:
             if choice.budget.left <= (0 if choice.held else kept):
                 break
             gait = flat_gait(self.library.contact[index])
-            yield _Candidate(int(index), gait, self._section(int(index), gait, base))
+            first.append(_Candidate(int(index), gait, self._section(int(index), gait, base)))
+            yield first[-1]
         if choice.held or self._published:
             return
+        # What is nearly right may leave the workspace a little; gaits by name are further off.
+        for candidate in first[:_SECOND_LOOKS]:
+            yield replace(candidate, elastic=True)
         for name, phase in _FALLBACKS:
-            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None)
+            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None, elastic=True)
 
     def _section(self, index: int, gait: Gait, base: Array) -> Iterate:
         """A section of the library as a point to linearise about, moved to where the body is."""
@@ -195,9 +204,9 @@ class OnlineController:
         program = self._trials.program(task, gait)
         if self._published and candidate.at is not None:
             return self._trials.published(task, program, candidate.at, budget)
-        named = candidate.at is None
-        iterations = _FALLBACK_QPS if named else self.settings.iterations
-        return self._trials.attempt(task, program, candidate.at, iterations, budget, named)
+        elastic = candidate.elastic
+        iterations = _ELASTIC_QPS if elastic else self.settings.iterations
+        return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
 
     def _safe(self, choice: _Choice, word: str) -> Command:
         """All legs down, each with its share of the weight, against the motion."""

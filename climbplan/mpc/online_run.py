@@ -196,6 +196,7 @@ def _plan(
         terms=terms,
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
+        robot_text=loaded.robot_text,
         seed=spec.seed,
         timings={"library": building, "walk": walking, "method": walking},
         solvers=_solvers(spec.solver.form),

@@ -21,6 +21,8 @@ from climbplan.mpc.task import (
     WalkTask,
 )
 
+_LISTENING = 2.0  # [s]
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -50,6 +52,12 @@ class Perception:
             gravity = task.body.gravity
             self._filter = ContactFilter(Beginning(state), quality, gravity)
             self._sensors = SimulatedSensors(quality, gravity, rng)
+
+    def listen(self, state: Array, toes: Array, dt: float) -> None:
+        """Stand still before the walk: the gyroscope's bias shows, and most of the tilt."""
+        if not state[VELOCITY].any() and not state[SPIN].any():
+            for _ in range(round(_LISTENING / dt)):
+                self.feel(state, state, toes, np.ones(LEGS, bool), dt)
 
     def feel(self, before: Array, after: Array, toes: Array, contact: Flags, dt: float) -> None:
         """A sample of the sensors; toes (4, 3) in the world after it."""

@@ -28,6 +28,7 @@ class LoadedMpc(LoadedSpec):
 
     spec: MpcSpec
     robot: RigidBodySpec
+    robot_text: str = ""  # of the file that a path names; empty for a built-in one
 
 
 def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
@@ -50,7 +51,8 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     kind = find_kind(document, wanted="mpc")
     if isinstance(kind, Finding):
         findings.append(kind)
-    root_paths(document, (("library", "file"),))
+    robot_path = _is_path(document.value.get("robot"))
+    root_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
     spec, found = validate(document, MpcSpec)
     findings += [f for f in found if f.path != ("kind",)]
     robot, robot_mistakes = _robot(document, text.directory)
@@ -58,7 +60,8 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)
-    return LoadedMpc(spec=spec, robot=robot, **origin_of(document, text))
+    source = read_source(text.directory / spec.robot).text if robot_path else ""
+    return LoadedMpc(spec=spec, robot=robot, robot_text=source, **origin_of(document, text))
 
 
 def builtin_bodies() -> list[str]:
@@ -74,12 +77,30 @@ def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
     Raises:
         SpecError: the file cannot be used; with its own lines.
     """
-    if Path(reference).suffix in (".yaml", ".yml"):
+    if _is_path(reference):
         source = read_source((directory or Path()) / reference)
         document = parse_yaml(source.text, source.shown)
     else:
         entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
         document = parse_yaml(entry.read_text(encoding="utf-8"), f"robot {reference}")
+    return _body_of(document)
+
+
+def stored_body(spec: MpcSpec, text: str) -> RigidBodySpec:
+    """The robot of a spec, from the text that a plan file keeps of its file.
+
+    Raises SpecError for a text that is none.
+    """
+    if not _is_path(spec.robot):
+        return load_body(spec.robot)
+    return _body_of(parse_yaml(text, f"robot {spec.robot}"))
+
+
+def _is_path(reference: object) -> bool:
+    return isinstance(reference, str) and Path(reference).suffix in (".yaml", ".yml")
+
+
+def _body_of(document: Document) -> RigidBodySpec:
     findings = []
     if not isinstance(document.value, dict) or document.value.get("kind") != "rigid-body":
         findings.append(Finding(("kind",), "expected `kind: rigid-body`"))

@@ -202,6 +202,24 @@ def test_a_foot_in_the_air_or_unseen_is_not_trusted() -> None:
     assert np.linalg.eigvalsh(filter_.P).min() > -1e-9
 
 
+def test_a_foot_that_slips_is_taken_anew() -> None:
+    """One foot slides away by 5 cm: the velocity is not dragged along."""
+    state = np.zeros(12)
+    state[2] = 0.2
+    for jumps, slips in ((0.0, 0), (0.05, 1)):
+        sensors = SimulatedSensors(QUALITY, GRAVITY, np.random.default_rng(5))
+        filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY)
+        toes = state[:3] + HIPS
+        for k in range(60):
+            if k == 40:
+                toes[1, 0] += jumps
+            sensed = sensors.sample(state, state, toes, np.ones(4, bool), DT)
+            filter_.predict(sensed, DT)
+            filter_.correct(sensed)
+        assert filter_.slips == slips
+        assert np.linalg.norm(filter_.v) < 0.05
+
+
 def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs() -> None:
     quality = SensorQuality()
     rng = np.random.default_rng(2)

@@ -17,7 +17,7 @@ from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
 from climbplan.mpc.online_run import library_key
 from climbplan.mpc.perception import Noise
-from climbplan.mpc.strategies import Neighbours
+from climbplan.mpc.strategies import Neighbours, StrategyName, trained
 from climbplan.mpc.task import VELOCITY, WalkTask
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
@@ -172,3 +172,24 @@ def test_a_push_that_nobody_survives_is_a_fall(library: Library) -> None:
     whole = sampled_task(TASK, len(loop.trajectory.state) - 1)
     told = failures(check_loop(whole, loop.trajectory, loop.pushed))
     assert "loop.upright" in told or "workspace.standing" in told
+
+
+@pytest.mark.parametrize("name", ["forest", "boosting", "network"])
+def test_trained_strategies_rank_gaits(library: Library, name: StrategyName) -> None:
+    """The gait of a stored situation comes first, or near; no gait comes twice."""
+    ranking = trained(name, library, 0)
+    found = 0
+    for k in range(len(library)):
+        ranked = ranking.ranked(library.features[k], 5)
+        gaits = [library.contact[index].tobytes() for index in ranked]
+        assert len(set(gaits)) == len(gaits)
+        found += library.contact[k].tobytes() in gaits
+    assert found > 0.8 * len(library)
+    again = trained(name, library, 0).ranked(library.features[0], 5)
+    np.testing.assert_array_equal(again, ranking.ranked(library.features[0], 5))
+
+
+def test_without_sections_every_strategy_ranks_nothing(library: Library) -> None:
+    empty = library.first(0)
+    for name in ("knn", "forest"):
+        assert len(trained(name, empty, 0).ranked(library.features[0], 5)) == 0

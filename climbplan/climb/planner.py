@@ -16,6 +16,7 @@ from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.grips.plan import grip_plan, grip_warnings, require_wrists
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
@@ -26,6 +27,7 @@ from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, StepLimits
+from climbplan.robots.any_robot import assumptions
 from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
 
@@ -102,6 +104,7 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 continue
             try:
                 instants = plan_instants(scene, posture.rounds)
+                require_wrists(scene, instants)
             except ReachFailure as error:
                 failure = error
                 if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
@@ -256,7 +259,8 @@ def plan_climb(
     clock = StageClock(report or (lambda stage, fraction: None))
     loaded = started(loaded)
     spec = loaded.spec
-    scene = build_scene(spec, loaded.robot, loaded.source)
+    scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
+    assumed = assumptions(loaded.robot, scene.robot)
     supported = plan_support(scene, plan_motion(scene, clock, save_model), clock)
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
@@ -288,8 +292,15 @@ def plan_climb(
             "posture": {**motion.posture.sizes, "nodes": motion.posture.nodes},
             "force": {"instants": instants.count},
         },
-        warnings=(*motion.posture.warnings, *motion.tightenings, *deflection_warnings(forces)),
+        warnings=(
+            *motion.posture.warnings,
+            *motion.tightenings,
+            *deflection_warnings(forces),
+            *assumed,
+            *grip_warnings(scene, instants),
+        ),
         study=study,
+        grips=grip_plan(scene, instants, forces, trajectory),
     )
     return replace(plan, summary=summary_lines(plan))
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake
+from climbplan.mechanics.grip import Grippers, grippers_on
+from climbplan.mechanics.gripper_model import load_model
 from climbplan.plans.climb_plan import Index
+from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb import ClimbSpec, PostureSpec
 from climbplan.spec.motion import MotionSpec
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import AnyRobot
+from climbplan.spec.urdf_source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Surface
 
@@ -40,6 +45,7 @@ class MotionScene:
     terrain: Terrain
     start: Stance
     goal: Stance
+    grippers: Grippers | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -115,14 +121,35 @@ def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
     return np.concatenate([force, moment], axis=-1)
 
 
-def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") -> ClimbScene:
-    """Numbers of a validated spec.
+def _grippers(
+    spec: ClimbSpec, robot_spec: AnyRobot, robot: Robot, terrain: Terrain, directory: Path
+) -> Grippers | None:
+    """What the robot's grippers hold on the terrain; None if it has none."""
+    if robot.gripper is None or isinstance(robot_spec, UrdfRobot) or robot_spec.gripper is None:
+        return None
+    model = load_model(spec.gripper.model or robot_spec.gripper.model, directory)
+    return grippers_on(robot.gripper, model, spec.gripper.risk, terrain.surfaces)
 
-    Raises SpecError for toes off their surfaces and UsageError for malformed terrain.
+
+def _with_grip_limit(robot: Robot, spec: ClimbSpec) -> Robot:
+    """The robot with the largest gripping force of the spec, if it states one."""
+    if robot.gripper is None or spec.gripper.max_force is None:
+        return robot
+    return replace(robot, gripper=replace(robot.gripper, max_force=spec.gripper.max_force))
+
+
+def build_scene(
+    spec: ClimbSpec, robot_spec: AnyRobot, source: str = "spec", directory: Path | None = None
+) -> ClimbScene:
+    """Numbers of a validated spec; a gripper model given by path is looked up from `directory`.
+
+    Raises SpecError for toes off their surfaces and UsageError for malformed terrain or a gripper
+    model that cannot be used.
     """
     if spec.task.start.plan is not None:
         raise ValueError("the start is still in its plan file")
-    robot = with_stance(Robot.from_spec(robot_spec), spec.task.stance)
+    robot = with_stance(build_robot(robot_spec), spec.task.stance)
+    robot = _with_grip_limit(robot, spec)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
@@ -143,4 +170,5 @@ def build_scene(spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec") ->
         start=start,
         goal=goal,
         gait=tuple(robot.limb_names.index(name) for name in order),
+        grippers=_grippers(spec, robot_spec, robot, terrain, directory or Path()),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.gripper import WRIST_JOINTS
 
 
 def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
@@ -34,9 +35,22 @@ def least_safety(plan: ClimbPlan) -> str:
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     k = int(np.argmin(forces.safety_torque))
     load = np.abs(forces.joint_torques[k]) / robot.max_torque
+    at = f"least S_tau {forces.safety_torque[k]:.2f}: {instants.label(k, robot.limb_names)}"
+    if plan.grips is not None and robot.gripper is not None:
+        wrist = np.abs(plan.grips.wrist_torque[k])
+        share = wrist / robot.gripper.wrist_max_torque
+        grip = plan.grips.instants.grip[k]
+        if robot.gripper.max_force > 0 and (grip / robot.gripper.max_force).max() > max(
+            share.max(), load.max()
+        ):
+            gripping = int(np.argmax(grip))
+            return f"{at}, {robot.limb_names[gripping]} grips with {grip[gripping]:.1f} N"
+        if share.max() > load.max():
+            held, turn = np.unravel_index(int(np.argmax(share)), share.shape)
+            name = f"{robot.limb_names[held]} {WRIST_JOINTS[turn]}"
+            return f"{at}, {name} {wrist[held, turn]:.1f} N m"
     limb, joint = np.unravel_index(int(np.argmax(load)), load.shape)
     torque = abs(forces.joint_torques[k, limb, joint])
     return (
-        f"least S_tau {forces.safety_torque[k]:.2f}: {instants.label(k, robot.limb_names)}, "
-        f"{robot.limb_names[limb]} {robot.joint_name(int(limb), int(joint))} {torque:.1f} N m"
+        f"{at}, {robot.limb_names[limb]} {robot.joint_name(int(limb), int(joint))} {torque:.1f} N m"
     )

@@ -17,9 +17,13 @@ import numpy as np
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import state_forces
+from climbplan.climb.grips.planner import answers_of
+from climbplan.climb.grips.solving import solve_grips
+from climbplan.climb.grips.statement import state_grips
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths, together
 from climbplan.errors import Infeasible, ReachFailure, UsageError
+from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import (
     deflections_for_forces,
     joint_softness,
@@ -27,20 +31,23 @@ from climbplan.mechanics.stiffness import (
     rigid_motion,
 )
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
+from climbplan.plans.grip_plan import GripForces
 from climbplan.robots.kinematics import (
     inverse,
     jacobian_world,
     require_reachable,
     to_body,
 )
+from climbplan.robots.last_link import joint_axes_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
+from climbplan.robots.rotations import Array, rotation_world_body
 
 # Share of a limb step's time by phase
 _UNLOAD, _LIFT, _SWING, _LOWER, _PRESS, _PUSH = 0.15, 0.1, 0.25, 0.15, 0.15, 0.2
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
 _BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
+_PACKED, _HELD = 7, 10  # entries of packed grips, and with the moments at the wrists
 _MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
 
 
@@ -50,6 +57,7 @@ class _Load:
 
     force: Array  # (N, 3) [N]
     carried: Array  # (N, 3) toe displacement by the body's own deflection, zero in the air [m]
+    held: Array  # (N, 10) grips as they are packed, and their moments at the wrists; else zeros
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,7 @@ class _Keyframes:
     toes: Array  # (F, N, 3) where the toes are, world
     force: Array  # (F, N, 3) on the toes [N]
     carried: Array  # (F, N, 3) as in _Load
+    held: Array  # (F, N, 10) likewise
     contact: Mask  # (F-1, N) toes on their surface during each segment
     share: Array  # (F-1,) nominal part of one limb step's time
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
@@ -78,7 +87,7 @@ def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> _Load
     except Infeasible as error:
         conflicts = [replace(c, where="start posture") for c in error.conflicts]
         raise Infeasible("the start posture cannot hold itself", conflicts) from error
-    return _loads(standing, forces.force, forces.com_deflection)[0]
+    return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]
 
 
 def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[_Load]) -> list[_Load]:
@@ -88,6 +97,8 @@ def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[_Load]) 
     """
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
     standing = _all_standing(scene, instants, lift, push, instants.toes[push])
+    if scene.grippers is not None:
+        return _placing_grips(scene, standing, scene.grippers, lifted)
     statement = state_forces(scene, standing)
     solved = solve_forces(statement, scene.spec.solver.force, scene.spec.force.facets)
     com = deflections_for_forces(
@@ -97,8 +108,22 @@ def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[_Load]) 
         standing.contact,
         scene.spec.force.sag == "compensated",
     ).com
-    loads = _loads(standing, solved.force, com)
+    loads = _loads(scene, standing, solved.force, com)
     for place in np.concatenate([solved.missing, solved.unbalanced]):
+        loads[place] = lifted[2 * int(place)]
+    return loads
+
+
+def _placing_grips(
+    scene: MotionScene, standing: Instants, grippers: Grippers, lifted: list[_Load]
+) -> list[_Load]:
+    """The same for a robot with grippers."""
+    statement = state_grips(scene, standing, grippers)
+    solved = solve_grips(statement, scene.spec.solver.force, scene.spec.force.facets)
+    found = answers_of(statement, solved)
+    still = np.zeros((standing.count, 6))
+    loads = _loads(scene, standing, found.force, still, found.grips)
+    for place in solved.missing:
         loads[place] = lifted[2 * int(place)]
     return loads
 
@@ -122,10 +147,20 @@ def _all_standing(
     )
 
 
-def _loads(instants: Instants, force: Array, com_deflection: Array) -> list[_Load]:
+def _loads(
+    scene: MotionScene,
+    instants: Instants,
+    force: Array,
+    com_deflection: Array,
+    grips: GripForces | None = None,
+) -> list[_Load]:
+    held = np.zeros((*force.shape[:-1], _HELD))
+    if grips is not None and scene.robot.gripper is not None:
+        arm = -scene.robot.gripper.length * instants.normal
+        held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
     motion = rigid_motion(instants.toes - instants.com[:, None]) * instants.contact[..., None, None]
     carried = np.einsum("kniv,kv->kni", motion, com_deflection)
-    return [_Load(f, c) for f, c in zip(force, carried, strict=True)]
+    return [_Load(f, c, h) for f, c, h in zip(force, carried, held, strict=True)]
 
 
 def plan_trajectory(
@@ -164,7 +199,11 @@ def plan_trajectory(
     share = (sample - ends[segment]) / count[segment]
     moving = _between(frames, segment, _ease(share))
     command = _joint_commands(robot, moving, [frames.label[s] for s in segment])
-    return Trajectory(sample / rate, moving.com, moving.rpy, command, frames.contact[segment])
+    motion = Trajectory(sample / rate, moving.com, moving.rpy, command, frames.contact[segment])
+    if robot.gripper is None:
+        return motion
+    grips = GripForces.unpacked(moving.held[..., :_PACKED])
+    return replace(motion, grips=grips, force=moving.force)
 
 
 def _keyframes(
@@ -175,7 +214,7 @@ def _keyframes(
     paths: tuple[Array, ...],
 ) -> _Keyframes:
     names = scene.robot.limb_names
-    held = _loads(instants, forces.force, forces.com_deflection)
+    held = _loads(scene, instants, forces.force, forces.com_deflection, forces.grips)
     placed = _placing_loads(scene, instants, held)
     com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
     load = [_start_load(scene, rounds, instants)]
@@ -220,6 +259,7 @@ def _keyframes(
         np.array(toes),
         np.array([one.force for one in load]),
         np.array([one.carried for one in load]),
+        np.array([one.held for one in load]),
         np.array(contact),
         np.array(share),
         tuple(label),
@@ -240,6 +280,7 @@ class _Moving:
     toes: Array  # (S, N, 3)
     force: Array  # (S, N, 3)
     carried: Array  # (S, N, 3)
+    held: Array  # (S, N, 10)
 
 
 def _between(frames: _Keyframes, segment: Index, share: Array) -> _Moving:
@@ -250,7 +291,12 @@ def _between(frames: _Keyframes, segment: Index, share: Array) -> _Moving:
         return np.asarray((1 - s) * values[segment] + s * values[segment + 1])
 
     return _Moving(
-        mix(frames.com), mix(frames.rpy), mix(frames.toes), mix(frames.force), mix(frames.carried)
+        mix(frames.com),
+        mix(frames.rpy),
+        mix(frames.toes),
+        mix(frames.force),
+        mix(frames.carried),
+        mix(frames.held),
     )
 
 
@@ -275,6 +321,11 @@ def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     angles = solution.best()
     jacobian = jacobian_world(robot, moving.rpy, angles)
     torques = np.einsum("snij,sni->snj", jacobian, moving.force)
+    if robot.gripper is not None:
+        axes = joint_axes_body(robot, angles) @ np.swapaxes(
+            rotation_world_body(moving.rpy)[:, None], -1, -2
+        )
+        torques += (axes @ moving.held[..., _PACKED:, None])[..., 0]
     command = angles - joint_softness(robot) * torques
     if moving.carried.any():
         command -= (joint_turns(robot, jacobian) @ moving.carried[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""Shear force of a spine gripper by Gaussian-process regression (chapter 3.4).
+"""Fit the shear force of a spine gripper by Gaussian-process regression (chapter 3.4).
 
 Inputs s = (alpha, beta, gamma, lambda): orientation of the gripper [rad] and friction coefficient
 of the surface; output is the shear force f^g it holds. Squared-exponential kernel, eq. (3.4), on
@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky
-from scipy.stats import norm
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.mechanics.gripper_model import GripperModel, Prediction
 
 Array = NDArray[np.float64]
 COLUMNS = ("alpha_deg", "beta_deg", "gamma_deg", "friction")
@@ -36,49 +35,6 @@ class Grips:
 
     state: Array  # (n, 4) alpha, beta, gamma [rad], friction
     force: Array  # (n,) [N]
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What a gripper holds at some states."""
-
-    mean: Array  # (m,) [N]
-    deviation: Array  # (m,) of one measured force, its noise included [N]
-
-    def bound(self, risk: float) -> Array:
-        """(m,) force that a grip exceeds but for the risk, at least zero [N]."""
-        return np.maximum(self.mean + norm.ppf(risk) * self.deviation, 0.0)
-
-
-@dataclass(frozen=True)
-class GripperModel:
-    """A trained model as plain arrays."""
-
-    state: Array  # (n, 4) training inputs
-    force: Array  # (n,) training outputs [N]
-    center: Array  # (4,) of the inputs
-    scale: Array  # (4,) of the inputs
-    signal: float  # sigma_f [N]
-    length: float  # l, on standardised inputs
-    noise: float  # sigma_n [N]
-
-    def predict(self, state: Array) -> Prediction:
-        """Mean and standard deviation at states (m, 4), eqs. (3.5), (3.6)."""
-        offset = float(self.force.mean())
-        factor = cholesky(
-            self._kernel(self.state, self.state) + self.noise**2 * np.eye(len(self.state)),
-            lower=True,
-        )
-        across = self._kernel(self.state, state)
-        mean = offset + across.T @ cho_solve((factor, True), self.force - offset)
-        explained = np.einsum("nm,nm->m", across, cho_solve((factor, True), across))
-        variance = np.maximum(self.signal**2 - explained, 0.0) + self.noise**2
-        return Prediction(mean, np.sqrt(variance))
-
-    def _kernel(self, first: Array, second: Array) -> Array:
-        a, b = ((s - self.center) / (self.scale * self.length) for s in (first, second))
-        square = ((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=-1)
-        return np.asarray(self.signal**2 * np.exp(-square / 2))
 
 
 @dataclass(frozen=True)

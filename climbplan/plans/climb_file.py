@@ -24,6 +24,7 @@ from climbplan.plans.climb_plan import (
     Study,
     Trajectory,
 )
+from climbplan.plans.grip_store import read_gripper, read_grips, write_gripper, write_grips
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
@@ -58,6 +59,7 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
         for name in layout.LIMITS_NUMBERS:
             limits.attrs[name] = float(vars(plan.limits)[name])
         write_terrain(file.create_group("terrain"), plan.terrain)
+        write_grips(file, plan.grips)
         write_dataset(file, "warnings", plan.warnings, layout.TEXTS)
         write_dataset(file, "summary", plan.summary, layout.TEXTS)
         if plan.study is not None:
@@ -141,6 +143,7 @@ def _write_robot(group: h5py.Group, robot: Robot) -> None:
     _write_fields(group, robot, layout.ROBOT_TEXTS)
     _write_fields(group, robot, layout.ROBOT)
     write_mechanism(group, robot.mechanism)
+    write_gripper(group, robot.gripper)
 
 
 def _write_study(group: h5py.Group, study: Study) -> None:
@@ -178,6 +181,10 @@ def _read(reader: Reader) -> ClimbPlan:
     limits = StepLimits(**bounds)
     _require_counts(reader, kind)
     terrain = read_terrain(reader, "terrain")
+    grips = read_grips(reader, robot.gripper)
+    if grips is not None:
+        forces = replace(forces, grips=grips.instants)
+        trajectory = replace(trajectory, grips=grips.trajectory, force=grips.trajectory_force)
     for name, region in (("rounds/region", rounds.region), ("instants/region", instants.region)):
         if region.min() < 0 or region.max() >= len(terrain.surfaces):
             raise reader.refuse(
@@ -213,6 +220,7 @@ def _read(reader: Reader) -> ClimbPlan:
         summary=reader.texts("summary", layout.TEXTS),
         kind=kind,
         sequences=_read_sequences(reader) if reader.has("sequences") else None,
+        grips=grips,
     )
 
 
@@ -252,6 +260,7 @@ def _read_robot(reader: Reader) -> Robot:
     fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
     fields |= _arrays(reader, "robot", layout.ROBOT)
     fields["mechanism"] = read_mechanism(reader)
+    fields["gripper"] = read_gripper(reader)
     return Robot(name=reader.text("robot", "name"), **fields)
 
 

@@ -102,6 +102,8 @@ FLAT = {
     "A": Layout(("*", 3), "", "world"),
     "b": Layout(("*",), "m"),
 }
+# terrain/surfaces/<index>/hold, attribute `undercut` [rad]: how a gripper can grip it
+HOLD = {"axis": Layout((3,), "", "world"), "orientation": Layout((3,), "rad")}
 TUBE = {"center": Layout((2,), "m", "world")}
 TUBE_NUMBERS = ("radius", "lower", "upper")
 ALLOWED = Layout(("N", "R"), kind="bool")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.plans.grip_plan import GripForces, GripPlan
 from climbplan.robots.model import Robot
 from climbplan.terrain.model import Terrain
 
@@ -85,6 +86,7 @@ class Forces:
     safety_torque: Array  # (K,) least max_torque / |torque|
     safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
     mu_critical: Array  # (K, N) friction coefficient at which the limb would slip, 0 if lifted
+    grips: GripForces | None = None  # of robots with grippers
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Trajectory:
     rpy: Array  # (T, 3) [rad]
     joint_command: Array  # (T, N, J) [rad]
     contact: Mask  # (T, N)
+    grips: GripForces | None = None  # of robots with grippers
+    force: Array | None = None  # (T, N, 3) likewise, contact forces [N]
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,7 @@ class ClimbPlan:
     summary: tuple[str, ...] = field(default=())  # lines for the terminal
     kind: str = "climb"  # or "transition"
     sequences: Sequences | None = None
+    grips: GripPlan | None = None
 
     @property
     def contact_sequence(self) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from climbplan.plans import climb_layout as layout
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
+from climbplan.terrain.holds import Hold
 from climbplan.terrain.model import FreeRegion, Terrain
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
@@ -88,6 +89,10 @@ def _write_surface(group: h5py.Group, surface: Surface) -> None:
         group.attrs["offset"] = float(surface.offset)
         for name, shape in layout.FLAT.items():
             write_dataset(group, name, vars(surface)[name], shape)
+        if surface.standoff:
+            group.attrs["standoff"] = float(surface.standoff)
+        if surface.hold is not None:
+            _write_hold(group.create_group("hold"), surface.hold)
     elif isinstance(surface, Tube):
         write_text(group, "kind", "tube")
         for name in layout.TUBE_NUMBERS:
@@ -95,6 +100,17 @@ def _write_surface(group: h5py.Group, surface: Surface) -> None:
         write_dataset(group, "center", surface.center, layout.TUBE["center"])
     else:
         raise TypeError(f"no file layout for surfaces of type {type(surface).__name__}")
+
+
+def _write_hold(group: h5py.Group, hold: Hold) -> None:
+    group.attrs["undercut"] = float(hold.undercut)
+    for name, shape in layout.HOLD.items():
+        write_dataset(group, name, vars(hold)[name], shape)
+
+
+def _read_hold(reader: Reader, where: str) -> Hold:
+    arrays = {name: reader.array(f"{where}/{name}", s) for name, s in layout.HOLD.items()}
+    return Hold(undercut=reader.number(where, "undercut"), **arrays)
 
 
 def _read_surface(reader: Reader, where: str) -> Surface:
@@ -107,7 +123,15 @@ def _read_surface(reader: Reader, where: str) -> Surface:
         corners = len(arrays["vertices"])
         if corners < 3 or len(arrays["A"]) != corners or len(arrays["b"]) != corners:
             raise reader.refuse(f"{where} has {corners} corners, {len(arrays['b'])} edges")
-        return Region(name=name, offset=reader.number(where, "offset"), friction=friction, **arrays)
+        standoff = reader.has_attribute(where, "standoff")
+        return Region(
+            name=name,
+            offset=reader.number(where, "offset"),
+            friction=friction,
+            standoff=reader.number(where, "standoff") if standoff else 0.0,
+            hold=_read_hold(reader, f"{where}/hold") if reader.has(f"{where}/hold") else None,
+            **arrays,
+        )
     if kind == "tube":
         center = reader.array(f"{where}/center", layout.TUBE["center"])
         numbers = {field: reader.number(where, field) for field in layout.TUBE_NUMBERS}

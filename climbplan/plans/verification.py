@@ -28,6 +28,7 @@ from climbplan.plans.checks.file_checks import (
     terrain_check,
 )
 from climbplan.plans.checks.force_checks import force_checks
+from climbplan.plans.checks.grip_checks import gripper_check
 from climbplan.plans.checks.posture_checks import posture_checks
 from climbplan.plans.checks.spec_checks import spec_checks
 from climbplan.plans.checks.static_checks import static_checks
@@ -125,7 +126,12 @@ def _checks(reading: Reading) -> Iterator[Check]:
     yield finite
     if not finite.passed:
         return
-    sound = (robot_check(plan.robot), terrain_check(plan.terrain), limits_check(plan.limits))
+    sound = (
+        robot_check(plan.robot),
+        terrain_check(plan.terrain),
+        limits_check(plan.limits),
+        *([gripper_check(plan)] if plan.robot.gripper is not None else []),
+    )
     yield from sound
     if not all(check.passed for check in sound):
         return

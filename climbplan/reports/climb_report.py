@@ -14,11 +14,14 @@ from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import Verification, verify
 from climbplan.reports.climb_figures import UNITS, key_figures
 from climbplan.reports.figure_forces import forces
+from climbplan.reports.figure_grips import grips
 from climbplan.reports.figure_postures import postures
 from climbplan.reports.figure_region import region
 from climbplan.reports.figure_safety import safety
 from climbplan.reports.figure_schedule import schedule
 from climbplan.reports.figure_series import friction, torque
+from climbplan.reports.grip_figures import UNITS as GRIP_UNITS
+from climbplan.reports.grip_figures import grip_figures
 from climbplan.reports.page import build_page
 from climbplan.reports.plan_spec import plan_spec
 from climbplan.reports.report_files import finite, write_files
@@ -62,13 +65,15 @@ def write_report(
 def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
     """The figures of a plan by file name; the feasible region only with a study.
 
-    A transition also has its contact schedule.
+    A transition also has its contact schedule, a robot with grippers its grips.
     """
     own: dict[str, Callable[[ClimbPlan], Figure]] = {}
     if plan.study is not None:
         own["region"] = region
     if plan.kind == "transition":
         own["schedule"] = schedule
+    if plan.grips is not None:
+        own["grips"] = grips
     return {**FIGURES, **own}
 
 
@@ -100,9 +105,10 @@ def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
         **key_figures(plan),
+        **grip_figures(plan),
         **_transition(plan),
         "figures": [f"figures/{name}.png" for name in figure_functions(plan)],
-        "units": UNITS,
+        "units": UNITS | (GRIP_UNITS if plan.grips is not None else {}),
     }
 
 

@@ -44,6 +44,8 @@ def contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[ContactForce,
     for limb in np.flatnonzero(instants.contact[k]):
         toe, normal, mu = instants.toes[k, limb], instants.normal[k, limb], instants.mu[k, limb]
         pressing = max(float(normal @ force[limb]), 0.0)
+        if plan.grips is not None:
+            pressing = 0.0  # a grip holds by its fingers: no cone about the normal tells it
         ring = circle @ across(normal)
         center = toe + scale * pressing * normal
         radius = scale * pressing * mu

@@ -58,12 +58,14 @@ def _box(plan: ClimbPlan, k: int, forces: tuple[ContactForce, ...]) -> Box:
 
 def _contact(view: View, force: ContactForce) -> None:
     """One force with its cone."""
-    cone = np.vstack([force.toe[None], force.outer])
-    view.outline(cone, _TOP, facecolor=palette.CONE, alpha=0.10, linewidth=0)
-    line = {"fill": False, "linewidth": 1.0}
-    view.polygon(force.outer, _TOP + 0.2, edgecolor=palette.CONE, **line)
-    view.polygon(force.inner, _TOP + 0.1, facecolor=palette.CONE, alpha=0.25, linewidth=0)
-    view.polygon(force.inner, _TOP + 0.2, edgecolor=palette.CONE, linestyle=(0, (3, 2)), **line)
+    if np.ptp(force.outer, axis=0).any():
+        cone = np.vstack([force.toe[None], force.outer])
+        view.outline(cone, _TOP, facecolor=palette.CONE, alpha=0.10, linewidth=0)
+        line = {"fill": False, "linewidth": 1.0}
+        view.polygon(force.outer, _TOP + 0.2, edgecolor=palette.CONE, **line)
+        view.polygon(force.inner, _TOP + 0.1, facecolor=palette.CONE, alpha=0.25, linewidth=0)
+        dashed = {"linestyle": (0, (3, 2)), **line}
+        view.polygon(force.inner, _TOP + 0.2, edgecolor=palette.CONE, **dashed)
     start, tip = view.camera.project(np.array([force.toe, force.tip]))
     view.ax.annotate(
         "",
@@ -189,6 +191,11 @@ def forces(plan: ClimbPlan) -> Figure:
         r"cone of $\mu$, cut at the height of the normal force",
         r"cone of $\mu / S_\mu$",
     ]
+    title = "Contact forces and friction cones"
+    if plan.grips is not None:  # drawn where wrists bring them, without cones
+        gripper = Line2D([], [], color=palette.INK, lw=1.8)
+        handles, names = [handles[0], gripper], ["force on the robot, at the wrist", "gripper"]
+        title = "Contact forces of grips"
     foot_legend(figure, handles, names)
-    heading(figure, "Contact forces and friction cones", plain(f"{plan.name}, {plan.robot.name}"))
+    heading(figure, title, plain(f"{plan.name}, {plan.robot.name}"))
     return figure

@@ -8,7 +8,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from climbplan.mechanics.gripper import Calibration, GripperModel, Grips
+from climbplan.mechanics.gripper import Calibration, Grips
+from climbplan.mechanics.gripper_model import FORMAT, FORMAT_VERSION, GripperModel
 from climbplan.reports import palette
 from climbplan.reports.sheet import heading, new_figure, panel_title, plain, png, style_axes
 
@@ -41,8 +42,8 @@ def write_report(
 ) -> None:
     """Write gripper.json (plain numbers), report.json and figures/calibration.png."""
     arrays = {
-        "format": "climbplan/gripper",
-        "format_version": 1,
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
         "inputs": ["alpha [rad]", "beta [rad]", "gamma [rad]", "friction"],
         "state": model.state.tolist(),
         "force": model.force.tolist(),

@@ -131,7 +131,9 @@ def surface_patches(surface: Surface, box: Box) -> list[Patch]:
     if isinstance(surface, Tube):
         return _tube_panels(surface, box)
     if isinstance(surface, Region):
-        vertices = clip(surface.vertices, box.solid())
+        # Where wrists hold grippers before a wall, the wall is what is seen.
+        on_wall = surface.vertices - surface.standoff * surface.normal
+        vertices = clip(on_wall, box.solid())
         return [Patch(vertices, surface.normal)] if len(vertices) else []
     raise TypeError(f"cannot draw a surface of type {type(surface).__name__}")
 

@@ -43,6 +43,14 @@ def silhouette(points: Array) -> Array:
         return points[[np.argmin(along), np.argmax(along)]]
 
 
+def gripper_tip(plan: ClimbPlan, wrist: Array, limb: int) -> Array | None:
+    """The grip's centre (3,) of a gripper square to the nearest surface; None without one."""
+    if plan.robot.gripper is None:
+        return None
+    surface = plan.terrain.surfaces[plan.terrain.nearest_surface(limb, wrist)]
+    return np.asarray(wrist - plan.robot.gripper.length * surface.normal_at(wrist))
+
+
 @dataclass(frozen=True)
 class View:
     """Axes, camera and the part of the world shown."""
@@ -131,6 +139,10 @@ class View:
                 ends = np.array(link)
                 self.line(ends, color=color, alpha=alpha, lw=width, solid_capstyle="round")
             self.dots(chain[3:], s=7 * width, color=color, alpha=alpha, linewidths=0)
+            tip = gripper_tip(plan, chain[-1], limb)
+            if tip is not None:
+                ends = np.array([chain[-1], tip])
+                self.line(ends, color=palette.INK, alpha=alpha, lw=0.7 * width)
 
     def footholds(self, toes: Array, *, size: float) -> None:
         """Toe positions (M, N, 3) of all rounds in the limbs' colours."""

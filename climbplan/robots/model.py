@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
+from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
 from climbplan.spec.robot import RobotSpec
@@ -56,6 +57,7 @@ class Robot:
     stance_radius: float  # largest toe distance from its stance in the posture planner [m]
     limb_radius: float  # capsule radius of the links [m]
     mechanism: Mechanism | None = None  # None: coxa, femur and tibia of the lengths above
+    gripper: Gripper | None = None  # on a wrist at every toe
 
     @property
     def limb_count(self) -> int:
@@ -126,4 +128,5 @@ class Robot:
             reach=spec.workspace.reach,
             stance_radius=spec.workspace.stance_radius,
             limb_radius=spec.limb_radius,
+            gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
         )

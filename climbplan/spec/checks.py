@@ -14,9 +14,10 @@ from pydantic import ValidationError
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.document import Finding, KeyPath, dotted
 from climbplan.spec.fields import explain_unknown_key, nearest, slot_at
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import AnyRobot
 from climbplan.spec.terrain import TerrainSpec
 from climbplan.spec.transition import TransitionTaskSpec
+from climbplan.spec.urdf_source import UrdfRobot
 from climbplan.spec.wording import findings_of, shown
 
 
@@ -28,7 +29,7 @@ class ClimbParts:
     task: TaskSpec | TransitionTaskSpec | None
     posture: PosturePlannerSpec | None
     solver: SolverSpec | None
-    robot: RobotSpec | None
+    robot: AnyRobot | None
 
 
 def check_parts(parts: ClimbParts) -> list[Finding]:
@@ -40,7 +41,7 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
     """Limbs named in the task and the terrain exist; the gait moves each of them once."""
     if parts.robot is None:
         return []
-    limbs = [limb.name for limb in parts.robot.limbs]
+    limbs = list(parts.robot.limb_names)
     named: list[tuple[KeyPath, str]] = []
     found: list[Finding] = []
     if parts.task is not None:
@@ -67,6 +68,13 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
             for i, box in enumerate(parts.terrain.boxes)
             for j, name in enumerate(box.limbs or ())
         ]
+        panel = parts.terrain.panel
+        holds = panel.holds if panel is not None else {}
+        named += [
+            (("terrain", "panel", "holds", hold, "limbs", j), name)
+            for hold, spec in holds.items()
+            for j, name in enumerate(spec.limbs or ())
+        ]
     found += [
         Finding(
             path,
@@ -87,17 +95,34 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
     if terrain.ground is not None:
         return []
     picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
+    if terrain.panel is not None:
+        picky += [hold.limbs for hold in terrain.panel.holds.values()]
     return [
-        Finding(("terrain", "regions"), f"limb {limb.name} may use none of the regions")
-        for limb in parts.robot.limbs
-        if all(limbs is not None and limb.name not in limbs for limbs in picky)
+        Finding(("terrain", "regions"), f"limb {limb} may use none of the regions")
+        for limb in parts.robot.limb_names
+        if all(limbs is not None and limb not in limbs for limbs in picky)
     ]
 
 
 def _method_limits(parts: ClimbParts) -> list[Finding]:
-    """`micp` is convex but for the choice of regions: no curved walls, no lower step bounds."""
-    if parts.solver is None or parts.solver.method != "micp":
+    """What the method cannot state.
+
+    `micp` is convex but for the choice of regions: no curved walls, no lower step bounds. The other
+    methods state limbs by their closed form, and know no grippers.
+    """
+    if parts.solver is None:
         return []
+    if parts.solver.method != "micp":
+        if isinstance(parts.robot, UrdfRobot):
+            message = (
+                f"`{parts.solver.method}` states limbs of coxa, femur and tibia; expected `micp` "
+                "for a robot from a URDF"
+            )
+        elif parts.robot is not None and parts.robot.gripper is not None:
+            message = f"{parts.robot.name} has grippers, whose postures only `micp` plans"
+        else:
+            return []
+        return [Finding(("solver", "method"), message)]
     cure = "which `micp` cannot state; use `--method nlp`"
     found = []
     if parts.terrain is not None and parts.terrain.tube is not None:

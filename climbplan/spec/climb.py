@@ -7,7 +7,9 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.gripper import GripSpec
 from climbplan.spec.terrain import TerrainSpec
+from climbplan.spec.urdf import RobotReference
 
 
 class PostureSpec(SpecModel):
@@ -142,7 +144,8 @@ class PosturePlannerSpec(SpecModel):
     """Step bounds."""
     rotation_limit_deg: Number = quantity(
         "deg",
-        "largest roll and pitch of the body, and yaw away from the start's (free in a tube)",
+        "largest roll and pitch of the body, and yaw away from the start's (free in a tube); all "
+        "away from the start's where the body starts further from level than this",
         default=20.0,
         gt=0,
         le=180,
@@ -278,8 +281,9 @@ class ClimbSpec(SpecModel):
 
     kind: Literal["climb"] = Field(description="always `climb`")
     title: str = Field(default="", description="one line for reports")
-    robot: str = Field(
-        min_length=1, description="built-in robot (`silvia`) or path of a robot YAML file"
+    robot: RobotReference = Field(
+        description="built-in robot (`silvia`), path of a robot YAML file, or a URDF with its legs "
+        "(`{urdf: PATH, legs: {NAME: {toe: LINK}}}`)"
     )
     terrain: TerrainSpec
     """Where toes may stand and what must not be touched."""
@@ -289,6 +293,8 @@ class ClimbSpec(SpecModel):
     """The posture planner."""
     force: ForcePlannerSpec = ForcePlannerSpec()
     """The force planner."""
+    gripper: GripSpec = GripSpec()
+    """How grippers are used, by robots that have them."""
     trajectory: TrajectorySpec = TrajectorySpec()
     """The playable motion."""
     solver: SolverSpec = SolverSpec()

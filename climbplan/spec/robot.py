@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.gripper import GripperSpec
 
 
 class LimbSpec(SpecModel):
@@ -77,6 +78,14 @@ class RobotSpec(SpecModel):
     )
     workspace: WorkspaceSpec = Field(description="limb workspace of the posture planner")
     limbs: tuple[LimbSpec, ...] = Field(min_length=3, description="limbs, in leg order")
+    gripper: GripperSpec | None = Field(
+        default=None, description="grippers on wrists at the ends of all limbs; none if left out"
+    )
+
+    @property
+    def limb_names(self) -> tuple[str, ...]:
+        """Limbs, in leg order."""
+        return tuple(limb.name for limb in self.limbs)
 
     @model_validator(mode="after")
     def _limb_names_differ(self) -> Self:

@@ -8,6 +8,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Interval, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.panel import PanelSpec
 from climbplan.spec.shapes import hull_fault, polygon_fault
 
 
@@ -174,6 +175,7 @@ class TerrainSpec(SpecModel):
     regions: tuple[RegionSpec, ...] = Field(default=(), description="flat contact regions")
     walls: WallsSpec | None = Field(default=None, description="two walls as one region each")
     ground: GroundSpec | None = Field(default=None, description="level ground to stand on")
+    panel: PanelSpec | None = Field(default=None, description="one plane with graspable holds")
     boxes: tuple[BoxSpec, ...] = Field(
         default=(), description="solid boxes whose tops limbs may stand on"
     )
@@ -189,7 +191,7 @@ class TerrainSpec(SpecModel):
     @model_validator(mode="after")
     def _some_surface(self) -> Self:
         flat = bool(self.regions or self.boxes) or self.walls is not None
-        flat = flat or self.ground is not None
+        flat = flat or self.ground is not None or self.panel is not None
         faults = []
         if self.tube is not None and flat:
             faults.append(
@@ -202,7 +204,10 @@ class TerrainSpec(SpecModel):
         seen = {"left": "a wall", "right": "a wall"} if self.walls is not None else {}
         if self.ground is not None:
             seen["ground"] = "the ground"
+        if self.panel is not None:
+            seen["panel"] = "the panel"
         names = [
+            *((name, f"panel.holds.{name}") for name in (self.panel.holds if self.panel else ())),
             *((b.name, f"boxes.{i}") for i, b in enumerate(self.boxes)),
             *((r.name, f"regions.{i}") for i, r in enumerate(self.regions)),
             *((s.name, f"obstacles.{i}") for i, s in enumerate(self.obstacles)),

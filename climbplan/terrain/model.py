@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.spec.panel import HoldSpec, PanelSpec
 from climbplan.spec.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
+from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
@@ -106,6 +108,18 @@ def _ground_region(ground: GroundSpec, friction: float) -> Region:
     return _level_region("ground", ground.across, ground.along, ground.height, friction)
 
 
+def _panel_region(panel: PanelSpec, friction: float) -> Region:
+    """The panel itself, on which no limb stands."""
+    return Region.from_vertices(PANEL, rectangle_on(panel, panel.across, panel.along), friction)
+
+
+def _hold_region(spec: TerrainSpec, panel: PanelSpec, name: str, hold: HoldSpec) -> Region:
+    friction = panel.friction if hold.friction is None else hold.friction
+    corners = rectangle_on(panel, *hold_extent(hold))
+    region = Region.from_vertices(name, corners, _friction(friction, spec))
+    return replace(region, hold=hold_of(panel, hold))
+
+
 def _box_top(box: BoxSpec, friction: float) -> Region:
     sides = zip(box.lower[:2], box.upper[:2], strict=True)
     across, along = sides
@@ -178,6 +192,10 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
     for box in spec.boxes:
         surfaces.append(_box_top(box, _friction(box.friction, spec)))
         allowed.append([box.limbs is None or name in box.limbs for name in robot.limb_names])
+    if spec.panel is not None:
+        for name, hold in spec.panel.holds.items():
+            surfaces.append(_hold_region(spec, spec.panel, name, hold))
+            allowed.append([hold.limbs is None or limb in hold.limbs for limb in robot.limb_names])
     for item in spec.regions:
         friction = _friction(item.friction, spec)
         if item.rectangle is not None:
@@ -194,6 +212,13 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
             region = Region.from_vertices(item.name, np.array(item.vertices), friction)
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
+    if robot.gripper is not None:
+        length = robot.gripper.length
+        surfaces = [s.lifted(length) if isinstance(s, Region) else s for s in surfaces]
+    if spec.panel is not None:
+        panel = _panel_region(spec.panel, _friction(spec.panel.friction, spec))
+        surfaces.insert(0, panel)
+        allowed.insert(0, [False] * robot.limb_count)
     _warn_of_hidden_patches(surfaces)
     boxes = [Solid.from_box(b.name, np.array(b.lower), np.array(b.upper)) for b in spec.boxes]
     obstacles = (*(Solid.from_spec(s) for s in spec.obstacles), *boxes)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import Array
+from climbplan.terrain.holds import Hold
 from climbplan.terrain.solids import Solid
 
 FLATNESS = 1e-6  # [m] largest distance of a region's corners from its plane
@@ -47,6 +48,8 @@ class Region:
     A: Array  # (K, 3) unit outward normals of the edges, in the plane
     b: Array  # (K,) [m]
     friction: float
+    standoff: float = 0.0  # [m] by which it lies before the material, where wrists hold grippers
+    hold: Hold | None = None  # how it can be gripped; None: as a plane
 
     @classmethod
     def from_vertices(cls, name: str, vertices: Array, friction: float) -> Self:
@@ -108,12 +111,26 @@ class Region:
 
     def slab(self) -> Solid:
         """The material behind the region."""
-        behind = self.vertices - SLAB_THICKNESS * self.normal
+        front = self.vertices
+        offset = self.offset
+        if self.standoff:
+            front = front - self.standoff * self.normal
+            offset -= self.standoff
+        behind = front - SLAB_THICKNESS * self.normal
         return Solid(
             name=self.name,
-            vertices=np.vstack([self.vertices, behind]),
+            vertices=np.vstack([front, behind]),
             A=np.vstack([self.normal, -self.normal, self.A]),
-            b=np.concatenate([[self.offset, SLAB_THICKNESS - self.offset], self.b]),
+            b=np.concatenate([[offset, SLAB_THICKNESS - offset], self.b]),
+        )
+
+    def lifted(self, standoff: float) -> Region:
+        """The places of wrists whose grippers, so long, grip this region."""
+        return replace(
+            self,
+            vertices=self.vertices + standoff * self.normal,
+            offset=self.offset + standoff,
+            standoff=standoff,
         )
 
 

@@ -85,11 +85,11 @@ def test_link_distances_agree_with_least_distance_programming() -> None:
 
 def test_the_statement_holds_the_knee_to_first_order() -> None:
     scene = beam_scene()
-    rotation = LinearRotation(0.0)
+    rotation = LinearRotation((0.0, 0.0, 0.0))
     rng = np.random.default_rng(1)
     solid, keep = scene.terrain.obstacles[0], 0.03
     for limb in range(scene.robot.limb_count):
-        shape = limb_shape(scene, limb)
+        shape = limb_shape(scene, limb, rotation.reference)
         faces = limb_polytopes(solid, shape, keep, keep, rotation)
         for size, error in ((1e-3, 5e-4), (0.03, 0.015)):
             com, rpy = rng.uniform(-size, size, (2, 40, 3))

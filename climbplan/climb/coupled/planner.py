@@ -95,7 +95,7 @@ def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> Po
         nodes=answer.nodes,
         solver=result.solver,
         sizes=sizes,
-        warnings=rotation_warnings(rounds),
+        warnings=rotation_warnings(scene, rounds),
     )
 
 

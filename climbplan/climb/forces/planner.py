@@ -17,6 +17,7 @@ from climbplan.climb.forces.statement import (
     state_forces,
     torques_of,
 )
+from climbplan.climb.grips.planner import plan_grip_forces
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.friction import critical_friction
 from climbplan.mechanics.stiffness import deflections_for_forces
@@ -32,6 +33,8 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
     again by Clarabel on the exact cones. Raises Infeasible with the conflicting constraints of
     instants without admissible forces, and LimitReached if Clarabel cannot settle an instant.
     """
+    if scene.grippers is not None:
+        return plan_grip_forces(scene, instants, scene.grippers, solver)
     statement = state_forces(scene, instants)
     name = solver or scene.spec.solver.force
     solved = solve_forces(statement, name, scene.spec.force.facets)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from climbplan.climb.postures.explanation import explain_infeasible
-from climbplan.climb.postures.statement import PostureMargins, posture_program
+from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, UsageError
 from climbplan.plans.climb_plan import Rounds
@@ -79,7 +79,7 @@ def plan_postures(
         nodes=result.nodes,
         solver=result.solver,
         sizes={**program.counts(), "bound_holds_for": BOUND_SCOPE},
-        warnings=rotation_warnings(rounds),
+        warnings=rotation_warnings(scene, rounds),
     )
 
 
@@ -121,9 +121,9 @@ def _with_start(start: Array, rest: Array) -> Array:
     return np.concatenate([start[None], rest])
 
 
-def rotation_warnings(rounds: Rounds) -> tuple[str, ...]:
+def rotation_warnings(scene: ClimbScene, rounds: Rounds) -> tuple[str, ...]:
     """Rounds whose rotation leaves the range of the linearisation."""
-    level = np.array([0.0, 0.0, rounds.rpy[0, 2]])
+    level = LinearRotation.of(scene).level
     largest = np.abs(rounds.rpy - level).max(axis=1)
     beyond = np.flatnonzero(largest > LINEAR_ROTATION_LIMIT)
     if len(beyond) == 0:

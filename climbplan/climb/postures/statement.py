@@ -3,7 +3,8 @@
 Decision variables for rounds j = 1..M: toes p_i[j], body origin p_COM[j] and rotation
 Theta[j] = (roll, pitch, yaw). Round 0 is the given start. Rotations are linearised by eq. (5.5)
 about the level body at the start's yaw psi, so that a turned world gives the same plan:
-R v = Rz(psi) (v + Theta' x v) with Theta' = Theta - (0, 0, psi). Constraint letters are those of
+R v = Rz(psi) (v + Theta' x v) with Theta' = Theta - (0, 0, psi); a body that starts far from level,
+on a single wall, is linearised about its start. Constraint letters are those of
 the complete formulation (Fig. 5.1 of the chapter).
 """
 
@@ -41,25 +42,45 @@ class PostureMargins:
 
 @dataclass(frozen=True)
 class LinearRotation:
-    """Rotations to first order, eq. (5.5), about the level body at a reference yaw."""
+    """Rotations to first order, eq. (5.5), about a reference: R v = R0 (v + Theta' x v).
 
-    yaw: float  # [rad]
+    Theta' = rates (Theta - Theta0), where rates are the identity about a level body.
+    """
+
+    about: tuple[float, float, float]  # Theta0: roll, pitch, yaw [rad]
+
+    @classmethod
+    def of(cls, scene: ClimbScene) -> LinearRotation:
+        """About the level body at the start's yaw, or about a start that is far from level."""
+        roll, pitch, yaw = (float(angle) for angle in scene.start.rpy)
+        limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
+        tilted = max(abs(roll), abs(pitch)) > limit
+        return cls((roll, pitch, yaw) if tilted else (0.0, 0.0, yaw))
 
     @property
     def reference(self) -> Array:
-        """Rz(psi), (3, 3)."""
-        return rotation_world_body(np.array([0.0, 0.0, self.yaw]))
+        """R0, (3, 3)."""
+        return rotation_world_body(self.level)
 
     @property
     def level(self) -> Array:
         """(roll, pitch, yaw) at which the first order is exact."""
-        return np.array([0.0, 0.0, self.yaw])
+        return np.array(self.about)
+
+    @property
+    def rates(self) -> Array:
+        """(3, 3) body-frame turn by small changes of roll, pitch and yaw."""
+        roll, pitch, _ = self.about
+        if roll == 0.0 and pitch == 0.0:
+            return np.eye(3)
+        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+        return np.array([[1.0, 0.0, -sp], [0.0, cr, sr * cp], [0.0, -sr, cr * cp]])
 
     def apply(self, rpy: Expression, vector: Array) -> Expression:
         """R v for expressions rpy (..., 3) and body vectors (..., 3)."""
-        # Rz (v + Theta' x v) = u + (Rz Theta') x u with u = Rz v
+        # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v
         u = vector @ self.reference.T
-        turn = (rpy - self.level) @ self.reference.T
+        turn = (rpy - self.level) @ (self.reference @ self.rates).T
         a, b, c = turn[..., 0], turn[..., 1], turn[..., 2]
         x, y, z = u[..., 0], u[..., 1], u[..., 2]
         return np.stack([x + b * z - c * y, y + c * x - a * z, z + a * y - b * x], axis=-1)
@@ -84,12 +105,12 @@ def body_polytope(
 
     A free region is convex and every hull corner moves on a straight line between the two
     linearised poses, so the corners of both poses are enough. Rows in R^12:
-    a (com + Rz (v + Theta' x v)) <= b becomes a com + (v x a') Theta' <= b - a' v with a' = Rz' a.
+    a (com + R0 (v + Theta' x v)) <= b becomes a com + (v x a') Theta' <= b - a' v with a' = R0' a.
     """
     rows, bounds = [], []
     for normal, offset in zip(free.A, free.b, strict=True):
         turned = rotation.reference.T @ normal
-        arms = np.cross(hull, turned)
+        arms = np.cross(hull, turned) @ rotation.rates
         rows.append(np.hstack([np.broadcast_to(normal, arms.shape), arms]))
         bounds.append(offset - clearance - hull @ turned + arms @ rotation.level)
     A, b = np.vstack(rows), np.concatenate(bounds)
@@ -113,18 +134,19 @@ def limb_polytopes(
         # Beyond the face: normal . p >= offset + keep for toe, shoulder and knee
         turned = rotation.reference.T @ normal
         shoulder = limb.shoulder
-        arm = np.cross(shoulder, turned)
-        up = limb.femur * max(0.0, -float(normal[2]))
+        arm = np.cross(shoulder, turned) @ rotation.rates
+        up = limb.highest * max(0.0, -float(normal[2]))
         rows = [[*-normal, *zero, *zero], [*zero, *-normal, *-arm]]
         bounds = [-keep, shoulder @ turned - arm @ rotation.level - keep - up]
-        if limb.knee is not None:
-            # knee = com + R k + G (toe - com - R s), G = Rz J Rz'
-            follow = limb.knee.by_toe.T @ turned
+        if (knee := limb.knee) is not None:
+            # knee = com + R k + G (toe - com - R s), G = R0 J R0'
+            follow = knee.by_toe.T @ turned
             with_toe = rotation.reference @ follow
-            arm = np.cross(limb.knee.at, turned) - np.cross(limb.knee.stance, follow)
-            lifted = float((limb.knee.lifted @ turned).min(initial=0.0))
+            arm = np.cross(knee.at, turned) - np.cross(knee.stance, follow)
+            arm = arm @ rotation.rates
+            lifted = float((knee.lifted @ turned).min(initial=0.0))
             rows.append([*-with_toe, *(with_toe - normal), *-arm])
-            still = limb.knee.at @ turned - limb.knee.stance @ follow
+            still = knee.at @ turned - knee.stance @ follow
             bounds.append(still - arm @ rotation.level - knee_keep + lifted)
         both = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
         name = f"{solid.name} face {k}"
@@ -143,10 +165,10 @@ def _limb_free(
     robot, terrain = scene.robot, scene.terrain
     keep = standing_room(scene) + margins.limbs
     knee_keep = keep + _KNEE_ERROR + margins.knees
-    rotation = LinearRotation(float(scene.start.rpy[2]))
+    rotation = LinearRotation.of(scene)
     if not terrain.obstacles:
         return
-    shapes = [limb_shape(scene, i) for i in range(robot.limb_count)]
+    shapes = [limb_shape(scene, i, rotation.reference) for i in range(robot.limb_count)]
     for index, solid in enumerate(terrain.obstacles):
         per_limb = []
         for i in range(robot.limb_count):
@@ -192,7 +214,7 @@ def posture_program(
     weights, steps = spec.weights, spec.steps
     limit = np.deg2rad(spec.rotation_limit_deg)
 
-    rotation = LinearRotation(float(scene.start.rpy[2]))
+    rotation = LinearRotation.of(scene)
 
     p = Program("posture")
     toe = p.continuous("toe", (m, n, 3), unit="m")

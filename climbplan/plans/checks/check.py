@@ -47,7 +47,9 @@ LIMITS = {
     "force.unilateral": Limit(1e-6, "of weight", "no limb pulls"),
     "force.friction": Limit(1e-6, "of weight", "tangential force within mu f_n / S_mu"),
     "force.lifted_unloaded": Limit(1e-9, "of weight", "no force on lifted limbs"),
-    "torque.from_angles": Limit(1e-6, "N m", "joint torques are J^T f"),
+    "torque.from_angles": Limit(
+        1e-6, "N m", "joint torques are J^T f (with grippers, and of the wrists' moments)"
+    ),
     "torque.limit": Limit(1e-6, "of limit", "torques within the limit over S_tau"),
     "stiffness.relation": Limit(1e-6, "m", "J k^-1 J^T f / (1 - share) = d_wall - [I P^T] d_com"),
     "stiffness.joint_command": Limit(1e-6, "m", "J (joint angles - commands) = d_wall"),
@@ -74,6 +76,25 @@ LIMITS = {
     "trajectory.reach": Limit(1e-6, "m", "standing toes stay within reach of the moving body"),
     "trajectory.clearance": Limit(1e-3, "m", "depth of link axes inside solids on the way"),
     "trajectory.capsules": Limit(1e-6, "m", "and so they do on the way, swings included"),
+}
+
+# Made beside these for robots with grippers; no friction cones at their toes then.
+GRIP_LIMITS = {
+    "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
+    "grip.spines": Limit(1e-6, "N", "spines count at the model's lower confidence bound"),
+    "grip.press": Limit(1e-6, "of weight", "no palm or finger pulls on what it touches"),
+    "grip.shear": Limit(1e-6, "of weight", "shear within (mu f_n + spines) / S_mu, by finger"),
+    "grip.force": Limit(1e-6, "N", "gripping force within its limit over S_tau"),
+    "grip.moment": Limit(1e-6, "N m", "no moment about the fingers' axis, none without contact"),
+    "grip.pull_out": Limit(1e-6, "of weight", "the stored pull-out margins are those of the grips"),
+    "wrist.square": Limit(1e-6, "", "wrists hold grippers square on their holds"),
+    "wrist.bounds": Limit(1e-6, "rad", "wrist angles within their bounds"),
+    "wrist.from_forces": Limit(1e-6, "N m", "wrist torques are those of forces and moments"),
+    "wrist.torque": Limit(1e-6, "of limit", "wrist torques within the limit over S_tau"),
+    "trajectory.grip": Limit(1e-4, "of weight", "shear of palms and fingers on the way is held"),
+    "trajectory.gripping": Limit(1e-4, "N", "gripping force on the way within its limit"),
+    "trajectory.wrist_torque": Limit(1e-4, "of limit", "wrist torques on the way within limits"),
+    "trajectory.wrist_bounds": Limit(1e-6, "rad", "wrist angles on the way within bounds"),
 }
 
 
@@ -116,8 +137,8 @@ class Check:
 def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
-    """A check by its name in `LIMITS`; NaN never passes."""
-    limit = LIMITS[name]
+    """A check by its name in `LIMITS` or `GRIP_LIMITS`; NaN never passes."""
+    limit = LIMITS[name] if name in LIMITS else GRIP_LIMITS[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst
+from climbplan.plans.checks.grip_checks import grip_checks
 from climbplan.plans.checks.kinematics_anew import limbs_at
 from climbplan.plans.checks.subject import Subject
 
@@ -14,10 +15,15 @@ from climbplan.plans.checks.subject import Subject
 def force_checks(subject: Subject) -> Iterator[Check]:
     """Equilibrium, friction, unilateral contact, torques, stiffness, stored safety factors."""
     yield _equilibrium(subject)
-    yield from _contacts(subject)
+    if subject.plan.robot.gripper is None:
+        yield from _contacts(subject)
+    else:
+        yield _lifted(subject)
     yield from _torques(subject)
     yield from _stiffness(subject)
-    yield _stored_factors(subject)
+    if subject.plan.robot.gripper is None:
+        yield _stored_factors(subject)
+    yield from grip_checks(subject)
 
 
 def _equilibrium(subject: Subject) -> Check:
@@ -28,6 +34,7 @@ def _equilibrium(subject: Subject) -> Check:
     total[:, 2] -= robot.mass * robot.gravity
     arms = instants.toes - instants.com[:, None, :]
     moment = np.cross(arms, force).sum(axis=1) + instants.external_wrench[:, 3:]
+    moment = moment + subject.wrist_moment.sum(axis=1)
     residual = np.stack([np.linalg.norm(total, axis=1), np.linalg.norm(moment, axis=1)], axis=1)
     what = ("forces", "moments")
     return judge_worst(
@@ -61,8 +68,15 @@ def _contacts(subject: Subject) -> Iterator[Check]:
         used=use * asked,
     )
 
-    on_lifted = np.where(contact, 0.0, np.linalg.norm(plan.forces.force, axis=-1))
-    yield judge_worst("force.lifted_unloaded", on_lifted / subject.weight, subject.at)
+    yield _lifted(subject)
+
+
+def _lifted(subject: Subject) -> Check:
+    """Nothing on lifted limbs."""
+    plan = subject.plan
+    size = np.linalg.norm(plan.forces.force, axis=-1)
+    on_lifted = np.where(plan.instants.contact, 0.0, size)
+    return judge_worst("force.lifted_unloaded", on_lifted / subject.weight, subject.at)
 
 
 def _torques(subject: Subject) -> Iterator[Check]:

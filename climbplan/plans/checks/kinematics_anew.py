@@ -55,6 +55,17 @@ class Limbs:
         columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
         return np.swapaxes(columns, -1, -2)
 
+    def turning(self) -> Array:
+        """Rows (..., N, J, 3): turning velocity of the last link by joint speed."""
+        return self.axes
+
+    def last_link(self) -> Array:
+        """Rows x along the last link, y = z x x, z along the last joint's axis (..., N, 3, 3)."""
+        along = self.toe - self.joints[..., -1, :]
+        x = along / np.maximum(_length(along), 1e-12)
+        z = self.axes[..., -1, :]
+        return np.stack([x, np.cross(z, x), z], axis=-2)
+
 
 def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
     """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, J) [rad]."""

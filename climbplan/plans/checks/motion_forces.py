@@ -34,15 +34,25 @@ def motion_forces(
     command: Array,
     contact: Mask,
     load: Array,
+    moment: Array | None = None,
 ) -> MotionForces:
-    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J)."""
+    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J).
+
+    moment: (T, N, 3) that wrists bring, at the toes [N m].
+    """
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     touching = contact[..., None]
     torque = np.where(touching, spring * (standing.angles - command), 0.0)
-    jacobian = limbs_at(robot, com, axes, standing.angles).jacobian()
+    limbs = limbs_at(robot, com, axes, standing.angles)
+    jacobian = limbs.jacobian()
+    wrists = np.zeros_like(torque)  # part of the torques that moments take
+    if moment is not None:
+        wrists = np.where(touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
+        load = load + np.concatenate([0 * load[:, :3], moment.sum(axis=1)], axis=1)
     motion = body_motion(standing.points[..., -1, :] - com[:, None, :])
     bend = joints_by_body(jacobian, motion, spring) * touching[..., None]  # joints turn by -bend dx
-    torque_flat, bend_flat = torque.reshape(len(com), -1), bend.reshape(len(com), -1, 6)
+    torque_flat = (torque - wrists).reshape(len(com), -1)
+    bend_flat = bend.reshape(len(com), -1, 6)
     firm = bend * spring[..., None]
     stiffness = np.swapaxes(bend_flat, 1, 2) @ firm.reshape(bend_flat.shape)
     # B^T J^-T tau: the wrench of the forces about the body origin.
@@ -52,5 +62,5 @@ def motion_forces(
     inverse = np.linalg.pinv(stiffness[fine], rcond=1e-10, hermitian=True)
     deflection[fine] = (inverse @ wrench[fine][..., None])[..., 0]
     torque = torque - (firm @ deflection[:, None, :, None])[..., 0]
-    force = np.where(touching, force_of(jacobian, torque), 0.0)
+    force = np.where(touching, force_of(jacobian, torque - wrists), 0.0)
     return MotionForces(deflection, force, torque)

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst, unjudged
 from climbplan.plans.checks.kinematics_anew import turned
-from climbplan.plans.checks.static_pose import Braced, settle
+from climbplan.plans.checks.static_pose import Braced, Settled, settle
 from climbplan.plans.checks.subject import Subject
 
 LINEAR = "force.sag: predicted is a linear model"
@@ -39,6 +39,7 @@ def _checks(subject: Subject) -> Iterator[Check]:
         forces.joint_command,
         instants.joint_angles,
         subject.load,
+        subject.wrist_moment if plan.robot.gripper is not None else None,
     )
     settled = settle(braced, instants.com + sag[:, :3], axes)
 
@@ -65,19 +66,8 @@ def _checks(subject: Subject) -> Iterator[Check]:
         used=use * asked,
     )
 
-    asked = plan.limits.safety_friction
-    normal = np.einsum("kni,kni->kn", settled.force, instants.normal)
-    tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
-    excess = np.where(instants.contact, tangent - instants.mu * normal / asked, -np.inf)
-    ratio = np.full(normal.shape, np.inf)
-    np.divide(instants.mu * normal, tangent, out=ratio, where=instants.contact & (tangent > 0))
-    yield judge_worst(
-        "static.friction",
-        excess / subject.weight,
-        subject.at,
-        margin=f"S_mu {np.min(ratio, initial=np.inf, where=~np.isnan(ratio)):.2f}",
-        used=np.where(instants.contact, asked / np.maximum(ratio, 1e-300), 0.0),
-    )
+    if plan.robot.gripper is None:
+        yield _friction(subject, settled)
     left = settled.stiffness_left
     least = float(np.min(left, initial=1.0, where=np.isfinite(left)))
     yield judge_worst(
@@ -86,6 +76,24 @@ def _checks(subject: Subject) -> Iterator[Check]:
         subject.at,
         margin=f"{100 * least:.0f} % of the stiffness left",
         used=1.0 - left,
+    )
+
+
+def _friction(subject: Subject, settled: Settled) -> Check:
+    """Contact forces where the body settles, within their cones over S_mu."""
+    plan, instants = subject.plan, subject.plan.instants
+    asked = plan.limits.safety_friction
+    normal = np.einsum("kni,kni->kn", settled.force, instants.normal)
+    tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
+    excess = np.where(instants.contact, tangent - instants.mu * normal / asked, -np.inf)
+    ratio = np.full(normal.shape, np.inf)
+    np.divide(instants.mu * normal, tangent, out=ratio, where=instants.contact & (tangent > 0))
+    return judge_worst(
+        "static.friction",
+        excess / subject.weight,
+        subject.at,
+        margin=f"S_mu {np.min(ratio, initial=np.inf, where=~np.isnan(ratio)):.2f}",
+        used=np.where(instants.contact, asked / np.maximum(ratio, 1e-300), 0.0),
     )
 
 

@@ -41,6 +41,7 @@ class Braced:
     command: Array  # (K, N, J) [rad]
     alike: Array  # (K, N, J) joint angles that tell which way the limbs bend [rad]
     load: Array  # (K, 6) force and moment on the body, weight included
+    moment: Array | None = None  # (K, N, 3) that wrists bring, at the toes [N m]
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,13 @@ def pressed(braced: Braced, com: Array, axes: Array) -> Pressed:
     limbs = limbs_at(robot, com, axes, angles)
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     torque = spring * (angles - braced.command) * braced.contact[..., None]
-    force = np.where(braced.contact[..., None], force_of(limbs.jacobian(), torque), 0.0)
+    by_force = torque
+    if braced.moment is not None:  # part of what the joints hold
+        by_force = torque - (limbs.turning() @ braced.moment[..., None])[..., 0]
+    force = np.where(braced.contact[..., None], force_of(limbs.jacobian(), by_force), 0.0)
     moment = np.cross(braced.toes - com[..., None, :], force).sum(axis=-2)
+    if braced.moment is not None:
+        moment = moment + braced.moment.sum(axis=-2)
     wrench = np.concatenate([force.sum(axis=-2), moment], axis=-1) + braced.load
     return Pressed(torque, force, wrench, limbs, angles)
 

@@ -69,8 +69,20 @@ class Subject:
 
     @property
     def torques(self) -> Array:
-        """(K, N, J) joint torques J^T f from joint angles and forces [N m]."""
-        return np.einsum("knij,kni->knj", self.limbs.jacobian(), self.plan.forces.force)
+        """(K, N, J) joint torques from joint angles, forces and moments at wrists [N m]."""
+        torques = np.einsum("knij,kni->knj", self.limbs.jacobian(), self.plan.forces.force)
+        if self.plan.robot.gripper is None:
+            return torques
+        return torques + (self.limbs.turning() @ self.wrist_moment[..., None])[..., 0]
+
+    @property
+    def wrist_moment(self) -> Array:
+        """(K, N, 3) moment of grips about the wrists' centres, zeros without grippers [N m]."""
+        plan = self.plan
+        if plan.robot.gripper is None or plan.grips is None:
+            return np.zeros_like(plan.forces.force)
+        arm = -plan.robot.gripper.length * plan.instants.normal
+        return plan.grips.instants.moment + np.cross(arm, plan.forces.force)
 
 
 def subject_of(plan: ClimbPlan) -> Subject:

@@ -1,14 +1,8 @@
-"""The playable motion against the instants it has to pass.
-
-Contact flags tell how many steps are behind a sample, and with that where every standing toe is
-and between which instants body and commands have to be. A toe that stands is held by the terrain,
-not by its command: its limb is built anew from the place it stands on.
-"""
+"""The playable motion against the instants it has to pass (samples as in `motion_state`)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,52 +12,28 @@ from climbplan.plans.checks.clearance_checks import (
     judge_link_depths,
     link_depths,
 )
-from climbplan.plans.checks.gait_anew import Gait, gait_of
 from climbplan.plans.checks.kinematics_anew import (
-    Limbs,
-    StandingLimbs,
     body_axes,
     limbs_at,
-    standing_limbs,
 )
-from climbplan.plans.checks.motion_forces import motion_forces
+from climbplan.plans.checks.motion_state import Motion, motion_of
+from climbplan.plans.checks.pressing_checks import pressing_checks
 from climbplan.plans.checks.static_checks import LINEAR
 from climbplan.plans.checks.subject import Subject
-from climbplan.plans.climb_plan import ClimbPlan, Index, Mask
+from climbplan.plans.climb_plan import Index, Mask
 
 _STRIDE = 5e-3  # [m] a swinging toe is looked at this often
 _MOST_PIECES = 16
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """What the samples are between. T samples, N limbs, K instants."""
-
-    subject: Subject
-    gait: Gait
-    lifted: Mask  # (T, N)
-    done: Index  # (T,) steps completed
-    ground: Array  # (T, N, 3) where each limb stands, or stood
-    commanded: Limbs  # as the joint commands would have them in free space
-    standing: StandingLimbs  # reaching for `ground`
-
-    def at(self, sample: int, *parts: int) -> str:
-        """Sample, step of the gait, limb and joint in the robot's terms."""
-        in_the_air = bool(self.lifted[sample].any())
-        k = 2 * int(self.done[sample]) - (0 if in_the_air else 1)
-        k = min(max(k, 0), self.subject.plan.instants.count - 1)
-        label = self.subject.at(k, *parts)
-        return f"{self.subject.at_time(sample)}, {label}"
 
 
 def trajectory_checks(subject: Subject) -> Iterator[Check]:
     """Rate, gait, body path, commands, joint bounds and speeds, clearance."""
     yield _rate(subject)
     yield _ends(subject)
-    motion = _motion_of(subject)
+    motion = motion_of(subject)
     yield _sequence(motion)
     yield _body(motion)
-    for check in _forces(motion):
+    for check in pressing_checks(motion):
         yield unjudged(check, LINEAR) if subject.sags else check
     yield _instants(motion)
     yield from _joints(motion)
@@ -90,46 +60,7 @@ def _ends(subject: Subject) -> Check:
     return judge_worst("trajectory.ends", np.abs(off).max(axis=1), lambda row: names[row])
 
 
-def _motion_of(subject: Subject) -> _Motion:
-    plan = subject.plan
-    trajectory, rounds, robot = plan.trajectory, plan.rounds, plan.robot
-    lifted = ~trajectory.contact
-    before = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
-    gait = gait_of(plan)
-    ground = rounds.toes[_stood(gait, (before & ~lifted).cumsum(axis=0)), _limbs_of(plan)]
-    landed = (before.any(axis=1) & ~lifted.any(axis=1)).cumsum()
-    axes = body_axes(trajectory.rpy)
-    commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
-    # Commands may lie beyond full stretch: the planned angles tell which way a limb bends.
-    k = np.clip(2 * landed, 0, plan.instants.count - 1)
-    planned = plan.instants.joint_angles[k]
-    return _Motion(
-        subject=subject,
-        gait=gait,
-        lifted=lifted,
-        done=np.minimum(landed, gait.steps),
-        ground=ground,
-        commanded=commanded,
-        standing=standing_limbs(
-            robot, trajectory.com, axes, ground, planned, trajectory.joint_command
-        ),
-    )
-
-
-def _limbs_of(plan: ClimbPlan) -> Index:
-    return np.arange(plan.robot.limb_count)
-
-
-def _stood(gait: Gait, counted: Index) -> Index:
-    """(T, N) rounds whose footholds limbs are on that were placed so often (T, N)."""
-    rows = np.zeros_like(counted)
-    for limb in range(counted.shape[1]):
-        own = np.concatenate([[0], gait.round[gait.moved[:, limb]]])
-        rows[:, limb] = own[np.minimum(counted[:, limb], len(own) - 1)]
-    return rows
-
-
-def _sequence(motion: _Motion) -> Check:
+def _sequence(motion: Motion) -> Check:
     """Limbs lift together as in the instants, and the steps come in turn."""
     lifted, moved = motion.lifted, motion.gait.moved
     flying: Mask = np.asarray(lifted.any(axis=1))
@@ -158,7 +89,7 @@ def _sequence(motion: _Motion) -> Check:
     )
 
 
-def _body(motion: _Motion) -> Check:
+def _body(motion: Motion) -> Check:
     """The body waits while limbs are in the air and then moves straight on to its next station."""
     plan = motion.subject.plan
     stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
@@ -170,74 +101,7 @@ def _body(motion: _Motion) -> Check:
     return judge_worst("trajectory.body", off, motion.at)
 
 
-def _forces(motion: _Motion) -> Iterator[Check]:
-    """The commands hold the body on its path, and no limb slips or is overloaded on the way."""
-    plan = motion.subject.plan
-    robot, trajectory = plan.robot, plan.trajectory
-    found = motion_forces(
-        robot,
-        trajectory.com,
-        body_axes(trajectory.rpy),
-        motion.standing,
-        trajectory.joint_command,
-        ~motion.lifted,
-        _load(motion),
-    )
-    off = _lengths(found.deflection)
-    yield judge_worst(
-        "trajectory.command",
-        np.where(np.isnan(off), np.inf, off),
-        lambda sample, row: f"{motion.at(sample)}, {('shifted', 'turned')[row]}",
-    )
-
-    k = np.clip(2 * motion.done - 1, 0, plan.instants.count - 1)
-    pressing = np.where(motion.lifted.any(axis=1), np.minimum(k + 1, plan.instants.count - 1), k)
-    k = np.where(motion.done == 0, 0, pressing)
-    normal, mu = plan.instants.normal[k], plan.instants.mu[k]
-    pressure = np.einsum("tni,tni->tn", found.force, normal)
-    shear = np.linalg.norm(found.force - pressure[..., None] * normal, axis=-1)
-    loaded = ~motion.lifted & (shear > 1e-6 * motion.subject.weight)
-    ratio = np.full(shear.shape, np.inf)
-    np.divide(mu * pressure, shear, out=ratio, where=loaded)
-    excess = np.where(motion.lifted, -np.inf, shear - mu * pressure) / motion.subject.weight
-    yield judge_worst(
-        "trajectory.friction",
-        excess,
-        motion.at,
-        margin=f"S_mu {ratio.min():.2f}",
-        used=1 / np.maximum(ratio, 1e-300),
-    )
-    use = np.abs(found.torque) / robot.max_torque
-    most = float(np.abs(found.torque).max())
-    yield judge_worst(
-        "trajectory.torque", use - 1.0, motion.at, margin=f"at most {most:.1f} N m", used=use
-    )
-
-
-def _lengths(deflection: Array) -> Array:
-    """(T, 2) shift [m] and turn [rad] of body deflections (T, 6)."""
-    parts = (deflection[:, :3], deflection[:, 3:])
-    return np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
-
-
-def _load(motion: _Motion) -> Array:
-    """(T, 6) load on the body: that of the pose it waits in, or on its way between two."""
-    plan = motion.subject.plan
-    stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
-    # Instants 2 s and 2 s - 1 both have the body at station s.
-    count = len(stations)
-    at_station = motion.subject.load[np.minimum(2 * np.arange(count), plan.instants.count - 1)]
-    last = motion.done
-    first = np.maximum(last - 1, 0)
-    pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
-    along = stations[last] - stations[first]
-    square = (along**2).sum(axis=1)
-    share = ((pose - stations[first]) * along).sum(axis=1)
-    share = np.clip(np.divide(share, square, out=np.ones_like(share), where=square > 0), 0, 1)
-    return (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
-
-
-def _instants(motion: _Motion) -> Check:
+def _instants(motion: Motion) -> Check:
     """Some sample comes close to each instant in body pose and commands of loaded limbs."""
     plan = motion.subject.plan
     instants, trajectory = plan.instants, plan.trajectory
@@ -253,7 +117,7 @@ def _instants(motion: _Motion) -> Check:
     return judge_worst("trajectory.instants", off, motion.subject.at)
 
 
-def _joints(motion: _Motion) -> Iterator[Check]:
+def _joints(motion: Motion) -> Iterator[Check]:
     """Bounds of commanded and standing joint angles, speeds, and reach of standing limbs."""
     plan = motion.subject.plan
     robot, command = plan.robot, plan.trajectory.joint_command
@@ -275,7 +139,7 @@ def _joints(motion: _Motion) -> Iterator[Check]:
     yield judge_worst("trajectory.reach", missing, motion.at)
 
 
-def _clearance(motion: _Motion) -> Iterator[Check]:
+def _clearance(motion: Motion) -> Iterator[Check]:
     """Links of standing and of swinging limbs keep out of solids, between samples too."""
     points = np.where(
         motion.lifted[..., None, None], motion.commanded.points, motion.standing.points
@@ -301,7 +165,7 @@ def _clearance(motion: _Motion) -> Iterator[Check]:
     yield judge_capsules("trajectory.capsules", motion.subject, chains, moment)
 
 
-def _swinging_between(motion: _Motion, points: Array, samples: Index, share: float) -> Array:
+def _swinging_between(motion: Motion, points: Array, samples: Index, share: float) -> Array:
     """Limbs (S, N, J + 1, 3) a share of the way to the next sample; standing ones stay put."""
     trajectory = motion.subject.plan.trajectory
 

@@ -1,0 +1,1 @@
+"""Forces of climbing robots with grippers (chapter 3.4)."""

@@ -1,0 +1,140 @@
+"""A trained model of a spine gripper's shear force as plain arrays (chapter 3.4).
+
+Inputs s = (alpha, beta, gamma, lambda): orientation of the gripper [rad] and friction coefficient
+of the surface; output is the shear force f^g it holds. Squared-exponential kernel, eq. (3.4), on
+standardised inputs; predictive mean and variance by eqs. (3.5), (3.6). What a planner may count on
+is the lower confidence bound at a chosen risk.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky
+from scipy.stats import norm
+
+from climbplan.errors import UsageError
+
+Array = NDArray[np.float64]
+FORMAT = "climbplan/gripper"
+FORMAT_VERSION = 1
+INPUTS = 4  # alpha, beta, gamma, friction
+_NUMBERS = ("signal", "length", "noise")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a gripper holds at some states."""
+
+    mean: Array  # (m,) [N]
+    deviation: Array  # (m,) of one measured force, its noise included [N]
+
+    def bound(self, risk: float) -> Array:
+        """(m,) force that a grip exceeds but for the risk, at least zero [N]."""
+        return np.maximum(self.mean + norm.ppf(risk) * self.deviation, 0.0)
+
+
+@dataclass(frozen=True)
+class GripperModel:
+    """A trained model as plain arrays."""
+
+    state: Array  # (n, 4) training inputs
+    force: Array  # (n,) training outputs [N]
+    center: Array  # (4,) of the inputs
+    scale: Array  # (4,) of the inputs
+    signal: float  # sigma_f [N]
+    length: float  # l, on standardised inputs
+    noise: float  # sigma_n [N]
+
+    def predict(self, state: Array) -> Prediction:
+        """Mean and standard deviation at states (m, 4), eqs. (3.5), (3.6)."""
+        offset = float(self.force.mean())
+        factor = cholesky(
+            self._kernel(self.state, self.state) + self.noise**2 * np.eye(len(self.state)),
+            lower=True,
+        )
+        across = self._kernel(self.state, state)
+        mean = offset + across.T @ cho_solve((factor, True), self.force - offset)
+        explained = np.einsum("nm,nm->m", across, cho_solve((factor, True), across))
+        variance = np.maximum(self.signal**2 - explained, 0.0) + self.noise**2
+        return Prediction(mean, np.sqrt(variance))
+
+    def _kernel(self, first: Array, second: Array) -> Array:
+        a, b = ((s - self.center) / (self.scale * self.length) for s in (first, second))
+        square = ((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=-1)
+        return np.asarray(self.signal**2 * np.exp(-square / 2))
+
+
+def builtin_models() -> list[str]:
+    """Names of the gripper models that come with the package."""
+    directory = files("climbplan").joinpath("robots", "grippers")
+    names = [entry.name for entry in directory.iterdir()]
+    return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
+
+
+def load_model(reference: str, directory: Path | None = None) -> GripperModel:
+    """A built-in model by name, or one that `fit-gripper` wrote, relative to `directory`.
+
+    Raises UsageError for a name or file that is not a whole gripper model.
+    """
+    if not reference.endswith(".json"):
+        known = builtin_models()
+        if reference not in known:
+            raise UsageError(
+                f"gripper model {reference!r}: expected a built-in one ({', '.join(known)}) or "
+                "the path of a gripper.json that fit-gripper wrote"
+            )
+        holder = files("climbplan").joinpath("robots", "grippers", f"{reference}.json")
+        return _model_of(holder.read_text(encoding="utf-8"), reference)
+    path = (directory or Path()) / reference
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise UsageError(f"{path}: cannot be read: {reason}") from error
+    return _model_of(text, str(path))
+
+
+def _model_of(text: str, where: str) -> GripperModel:
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise UsageError(f"{where}: not JSON ({error})") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise UsageError(f"{where}: not a gripper model (expected format {FORMAT!r})")
+    if data.get("format_version") != FORMAT_VERSION:
+        raise UsageError(
+            f"{where}: format version {data.get('format_version')!r}, expected {FORMAT_VERSION}"
+        )
+    state = _numbers(data, "state", where)
+    if state.ndim != 2 or state.shape[1] != INPUTS or len(state) == 0:
+        raise UsageError(f"{where}: state has shape {state.shape}, expected (n, {INPUTS})")
+    arrays = {"force": len(state), "center": INPUTS, "scale": INPUTS}
+    found: dict[str, Any] = {name: _numbers(data, name, where) for name in arrays}
+    for name, size in arrays.items():
+        if found[name].shape != (size,):
+            raise UsageError(f"{where}: {name} has shape {found[name].shape}, expected ({size},)")
+    numbers: dict[str, Any] = {
+        name: float(_numbers(data, name, where).reshape(())) for name in _NUMBERS
+    }
+    if min(numbers.values()) <= 0 or found["scale"].min() <= 0:
+        raise UsageError(f"{where}: expected signal, length, noise and scale > 0")
+    return GripperModel(state=state, **found, **numbers)
+
+
+def _numbers(data: dict[str, Any], name: str, where: str) -> Array:
+    try:
+        values = np.array(data[name], float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{where}: {name} is missing or not numbers") from error
+    if not np.isfinite(values).all():
+        raise UsageError(f"{where}: {name} is not finite")
+    if name in _NUMBERS and values.ndim != 0:
+        raise UsageError(f"{where}: {name} is not one number")
+    return values

@@ -1,0 +1,31 @@
+"""Directions of a limb's joints and of its last link, for what is mounted at its end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+
+
+def joint_axes_body(robot: Robot, angles: Array) -> Array:
+    """Unit axes of coxa, femur and tibia joint as rows (..., N, 3, 3), body frame."""
+    psi = robot.mount_yaw + angles[..., 0]
+    zero = np.zeros_like(psi)
+    up = np.stack([zero, zero, zero + 1.0], axis=-1)
+    hinge = np.stack([np.sin(psi), -np.cos(psi), zero], axis=-1)
+    return np.stack([up, hinge, hinge], axis=-2)
+
+
+def last_link_body(robot: Robot, angles: Array) -> Array:
+    """Rows x along the tibia, y across it in the limb's plane, z along its joint's axis.
+
+    (..., N, 3, 3), body frame.
+    """
+    psi = robot.mount_yaw + angles[..., 0]
+    tilt = angles[..., 1] + angles[..., 2]
+    sin, cos = np.sin(tilt), np.cos(tilt)
+    out = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
+    x = np.concatenate([sin[..., None] * out, -cos[..., None]], axis=-1)
+    y = np.concatenate([cos[..., None] * out, sin[..., None]], axis=-1)
+    return np.stack([x, y, np.cross(x, y)], axis=-2)

@@ -1,0 +1,90 @@
+"""Holds: surfaces whose two sides a gripper's fingers press on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.spec.panel import FLAT_DEG, HoldSpec, PanelSpec
+
+PANEL = "panel"
+
+
+@dataclass(frozen=True)
+class Hold:
+    """How a contact region can be gripped.
+
+    The gripped sides have unit normals +-cos(undercut) axis - sin(undercut) normal, out of the
+    hold: an undercut hold is wider at its top, and its sides press fingers towards the surface. At
+    -90 degrees both sides are the surface itself.
+    """
+
+    axis: Array  # (3,) unit, in the surface: from one finger to the other
+    undercut: float  # [rad]
+    orientation: Array  # (3,) turn against the gripper about its x, y, z axes [rad]
+
+
+@dataclass(frozen=True)
+class PanelFrame:
+    """Directions of a panel in the world."""
+
+    across: Array  # (3,) unit
+    up: Array  # (3,) unit, along the panel
+    normal: Array  # (3,) unit, into free space
+
+
+def panel_frame(panel: PanelSpec) -> PanelFrame:
+    """x across, then up the slope and out of it: at 90 degrees an upright wall that faces -y."""
+    angle = np.deg2rad(panel.angle_deg)
+    cos, sin = float(np.cos(angle)), float(np.sin(angle))
+    return PanelFrame(
+        across=np.array([1.0, 0.0, 0.0]),
+        up=np.array([0.0, cos, sin]),
+        normal=np.array([0.0, -sin, cos]),
+    )
+
+
+def rectangle_on(
+    panel: PanelSpec, across: tuple[float, float], along: tuple[float, float], off: float = 0.0
+) -> Array:
+    """Corners (4, 3) of a rectangle on the panel, or `off` [m] before it, seen anticlockwise."""
+    frame = panel_frame(panel)
+    corners = ((0, 0), (1, 0), (1, 1), (0, 1))
+    return np.array(
+        [
+            np.array(panel.center)
+            + across[i] * frame.across
+            + along[j] * frame.up
+            + off * frame.normal
+            for i, j in corners
+        ]
+    )
+
+
+def hold_extent(spec: HoldSpec) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where the grip's centre may be: from and to, across and up along the panel [m]."""
+    u, v = spec.at
+    return (
+        (u - spec.width / 2, u + spec.width / 2),
+        (v - spec.height / 2, v + spec.height / 2),
+    )
+
+
+def hold_of(panel: PanelSpec, spec: HoldSpec) -> Hold:
+    """A hold of a panel."""
+    frame = panel_frame(panel)
+    turn = np.deg2rad(spec.axis_deg)
+    return Hold(
+        axis=np.cos(turn) * frame.up + np.sin(turn) * frame.across,
+        undercut=float(np.deg2rad(spec.undercut_deg)),
+        orientation=np.deg2rad(spec.orientation_deg),
+    )
+
+
+def flat_hold(normal: Array) -> Hold:
+    """What a plane surface is to a gripper: both fingers on the plane, any axis in it."""
+    reference = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    axis = np.cross(normal, reference)
+    return Hold(axis / np.linalg.norm(axis), float(np.deg2rad(FLAT_DEG)), np.zeros(3))

@@ -71,6 +71,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         }
         | ({"QPs": answer.qps} if answer.qps else {}),
         history=answer.history,
+        begun=answer.begun.state if answer.begun is not None else None,
         bound=answer.bound,
         gap=gap,
         warnings=tuple(

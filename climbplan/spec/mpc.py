@@ -240,8 +240,8 @@ class WalkLibrarySpec(SpecModel):
     file: str | None = Field(
         default=None,
         min_length=1,
-        description="library.h5 of an earlier run, of which `size` walks are used; solved anew if "
-        "left out",
+        description="library.h5 of an earlier run, or dataset.h5 of walks; the first `size` walks "
+        "are used; solved anew if left out",
     )
     strategy: Literal["knn", "forest", "boosting", "network"] = Field(
         default="knn",

@@ -29,6 +29,7 @@ _TOLERANCE = 1e-7  # of rows
 _ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
 _TANGENTS = 1.5  # each so many times the one before
 _SAG = 1e-4  # of the cost that a square may be too small, then
+_SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
 
@@ -74,6 +75,7 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
         word,
         bound=min(run.bound, run.objective),
         tried=len(run.seen),
+        begun=known,
         history=tuple(run.history),
     )
 
@@ -103,6 +105,7 @@ class _Run:
     def tighten(self, seconds: float) -> None:
         """Tangents where the relaxed program wants to be: its bound is the first."""
         model = self.program.model
+        x: Array | None = None
         for _ in range(_ROUNDS):
             solver = _quiet(max(seconds - self.seconds, 0.0))
             solver.passModel(model.lp(whole=False))
@@ -114,6 +117,9 @@ class _Run:
             if not model.refine(x, _SAG * self.objective):
                 break
         self.note()
+        if x is not None:
+            for share in _SHARES:
+                self.consider(x, share)
 
     def branch(self, known: WalkTrajectory, seconds: float) -> None:
         """The program with binaries, from the known gait."""
@@ -168,9 +174,11 @@ class _Run:
             self.bound = bound
             self.note()
 
-    def consider(self, x: Array) -> None:
-        """Solve the gait of a point on the true dynamics."""
-        contact, region = self.program.gait(x)
+    def consider(self, x: Array, share: float = 0.5) -> None:
+        """Solve the gait of a point on the true dynamics; share: of a contact that counts."""
+        contact, region = self.program.gait(x, share)
+        if (contact.sum(axis=1) < self.task.least_contacts).any():
+            return
         contact = np.vstack([contact, contact[-1:]])
         region = np.vstack([region, region[-1:]])
         gait = with_regions(self.task, contact)
@@ -184,8 +192,9 @@ class _Run:
             if found.trajectory is None or found.objective >= self.objective:
                 continue
             settled = solve_gait(self.task, gait, iterate_of(found.trajectory, gait), _POLISH)
-            better = settled.trajectory is not None and settled.objective < self.objective
-            if better and settled.holds and passes(self.task, settled.trajectory):
+            if settled.trajectory is None or settled.objective >= self.objective:
+                continue
+            if settled.holds and passes(self.task, settled.trajectory):
                 self.best, self.objective = settled.trajectory, settled.objective
                 self.note()
 

@@ -1,21 +1,27 @@
-"""The controller in a loop with the nonlinear rigid body, in continuous time, under pushes."""
+"""The controller in a loop with the nonlinear rigid body, in continuous time, under pushes.
+
+Every 5 ms: sensors, at knots a tick of the controller, legs' forces, and a Runge-Kutta step with
+them constant. A command comes into force after the delay that computing and actuating it take.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.mpc.admittance import AdmittanceGains
 from climbplan.mpc.compiled_body import moved
 from climbplan.mpc.compiled_feet import worst_standing
+from climbplan.mpc.estimation import SensorQuality
+from climbplan.mpc.legs import Phase, Stance, phase_of, standing
 from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import Command, OnlineController
+from climbplan.mpc.perception import Noise, Perception
+from climbplan.mpc.plant import LegForces
 from climbplan.mpc.task import (
-    ANGLES,
     LEGS,
-    POSITION,
-    SPIN,
     STATE,
     VELOCITY,
     Array,
@@ -24,10 +30,8 @@ from climbplan.mpc.task import (
     WalkTask,
     WalkTrajectory,
 )
-from climbplan.robots.rotations import rotation_world_body
 
 SUBSTEPS = 16  # Runge-Kutta steps in a knot: 5 ms at 80 ms
-_LANDING_MARGIN = 0.01  # [m]
 FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell
 
 
@@ -40,13 +44,24 @@ class Push:
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Standard deviations of what the controller is told."""
+class Lost:
+    """From a time on a leg makes no contact, whatever it is told."""
 
-    velocity: float = 0.0  # [m/s]
-    angles: float = 0.0  # [rad]
-    spin: float = 0.0  # [rad/s]
-    position: float = 0.0  # [m] of height and of toes against the body
+    time: float  # [s]
+    leg: int
+
+
+@dataclass(frozen=True)
+class LoopWorld:
+    """What comes between the controller and an ideal robot."""
+
+    pushes: Sequence[Push] = ()
+    noise: Noise = field(default_factory=Noise)
+    delay: int = 0  # [5 ms] until a command is in force
+    compensate: bool = True  # the controller plans from the state that will be then
+    admittance: AdmittanceGains | None = None  # None: legs give the planned force exactly
+    estimation: SensorQuality | None = None  # None: the true state with `noise`
+    lost: Sequence[Lost] = ()
 
 
 @dataclass(frozen=True)
@@ -58,6 +73,8 @@ class Loop:
     commands: tuple[Command, ...]  # (ticks,)
     fell: float | None  # [s]
     overreach: float  # [m] furthest that a standing toe was out of its box within a knot
+    told: Array  # (ticks, 12) the state that the controller was told
+    true: Array  # (ticks, 12) and what it was when the plan from it came into force
 
     @property
     def ticks(self) -> int:
@@ -69,66 +86,144 @@ def run_loop(
     controller: OnlineController,
     start: WalkTask,
     duration: float,
-    pushes: Sequence[Push] = (),
-    noise: Noise | None = None,
+    world: LoopWorld | None = None,
     seed: int = 0,
     report: Callable[[float], None] | None = None,
 ) -> Loop:
     """Walk from the start of a task until the end, or until the body falls."""
-    task, rng = controller.task, np.random.default_rng(seed)
-    body, inverse = task.body, np.linalg.inv(task.body.inertia).astype(float)
-    dt = task.step / SUBSTEPS
-    ticks = round(duration / task.step)
-    state, toes = start.start.state.copy(), start.start.toes.copy()
-    before, stood = toes.copy(), np.ones(LEGS, bool)
-    rows: list[tuple[Array, Array, Array, Flags, Array]] = []
-    commands: list[Command] = []
-    fell, overreach, due = None, 0.0, sorted(pushes, key=lambda push: push.time)
-    for tick in range(ticks):
-        seen = measured(Situation(state, toes, before, stood), noise, rng)
-        command = controller.tick(seen)
-        commands.append(command)
-        plan = command.trajectory
-        contact, force = plan.gait.contact[0], plan.force[0]
-        landing = plan.toes[1]
-        first = toes.copy()
-        for part in range(SUBSTEPS):
-            now = tick * task.step + part * dt
-            jump = np.zeros(3)
-            while due and due[0].time <= now + 1e-9:
-                jump = jump + due.pop(0).velocity
-            state[VELOCITY] += jump
-            shown = _swung(first, landing, contact, part / SUBSTEPS, task.lift)
-            rows.append((state.copy(), shown, force, contact, jump))
-            state = moved(body.mass, body.gravity, body.inertia, inverse, dt, 1, state, toes, force)
-            overreach = max(
-                overreach, worst_standing(body.toe_center, body.toe_half, state, toes, contact)
-            )
-            if fallen(state):
-                fell = now + dt
+    return _Run(controller, start, world or LoopWorld(), seed).walked(duration, report)
+
+
+class _Run:
+    """A run between two samples."""
+
+    def __init__(
+        self, controller: OnlineController, start: WalkTask, world: LoopWorld, seed: int
+    ) -> None:
+        self.controller, self.task, self.world = controller, controller.task, world
+        self.dt = self.task.step / SUBSTEPS
+        self.inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
+        self.state: Array = start.start.state.copy()
+        self.stance = standing(self.task, start.start.toes.copy())
+        self.begun = 0  # sample at which the phase began
+        self.queue: list[tuple[int, Phase]] = []  # phases to come
+        self.due = sorted(world.pushes, key=lambda push: push.time)
+        self.legs = LegForces(self.task, world.admittance, self.dt)
+        self.legs.begin(self.state, self.stance)
+        self.perception = Perception(
+            self.task, self.state, world.noise, world.estimation, np.random.default_rng(seed)
+        )
+        self.perception.listen(self.state, self.stance.toes, self.dt)
+        self.commands: list[Command] = []
+        self.told: list[Array] = []
+        self.true: list[Array] = []
+        self.rows: list[tuple[Array, Array, Array, Flags, Array]] = []
+        self.overreach = 0.0
+
+    def walked(self, duration: float, report: Callable[[float], None] | None) -> Loop:
+        """Until the end, or a fall."""
+        samples = SUBSTEPS * round(duration / self.task.step)
+        fell = None
+        for sample in range(samples):
+            if sample % SUBSTEPS == 0:
+                self.tick(sample)
+                if report is not None:
+                    report(min((sample + SUBSTEPS) / samples, 1.0))
+            if self.queue and self.queue[0][0] == sample:
+                self.begin(sample, self.queue.pop(0)[1])
+            self.step(sample)
+            if fallen(self.state):
+                fell = (sample + 1) * self.dt
                 break
-        if report is not None:
-            report((tick + 1) / ticks)
-        if fell is not None:
-            break
-        before, stood = toes, contact
-        toes = np.where(contact[:, None], toes, landed(task, state, landing))
-    rows.append((state.copy(), toes.copy(), np.zeros((LEGS, 3)), stood, np.zeros(3)))
-    states, feet, forces, contacts, jumps = (np.stack(part) for part in zip(*rows, strict=True))
-    gait = Gait(contacts.astype(bool), np.zeros(contacts.shape, np.int64))
-    walk = WalkTrajectory(states, feet, forces, gait)
-    return Loop(walk, jumps, tuple(commands), fell, overreach)
+        toes, stood = self.stance.toes, self.stance.phase.contact & ~self.lost(samples)
+        self.rows.append((self.state, toes, np.zeros_like(toes), stood, np.zeros(3)))
+        columns = [np.stack(part) for part in zip(*self.rows, strict=True)]
+        states, feet, forces, contacts, jumps = columns
+        gait = Gait(contacts.astype(bool), np.zeros(contacts.shape, np.int64))
+        walk = WalkTrajectory(states, feet, forces, gait)
+        true = np.array(self.true).reshape(-1, STATE)
+        told = np.array(self.told).reshape(-1, STATE)[: len(true)]
+        return Loop(walk, jumps, tuple(self.commands), fell, self.overreach, told, true)
 
+    def tick(self, sample: int) -> None:
+        """Measure, look ahead over the delay, plan, and queue the plan."""
+        delay = self.world.delay
+        state, toes = self.perception.state_and_toes(self.state, self.stance)
+        stance = self.stance.thought(toes)
+        if self.world.compensate:
+            state, stance = self.ahead(state, stance, sample, sample + delay)
+        unfelt = tuple(int(leg) for leg in np.flatnonzero(stance.phase.contact & self.lost(sample)))
+        # The plan begins when the phase that is in force by then ends: legs in the air come down.
+        ended = stance.followed(self.task, state, stance.phase)
+        situation = Situation(state, ended.toes, ended.before, ended.stood, unfelt=unfelt)
+        command = self.controller.tick(situation)
+        self.commands.append(command)
+        self.told.append(state)
+        self.queue.append((sample + delay, phase_of(command.trajectory)))
 
-def landed(task: WalkTask, state: Array, landing: Array) -> Array:
-    """Where swinging toes (4, 3) come down: where planned, or as near as legs reach by then."""
-    body, R = task.body, rotation_world_body(state[ANGLES])
-    spots = (landing - state[POSITION]) @ R
-    half = body.toe_half[:2] - _LANDING_MARGIN
-    center = body.toe_center[:, :2]
-    spots[:, :2] = np.clip(spots[:, :2], center - half, center + half)
-    result: Array = (state[POSITION] + spots @ R.T) * [1.0, 1.0, 0.0]
-    return result
+    def ahead(self, state: Array, stance: Stance, now: int, then: int) -> tuple[Array, Stance]:
+        """State and stance at a later sample, under the phases that are in force until then."""
+        body, coming = self.task.body, dict(self.queue)
+        for sample in range(now, then):
+            if sample in coming:
+                stance = stance.followed(self.task, state, coming[sample])
+            state = moved(
+                body.mass,
+                body.gravity,
+                body.inertia,
+                self.inverse,
+                self.dt,
+                1,
+                state,
+                stance.toes,
+                stance.phase.force,
+            )
+        return state, stance
+
+    def begin(self, sample: int, phase: Phase) -> None:
+        """A command comes into force: as planned, seen from where the body is."""
+        self.true.append(self.state.copy())
+        self.stance = self.stance.followed(self.task, self.state, phase.seen_from(self.state))
+        self.begun = sample
+        self.legs.begin(self.state, self.stance)
+
+    def step(self, sample: int) -> None:
+        """One sample: pushes, forces, motion, and what is felt of it."""
+        task, body = self.task, self.task.body
+        before = self.state.copy()
+        jump = np.zeros(3)
+        while self.due and self.due[0].time <= sample * self.dt + 1e-9:
+            jump = jump + self.due.pop(0).velocity
+        self.state[VELOCITY] += jump
+        contact = self.stance.phase.contact & ~self.lost(sample)
+        force = self.legs.force(self.state, self.stance, contact)
+        share = min((sample - self.begun) / SUBSTEPS, 1.0)
+        shown = self.stance.shown(share, task.lift)
+        self.rows.append((self.state.copy(), shown, force, contact, jump))
+        self.state = moved(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self.inverse,
+            self.dt,
+            1,
+            self.state,
+            self.stance.toes,
+            force,
+        )
+        self.overreach = max(
+            self.overreach,
+            worst_standing(body.toe_center, body.toe_half, self.state, self.stance.toes, contact),
+        )
+        later = self.stance.shown(min(share + 1 / SUBSTEPS, 1.0), task.lift)
+        self.perception.feel(before, self.state, later, contact, self.dt)
+
+    def lost(self, sample: int) -> Flags:
+        """(4,) legs that make no contact."""
+        lost = np.zeros(LEGS, bool)
+        for one in self.world.lost:
+            lost[one.leg] |= one.time <= sample * self.dt + 1e-9
+        return lost
 
 
 def fallen(state: Array) -> bool:
@@ -136,20 +231,6 @@ def fallen(state: Array) -> bool:
     if not np.isfinite(state).all():
         return True
     return bool(np.abs(state[6:8]).max() > FALLEN_TILT or state[2] < FALLEN_HEIGHT)
-
-
-def measured(true: Situation, noise: Noise | None, rng: np.random.Generator) -> Situation:
-    """What sensors would say."""
-    if noise is None:
-        return true
-    off = np.zeros(STATE)
-    off[2] = rng.normal(0, noise.position) if noise.position else 0.0
-    off[VELOCITY] = noise.velocity * rng.normal(size=3)
-    off[ANGLES] = noise.angles * rng.normal(size=3)
-    off[SPIN] = noise.spin * rng.normal(size=3)
-    shift = np.zeros((LEGS, 3))
-    shift[:, :2] = noise.position * rng.normal(size=(LEGS, 2))
-    return replace(true, state=true.state + off, toes=true.toes + shift)
 
 
 def sampled_task(task: WalkTask, samples: int) -> WalkTask:
@@ -177,12 +258,3 @@ def recovered(loop: Loop, task: WalkTask, within: float = 0.25) -> bool:
     last = round(0.48 / dt)
     mean = loop.trajectory.state[-last:, VELOCITY].mean(axis=0)
     return bool(np.linalg.norm((mean - task.reference.velocity[-1])[:2]) < within)
-
-
-def _swung(first: Array, landing: Array, contact: Flags, share: float, lift: float) -> Array:
-    """Toes (4, 3) on the way: swinging ones straight on, lifted as half a sine."""
-    toes = first.copy()
-    moving = ~contact
-    toes[moving, :2] += share * (landing[moving, :2] - first[moving, :2])
-    toes[moving, 2] = lift * np.sin(np.pi * share)
-    return toes

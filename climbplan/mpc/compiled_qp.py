@@ -153,6 +153,7 @@ def objective(
 def stance_rows(
     center: Array,
     half: Array,
+    margin: float,
     whole: bool,
     state: Array,
     toes: Array,
@@ -169,8 +170,9 @@ def stance_rows(
 ) -> int:
     """Rows that keep standing toes in their boxes at knots 1 to N, eqs. (8.20), (8.21).
 
-    whole: also those that lift at a knot, just before they do. half: less the margin. Writes
-    low <= rows z <= high from the first row on, and returns how many.
+    whole: also those that lift at a knot, just before they do. margin: of toes that are yet to be
+    placed; nothing can be done about the others. Writes low <= rows z <= high from the first row
+    on, and returns how many.
     """
     knots, legs = foothold.shape
     width = by.shape[2]
@@ -201,8 +203,9 @@ def stance_rows(
                     for k in range(2):
                         row[foot_column + 2 * index + k] += R[k, i] * foot_unit
                         here -= R[k, i] * spots[index, k]
-                low[count] = center[leg, i] - half[i] - here
-                high[count] = center[leg, i] + half[i] - here
+                room = half[i] - (margin if index >= 0 else 0.0)
+                low[count] = center[leg, i] - room - here
+                high[count] = center[leg, i] + room - here
                 count += 1
     return count
 

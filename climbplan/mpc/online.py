@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from climbplan.mpc.attempt import REACH_SLACK, Attempt, Budget, GaitTrials
+from climbplan.mpc.attempt import Attempt, Budget, GaitTrials
+from climbplan.mpc.candidates import continued, flat_gait, reachable, usable
 from climbplan.mpc.cost import objective
 from climbplan.mpc.features import features_of
-from climbplan.mpc.footing import footing_of, gait_of
 from climbplan.mpc.gaits import cycle
 from climbplan.mpc.library import SECTION, Library
 from climbplan.mpc.measurement import Situation, fault_of, safe_stance
@@ -27,17 +27,17 @@ from climbplan.mpc.task import (
     LEGS,
     POSITION,
     Array,
-    Flags,
     Gait,
     Start,
     WalkTask,
     WalkTrajectory,
 )
-from climbplan.mpc.truth import toes_in_body
 
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
-_FALLBACK_QPS = 6
+_ELASTIC_QPS = 6
+_SECOND_LOOKS = 2  # candidates
 _FALLBACK_SHARE = 0.6  # of a tick's effort that is kept for named gaits
+_DOUBTED = 6  # ticks for which a leg that felt no ground is not stood on
 _MADE_BEFORE = 200  # programs of gaits
 _BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
 Form = Literal["pinned", "published"]
@@ -52,7 +52,7 @@ class OnlineSettings:
     enough: int = 2  # answers that hold; the cheapest is taken
     iterations: int = 2  # QPs of each gait
     effort: int = 1400  # DAQP iterations in a tick, named gaits included; a QP's assembly counts
-    margin: float = 3e-3  # [m] kept inside the workspace boxes
+    margin: float = 8e-3  # [m] kept inside the workspace boxes by toes yet to be placed
     form: Form = "pinned"  # what is solved: `published.py` says what the other is
     beside: float = 0.0  # share of regions beside the neighbour's that the published form allows
 
@@ -76,6 +76,7 @@ class _Candidate:
     winner: int
     gait: Gait
     at: Iterate | None  # what to linearise about; None for an even motion
+    elastic: bool = False  # the workspace may be left, at a price
 
 
 class OnlineController:
@@ -98,22 +99,25 @@ class OnlineController:
         self._trials = GaitTrials(self.task, settings.margin, settings.beside)
         self._last: WalkTrajectory | None = None
         self._good = task.start  # the last measurement that could be one
+        self._doubted = np.zeros(LEGS, np.int64)  # ticks for which a leg is not stood on
         self._warm_up()
 
     def tick(self, situation: Situation) -> Command:
         """A checked plan from a situation; a safe stance with a warning if there is none."""
         choice = _Choice(Budget(self.settings.effort))
+        self._doubted = np.maximum(self._doubted - 1, 0)
+        self._doubted[list(situation.unfelt)] = _DOUBTED
         if fault := fault_of(situation, self.task.body):
             return self._safe(choice, fault)
         task = replace(self.task, start=Start(situation.state, situation.toes))
         self._good = task.start
-        able = _reachable(task)
-        able[list(situation.unfelt)] = False
+        able = reachable(task) & (self._doubted == 0)
         seen: set[bytes] = set()
         for candidate in self._candidates(task, situation, choice):
             gait = usable(task, candidate.gait, able)
             # The published form has other integers, its regions, for the same gait.
-            if gait is None or (gait.key in seen and not self._published):
+            again = candidate.elastic or self._published
+            if gait is None or (gait.key in seen and not again):
                 continue
             seen.add(gait.key)
             choice.tried += 1
@@ -124,12 +128,16 @@ class OnlineController:
                 choice.weigh(task, found, candidate.winner)
                 if self._published:
                     break  # what solves is taken, as published
-            if choice.held >= self.settings.enough or (choice.held and candidate.at is None):
+            if choice.held >= self.settings.enough or (choice.held and candidate.elastic):
                 break
         words = [] if len(self.library) else ["the library is empty"]
-        if situation.unfelt:
-            legs = ", ".join(task.body.leg_names[leg] for leg in situation.unfelt)
-            words.append(f"{legs} without contact")
+        if self._doubted.any():
+            legs = [
+                name
+                for name, ticks in zip(task.body.leg_names, self._doubted, strict=True)
+                if ticks
+            ]
+            words.append(f"{', '.join(legs)} without contact")
         taken = choice.best
         if taken is None:
             words.append(f"none of {choice.tried} gaits holds")
@@ -150,7 +158,7 @@ class OnlineController:
         gaits, count = np.unique(contact, axis=0, return_counts=True)
         for row in gaits[np.argsort(-count)[:_MADE_BEFORE]]:
             self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
-        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None)
+        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None, elastic=True)
         found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
         if found is not None:
             objective(self.task, found.trajectory.state, found.trajectory.force)
@@ -159,8 +167,10 @@ class OnlineController:
         self, task: WalkTask, situation: Situation, choice: _Choice
     ) -> Iterator[_Candidate]:
         """The plan before, sections of the library, and where none of them holds named gaits."""
+        first: list[_Candidate] = []
         if self._last is not None and not self._published:
-            yield _Candidate(LAST, *continued(self._last))
+            first.append(_Candidate(LAST, *continued(self._last)))
+            yield first[-1]
         features = features_of(situation, float(task.reference.height[0]))
         base = np.array([*situation.state[:2], 0.0])
         named = len(self.library) and not self._published
@@ -169,11 +179,15 @@ class OnlineController:
             if choice.budget.left <= (0 if choice.held else kept):
                 break
             gait = flat_gait(self.library.contact[index])
-            yield _Candidate(int(index), gait, self._section(int(index), gait, base))
+            first.append(_Candidate(int(index), gait, self._section(int(index), gait, base)))
+            yield first[-1]
         if choice.held or self._published:
             return
+        # What is nearly right may leave the workspace a little; gaits by name are further off.
+        for candidate in first[:_SECOND_LOOKS]:
+            yield replace(candidate, elastic=True)
         for name, phase in _FALLBACKS:
-            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None)
+            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None, elastic=True)
 
     def _section(self, index: int, gait: Gait, base: Array) -> Iterate:
         """A section of the library as a point to linearise about, moved to where the body is."""
@@ -190,9 +204,9 @@ class OnlineController:
         program = self._trials.program(task, gait)
         if self._published and candidate.at is not None:
             return self._trials.published(task, program, candidate.at, budget)
-        named = candidate.at is None
-        iterations = _FALLBACK_QPS if named else self.settings.iterations
-        return self._trials.attempt(task, program, candidate.at, iterations, budget, named)
+        elastic = candidate.elastic
+        iterations = _ELASTIC_QPS if elastic else self.settings.iterations
+        return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
 
     def _safe(self, choice: _Choice, word: str) -> Command:
         """All legs down, each with its share of the weight, against the motion."""
@@ -251,45 +265,3 @@ def horizon_of(task: WalkTask) -> WalkTask:
             height=np.full(SECTION, reference.height[-1]),
         ),
     )
-
-
-def _reachable(task: WalkTask) -> Flags:
-    """(4,) legs whose toes are in their boxes right now."""
-    body = task.body
-    spots = toes_in_body(task.start.state, task.start.toes)
-    beyond = (np.abs(spots - body.toe_center) - body.toe_half).max(axis=1)
-    inside: Flags = beyond <= REACH_SLACK
-    return inside
-
-
-def usable(task: WalkTask, gait: Gait, able: Flags) -> Gait | None:
-    """The gait without contacts of legs that cannot stand now; None if too few are left."""
-    if not (gait.contact[0] & ~able).any():
-        return gait
-    contact = gait.contact.copy()
-    contact[0] &= able
-    if contact[0].sum() < task.least_contacts:
-        contact[0] = able  # whatever can stand, stands
-    if contact[0].sum() < min(task.least_contacts, int(able.sum())):
-        return None
-    return gait_of(contact, gait.region)
-
-
-def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
-    """What is left of a plan after its first knot, and one more knot of the same rhythm."""
-    contact = np.vstack([last.gait.contact[1:], last.gait.contact[-2:-1]])
-    gait = flat_gait(contact)
-    extended = last.state[-1:].copy()
-    step = last.state[-1, POSITION] - last.state[-2, POSITION]
-    extended[0, POSITION] += step
-    state = np.vstack([last.state[1:], extended])
-    force = np.concatenate([last.force[1:-1], last.force[-3:-2]])
-    footing = footing_of(gait)
-    toes = np.concatenate([last.toes[1:], last.toes[-1:] + step])
-    spots = toes[np.minimum(footing.first, len(toes) - 1), footing.leg, :2]
-    return gait, Iterate(state, force, spots)
-
-
-def flat_gait(contact: Flags) -> Gait:
-    """A gait on flat ground."""
-    return Gait(np.array(contact, bool), np.zeros(contact.shape, np.int64))

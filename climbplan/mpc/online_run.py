@@ -12,16 +12,29 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.mpc.closed_loop import SUBSTEPS, Loop, Noise, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.admittance import AdmittanceGains
+from climbplan.mpc.closed_loop import (
+    SUBSTEPS,
+    Loop,
+    LoopWorld,
+    Lost,
+    Push,
+    recovered,
+    run_loop,
+    sampled_task,
+)
 from climbplan.mpc.cost import cost_terms
 from climbplan.mpc.dataset_library import is_dataset, library_of_dataset
+from climbplan.mpc.estimation import SensorQuality
 from climbplan.mpc.library import Library, build_library, read_library
 from climbplan.mpc.online import OnlineController, OnlineSettings, horizon_of
+from climbplan.mpc.perception import Noise
 from climbplan.mpc.plan import LoopRecord, WalkPlan
 from climbplan.mpc.problem import build_task
 from climbplan.mpc.published import TOLERANCE
+from climbplan.mpc.strategies import trained
 from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
-from climbplan.spec.mpc import WalkLibrarySpec
+from climbplan.spec.mpc import WalkLibrarySpec, WalkLoopSpec
 from climbplan.spec.mpc_loading import LoadedMpc
 
 Progress = Callable[[str, float], None]
@@ -60,20 +73,36 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
         form=spec.solver.form,
         beside=spec.solver.regions_beside,
     )
-    controller = OnlineController(task, library, settings)
-    noise = spec.loop.noise
+    ranking = trained(spec.library.strategy, library, spec.seed)
+    controller = OnlineController(task, library, settings, ranking)
     loop = run_loop(
         controller,
         task,
         spec.loop.duration,
-        [Push(push.time, np.array(push.velocity, float)) for push in spec.loop.pushes],
-        Noise(noise.velocity, float(np.deg2rad(noise.angles_deg)), noise.spin, noise.position),
+        world_of(spec.loop, task),
         spec.seed,
         lambda share: report("walk", share),
     )
     walked = time.perf_counter()
     plan = _plan(loaded, task, library, loop, ready - begin, walked - ready)
     return OnlineRun(plan, library, key)
+
+
+def world_of(spec: WalkLoopSpec, task: WalkTask) -> LoopWorld:
+    """What a spec puts between controller and robot."""
+    noise, gains, sensors = spec.noise, spec.admittance, spec.sensors
+    names = task.body.leg_names
+    return LoopWorld(
+        pushes=[Push(push.time, np.array(push.velocity, float)) for push in spec.pushes],
+        noise=Noise(
+            noise.velocity, float(np.deg2rad(noise.angles_deg)), noise.spin, noise.position
+        ),
+        delay=round(spec.delay * SUBSTEPS / task.step),
+        compensate=spec.compensate,
+        admittance=AdmittanceGains(**gains.model_dump()) if spec.legs == "admittance" else None,
+        estimation=SensorQuality(**sensors.model_dump()) if spec.estimation == "ekf" else None,
+        lost=[Lost(lost.time, names.index(lost.leg)) for lost in spec.lost_contacts],
+    )
 
 
 def library_of(
@@ -172,6 +201,7 @@ def _plan(
         terms=terms,
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
+        robot_text=loaded.robot_text,
         seed=spec.seed,
         timings={"library": building, "walk": walking, "method": walking},
         solvers=_solvers(spec.solver.form),

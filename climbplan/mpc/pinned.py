@@ -55,7 +55,7 @@ class PinnedQp:
 
 
 class PinnedProgram:
-    """One gait of one task. `margin`: kept inside the workspace boxes [m]."""
+    """One gait of one task. `margin`: kept inside the boxes by toes yet to be placed [m]."""
 
     def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
         self.task, self.gait, self.margin = task, gait, margin
@@ -161,10 +161,10 @@ class PinnedProgram:
         first = self.forces * FACETS
         rows = qp.rows[first:]
         low, high = qp.lower[self.size + first :], qp.upper[self.size + first :]
-        half = body.toe_half - self.margin
         count = stance_rows(
             body.toe_center,
-            half,
+            body.toe_half,
+            self.margin,
             task.whole_stance,
             at.state,
             toes,
@@ -182,7 +182,7 @@ class PinnedProgram:
         swing_rows(
             body.toe_center,
             body.toe_half,
-            half[2],
+            body.toe_half[2] - self.margin,
             at.state,
             self.height,
             contact,

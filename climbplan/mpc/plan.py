@@ -50,6 +50,7 @@ class WalkPlan:
     gap: float | None = None
     warnings: tuple[str, ...] = ()
     summary: tuple[str, ...] = ()
+    robot_text: str = ""  # of the robot's file; empty for a built-in one
     verified: bool = False
     created: str = ""
     climbplan_version: str = ""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +17,8 @@ from climbplan.mpc.problem import build_task
 from climbplan.mpc.task import WalkTask
 from climbplan.plans.checks.check import Check, Limit
 from climbplan.spec.kinds import validate
-from climbplan.spec.mpc import MpcSpec, RigidBodySpec
-from climbplan.spec.mpc_loading import load_body
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_loading import stored_body
 from climbplan.spec.yaml_source import parse_yaml
 
 LIMITS = {
@@ -73,42 +71,26 @@ def _faults_of(task: WalkTask) -> Iterator[str]:
 
 
 def _spec_values(plan: WalkPlan) -> Check:
-    """The stored task is the one that the stored spec makes.
-
-    A robot that a path names is looked up from here; it is compared only if it is there.
-    """
+    """The stored task is the one that the stored spec and robot make."""
     try:
         spec, findings = validate(parse_yaml(plan.spec_text, "spec"), MpcSpec)
     except SpecError as error:
         return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
     if spec is None:
         return _judge("file.spec_values", math.inf, findings[0].message)
-    robot, known = _robot(spec)
     try:
-        asked = build_task(spec, robot) if robot is not None else None
+        asked = build_task(spec, stored_body(spec, plan.robot_text))
     except SpecError as error:
         return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
     apart = {
         "seed": 0.0 if plan.seed == spec.seed else math.inf,
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
     }
-    if asked is not None:
-        if plan.loop is not None:
-            asked = sampled_task(asked, plan.task.knots)
-        apart |= _task_apart(plan.task, asked)
+    if plan.loop is not None:
+        asked = sampled_task(asked, plan.task.knots)
+    apart |= _task_apart(plan.task, asked)
     worst = max(apart, key=lambda key: apart[key])
-    check = _judge("file.spec_values", apart[worst], worst)
-    if not known:
-        return replace(check, margin="robot file not at hand: task not compared")
-    return check
-
-
-def _robot(spec: MpcSpec) -> tuple[RigidBodySpec | None, bool]:
-    """The spec's robot and whether it could be looked up."""
-    try:
-        return load_body(spec.robot, Path.cwd()), True
-    except (SpecError, OSError):
-        return None, False
+    return _judge("file.spec_values", apart[worst], worst)
 
 
 def _task_apart(stored: WalkTask, asked: WalkTask) -> dict[str, float]:

@@ -102,6 +102,8 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
             group, _, last = name.rpartition("/")
             write_dataset(file.require_group(group or "/"), last, samples[name], layout)
         write_task(file, task)
+        if plan.robot_text:
+            write_text(file["robot"], "source", plan.robot_text)
         history = file.create_group("history")
         for name, layout in HISTORY.items():
             values = np.array([vars(step)[name] for step in plan.history], float)
@@ -210,6 +212,9 @@ def _read(reader: Reader) -> WalkPlan:
         objective=reader.number("", "objective"),
         terms=_mapping(reader, "terms"),
         spec_text=reader.text("", "spec"),
+        robot_text=reader.text("robot", "source")
+        if reader.has_attribute("robot", "source")
+        else "",
         spec_sha256=reader.text("", "spec_sha256"),
         seed=reader.integer("", "seed"),
         timings=_mapping(reader, "timings"),

@@ -59,6 +59,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         terms=cost_terms(task, answer.trajectory.state, answer.trajectory.force),
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
+        robot_text=loaded.robot_text,
         seed=spec.seed,
         timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
         solvers=_solvers(spec.solver) | {"word": answer.word},

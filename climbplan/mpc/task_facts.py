@@ -30,6 +30,8 @@ def facts_of(task: WalkTask) -> dict[str, Any]:
 
 def task_of(facts: Mapping[str, Any]) -> WalkTask:
     """The task of such facts, at rest at the origin; raises KeyError, TypeError or ValueError."""
+    if not all(isinstance(facts[part], Mapping) for part in _PARTS):
+        raise TypeError("a part of the task is no mapping")
     parts = {
         part: made(**{name: _read(name, value) for name, value in facts[part].items()})
         for part, made in _PARTS.items()

@@ -249,6 +249,11 @@ class WalkLibrarySpec(SpecModel):
         description="library.h5 of an earlier run, or dataset.h5 of walks; the first `size` walks "
         "are used; solved anew if left out",
     )
+    strategy: Literal["knn", "forest", "boosting", "network"] = Field(
+        default="knn",
+        description="how candidates are chosen: nearest neighbours, or a classifier of gaits "
+        "trained on the sections at the start, with the nearest section of each likely gait",
+    )
 
 
 class PushSpec(SpecModel):
@@ -267,6 +272,35 @@ class SensorNoiseSpec(SpecModel):
     position: Number = quantity("m", "of height and toes", default=0.0, ge=0)
 
 
+class AdmittanceSpec(SpecModel):
+    """Admittance control of compliant legs, M u'' + D u' + K u = Kf (f - F), between knots.
+
+    Gains of walking are assumed (published ones are of climbing, without units), and so is the leg.
+    """
+
+    mass: Number = quantity("kg", "M", default=1.0, gt=0)
+    damping: Number = quantity("N s/m", "D", default=80.0, ge=0)
+    stiffness: Number = quantity("N/m", "K; 0 tracks forces only", default=400.0, ge=0)
+    force: Number = quantity("", "Kf; 0 tracks positions only", default=0.3, ge=0)
+    leg_stiffness: Number = quantity("N/m", "of a leg", default=3000.0, gt=0, le=20_000)
+    leg_damping: Number = quantity("N s/m", "of a leg", default=30.0, ge=0, le=200)
+
+
+class SensorsSpec(SpecModel):
+    """Standard deviations of what the estimator is given, and believed; the values are assumed."""
+
+    gyro: Number = quantity("rad/s", "gyroscope, each sample", default=0.01, gt=0)
+    accel: Number = quantity("m/s^2", "accelerometer, each sample", default=0.1, gt=0)
+    toe: Number = quantity("m", "toes in the body, by encoders", default=0.005, gt=0)
+
+
+class LostContactSpec(SpecModel):
+    """A leg that makes no contact any more."""
+
+    time: Number = quantity("s", "from when on", ge=0)
+    leg: str = Field(min_length=1, description="name of the leg")
+
+
 class WalkLoopSpec(SpecModel):
     """The closed loop of `online`: nonlinear rigid body in continuous time."""
 
@@ -274,6 +308,26 @@ class WalkLoopSpec(SpecModel):
     pushes: tuple[PushSpec, ...] = Field(default=(), description="disturbances")
     noise: SensorNoiseSpec = SensorNoiseSpec()
     """Errors of the measurements."""
+    delay: Number = quantity(
+        "s", "from a measurement until its command is in force", default=0.0, ge=0, le=0.5
+    )
+    compensate: bool = Field(
+        default=True, description="plan from the state that is predicted for after the delay"
+    )
+    legs: Literal["ideal", "admittance"] = Field(
+        default="ideal",
+        description="`ideal`: planned forces exactly; `admittance`: compliant legs, controlled",
+    )
+    admittance: AdmittanceSpec = AdmittanceSpec()
+    """Gains of `legs: admittance`."""
+    estimation: Literal["none", "ekf"] = Field(
+        default="none",
+        description="`none`: the true state and `noise`; `ekf`: a contact-aided Kalman filter on "
+        "IMU, encoders and contacts",
+    )
+    sensors: SensorsSpec = SensorsSpec()
+    """Sensors of `estimation: ekf`."""
+    lost_contacts: tuple[LostContactSpec, ...] = Field(default=(), description="failures")
     candidates: Count = quantity("", "neighbours tried at most in a tick", default=8, ge=1, le=1000)
     enough: Count = quantity(
         "", "answers that hold, of which the cheapest is taken", default=2, ge=1, le=1000

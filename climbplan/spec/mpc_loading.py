@@ -15,7 +15,7 @@ from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
-from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkTaskSpec
+from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkLoopSpec, WalkTaskSpec
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
@@ -28,6 +28,7 @@ class LoadedMpc(LoadedSpec):
 
     spec: MpcSpec
     robot: RigidBodySpec
+    robot_text: str = ""  # of the file that a path names; empty for a built-in one
 
 
 def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
@@ -50,7 +51,8 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     kind = find_kind(document, wanted="mpc")
     if isinstance(kind, Finding):
         findings.append(kind)
-    root_paths(document, (("library", "file"),))
+    robot_path = _is_path(document.value.get("robot"))
+    root_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
     spec, found = validate(document, MpcSpec)
     findings += [f for f in found if f.path != ("kind",)]
     robot, robot_mistakes = body_of_document(document, text.directory)
@@ -58,7 +60,8 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)
-    return LoadedMpc(spec=spec, robot=robot, **origin_of(document, text))
+    source = read_source(text.directory / spec.robot).text if robot_path else ""
+    return LoadedMpc(spec=spec, robot=robot, robot_text=source, **origin_of(document, text))
 
 
 def builtin_bodies() -> list[str]:
@@ -74,12 +77,30 @@ def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
     Raises:
         SpecError: the file cannot be used; with its own lines.
     """
-    if Path(reference).suffix in (".yaml", ".yml"):
+    if _is_path(reference):
         source = read_source((directory or Path()) / reference)
         document = parse_yaml(source.text, source.shown)
     else:
         entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
         document = parse_yaml(entry.read_text(encoding="utf-8"), f"robot {reference}")
+    return _body_of(document)
+
+
+def stored_body(spec: MpcSpec, text: str) -> RigidBodySpec:
+    """The robot of a spec, from the text that a plan file keeps of its file.
+
+    Raises SpecError for a text that is none.
+    """
+    if not _is_path(spec.robot):
+        return load_body(spec.robot)
+    return _body_of(parse_yaml(text, f"robot {spec.robot}"))
+
+
+def _is_path(reference: object) -> bool:
+    return isinstance(reference, str) and Path(reference).suffix in (".yaml", ".yml")
+
+
+def _body_of(document: Document) -> RigidBodySpec:
     findings = []
     if not isinstance(document.value, dict) or document.value.get("kind") != "rigid-body":
         findings.append(Finding(("kind",), "expected `kind: rigid-body`"))
@@ -121,7 +142,7 @@ def body_of_document(
 
 
 def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
-    """Toes of the start are those of legs that the robot has."""
+    """Toes of the start and lost contacts are those of legs that the robot has."""
     if robot is None:
         return []
     try:
@@ -129,12 +150,21 @@ def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
     except ValidationError:
         return []  # reported with the whole
     legs = list(robot.legs)
+    try:
+        loop = WalkLoopSpec.model_validate(document.value.get("loop", {}))
+    except ValidationError:
+        return []
+    named: list[tuple[tuple[str | int, ...], str]] = []
+    named += [(("task", "start", "toes", name), name) for name in task.start.toes]
+    named += [
+        (("loop", "lost_contacts", k, "leg"), e.leg) for k, e in enumerate(loop.lost_contacts)
+    ]
     return [
         Finding(
-            ("task", "start", "toes", name),
+            path,
             f"{robot.name} has no leg {name!r}, its legs are {', '.join(legs)}",
             nearest(name, legs),
         )
-        for name in task.start.toes
+        for path, name in named
         if name not in legs
     ]

@@ -11,12 +11,13 @@ from walk_tasks import walk_task
 
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.mpc.checker import check_loop, failures
-from climbplan.mpc.closed_loop import Noise, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.closed_loop import LoopWorld, Push, recovered, run_loop, sampled_task
 from climbplan.mpc.library import Library, build_library, mirrored, read_library, write_library
 from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
 from climbplan.mpc.online_run import library_key
-from climbplan.mpc.strategies import Neighbours
+from climbplan.mpc.perception import Noise
+from climbplan.mpc.strategies import Neighbours, StrategyName, trained
 from climbplan.mpc.task import VELOCITY, WalkTask
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
@@ -30,6 +31,10 @@ def library() -> Library:
 def situation(task: WalkTask) -> Situation:
     start = task.start
     return Situation(start.state, start.toes, start.toes, np.ones(4, bool))
+
+
+def pushed(time: float, forward: float, aside: float) -> LoopWorld:
+    return LoopWorld(pushes=[Push(time, np.array([forward, aside, 0]))])
 
 
 def test_sections_and_mirror(library: Library) -> None:
@@ -65,7 +70,7 @@ def test_key_is_that_of_the_task_not_of_its_start() -> None:
 
 def test_walks_under_a_push_in_continuous_time(library: Library) -> None:
     controller = OnlineController(TASK, library, OnlineSettings())
-    loop = run_loop(controller, TASK, 2.0, [Push(0.81, np.array([-1.0, 0, 0]))])
+    loop = run_loop(controller, TASK, 2.0, pushed(0.81, -1.0, 0))
     assert recovered(loop, TASK)
     speed = loop.trajectory.state[:, VELOCITY][:, 0]
     assert speed[163:200].min() < 1.2  # the push was felt
@@ -78,7 +83,7 @@ def test_walks_under_a_push_in_continuous_time(library: Library) -> None:
 def test_noise_is_borne(library: Library) -> None:
     controller = OnlineController(TASK, library, OnlineSettings())
     noise = Noise(velocity=0.03, angles=0.005, spin=0.03, position=0.002)
-    one = run_loop(controller, TASK, 1.2, noise=noise, seed=4)
+    one = run_loop(controller, TASK, 1.2, LoopWorld(noise=noise), seed=4)
     assert one.fell is None
     other = run_loop(OnlineController(TASK, library, OnlineSettings()), TASK, 1.2)
     assert np.abs(one.trajectory.state - other.trajectory.state).max() > 1e-3
@@ -161,9 +166,30 @@ def test_effort_bounds_the_qps_of_a_tick(library: Library, effort: int) -> None:
 
 def test_a_push_that_nobody_survives_is_a_fall(library: Library) -> None:
     controller = OnlineController(TASK, library, OnlineSettings())
-    loop = run_loop(controller, TASK, 2.0, [Push(0.5, np.array([0, -6.0, 0]))])
+    loop = run_loop(controller, TASK, 2.0, pushed(0.5, 0, -6.0))
     assert loop.fell is not None
     assert not recovered(loop, TASK)
     whole = sampled_task(TASK, len(loop.trajectory.state) - 1)
     told = failures(check_loop(whole, loop.trajectory, loop.pushed))
     assert "loop.upright" in told or "workspace.standing" in told
+
+
+@pytest.mark.parametrize("name", ["forest", "boosting", "network"])
+def test_trained_strategies_rank_gaits(library: Library, name: StrategyName) -> None:
+    """The gait of a stored situation comes first, or near; no gait comes twice."""
+    ranking = trained(name, library, 0)
+    found = 0
+    for k in range(len(library)):
+        ranked = ranking.ranked(library.features[k], 5)
+        gaits = [library.contact[index].tobytes() for index in ranked]
+        assert len(set(gaits)) == len(gaits)
+        found += library.contact[k].tobytes() in gaits
+    assert found > 0.8 * len(library)
+    again = trained(name, library, 0).ranked(library.features[0], 5)
+    np.testing.assert_array_equal(again, ranking.ranked(library.features[0], 5))
+
+
+def test_without_sections_every_strategy_ranks_nothing(library: Library) -> None:
+    empty = library.first(0)
+    for name in ("knn", "forest"):
+        assert len(trained(name, empty, 0).ranked(library.features[0], 5)) == 0

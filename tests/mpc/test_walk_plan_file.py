@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
 import h5py
@@ -46,6 +47,41 @@ def test_read_back_exactly(plan_path: Path, tmp_path: Path) -> None:
     assert again.terms == plan.terms
     assert again.history == plan.history
     assert again.task.knots == 4
+
+
+def test_a_robot_of_ones_own_is_kept_in_the_plan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Paths start at the spec; verification needs the plan file alone, from anywhere."""
+    shipped = files("climbplan").joinpath("robots", "bodies", "scaler.yaml").read_text()
+    folder, elsewhere = tmp_path / "there", tmp_path / "elsewhere"
+    (folder / "robots").mkdir(parents=True)
+    elsewhere.mkdir()
+    (folder / "robots" / "heavy.yaml").write_text(shipped.replace("mass: 6.3", "mass: 6.6"))
+    (folder / "heavy.yaml").write_text(SPEC + "robot: robots/heavy.yaml\n")
+    monkeypatch.chdir(elsewhere)
+    path = elsewhere / "plan.h5"
+    write_walk_plan(plan_walk(load_mpc(folder / "heavy.yaml")), path)
+    (folder / "robots" / "heavy.yaml").unlink()
+    assert verify(path).passed
+    assert "6.6" in read_walk_plan(path).robot_text
+    with h5py.File(path, "r+") as file:
+        file["robot"].attrs["source"] = shipped
+    assert not verify(path).passed
+    with h5py.File(path, "r+") as file:
+        file["robot"].attrs["source"] = "kind: rigid-body"
+    assert not verify(path).passed
+
+
+def test_a_robot_path_of_an_option_starts_where_the_command_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped = files("climbplan").joinpath("robots", "bodies", "scaler.yaml").read_text()
+    (tmp_path / "specs").mkdir()
+    (tmp_path / "specs" / "short.yaml").write_text(SPEC)
+    (tmp_path / "own.yaml").write_text(shipped.replace("mass: 6.3", "mass: 6.6"))
+    monkeypatch.chdir(tmp_path)
+    assert load_mpc("specs/short.yaml", ["robot=own.yaml"]).robot.mass == 6.6
 
 
 def test_layout_that_others_rely_on(plan_path: Path) -> None:

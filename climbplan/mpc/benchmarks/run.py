@@ -1,4 +1,4 @@
-"""`climbplan bench mpc`: offline methods, accuracy of envelopes, bounds, a table each."""
+"""`climbplan bench mpc`: offline methods, envelopes, bounds, online, a table each."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import TextIO
 from climbplan.mpc.benchmarks.bounds import bound_table
 from climbplan.mpc.benchmarks.envelope_accuracy import accuracy_table
 from climbplan.mpc.benchmarks.offline import offline_tables
+from climbplan.mpc.benchmarks.online import online_tables
 
 Section = Callable[[int, bool, TextIO], None]  # seed, quick, where to print
-SECTIONS: tuple[Section, ...] = (offline_tables, accuracy_table, bound_table)
+SECTIONS: tuple[Section, ...] = (offline_tables, accuracy_table, bound_table, online_tables)
 
 
 def run_mpc(seed: int, quick: bool, stream: TextIO) -> None:

@@ -1,0 +1,120 @@
+"""The loop's world: delay, compliant legs, estimation, lost contact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from walk_tasks import walk_task
+
+from climbplan.mpc.admittance import AdmittanceGains, AdmittanceLegs, limited
+from climbplan.mpc.checker import check_loop, failures
+from climbplan.mpc.closed_loop import Loop, LoopWorld, Lost, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.estimation import SensorQuality
+from climbplan.mpc.library import Library, build_library
+from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
+from climbplan.mpc.perception import Noise
+from climbplan.mpc.task import LEGS, VELOCITY
+
+TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return build_library(TASK, 3, 0, gaits=0)
+
+
+def walked(library: Library, world: LoopWorld, duration: float = 1.2, seed: int = 0) -> Loop:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    return run_loop(controller, TASK, duration, world, seed)
+
+
+def told(loop: Loop, world: LoopWorld) -> str:
+    """What the checks of a recorded loop say; empty if all pass."""
+    whole = sampled_task(TASK, len(loop.trajectory.state) - 1)
+    pushed = loop.pushed
+    assert (pushed.any() and world.pushes) or not pushed.any()
+    return failures(check_loop(whole, loop.trajectory, pushed))
+
+
+@pytest.mark.parametrize("delay", [3, 16, 20])
+def test_a_delay_is_compensated(library: Library, delay: int) -> None:
+    """Without noise and pushes what is predicted over the delay comes true."""
+    world = LoopWorld(delay=delay)
+    loop = walked(library, world)
+    assert loop.fell is None
+    np.testing.assert_allclose(loop.told[: len(loop.true)], loop.true, atol=1e-9)
+    assert told(loop, world) == ""
+    speed = loop.trajectory.state[:, VELOCITY][:, 0]
+    assert (speed[: delay + 1] < 1e-9).all()  # nothing is commanded before
+    assert speed[-1] > 1.5
+
+
+def test_a_delay_that_is_not_compensated_tells(library: Library) -> None:
+    loop = walked(library, LoopWorld(delay=6, compensate=False))
+    assert np.abs(loop.told[: len(loop.true)] - loop.true)[:, VELOCITY].max() > 0.1
+
+
+def test_compliant_legs_under_admittance_control_walk(library: Library) -> None:
+    world = LoopWorld(admittance=AdmittanceGains(), pushes=[Push(0.6, np.array([-0.5, 0, 0]))])
+    loop = walked(library, world, 2.0)
+    assert recovered(loop, TASK)
+    assert told(loop, world) == ""
+    planned = np.repeat([c.trajectory.force[0] for c in loop.commands], 16, axis=0)
+    off = np.abs(loop.trajectory.force[:-1] - planned).max()
+    assert off > 0.1  # forces are the legs', not the plan's
+
+
+def test_admittance_gains_trade_position_for_force() -> None:
+    """Held off its place, a leg that tracks forces gives way and one for places does not."""
+    planned, ahead = np.zeros((LEGS, 3)), np.zeros((LEGS, 3))
+    planned[:, 2], ahead[:, 2] = 15.0, 0.005
+    ends = {}
+    for name, gains in {
+        "force": AdmittanceGains(stiffness=0.0),
+        "place": AdmittanceGains(force=0.0),
+        "both": AdmittanceGains(),
+    }.items():
+        legs = AdmittanceLegs(gains)
+        for _ in range(400):
+            force = legs.force(planned, ahead, np.zeros((LEGS, 3)))
+            legs.step(planned, force, 0.005)
+        ends[name] = float(force[0, 2])
+    assert ends["force"] == pytest.approx(15.0, abs=1e-3)
+    assert ends["place"] == pytest.approx(15.0 + 3000 * 0.005)
+    # K e = Kf k (0.005 - e) at rest
+    e = 0.3 * 3000 * 0.005 / (400 + 0.3 * 3000)
+    assert ends["both"] == pytest.approx(15.0 + 3000 * (0.005 - e), abs=1e-3)
+
+
+def test_the_ground_neither_pulls_nor_holds_beyond_friction() -> None:
+    force = np.array([[0, 0, -5.0], [30.0, 40.0, 10.0], [5.0, 0, 90.0], [1.0, 1.0, 9.0]])
+    contact = np.array([True, True, True, False])
+    given = limited(force, contact, 0.5, 40.0)
+    np.testing.assert_allclose(given[0], 0)
+    np.testing.assert_allclose(given[1], [3.0, 4.0, 10.0])
+    np.testing.assert_allclose(given[2], [5.0, 0, 40.0])
+    np.testing.assert_allclose(given[3], 0)
+
+
+def test_estimation_in_the_loop(library: Library) -> None:
+    world = LoopWorld(estimation=SensorQuality(), pushes=[Push(0.6, np.array([-0.5, 0, 0]))])
+    loop = walked(library, world, 2.0, seed=3)
+    assert loop.fell is None
+    off = (loop.told - loop.true)[:, VELOCITY]
+    assert 1e-4 < np.sqrt((off**2).mean()) < 0.1
+    assert told(loop, world) == ""
+
+
+@pytest.mark.parametrize("legs", [(1,), (0, 1, 2), (0, 1, 2, 3)])
+def test_contact_that_is_never_made(library: Library, legs: tuple[int, ...]) -> None:
+    """A named warning, in the end a safe stance, never a NaN."""
+    world = LoopWorld(lost=[Lost(0.24, leg) for leg in legs], noise=Noise(0.01, 0.002, 0.01, 0.001))
+    loop = walked(library, world, 0.8)
+    assert np.isfinite(loop.trajectory.state).all()
+    assert (loop.trajectory.force[60:, list(legs)] == 0).all()
+    words = [command.warning for command in loop.commands[4:]]
+    names = [TASK.body.leg_names[leg] for leg in legs]
+    assert any(all(name in word for name in names) and "contact" in word for word in words)
+    assert all(np.isfinite(command.trajectory.force).all() for command in loop.commands)
+    if len(legs) > 2:
+        assert any(command.winner == SAFE for command in loop.commands)

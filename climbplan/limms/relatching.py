@@ -17,7 +17,7 @@ from climbplan.limms.assembly import (
     latch_from_ground,
     reach_box,
 )
-from climbplan.limms.bounds import Connection
+from climbplan.limms.bounds import Connection, on_ground
 from climbplan.limms.carrying import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
@@ -92,11 +92,21 @@ def on_box(scene: Scene, module: int, side: int, rng: np.random.Generator) -> Pr
         Blocked: no free way was found.
     """
     world = initial(scene)
+    if scene.held[module] >= 0:
+        try:
+            return _from_anchor(world, module, side, rng)
+        except Blocked:
+            if not on_ground(scene, int(scene.held[module]) - scene.wall_offset):
+                raise
+    target = side_pose(scene, world.box, side, 1)
     name = scene.module_names[module]
-    if scene.held[module] < 0:
-        target = side_pose(scene, world.box, side, 1)
-        world = latch_from_ground(world, module, target, side, DRIVES, name, rng)
-        return world
+    return latch_from_ground(world, module, target, side, DRIVES, name, rng)
+
+
+def _from_anchor(world: Progress, module: int, side: int, rng: np.random.Generator) -> Progress:
+    """The same for a module that is latched to the terrain, and lets go once it has the box."""
+    scene = world.scene
+    name = scene.module_names[module]
     root = root_on_anchor(scene, int(scene.held[module]) - scene.wall_offset, 0)
     limb = arm(module, side, root, 1)
     here = world.box[None]

@@ -158,15 +158,36 @@ def guess_for(
         # Time runs differently in wind-up and throw: a phase of its own for each
         corners = np.insert(corners, -1, 0.4 * corners[-2] + 0.6 * corners[-1], axis=0)
         blocks.append(blocks[-1])
-    traces: list[Trace] = []
+    pieces = []
     for (first, last), block in zip(pairwise(corners), blocks, strict=True):
         length = float(np.linalg.norm(last - first))
-        duration = max(length / SPEED, 0.4)
         share = np.linspace(0, 1, KNOTS + 1)[:, None]
         position = first + share * (last - first)
         if bump is not None:
             position = np.clip(position + np.sin(np.pi * share) * bump, block[0], block[1])
-        velocity = np.broadcast_to((last - first) / duration, position.shape)
+        velocity = (last - first) / max(length / SPEED, 0.4)
+        pieces.append(Piece(position, max(length / SPEED, 0.4), velocity, block))
+    return traces_along(scene, limbs, task, pieces)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A way of the box in one phase, as a guess."""
+
+    position: Array  # (KNOTS + 1, 3) [m]
+    duration: float  # [s]
+    velocity: Array  # (KNOTS + 1, 3) or (3,) [m/s]
+    block: Array  # (2, 3) of free centres of the box
+
+
+def traces_along(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[Piece]
+) -> list[Trace]:
+    """The guess that follows pieces of a way, and a parabola after them if the box is thrown."""
+    traces: list[Trace] = []
+    for piece in pieces:
+        position, block = piece.position, piece.block
+        velocity = np.broadcast_to(piece.velocity, position.shape)
         feet = np.array([[limb.fixed_position for limb in limbs]] * (KNOTS + 1))
         angles = np.stack(
             [
@@ -182,7 +203,7 @@ def guess_for(
         traces.append(
             Trace(
                 phase,
-                duration,
+                piece.duration,
                 position,
                 velocity,
                 np.zeros_like(position),
@@ -192,7 +213,8 @@ def guess_for(
             )
         )
     if task.throw:
-        traces.append(_flight(corners[-1], task.goal, task.way.blocks[-1], len(limbs)))
+        end = pieces[-1].position[-1]
+        traces.append(_flight(end, task.goal, task.way.blocks[-1], len(limbs)))
     return traces
 
 
@@ -216,16 +238,23 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     )
 
 
-def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float) -> Outcome:
+def plan_held(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    time_limit: float,
+    given: Sequence[Trace] | None = None,
+) -> Outcome:
     """Solve the program of one held stage, from guess after guess until one leads to an optimum.
 
-    The outcome is the first optimum, else the best answer, else the last try; its times are those
-    of all.
+    given: the only guess to begin from. The outcome is the first optimum, else the best answer,
+    else the last try; its times are those of all.
     """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
     spent, built = 0.0, 0.0
     best: Outcome | None = None
-    for first in guesses_for(scene, limbs, task)[: TRIES if task.throw else 1]:
+    some = TRIES if task.throw else 1
+    for first in [list(given)] if given else guesses_for(scene, limbs, task)[:some]:
 
         def once(
             guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first

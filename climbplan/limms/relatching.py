@@ -50,7 +50,7 @@ def relatch(
     task = HeldTask(start, scene.goal, way, False, 0.0)
     for module in _owners(scene, connection):
         try:
-            world = on_box(scene, module, connection.side, rng)
+            world = on_box(scene, module, connection.side, modes.lets_go, rng)
         except Blocked as error:
             attempts.notes.append(f"{modes.named(scene)}: {error}")
             continue
@@ -85,19 +85,23 @@ def _owners(scene: Scene, connection: Connection) -> Iterator[int]:
         yield module
 
 
-def on_box(scene: Scene, module: int, side: int, rng: np.random.Generator) -> Progress:
+def on_box(
+    scene: Scene, module: int, side: int, lets_go: bool, rng: np.random.Generator
+) -> Progress:
     """Everything until a module is held by a side of the standing box alone.
+
+    lets_go: a module on an anchor of the ground drives first, otherwise it comes from there.
 
     Raises:
         Blocked: no free way was found.
     """
     world = initial(scene)
-    if scene.held[module] >= 0:
-        try:
-            return _from_anchor(world, module, side, rng)
-        except Blocked:
-            if not on_ground(scene, int(scene.held[module]) - scene.wall_offset):
-                raise
+    if scene.held[module] >= 0 and not lets_go:
+        return _from_anchor(world, module, side, rng)
+    if scene.held[module] >= 0 and not on_ground(
+        scene, int(scene.held[module]) - scene.wall_offset
+    ):
+        raise Blocked(f"{scene.module_names[module]} is latched to a wall and cannot drive")
     target = side_pose(scene, world.box, side, 1)
     name = scene.module_names[module]
     return latch_from_ground(world, module, target, side, DRIVES, name, rng)

@@ -44,6 +44,7 @@ def test_one_module_latches_box_then_wall_then_lifts(relatched: LimmsPlan) -> No
     assert story(relatched, 0) == [(ground, -1), (ground, side), (-1, side), (wall, side)]
     # It lifts only once it is on the wall
     motion = relatched.motion
+    assert any("nothing but the standing box holds module A" in w for w in relatched.warnings)
     moves = np.abs(motion.box_position[:, 0] - motion.box_position[0, 0]).max(axis=1) > 1e-9
     assert (motion.base_anchor[moves, 0] == wall).all()
 

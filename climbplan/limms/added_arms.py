@@ -27,7 +27,6 @@ _ASIDE = (-0.3, -0.15, 0.0, 0.15, 0.3)  # [m] across it
 _RINGS = (0.25, 0.4, 0.55)  # [m] from a place to where a module may stand for it
 _SPOKES = 8
 _MARGIN = 0.01  # [m] of the carrier from everything
-_SHORT = 0.03  # [m] of reach that is kept back
 
 
 @dataclass(frozen=True)

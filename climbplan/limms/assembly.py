@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from climbplan.limms.bounds import on_ground
 from climbplan.limms.chain import BRANCHES, Pose, in_range, inverse
 from climbplan.limms.limbs import root_on_anchor, standing_rotation
 from climbplan.limms.reaching import (
@@ -58,6 +59,18 @@ def spots(scene: Scene, height: float, target: Pose, around: Array) -> Iterator[
     yield from found
 
 
+def let_go(world: Progress, module: int) -> Progress:
+    """As the world is, but a module that stands upright on an anchor of the ground drives."""
+    scene, anchor = world.scene, int(world.base_anchor[module])
+    if anchor < scene.wall_offset or not on_ground(scene, anchor - scene.wall_offset):
+        return world
+    freed = world.copy()
+    freed.base_anchor[module] = NOWHERE
+    freed.mode[module] = DRIVES
+    freed.grounded[module] = 0
+    return freed
+
+
 def latch_from_ground(
     world: Progress,
     module: int,
@@ -74,6 +87,7 @@ def latch_from_ground(
         Blocked: no such point was found.
     """
     scene = world.scene
+    world = let_go(world, module)
     here = world.base_position[module]
     failures = 0
     for point in spots(scene, float(here[2]), target, here):

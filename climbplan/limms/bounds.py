@@ -72,7 +72,7 @@ def from_ground(scene: Scene, wrist: Array) -> bool:
     return any(
         _from_patch(scene, patch, wrist)
         for patch in scene.patches
-        if any(abs(float(stand[2]) - patch.height) < 1e-6 for stand in _stands(scene))
+        if any(abs(float(stand[2]) - patch.height) < 1e-6 for stand in standing_places(scene))
     )
 
 
@@ -83,14 +83,17 @@ def _from_patch(scene: Scene, patch: Patch, wrist: Array) -> bool:
     return float(np.hypot(np.linalg.norm(flat), up)) <= chain_stretch(scene, 1)
 
 
-def _stands(scene: Scene) -> list[Array]:
-    """Where modules stand at the start, or can: one on an anchor of the ground may let go."""
-    places = [stand for stand in scene.stand if not np.isnan(stand).any()]
-    return places + [
-        scene.wall_position[anchor - scene.wall_offset]
-        for anchor in scene.held
-        if anchor >= 0 and on_ground(scene, int(anchor) - scene.wall_offset)
-    ]
+def standing_places(scene: Scene) -> Array:
+    """Where modules stand (L, 3) [m], or can: one on an anchor of the ground may let go.
+
+    NaN for those on anchors of walls.
+    """
+    places = scene.stand.copy()
+    for module, anchor in enumerate(scene.held):
+        root = int(anchor) - scene.wall_offset
+        if anchor >= 0 and on_ground(scene, root):
+            places[module] = scene.wall_position[root]
+    return places
 
 
 def on_ground(scene: Scene, root: int) -> bool:

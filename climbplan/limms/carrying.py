@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
-from climbplan.limms.bounds import Connection
+from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
 from climbplan.limms.held import (
@@ -94,16 +94,17 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[i
     """Which modules, the nearest first; a module latched to an anchor is the one that uses it."""
     n = len(connections)
     costs = []
+    places = standing_places(scene)
     for modules in permutations(range(scene.count), n):
         cost = 0.0
         for module, connection in zip(modules, connections, strict=True):
             anchor = scene.wall_offset + connection.root
-            if scene.held[module] >= 0:
-                cost += 0.0 if scene.held[module] == anchor else np.inf
-            elif anchor in scene.held:
+            if scene.held[module] == anchor:
+                continue
+            if anchor in scene.held:
                 cost += np.inf
             else:
-                away = scene.stand[module] - scene.wall_position[connection.root]
+                away = places[module] - scene.wall_position[connection.root]
                 cost += float(np.linalg.norm(away))
         if np.isfinite(cost):
             costs.append((cost, modules))

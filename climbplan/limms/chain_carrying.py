@@ -17,7 +17,7 @@ from climbplan.limms.assembly import (
     reach_box,
     root_pose,
 )
-from climbplan.limms.bounds import Connection
+from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.carrying import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
@@ -76,6 +76,7 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[C
     """Which modules, least way to their anchors; who is latched to an anchor starts its chain."""
     needed = sum(c.links for c in connections)
     best: tuple[float, tuple[int, ...]] | None = None
+    places = standing_places(scene)
     for modules in permutations(range(scene.count), needed):
         cost, taken = 0.0, 0
         for connection in connections:
@@ -83,12 +84,10 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[C
             for place in range(connection.links):
                 module = modules[taken + place]
                 held = int(scene.held[module])
-                if (held == anchor) != (place == 0 and anchor in scene.held) or (
-                    held >= 0 and held != anchor
-                ):
+                if (held == anchor) != (place == 0 and anchor in scene.held):
                     cost = np.inf
-                elif held < 0:
-                    away = scene.stand[module] - scene.wall_position[connection.root]
+                elif held != anchor:
+                    away = places[module] - scene.wall_position[connection.root]
                     cost += float(np.linalg.norm(away)) * (1.0 if place else 1.001)
             taken += connection.links
         if np.isfinite(cost) and (best is None or cost < best[0]):

@@ -105,12 +105,16 @@ def _spec_values(plan: LimmsPlan) -> Check:
         "terrain.regions": (solids, plan.solids),
         "terrain.anchors": (anchors, plan.motion.anchor_position[0, 4 * len(sizes) :]),
     }
+    names = tuple(m.name for m in spec.modules)
+    if names == plan.module_names:
+        known = {anchor.name: anchor.position for anchor in spec.terrain.anchors}
+        begin = [m.stand or known[str(m.anchor)] for m in spec.modules]
+        pairs["modules"] = (np.array(begin, float), plan.motion.joint_position[0, :, 0])
     worst, where = 0.0, ""
     for name, (said, stored) in pairs.items():
         off = np.inf if said.shape != stored.shape else float(np.abs(said - stored).max(initial=0))
         if off > worst:
             worst, where = off, name
-    names = tuple(m.name for m in spec.modules)
     if names != plan.module_names:
         worst, where = np.inf, "modules"
     return judge("file.spec_values", worst, where)

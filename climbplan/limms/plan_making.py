@@ -9,9 +9,9 @@ import numpy as np
 
 from climbplan.limms.carrying import Attempts
 from climbplan.limms.convergence import Convergence
-from climbplan.limms.plan import LimmsPlan, motion_of
+from climbplan.limms.plan import LimmsPlan, Motion, motion_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import DRIVES, Progress
 from climbplan.spec.limms_loading import LoadedLimms
 
 
@@ -68,16 +68,27 @@ def make_plan(
             "variables": attempts.variables,
             "constraints": attempts.constraints,
         },
-        warnings=_warnings(scene),
+        warnings=_warnings(scene, motion),
         convergence=making.convergence,
     )
 
 
-def _warnings(scene: Scene) -> tuple[str, ...]:
+def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
+    """What the model leaves out and the real thing would feel."""
     weight = scene.module.mass * GRAVITY
-    if weight <= scene.module.max_force:
-        return ()
-    text = f"the motion leaves out the modules' own dynamics: a module weighs {weight:.1f} N"
-    if weight > 2 * scene.module.max_force:
-        text += f", twice what a contact is said to hold ({scene.module.max_force:.0f} N)"
-    return (text,)
+    found = []
+    if weight > scene.module.max_force:
+        text = f"the motion leaves out the modules' own dynamics: a module weighs {weight:.1f} N"
+        if weight > 2 * scene.module.max_force:
+            text += f", twice what a contact is said to hold ({scene.module.max_force:.0f} N)"
+        found.append(text)
+    for m, name in enumerate(scene.module_names):
+        ends = np.stack([motion.base_anchor[:, m], motion.tip_anchor[:, m]], axis=-1)
+        on_box = ((ends >= 0) & (ends < scene.wall_offset)).any(axis=-1)
+        alone = on_box & (motion.mode[:, m] == DRIVES) & (motion.ground_end[:, m] < 0)
+        if alone.any():
+            found.append(
+                f"for a while nothing but the standing box holds module {name}: whether a box of "
+                f"{scene.weight:.1f} N tips under {weight:.1f} N is not looked at"
+            )
+    return tuple(found)

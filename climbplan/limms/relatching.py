@@ -17,7 +17,7 @@ from climbplan.limms.assembly import (
     latch_from_ground,
     reach_box,
 )
-from climbplan.limms.bounds import Connection
+from climbplan.limms.bounds import Connection, on_ground
 from climbplan.limms.carrying import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
@@ -50,7 +50,7 @@ def relatch(
     task = HeldTask(start, scene.goal, way, False, 0.0)
     for module in _owners(scene, connection):
         try:
-            world = on_box(scene, module, connection.side, rng)
+            world = on_box(scene, module, connection.side, modes.lets_go, rng)
         except Blocked as error:
             attempts.notes.append(f"{modes.named(scene)}: {error}")
             continue
@@ -85,18 +85,32 @@ def _owners(scene: Scene, connection: Connection) -> Iterator[int]:
         yield module
 
 
-def on_box(scene: Scene, module: int, side: int, rng: np.random.Generator) -> Progress:
+def on_box(
+    scene: Scene, module: int, side: int, lets_go: bool, rng: np.random.Generator
+) -> Progress:
     """Everything until a module is held by a side of the standing box alone.
+
+    lets_go: a module on an anchor of the ground drives first, otherwise it comes from there.
 
     Raises:
         Blocked: no free way was found.
     """
     world = initial(scene)
+    if scene.held[module] >= 0 and not lets_go:
+        return _from_anchor(world, module, side, rng)
+    if scene.held[module] >= 0 and not on_ground(
+        scene, int(scene.held[module]) - scene.wall_offset
+    ):
+        raise Blocked(f"{scene.module_names[module]} is latched to a wall and cannot drive")
+    target = side_pose(scene, world.box, side, 1)
     name = scene.module_names[module]
-    if scene.held[module] < 0:
-        target = side_pose(scene, world.box, side, 1)
-        world = latch_from_ground(world, module, target, side, DRIVES, name, rng)
-        return world
+    return latch_from_ground(world, module, target, side, DRIVES, name, rng)
+
+
+def _from_anchor(world: Progress, module: int, side: int, rng: np.random.Generator) -> Progress:
+    """The same for a module that is latched to the terrain, and lets go once it has the box."""
+    scene = world.scene
+    name = scene.module_names[module]
     root = root_on_anchor(scene, int(scene.held[module]) - scene.wall_offset, 0)
     limb = arm(module, side, root, 1)
     here = world.box[None]

@@ -19,6 +19,7 @@ from climbplan.limms.bounds import (
     access_over_box,
     anchor_wrist,
     holding_misfit,
+    on_ground,
     side_wrist,
     span,
     within_reach,
@@ -39,6 +40,7 @@ class Sequence:
     kind: str  # "arms", "throw", "relatch", "quadruped"
     connections: tuple[Connection, ...] = ()
     away: float = 0.0  # [m] how far wrists are apart that the chains have to bring together
+    lets_go: bool = False  # a module on an anchor of the ground drives, before it relatches
 
     @property
     def modules(self) -> int:
@@ -48,7 +50,7 @@ class Sequence:
     def cost(self) -> float:
         """What is tried first: few modules, no change of latches, steps or flight; near ones."""
         extra = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}.get(self.kind, 0.0)
-        return self.modules + extra + 0.01 * self.away
+        return self.modules + extra + (0.1 if self.lets_go else 0.0) + 0.01 * self.away
 
     def named(self, scene: Scene) -> str:
         """In words."""
@@ -181,6 +183,8 @@ def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] |
     relatched = len(connections) == 1 and single and carried
     if relatched and access_over_box(scene, connections[0]):
         found.append(Sequence("relatch", connections, away))
+        if any(a >= 0 and on_ground(scene, int(a) - scene.wall_offset) for a in scene.held):
+            found.append(Sequence("relatch", connections, away, lets_go=True))
     return found or "way to the anchor"
 
 

@@ -44,6 +44,7 @@ def test_one_module_latches_box_then_wall_then_lifts(relatched: LimmsPlan) -> No
     assert story(relatched, 0) == [(ground, -1), (ground, side), (-1, side), (wall, side)]
     # It lifts only once it is on the wall
     motion = relatched.motion
+    assert any("nothing but the standing box holds module A" in w for w in relatched.warnings)
     moves = np.abs(motion.box_position[:, 0] - motion.box_position[0, 0]).max(axis=1) > 1e-9
     assert (motion.base_anchor[moves, 0] == wall).all()
 
@@ -100,3 +101,15 @@ def test_lies_about_chains_are_found(doubled: LimmsPlan) -> None:
     angles[-50:, carrier, 2] += 1e-3
     off = replace(doubled, motion=replace(motion, joint_angles=angles))
     assert "latch.position" in {check.name for check in verification_of(off).failed}
+
+
+def test_a_module_on_the_ground_lets_go_where_that_helps() -> None:
+    # From its anchor the side is out of reach: it lets go and drives there
+    plan = plan_limms(loaded("limms_relatch", "box.goal=[0.2, -0.1, 1.3]"))
+    assert verification_of(plan).passed
+    assert 1 in plan.motion.mode[:10, 0]
+    # And what starts elsewhere than the spec says is found
+    points = plan.motion.joint_position.copy()
+    points[0, 0, 0] += 0.01
+    moved = replace(plan, motion=replace(plan.motion, joint_position=points))
+    assert "file.spec_values" in {check.name for check in verification_of(moved).failed}

@@ -21,6 +21,7 @@ from climbplan.limms.footholds import feet_of
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb, Trace
 from climbplan.limms.unknowns import Unknowns
+from climbplan.solvers.interruption import Deadline, interruptible
 
 FEASIBLE = 1e-6  # largest violation of an answer that is used
 
@@ -42,6 +43,8 @@ def solve(
         parts.phase(number, trace, [c for c in cuts if c.phase == number])
     parts.finish(ends)
     x, g = ca.vertcat(*store.x), ca.vertcat(*store.g)
+    deadline = Deadline(x.numel(), g.numel(), 0)
+    deadline.at = time.monotonic() + time_limit
     nlp: dict[str, Any] = {"x": x, "f": parts.cost, "g": g}
     options: dict[str, Any] = {
         "ipopt.print_level": 0,
@@ -49,7 +52,8 @@ def solve(
         "expand": True,
         "ipopt.sb": "yes",
         "ipopt.max_iter": iterations,
-        "ipopt.max_cpu_time": time_limit,
+        "iteration_callback": deadline,
+        "error_on_fail": False,
         "ipopt.tol": 1e-5,
         "ipopt.constr_viol_tol": 1e-7,
         "ipopt.acceptable_tol": 1e-3,
@@ -60,13 +64,14 @@ def solve(
     }
     solver = ca.nlpsol("limms", "ipopt", nlp, options)
     built = time.perf_counter()
-    answer = solver(
-        x0=np.concatenate(store.start),
-        lbx=np.concatenate(store.low),
-        ubx=np.concatenate(store.high),
-        lbg=np.concatenate(store.g_low),
-        ubg=np.concatenate(store.g_high),
-    )
+    with interruptible(deadline.stop):
+        answer = solver(
+            x0=np.concatenate(store.start),
+            lbx=np.concatenate(store.low),
+            ubx=np.concatenate(store.high),
+            lbg=np.concatenate(store.g_low),
+            ubg=np.concatenate(store.g_high),
+        )
     values = np.asarray(answer["g"]).ravel()
     violation = float(
         np.max(

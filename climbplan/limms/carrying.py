@@ -22,7 +22,7 @@ from climbplan.limms.held import (
     path_choices,
     plan_held,
 )
-from climbplan.limms.leg_program import LegOutcome
+from climbplan.limms.leg_solver import LegOutcome
 from climbplan.limms.limbs import arm, root_on_anchor
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
@@ -93,7 +93,7 @@ def carry(
     task = HeldTask(start, scene.goal, way, throw, scene.arrival_speed)
     for owners in _owners(scene, modes.connections) if given is None else (given,):
         limbs = [
-            _limb(scene, module, connection)
+            limb_of(scene, module, connection)
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
         choices = path_choices(scene, limbs, task)
@@ -106,7 +106,7 @@ def carry(
             if not outcome.solved:
                 continue
             try:
-                return _whole(scene, combo, modes.connections, outcome, rng)
+                return whole_carried(scene, combo, modes.connections, outcome, rng)
             except (Blocked, Follow) as error:
                 attempts.notes.append(f"{modes.named(scene)}: {error}")
     return None
@@ -134,14 +134,15 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[i
         yield modules
 
 
-def _limb(scene: Scene, module: int, connection: Connection) -> Limb:
+def limb_of(scene: Scene, module: int, connection: Connection) -> Limb:
+    """The arm of a module from an anchor of the terrain to a side of the box."""
     latched = scene.held[module] == scene.wall_offset + connection.root
     box_end = 1 if latched else 0
     root = root_on_anchor(scene, connection.root, 1 - box_end)
     return arm(module, connection.side, root, box_end)
 
 
-def _whole(
+def whole_carried(
     scene: Scene,
     limbs: Sequence[Limb],
     connections: Sequence[Connection],

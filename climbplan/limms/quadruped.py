@@ -14,7 +14,7 @@ from climbplan.limms.leaps import find_leaps
 from climbplan.limms.leg_faults import faults_of
 from climbplan.limms.leg_guess import leap_guess, leg_guess
 from climbplan.limms.leg_motion import leg_motion
-from climbplan.limms.leg_program import Effort, LegOutcome, solve_legs
+from climbplan.limms.leg_solver import Effort, LegOutcome, solve_legs
 from climbplan.limms.leg_statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
 from climbplan.limms.legs import first_stand_sets, legs_of
 from climbplan.limms.limbs import leg

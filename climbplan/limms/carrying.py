@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
 import numpy as np
 
+from climbplan.errors import LimitReached
 from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
 from climbplan.limms.bounds import Connection, standing_places
@@ -20,7 +22,7 @@ from climbplan.limms.held import (
     path_choices,
     plan_held,
 )
-from climbplan.limms.leg_program import LegOutcome
+from climbplan.limms.leg_solver import LegOutcome
 from climbplan.limms.limbs import arm, root_on_anchor
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
@@ -35,13 +37,33 @@ TOUCH = -5e-5  # [m] gap below which a motion is refused
 class Attempts:
     """What was tried and how it went, for the report and for messages."""
 
-    limit: float  # [s] of the clock that `spent` reads
+    limit: float  # [s] of the whole planning, from now on
     programs: int = 0
     solver_seconds: float = 0.0
     build_seconds: float = 0.0
     variables: int = 0
     constraints: int = 0
     notes: list[str] = field(default_factory=list)
+    end: float = field(init=False)  # `time.monotonic` [s]
+
+    def __post_init__(self) -> None:
+        self.end = time.monotonic() + self.limit
+
+    def left(self, most: float = np.inf) -> float:
+        """Seconds left for what comes next, `most` at most.
+
+        Raises:
+            LimitReached: none are left.
+        """
+        seconds = self.end - time.monotonic()
+        if seconds <= 0:
+            raise LimitReached(f"no plan found within {self.limit:g} s. {self.story()}")
+        return min(seconds, most)
+
+    def story(self) -> str:
+        """What was tried, in words."""
+        tried = "; ".join(dict.fromkeys(self.notes))
+        return f"Tried: {tried}" if tried else "Nothing was tried to its end"
 
     def count(self, outcome: Outcome | LegOutcome, what: str) -> None:
         """One more program."""
@@ -79,7 +101,7 @@ def carry(
             attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
             continue
         for combo in combinations(choices, most=4):
-            outcome = plan_held(scene, combo, task, min(left, 20.0))
+            outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
             attempts.count(outcome, modes.named(scene))
             if not outcome.solved:
                 continue

@@ -182,7 +182,7 @@ def _carried(
         attempts.notes.append(f"{name}: out of reach at the start")
         return None
     for combo in combinations(choices, most=4):
-        outcome = plan_held(scene, combo, task, min(left, 20.0))
+        outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
         attempts.count(outcome, name)
         if not outcome.solved:
             continue

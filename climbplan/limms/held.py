@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
@@ -251,6 +252,7 @@ def plan_held(
     else the last try; its times are those of all.
     """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
+    until = time.monotonic() + time_limit  # of all programs together
     spent, built = 0.0, 0.0
     best: Outcome | None = None
     some = TRIES if task.throw else 1
@@ -259,7 +261,8 @@ def plan_held(
         def once(
             guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first
         ) -> Outcome:
-            return solve_arms(scene, limbs, guess or first, ends, cuts, time_limit)
+            seconds = max(until - time.monotonic(), 0.1)
+            return solve_arms(scene, limbs, guess or first, ends, cuts, seconds)
 
         outcome = solve_clear(scene, limbs, once)
         spent, built = spent + outcome.seconds, built + outcome.build_seconds

@@ -7,6 +7,7 @@ ends, turns from one into the other in the time of the flight, and serves start 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -62,8 +63,13 @@ class _Poses:
     level: NDArray[np.int64]  # (n,) number of the height
 
 
-def find_leaps(scene: Scene, goal: Array, rng: np.random.Generator) -> list[Leap]:
-    """Leaps from where the box starts towards its goal, those with most slack first."""
+def find_leaps(
+    scene: Scene, goal: Array, rng: np.random.Generator, deadline: float = np.inf
+) -> list[Leap]:
+    """Leaps from where the box starts towards its goal, those with most slack first.
+
+    deadline: `time.monotonic` [s] after which no more are drawn.
+    """
     start = scene.box_start[0]
     first = patch_under(scene, start, start[2])
     last = patch_under(scene, goal, goal[2])
@@ -75,6 +81,8 @@ def find_leaps(scene: Scene, goal: Array, rng: np.random.Generator) -> list[Leap
     found: list[Leap] = []
     fastest = 0.45 * scene.module.max_joint_speed
     for _ in range(DRAWS):
+        if time.monotonic() > deadline:
+            break
         up, ahead = rng.uniform(-0.2, 0.6) * fastest, rng.uniform(0.4, 1.0) * fastest
         one, other = rng.integers(len(HEIGHTS), size=2)
         fall = up**2 + 2 * GRAVITY * (HEIGHTS[one] + drop - HEIGHTS[other])

@@ -21,19 +21,19 @@ _CLIP = 0.9995  # of cosines: what is out of reach has angles too, and a constra
 
 
 class Box(NamedTuple):
-    """Least and largest values of `limits` (5,) of a leg."""
+    """Least and largest values of `limits` (4,) of a leg."""
 
     lower: Array
     upper: Array
 
 
 def leg_function(module: ModuleSpec, limb: Limb, box_size: Array) -> ca.Function:
-    """Angles (6) [rad], speeds (6) [rad/s] and limits (5) of a leg from centre - foothold (3) [m]
+    """Angles (6) [rad], speeds (6) [rad/s] and limits (4) of a leg from centre - foothold (3) [m]
     and the box's velocity (3) [m/s].
 
     Limits, to be held within `limits_of`: squared distance of the wrist from the first axis [m^2];
-    cosines of elbow, of joint 2 twice halved by nothing, and of the wrist. Angles of rolls are in
-    (-pi, pi].
+    cosines of the elbow (joint 3), of joint 2, and of the wrist (joint 5). Angles of rolls are
+    in (-pi, pi].
     """
     a = module.link_lengths
     upper, fore = a[2], a[3] + a[4]

@@ -35,7 +35,7 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
 
     Raises:
         Infeasible: bounds that no plan escapes rule every mode sequence out.
-        LimitReached: none of the sequences tried led to a plan.
+        LimitReached: none of the sequences led to a plan, or not in time.
     """
     if loaded.spec.solver.method == "admm":
         return plan_by_consensus(loaded, report)
@@ -51,11 +51,9 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
     most_steps = loaded.spec.solver.most_steps
     for number, sequence in enumerate(found.sequences):
         report("plan", number / len(found.sequences))
-        left = loaded.spec.solver.time_limit - (time.perf_counter() - began)
-        if left <= 0:
-            break
+        left = attempts.left()
         if sequence.kind == "quadruped":
-            world = walk(scene, attempts, time.monotonic() + left, most_steps, rng)
+            world = walk(scene, attempts, attempts.end, most_steps, rng)
         elif sequence.kind == "relatch":
             world = relatch(scene, sequence, attempts, left, rng)
         elif any(connection.links > 1 for connection in sequence.connections):
@@ -72,5 +70,5 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
             made = Making(METHOD, sequence.named(scene), seconds, sizes, dict(SOLVERS))
             plan = make_plan(loaded, scene, world, attempts, made)
             return replace(plan, summary=summary_lines(plan, attempts.notes))
-    tried = "; ".join(dict.fromkeys(attempts.notes))
-    raise LimitReached(f"no plan found within the limits. Tried: {tried}")
+    attempts.left()
+    raise LimitReached(f"none of the sequences tried led to a plan. {attempts.story()}")

@@ -14,7 +14,7 @@ from climbplan.limms.leaps import find_leaps
 from climbplan.limms.leg_faults import faults_of
 from climbplan.limms.leg_guess import leap_guess, leg_guess
 from climbplan.limms.leg_motion import leg_motion
-from climbplan.limms.leg_program import Effort, LegOutcome, solve_legs
+from climbplan.limms.leg_solver import Effort, LegOutcome, solve_legs
 from climbplan.limms.leg_statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
 from climbplan.limms.legs import first_stand_sets, legs_of
 from climbplan.limms.limbs import leg
@@ -34,12 +34,15 @@ class Start:
 
 
 def starts(
-    scene: Scene, gait: Gait, way: Way, rng: np.random.Generator, most: int = 2
+    scene: Scene, gait: Gait, way: Way, rng: np.random.Generator, deadline: float, most: int = 2
 ) -> Iterator[Start]:
-    """Guesses of a contact sequence from where the box starts to its goal, the best first."""
+    """Guesses of a contact sequence from where the box starts to its goal, the best first.
+
+    deadline: `time.monotonic` [s] after which no more are looked for.
+    """
     ends = (scene.box_start[0], scene.goal)
     if gait.name == "leap":
-        for leap in find_leaps(scene, scene.goal, rng):
+        for leap in find_leaps(scene, scene.goal, rng, deadline):
             limbs = tuple(leg(side, side, 1, b) for side, b in enumerate(leap.branches))
             yield Start(limbs, tuple(leap_guess(scene, leap, way, ends)))
         return

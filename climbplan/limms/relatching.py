@@ -62,7 +62,7 @@ def relatch(
             attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
             continue
         for combo in combinations(choices, most=4):
-            outcome = plan_held(scene, combo, task, min(left, 20.0))
+            outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
             attempts.count(outcome, modes.named(scene))
             if not outcome.solved:
                 continue

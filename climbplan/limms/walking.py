@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations
@@ -33,6 +34,9 @@ def walk(
     """A plan in which four modules are legs of the box, or None.
 
     deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty.
+
+    Raises:
+        LimitReached: the whole planning's time is over.
     """
     way = ways(centre_blocks(scene), scene.box_start[0], scene.goal)
     if way is None:
@@ -45,28 +49,36 @@ def walk(
         if only and gait.name != only:
             continue
         count = 0
-        for start in starts(scene, gait, way, rng):
+        for start in starts(scene, gait, way, rng, deadline):
             count += 1
+            if attempts.left(deadline - time.monotonic()) <= 0:
+                return None
             outcome = solve_sound(scene, start, ends, deadline)
             attempts.count(outcome, f"quadruped, {gait.name}")
             if not outcome.solved:
                 continue
             try:
-                return _whole(scene, start.limbs, outcome.traces, rng)
+                return _whole(scene, start.limbs, outcome.traces, attempts, rng)
             except Blocked as error:
                 attempts.notes.append(f"quadruped, {gait.name}: {error}")
+        attempts.left()
         if not count:
             attempts.notes.append(f"quadruped, {gait.name}: no pose of the legs serves it")
     return None
 
 
 def _whole(
-    scene: Scene, limbs: Sequence[Limb], traces: Sequence[LegTrace], rng: np.random.Generator
+    scene: Scene,
+    limbs: Sequence[Limb],
+    traces: Sequence[LegTrace],
+    attempts: Attempts,
+    rng: np.random.Generator,
 ) -> Progress:
     """Modules drive up, latch at once, and the box moves.
 
     Raises:
         Blocked: a way to the box is not free.
+        LimitReached: the whole planning's time is over.
     """
     feet = traces[0].before
     angles = leg_motion(scene, limbs, traces[0]).angles[0]
@@ -74,6 +86,7 @@ def _whole(
     for owners in _owners(scene, feet):
         owned = [replace(limb, module=m) for limb, m in zip(limbs, owners, strict=True)]
         for order in _orders(len(limbs)):
+            attempts.left()
             world = initial(scene)
             try:
                 for i in order:

@@ -1,6 +1,6 @@
-"""Stopping a solver that runs inside CasADi: by the clock, and by Ctrl-C.
+"""Stopping a solver that runs inside CasADi: by the clock, by Ctrl-C, and by SIGTERM.
 
-CasADi would swallow Ctrl-C and return as if the solver had been stopped.
+CasADi would swallow signals and return as if the solver had been stopped.
 """
 
 from __future__ import annotations
@@ -18,29 +18,33 @@ import casadi as ca
 
 @contextmanager
 def interruptible(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` on Ctrl-C, and raise KeyboardInterrupt once the solver has returned.
+    """Call `stop` on Ctrl-C or SIGTERM, and pass the signal on once the solver has returned.
 
-    Nothing is changed where Ctrl-C is ignored, and in threads other than the main one, which
-    signals do not reach.
+    Nothing is changed where a signal is not handled in Python, and in threads other than the main
+    one, which signals do not reach.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: handler for number, handler in before.items() if callable(handler)}
+    if threading.current_thread() is not threading.main_thread() or not before:
         yield
         return
-    interrupted = False
+    received: list[int] = []
 
-    def remember(_: int, __: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
+    def remember(number: int, _: FrameType | None) -> None:
+        received.append(number)
         stop()
 
-    signal.signal(signal.SIGINT, remember)
+    for number in before:
+        signal.signal(number, remember)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    if interrupted:
-        raise KeyboardInterrupt
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if received:
+        handler = before[signal.Signals(received[0])]
+        assert callable(handler)
+        handler(received[0], None)  # raises KeyboardInterrupt, or what the program made of it
 
 
 class Deadline(ca.Callback):

@@ -9,7 +9,7 @@ import pytest
 from limms_scenes import loaded, scene
 from scipy.optimize import linprog
 
-from climbplan.errors import Infeasible
+from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.leaps import find_leaps
 from climbplan.limms.legs import largest_share
 from climbplan.limms.plan_file import write_limms_plan
@@ -62,6 +62,11 @@ def test_load_of_four_feet_is_the_least_there_is() -> None:
             b_eq=[1, 0, 0],
         )
         assert share == pytest.approx(best.fun if best.success else np.inf, abs=1e-6)
+
+
+def test_time_limit_covers_the_whole_planning() -> None:
+    with pytest.raises(LimitReached, match=r"within 2 s\. Tried: quadruped, leap"):
+        plan_limms(loaded("limms_walk", "solver.time_limit=2"))
 
 
 @pytest.mark.slow

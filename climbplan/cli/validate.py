@@ -91,6 +91,7 @@ def _kind_looked_into(
     from climbplan.spec.program_loading import LoadedProgram
     from climbplan.spec.strategy_loading import LoadedStrategy
     from climbplan.spec.transition_loading import LoadedTransition
+    from climbplan.spec.urdf_source import UrdfRobot
 
     if isinstance(
         loaded, LoadedDataset | LoadedEnvelopes | LoadedLimms | LoadedProgram | LoadedStrategy
@@ -123,4 +124,8 @@ def _kind_looked_into(
         with placed_mistakes(loaded):
             build_transition(loaded)
         return loaded.spec.kind
+    if isinstance(loaded, UrdfRobot):
+        from climbplan.robots.any_robot import build_robot
+
+        build_robot(loaded)
     return loaded.kind

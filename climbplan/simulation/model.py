@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from climbplan.errors import UsageError
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
@@ -53,8 +54,13 @@ def link_mass(robot: Robot, conditions: Conditions) -> float:
 
 
 def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
-    """The model of a plan's robot and terrain under given conditions."""
+    """The model of a plan's robot and terrain under given conditions.
+
+    Raises UsageError for a robot with grippers, whose grips no contact here can hold.
+    """
     robot = plan.robot
+    if robot.gripper is not None:
+        raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
     assets: list[str] = []
     world: list[str] = []
     for index, surface in enumerate(plan.terrain.surfaces):

@@ -68,6 +68,14 @@ PARTS = (
         install="pip install 'climbplan[bench]'",
     ),
     Part(
+        "Pinocchio",
+        "pin",
+        "pinocchio",
+        "robots from URDF files",
+        required=False,
+        install="pip install 'climbplan[urdf]'",
+    ),
+    Part(
         "pymunk",
         "pymunk",
         "pymunk",

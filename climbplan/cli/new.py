@@ -26,7 +26,11 @@ def new(
     ] = Path(),
     example: Annotated[
         str | None,
-        typer.Option("--example", metavar="NAME", help="Another example, such as climb_tube."),
+        typer.Option(
+            "--example",
+            metavar="NAME",
+            help="Another example: climb_tube, or robot_walker for a robot from a URDF.",
+        ),
     ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,

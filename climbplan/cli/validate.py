@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from climbplan.spec.loading import LoadedClimb
     from climbplan.spec.mpc_loading import LoadedMpc
     from climbplan.spec.program_loading import LoadedProgram
-    from climbplan.spec.robot import RobotSpec
+    from climbplan.spec.robot_source import AnyRobot
     from climbplan.spec.strategy_loading import LoadedStrategy
     from climbplan.spec.transition_loading import LoadedTransition
 
@@ -74,7 +74,7 @@ def _kind_looked_into(
         | LoadedStrategy
         | LoadedTransition
         | ModuleSpec
-        | RobotSpec
+        | AnyRobot
     ),
 ) -> str:
     """The kind of a spec whose scene was looked at as its planner does.

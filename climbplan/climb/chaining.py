@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.errors import PlanFileError, SpecError, SpecMistake
 from climbplan.plans.climb_file import read_climb
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
@@ -33,7 +34,7 @@ def started(loaded: LoadedClimb) -> LoadedClimb:
         raise _refused(loaded, str(error)) from error
     if not plan.verified:
         raise _refused(loaded, f"{given}: fails its verification (`climbplan verify` says where)")
-    other = _difference(plan.robot, Robot.from_spec(loaded.robot))
+    other = _difference(plan.robot, build_robot(loaded.robot))
     if other:
         raise _refused(loaded, f"{given}: a plan of {plan.robot.name}, {other}")
     return loaded.with_overrides([Override("task.start", _last_posture(plan), f"end of {given}")])
@@ -55,6 +56,8 @@ def _difference(planned: Robot, own: Robot) -> str:
     """What a plan's robot has that the spec's has not; empty if they are the same."""
     if planned.limb_names != own.limb_names:
         return f"whose limbs are {', '.join(planned.limb_names)}"
+    if planned.joint_count != own.joint_count:
+        return f"whose limbs have {planned.joint_count} joints"
     for name in ("shoulder_body", "link_lengths", "mount_yaw", "joint_lower", "joint_upper"):
         if not np.allclose(vars(planned)[name], vars(own)[name], rtol=0, atol=_SAME):
             return f"with another {name.replace('_', ' ')} than this spec's {own.name}"

@@ -27,6 +27,7 @@ from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
 from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, StepLimits
+from climbplan.robots.any_robot import assumptions
 from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
 
@@ -259,6 +260,7 @@ def plan_climb(
     loaded = started(loaded)
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
+    assumed = assumptions(loaded.robot, scene.robot)
     supported = plan_support(scene, plan_motion(scene, clock, save_model), clock)
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
@@ -294,6 +296,7 @@ def plan_climb(
             *motion.posture.warnings,
             *motion.tightenings,
             *deflection_warnings(forces),
+            *assumed,
             *grip_warnings(scene, instants),
         ),
         study=study,

@@ -11,12 +11,14 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.plans.climb_plan import Index
+from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb import ClimbSpec, PostureSpec
 from climbplan.spec.motion import MotionSpec
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import AnyRobot
+from climbplan.spec.urdf_source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Surface
 
@@ -120,10 +122,10 @@ def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
 
 
 def _grippers(
-    spec: ClimbSpec, robot_spec: RobotSpec, robot: Robot, terrain: Terrain, directory: Path
+    spec: ClimbSpec, robot_spec: AnyRobot, robot: Robot, terrain: Terrain, directory: Path
 ) -> Grippers | None:
     """What the robot's grippers hold on the terrain; None if it has none."""
-    if robot.gripper is None or robot_spec.gripper is None:
+    if robot.gripper is None or isinstance(robot_spec, UrdfRobot) or robot_spec.gripper is None:
         return None
     model = load_model(spec.gripper.model or robot_spec.gripper.model, directory)
     return grippers_on(robot.gripper, model, spec.gripper.risk, terrain.surfaces)
@@ -137,7 +139,7 @@ def _with_grip_limit(robot: Robot, spec: ClimbSpec) -> Robot:
 
 
 def build_scene(
-    spec: ClimbSpec, robot_spec: RobotSpec, source: str = "spec", directory: Path | None = None
+    spec: ClimbSpec, robot_spec: AnyRobot, source: str = "spec", directory: Path | None = None
 ) -> ClimbScene:
     """Numbers of a validated spec; a gripper model given by path is looked up from `directory`.
 
@@ -146,7 +148,7 @@ def build_scene(
     """
     if spec.task.start.plan is not None:
         raise ValueError("the start is still in its plan file")
-    robot = with_stance(Robot.from_spec(robot_spec), spec.task.stance)
+    robot = with_stance(build_robot(robot_spec), spec.task.stance)
     robot = _with_grip_limit(robot, spec)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.robots.chain_pose import ChainZero
+from climbplan.robots.chain_pose import ChainPose, ChainZero
 from climbplan.robots.rotations import Array
 
 REACHED = 1e-9  # [m] of a toe from its place
@@ -23,6 +23,9 @@ _STRIDE = 0.06  # [m] of the straight line in one step
 _DAMPING = 1e-5  # of the Jacobian's largest singular value, squared in the step
 _LONGEST = 0.5  # [rad] turned by a joint in one step
 _SETTLED = 1e-10  # [rad] by which the free motion still turns joints
+_NEAR = 0.02  # [m] from the toe's place, within which the free motion's curvature counts
+_FIRM = 0.2  # least curvature counted
+_SLIGHT = 1e-9  # of the Jacobian's square
 _CHUNK = 20_000  # toes at a time: what fits into a cache and a laptop
 
 
@@ -66,9 +69,10 @@ def chain_inverse(
         jacobian, error = pose.jacobian, toes[active] - pose.toe
         distance = np.linalg.norm(error, axis=1)
         error *= np.minimum(1.0, _STRIDE / np.maximum(distance, 1e-300))[:, None]
-        step = _step(
-            jacobian, error, home[active] - q, moves[active], lower[active] - q, upper[active] - q
-        )
+        away = q - home[active]
+        metric = _metric(pose, away, distance < _NEAR)
+        room = lower[active] - q, upper[active] - q
+        step = _step(jacobian, error, -away, metric, moves[active], *room)
         angles[active] = np.clip(q + step, lower[active], upper[active])
         settled = (distance < REACHED / 10) & (np.abs(step).max(axis=1) < _SETTLED)
         active = active[~settled]
@@ -77,27 +81,60 @@ def chain_inverse(
     return ChainAngles(angles, missing <= REACHED, np.where(np.isnan(missing), np.inf, missing))
 
 
+def _metric(pose: ChainPose, away: Array, near: NDArray[np.bool_]) -> Array:
+    """(A, J, J) Hessian of the Lagrangian of |q - q0|^2 / 2 with the toe held, at least _FIRM.
+
+    Without it, steps along the free motion overshoot where limbs are nearly stretched. away: (A, J)
+    q - q0. Far from the toe's place, where `near` (A,) does not hold, it is the identity.
+    """
+    count = away.shape[-1]
+    out = np.broadcast_to(np.eye(count), (len(away), count, count)).copy()
+    if count == 3 or not near.any():
+        return out
+    jacobian = pose.jacobian[near]
+    square = jacobian @ np.swapaxes(jacobian, -1, -2)
+    size = np.trace(square, axis1=1, axis2=2)[:, None, None]
+    pull = (jacobian @ away[near][..., None])[..., 0]
+    multiplier = np.linalg.solve(square + _SLIGHT * size * np.eye(3), pull[..., None])[..., 0]
+    bent = np.einsum("aijk,ai->ajk", pose.hessian[near], multiplier)
+    value, vector = np.linalg.eigh(np.eye(count) - bent)
+    scaled = vector * np.maximum(value, _FIRM)[:, None, :]
+    out[near] = scaled @ np.swapaxes(vector, -1, -2)
+    return out
+
+
 def _step(
-    jacobian: Array, error: Array, home: Array, moves: NDArray[np.bool_], down: Array, up: Array
+    jacobian: Array,
+    error: Array,
+    home: Array,
+    metric: Array,
+    moves: NDArray[np.bool_],
+    down: Array,
+    up: Array,
 ) -> Array:
     """Joint turns (A, J) towards the toe's place and, as far as that leaves open, towards home.
 
-    jacobian: (A, 3, J); error: (A, 3); home, down, up: (A, J) turns to the posture and the bounds.
-    Joints that a step would take beyond a bound are put on it and the others step again.
+    jacobian: (A, 3, J); error: (A, 3); home, down, up: (A, J) turns to the posture and the bounds;
+    metric: (A, J, J) by which turns are weighed. Joints that a step would take beyond a bound are
+    put on it and the others step again.
     """
     free = moves.copy()
     held = np.zeros_like(home)
+    identity = np.eye(jacobian.shape[-1])
     for _ in range(jacobian.shape[-1]):
         part = jacobian * free[:, None, :]
-        square = part @ np.swapaxes(part, -1, -2)
+        both = free[:, :, None] & free[:, None, :]
+        right = np.concatenate([np.swapaxes(part, -1, -2), (home * free)[..., None]], axis=-1)
+        solved = np.linalg.solve(np.where(both, metric, identity), right)
+        turns, wish = solved[..., :3], solved[..., 3]  # by toe force, and without any
+        square = part @ turns
         size = np.trace(square, axis1=1, axis2=2)[:, None, None]
         damped = square + (_DAMPING**2 * size + 1e-30) * np.eye(3)
-        wish = home * free
         left = error - (jacobian @ held[..., None])[..., 0] - (part @ wish[..., None])[..., 0]
         answer = np.linalg.solve(damped, left[..., None])
         # Once more for what damping left undone, or the pull home would hold the toe off its place
         answer += np.linalg.solve(damped, left[..., None] - square @ answer)
-        step = (np.swapaxes(part, -1, -2) @ answer)[..., 0] + wish
+        step = (turns @ answer)[..., 0] + wish
         most = np.abs(step).max(axis=1, keepdims=True)
         step = step * np.minimum(1.0, _LONGEST / np.maximum(most, 1e-300)) * free
         beyond = free & ((step < down) | (step > up))

@@ -28,6 +28,17 @@ class ChainPose:
         """(..., N, 3, J): column j is a_j x (toe - p_j)."""
         return np.swapaxes(np.cross(self.axes, self.toe[..., None, :] - self.joints), -1, -2)
 
+    @property
+    def hessian(self) -> Array:
+        """(..., N, 3, J, J) of the toe by the angles: a_i x (a_j x (toe - p_j)), i <= j."""
+        columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)  # (..., N, J, 3)
+        count = columns.shape[-2]
+        out = np.empty((*columns.shape[:-2], 3, count, count))
+        for i in range(count):
+            later = np.cross(self.axes[..., i, None, :], columns[..., i:, :])
+            out[..., i, i:] = out[..., i:, i] = np.swapaxes(later, -1, -2)
+        return out
+
 
 @dataclass(frozen=True)
 class ChainZero:

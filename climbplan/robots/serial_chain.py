@@ -13,6 +13,7 @@ from climbplan.robots.mechanism import InverseKinematics, Miss
 from climbplan.robots.rotations import Array
 
 _AT_BOUND = 1e-6  # [rad]
+_ALONG = 0.7  # part of what is missing that has to lie along the limb for "too far"
 
 
 @dataclass(frozen=True)
@@ -68,15 +69,8 @@ class SerialChain:
         return np.swapaxes(self.pose(angles).axes, -1, -2)
 
     def hessian(self, angles: Array) -> Array:
-        """Second derivatives of the toe (..., N, 3, J, J): a_i x (a_j x (toe - p_j)), i <= j."""
-        pose = self.pose(angles)
-        columns = np.swapaxes(pose.jacobian, -1, -2)  # (..., N, J, 3)
-        count = self.joint_count
-        out = np.empty((*columns.shape[:-2], 3, count, count))
-        for i in range(count):
-            later = np.cross(pose.axes[..., i, None, :], columns[..., i:, :])
-            out[..., i, i:] = out[..., i:, i] = np.swapaxes(later, -1, -2)
-        return out
+        """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2]."""
+        return self.pose(angles).hessian
 
     def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
         """The angles nearest to `posture` that put the toes at toes (..., N, 3); one branch."""
@@ -97,17 +91,16 @@ class SerialChain:
     def miss(
         self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
     ) -> Miss:
-        """Why limb `limb` of a solution for toes (N, 3) is not valid: the joints that stop it."""
+        """Why limb `limb` of a solution for toes (N, 3) is not valid, and which joints stop it."""
         angles = solution.angles[0, limb]
         missing = float(solution.missing[0, limb])
         gap = np.minimum(angles - lower[limb], upper[limb] - angles)
-        stopped = [
-            name for name, room in zip(self.names[limb], gap, strict=False) if room < _AT_BOUND
-        ]
-        if stopped:
-            plural = "s" if len(stopped) > 1 else ""
-            return Miss(f"stopped by the bound{plural} of {', '.join(stopped)}", missing)
+        names = zip(self.names[limb], gap, strict=True)
+        stopped = ", ".join(name for name, room in names if name and room < _AT_BOUND)
         there = self.only(slice(limb, limb + 1)).joint_points(angles[None])[0]
         first, toe = there[0], there[-1]
-        far = np.linalg.norm(toes[limb] - first) > np.linalg.norm(toe - first)
-        return Miss("too far" if far else "too near", missing)
+        beyond = float(np.linalg.norm(toes[limb] - first) - np.linalg.norm(toe - first))
+        if stopped and abs(beyond) < _ALONG * missing:
+            return Miss(f"stopped by the bound of {stopped}", missing)
+        which = "too far" if beyond > 0 else "too near"
+        return Miss(f"{which} ({stopped} at its bound)" if stopped else which, missing)

@@ -56,11 +56,16 @@ def link_mass(robot: Robot, conditions: Conditions) -> float:
 def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     """The model of a plan's robot and terrain under given conditions.
 
-    Raises UsageError for a robot with grippers, whose grips no contact here can hold.
+    Raises UsageError for limbs that it does not know, and for grippers.
     """
     robot = plan.robot
     if robot.gripper is not None:
         raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
+    if robot.mechanism is not None:
+        raise UsageError(
+            f"simulate builds limbs of coxa, femur and tibia; those of {robot.name} are other "
+            "chains of joints, which `climbplan verify` checks and no simulation yet"
+        )
     assets: list[str] = []
     world: list[str] = []
     for index, surface in enumerate(plan.terrain.surfaces):

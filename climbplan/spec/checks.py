@@ -14,9 +14,10 @@ from pydantic import ValidationError
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.spec.document import Finding, KeyPath, dotted
 from climbplan.spec.fields import explain_unknown_key, nearest, slot_at
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import AnyRobot
 from climbplan.spec.terrain import TerrainSpec
 from climbplan.spec.transition import TransitionTaskSpec
+from climbplan.spec.urdf_source import UrdfRobot
 from climbplan.spec.wording import findings_of, shown
 
 
@@ -28,7 +29,7 @@ class ClimbParts:
     task: TaskSpec | TransitionTaskSpec | None
     posture: PosturePlannerSpec | None
     solver: SolverSpec | None
-    robot: RobotSpec | None
+    robot: AnyRobot | None
 
 
 def check_parts(parts: ClimbParts) -> list[Finding]:
@@ -45,7 +46,7 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
     """Limbs named in the task and the terrain exist; the gait moves each of them once."""
     if parts.robot is None:
         return []
-    limbs = [limb.name for limb in parts.robot.limbs]
+    limbs = list(parts.robot.limb_names)
     named: list[tuple[KeyPath, str]] = []
     found: list[Finding] = []
     if parts.task is not None:
@@ -102,18 +103,31 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
     if terrain.panel is not None:
         picky += [hold.limbs for hold in terrain.panel.holds.values()]
     return [
-        Finding(("terrain", "regions"), f"limb {limb.name} may use none of the regions")
-        for limb in parts.robot.limbs
-        if all(limbs is not None and limb.name not in limbs for limbs in picky)
+        Finding(("terrain", "regions"), f"limb {limb} may use none of the regions")
+        for limb in parts.robot.limb_names
+        if all(limbs is not None and limb not in limbs for limbs in picky)
     ]
 
 
 def _method_limits(parts: ClimbParts) -> list[Finding]:
-    """`micp` is convex but for the choice of regions: no curved walls, no lower step bounds."""
+    """What the method cannot state.
+
+    `micp` is convex but for the choice of regions: no curved walls, no lower step bounds. The other
+    methods state limbs by their closed form, and know no grippers.
+    """
     if parts.solver is None:
         return []
     if parts.solver.method != "micp":
-        return []
+        if isinstance(parts.robot, UrdfRobot):
+            message = (
+                f"`{parts.solver.method}` states limbs of coxa, femur and tibia; expected `micp` "
+                "for a robot from a URDF"
+            )
+        elif parts.robot is not None and parts.robot.gripper is not None:
+            message = f"{parts.robot.name} has grippers, whose postures only `micp` plans"
+        else:
+            return []
+        return [Finding(("solver", "method"), message)]
     cure = "which `micp` cannot state; use `--method nlp`"
     found = []
     if parts.terrain is not None and parts.terrain.tube is not None:
@@ -130,15 +144,12 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
 
 
 def _grippers(parts: ClimbParts) -> list[Finding]:
-    """Robots with grippers climb flat surfaces, by postures of `micp`, without sag."""
+    """Robots with grippers climb flat surfaces, with forces of two solvers."""
     if parts.robot is None or parts.robot.gripper is None:
         return []
     name, found = parts.robot.name, []
     if isinstance(parts.task, TransitionTaskSpec):
         found.append(Finding(("robot",), f"{name} has grippers, which no transition plans with"))
-    if parts.solver is not None and parts.solver.method != "micp":
-        message = f"{name} has grippers, whose postures only `micp` plans"
-        found.append(Finding(("solver", "method"), message))
     if parts.solver is not None and parts.solver.force == "osqp":
         message = f"{name} has grippers, whose forces only `daqp` and `clarabel` plan"
         found.append(Finding(("solver", "force"), message))

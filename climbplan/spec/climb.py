@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.gripper import GripSpec
 from climbplan.spec.terrain import TerrainSpec
+from climbplan.spec.urdf import RobotReference
 
 
 class PostureSpec(SpecModel):
@@ -280,8 +281,9 @@ class ClimbSpec(SpecModel):
 
     kind: Literal["climb"] = Field(description="always `climb`")
     title: str = Field(default="", description="one line for reports")
-    robot: str = Field(
-        min_length=1, description="built-in robot (`silvia`) or path of a robot YAML file"
+    robot: RobotReference = Field(
+        description="built-in robot (`silvia`), path of a robot YAML file, or a URDF with its legs "
+        "(`{urdf: PATH, legs: {NAME: {toe: LINK}}}`)"
     )
     terrain: TerrainSpec
     """Where toes may stand and what must not be touched."""

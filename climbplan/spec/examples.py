@@ -29,6 +29,8 @@ _DATA = {
     "cart_pole": ("cart_pole.py",),
     "strategy_bookshelf": ("bookshelf_scenes.h5",),
     "dataset_cart_pole": ("cart_pole.py",),
+    "robot_walker": ("walker.urdf",),
+    "climb_walker": ("robot_walker.yaml", "walker.urdf"),
 }
 
 

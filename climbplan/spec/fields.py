@@ -14,6 +14,8 @@ from pydantic.fields import FieldInfo
 from climbplan.spec.base import SpecModel
 from climbplan.spec.document import KeyPath
 
+# Segments that pydantic adds below a field that is a text or a mapping; they are no keys.
+FILE_TAG, MAPPING_TAG = "<file>", "<mapping>"
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 6: "six"}
 
 
@@ -25,6 +27,7 @@ class Slot:
     bounds: tuple[Any, ...] = ()
     unit: str = ""
     meaning: str = ""
+    or_text: bool = False  # a text may stand here instead of the mapping
 
     @property
     def model(self) -> type[SpecModel] | None:
@@ -62,7 +65,8 @@ class Slot:
     def expected(self) -> str:
         """What belongs here, such as `a number in m > 0`."""
         if self.model is not None:
-            return f"a mapping with the keys {_listed(list(self.model.model_fields))}"
+            text = "text or " if self.or_text else ""
+            return f"{text}a mapping with the keys {_listed(list(self.model.model_fields))}"
         if self.choices:
             return f"one of {_listed(list(self.choices))}" if self.choices[1:] else self.choices[0]
         if self.is_number:
@@ -162,7 +166,24 @@ def _slot_of(field: FieldInfo) -> Slot:
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     meaning = (field.description or "").removesuffix(f" [{unit}]").rstrip(".").replace("\n", " ")
-    return replace(Slot(bare), bounds=(*field.metadata, *bounds), unit=unit, meaning=meaning)
+    text = _or_text(field.annotation)
+    return replace(
+        Slot(bare), bounds=(*field.metadata, *bounds), unit=unit, meaning=meaning, or_text=text
+    )
+
+
+def _or_text(annotation: Any) -> bool:
+    """Whether an annotation is a union of a text and something else."""
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    if get_origin(annotation) not in (Union, types.UnionType):
+        return False
+    kinds = [_stripped(a)[0] for a in get_args(annotation)]
+    return str in kinds and any(_is_model(kind) for kind in kinds)
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, SpecModel)
 
 
 def _stripped(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -174,6 +195,8 @@ def _stripped(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
             annotation, bounds = arguments[0], (*bounds, *arguments[1:])
         elif origin in (Union, types.UnionType) and type(None) in arguments:
             annotation = next(a for a in arguments if a is not type(None))
+        elif _or_text(annotation):
+            annotation = next(a for a in arguments if _is_model(_stripped(a)[0]))
         else:
             return annotation, bounds
 

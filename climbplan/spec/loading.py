@@ -17,12 +17,11 @@ from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.limms_loading import LoadedLimms, limms_of, module_of
 from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.loaded import LoadedSpec, origin_of
-from climbplan.spec.motion_loading import part_of, robot_of_document
+from climbplan.spec.motion_loading import any_robot_of_document, part_of
 from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program_loading import LoadedProgram, program_of
-from climbplan.spec.robot import RobotSpec
-from climbplan.spec.robot_source import robot_of
+from climbplan.spec.robot_source import AnyRobot, robot_of
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.strategy_loading import LoadedStrategy, strategy_of
 from climbplan.spec.terrain import TerrainSpec
@@ -35,7 +34,7 @@ class LoadedClimb(LoadedSpec):
     """A climb spec, checked against its robot, and the text it came from."""
 
     spec: ClimbSpec
-    robot: RobotSpec
+    robot: AnyRobot
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
         """The same climb with other values, as the points of a study are.
@@ -78,7 +77,7 @@ def load_spec(
     | LoadedStrategy
     | LoadedTransition
     | ModuleSpec
-    | RobotSpec
+    | AnyRobot
 ):
     """Read, override and check a spec of any kind.
 
@@ -91,7 +90,7 @@ def load_spec(
     if isinstance(kind, Finding):
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
     if kind == "robot":
-        return robot_of(document)
+        return robot_of(document, text.directory)
     if kind == "module":
         return module_of(document)
     if kind == "limms":
@@ -129,7 +128,7 @@ def _loaded(document: Document, text: SourceText) -> LoadedClimb:
     return LoadedClimb(spec=spec, robot=robot, **origin_of(document, text))
 
 
-def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpec]:
+def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot]:
     findings: list[Finding] = []
     root_paths(document, [("task", "start", "plan")])
     kind = find_kind(document, wanted="climb")
@@ -137,7 +136,7 @@ def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpe
         findings.append(kind)
     spec, found = validate(document, ClimbSpec)
     findings += [f for f in found if f.path != ("kind",)]
-    robot, robot_mistakes = robot_of_document(document, text.directory)
+    robot, robot_mistakes = any_robot_of_document(document, text.directory)
     findings += check_parts(_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)
@@ -147,7 +146,7 @@ def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, RobotSpe
     return spec, robot
 
 
-def _parts(document: Document, robot: RobotSpec | None) -> ClimbParts:
+def _parts(document: Document, robot: AnyRobot | None) -> ClimbParts:
     return ClimbParts(
         terrain=part_of(document, "terrain", TerrainSpec),
         task=part_of(document, "task", TaskSpec),

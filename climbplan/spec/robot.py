@@ -82,6 +82,11 @@ class RobotSpec(SpecModel):
         default=None, description="grippers on wrists at the ends of all limbs; none if left out"
     )
 
+    @property
+    def limb_names(self) -> tuple[str, ...]:
+        """Limbs, in leg order."""
+        return tuple(limb.name for limb in self.limbs)
+
     @model_validator(mode="after")
     def _limb_names_differ(self) -> Self:
         names = [limb.name for limb in self.limbs]

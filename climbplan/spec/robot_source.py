@@ -11,7 +11,15 @@ from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.source import read_source
+from climbplan.spec.urdf import UrdfRobotSpec
+from climbplan.spec.urdf_source import UrdfRobot, urdf_robot
 from climbplan.spec.yaml_source import parse_yaml
+
+AnyRobot = RobotSpec | UrdfRobot
+NO_CHAINS = (
+    "expected limbs of coxa, femur and tibia; a robot from a URDF plans climbs (`micp`) only"
+)
+URDF_HINT = "; a URDF needs to be told its legs: `robot: {urdf: PATH, legs: {NAME: {toe: LINK}}}`"
 
 
 class UnknownRobot(ValueError):
@@ -22,6 +30,7 @@ class UnknownRobot(ValueError):
         known = ", ".join(f"`{robot}`" for robot in builtin_robots())
         super().__init__(
             f"expected a built-in robot ({known}) or the path of a robot YAML file, got {name!r}"
+            + (URDF_HINT if name.endswith((".urdf", ".xacro")) else "")
         )
 
 
@@ -40,21 +49,31 @@ def robot_text(name: str) -> str:
 
 
 def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpec:
-    """A robot by built-in name, or from a YAML file relative to `directory`.
+    """A robot of coxa, femur and tibia by built-in name, or from a YAML file.
+
+    The file is relative to `directory`.
 
     Raises:
         UnknownRobot: `reference` is neither a YAML file's name nor a built-in one.
-        SpecError: the file cannot be used; with its own lines.
+        SpecError: the file cannot be used; with its own lines; or it names a URDF.
     """
+    robot = load_any_robot(reference, directory)
+    if isinstance(robot, UrdfRobot):
+        raise robot.refused([Finding(("urdf",), NO_CHAINS)])
+    return robot
+
+
+def load_any_robot(reference: str | Path, directory: Path | None = None) -> AnyRobot:
+    """As `load_robot`, of limbs of any kind."""
     name = str(reference)
     if Path(name).suffix not in (".yaml", ".yml"):
-        return robot_of(parse_yaml(robot_text(name), f"robot {name}"))
+        return robot_of(parse_yaml(robot_text(name), f"robot {name}"), Path())
     source = read_source((directory or Path()) / name)
-    return robot_of(parse_yaml(source.text, source.shown))
+    return robot_of(parse_yaml(source.text, source.shown), source.directory)
 
 
-def robot_of(document: Document) -> RobotSpec:
-    """The robot that a document describes.
+def robot_of(document: Document, directory: Path) -> AnyRobot:
+    """The robot that a document describes; paths in it start from `directory`.
 
     Raises:
         SpecError: with every mistake in it.
@@ -63,7 +82,15 @@ def robot_of(document: Document) -> RobotSpec:
     kind = find_kind(document, wanted="robot")
     if isinstance(kind, Finding):
         findings.append(kind)
-    robot, found = validate(document, RobotSpec)
+    robot: AnyRobot | None
+    if isinstance(document.value, dict) and "urdf" in document.value:
+        spec, found = validate(document, UrdfRobotSpec)
+        robot = None
+        if spec is not None:
+            robot, own = urdf_robot(spec, document, (), directory)
+            found = [*found, *own]
+    else:
+        robot, found = validate(document, RobotSpec)
     findings += [f for f in found if f.path != ("kind",)]
     if robot is None or findings:
         raise SpecError(document.source, document.mistakes(findings))

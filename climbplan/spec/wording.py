@@ -10,7 +10,14 @@ from pydantic import ValidationError
 
 from climbplan.spec.base import LARGEST_NUMBER, SpecModel
 from climbplan.spec.document import Finding, KeyPath
-from climbplan.spec.fields import Slot, explain_unknown_key, nearest, slot_at
+from climbplan.spec.fields import (
+    FILE_TAG,
+    MAPPING_TAG,
+    Slot,
+    explain_unknown_key,
+    nearest,
+    slot_at,
+)
 from climbplan.spec.units import meant_number
 
 MOST_FINDINGS = 200  # enough to mend a file by; beyond, it is no spec
@@ -21,7 +28,7 @@ def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]
     findings: dict[KeyPath, Finding] = {}
     details = error.errors(include_url=False)
     for detail in details[:MOST_FINDINGS]:
-        path: KeyPath = detail["loc"]
+        path: KeyPath = tuple(s for s in detail["loc"] if s not in (FILE_TAG, MAPPING_TAG))
         if detail["type"] == "too_short" and _inside(path, details):
             continue  # entries that are wrong were not counted
         if detail["type"] == "spec":

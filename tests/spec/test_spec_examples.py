@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import UsageError
-from climbplan.spec.examples import FIRST_EXAMPLE, example_names, example_text
+from climbplan.spec.examples import FIRST_EXAMPLE, example_data, example_names, example_text
 from climbplan.spec.kinds import KINDS
 from climbplan.spec.loading import load_spec
 
@@ -18,6 +18,8 @@ EXAMPLES = [(kind, name) for kind in KINDS for name in example_names(kind)]
 def test_examples_are_valid_anywhere(kind: str, name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{name}.yaml"
     path.write_text(example_text(name), encoding="utf-8")
+    for data, content in example_data(name).items():
+        (tmp_path / data).write_bytes(content)
     load_spec(path)
 
 

@@ -135,18 +135,18 @@ def limb_polytopes(
         turned = rotation.reference.T @ normal
         shoulder = limb.shoulder
         arm = np.cross(shoulder, turned) @ rotation.rates
-        up = limb.femur * max(0.0, -float(normal[2]))
+        up = limb.highest * max(0.0, -float(normal[2]))
         rows = [[*-normal, *zero, *zero], [*zero, *-normal, *-arm]]
         bounds = [-keep, shoulder @ turned - arm @ rotation.level - keep - up]
-        if limb.knee is not None:
+        if (knee := limb.knee) is not None:
             # knee = com + R k + G (toe - com - R s), G = R0 J R0'
-            follow = limb.knee.by_toe.T @ turned
+            follow = knee.by_toe.T @ turned
             with_toe = rotation.reference @ follow
-            arm = np.cross(limb.knee.at, turned) - np.cross(limb.knee.stance, follow)
+            arm = np.cross(knee.at, turned) - np.cross(knee.stance, follow)
             arm = arm @ rotation.rates
-            lifted = float((limb.knee.lifted @ turned).min(initial=0.0))
+            lifted = float((knee.lifted @ turned).min(initial=0.0))
             rows.append([*-with_toe, *(with_toe - normal), *-arm])
-            still = limb.knee.at @ turned - limb.knee.stance @ follow
+            still = knee.at @ turned - knee.stance @ follow
             bounds.append(still - arm @ rotation.level - knee_keep + lifted)
         both = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
         name = f"{solid.name} face {k}"

@@ -1,0 +1,40 @@
+"""A robot from whatever a spec says of it."""
+
+from __future__ import annotations
+
+from climbplan.robots.model import Robot
+from climbplan.robots.urdf.building import LIMB_RADIUS, robot_of_urdf
+from climbplan.spec.robot_source import AnyRobot
+from climbplan.spec.urdf_source import UrdfRobot
+
+
+def build_robot(spec: AnyRobot) -> Robot:
+    """The arrays of a robot of any kind.
+
+    Raises MissingSolver and SpecError for robots from URDFs, as `robot_of_urdf`.
+    """
+    return robot_of_urdf(spec) if isinstance(spec, UrdfRobot) else Robot.from_spec(spec)
+
+
+def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
+    """What a plan rests on that neither the spec nor the URDF says."""
+    if not isinstance(spec, UrdfRobot):
+        return ()
+    given, out = spec.spec, []
+    if "joint_stiffness" not in given.model_fields_set:
+        out.append(f"joint_stiffness {given.joint_stiffness:g} N m/rad: no URDF says it")
+    if "structural_compliance_share" not in given.model_fields_set:
+        out.append("structural_compliance_share 0: links as rigid bodies")
+    if given.limb_radius is None and robot.limb_radius == LIMB_RADIUS:
+        out.append(f"limb_radius {LIMB_RADIUS:g} m")
+    if given.workspace.stance_radius is None:
+        out.append(f"workspace.stance_radius {robot.stance_radius:g} m, sampled")
+    held = sorted(
+        joint.name
+        for joint in spec.tree.joints.values()
+        if joint.kind != "fixed" and not any(joint in own for own in spec.joints.values())
+    )
+    if held:
+        out.append(f"held at zero, as no leg has them: {', '.join(held)}")
+    out.append("masses of the legs count as if fixed in their posture")
+    return (f"assumed of {spec.name}: {'; '.join(out)}",)

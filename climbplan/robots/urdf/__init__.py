@@ -1,0 +1,1 @@
+"""Robots from URDF files: what planning needs of them, through Pinocchio."""

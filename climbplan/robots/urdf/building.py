@@ -1,0 +1,229 @@
+"""From a checked robot section and its URDF to the arrays that planning computes with.
+
+The body frame has x to the right, y forward and z up, and its origin in the centre of mass of the
+whole robot in its posture: masses of legs count as if they were fixed there.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
+from climbplan.robots.urdf.shapes import body_box, collision_shapes, legs_radius
+from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
+from climbplan.spec.document import Finding
+from climbplan.spec.urdf_source import UrdfRobot
+
+LIMB_RADIUS = 0.02  # [m] without collision geometry
+_THINNEST = 0.02  # [m] half extent of a body at least
+_LEAST_BALL = 0.025  # [m] about the stance, below which no step could be planned
+_ON_MIDDLE = 1e-3  # [m] off the middle plane within which a toe is on neither side
+
+
+def robot_of_urdf(robot: UrdfRobot) -> Robot:
+    """The arrays of a robot from a URDF.
+
+    Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for what
+    only numbers tell: no mass, a mesh that cannot be read, a stance out of reach.
+    """
+    spec = robot.spec
+    found = urdf_model(robot)
+    mass = spec.mass or found.mass()
+    if not mass > 0:
+        raise robot.refused([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+    names = robot.limb_names
+    legs = [found.leg(name) for name in names]
+    width = max(len(leg.names) for leg in legs)
+    lower, upper, posture = (
+        _by_leg(width, [[values[j] for j in leg.names] for leg in legs], empty)
+        for values, empty in zip(_angles(robot), (-1.0, 1.0, 0.0), strict=True)
+    )
+    centre = found.center(
+        {
+            joint: float(angle)
+            for leg, row in zip(legs, posture, strict=True)
+            for joint, angle in zip(leg.names, row[width - len(leg.names) :], strict=True)
+        }
+    )
+    chain = _chain(legs, width, centre, posture)
+    stance = chain.joint_points(posture)[:, -1]
+    given = np.array([spec.legs[name].stance is not None for name in names])
+    for index, name in enumerate(names):
+        place = spec.legs[name].stance
+        if place is not None:
+            stance[index] = place
+    chain = _standing(robot, chain, stance, given, lower, upper)
+    first = chain.joint_zero[:, 0]
+    shapes = []
+    if spec.limb_radius is None or spec.body_half_size is None:
+        shapes = collision_shapes(found)
+    radius = spec.limb_radius
+    if radius is None:
+        radius = legs_radius(legs, shapes)
+    bounds = lower, upper
+    reach = spec.workspace.reach or float(farthest_toes(chain, *bounds).min())
+    toward = stance - first
+    points = chain.joint_points(np.zeros_like(posture))
+    return Robot(
+        name=robot.name,
+        mass=mass,
+        gravity=spec.gravity,
+        structural_compliance_share=spec.structural_compliance_share,
+        limb_names=names,
+        sides=tuple(
+            _side(spec.legs[name].side, x) for name, x in zip(names, stance[:, 0], strict=True)
+        ),
+        shoulder_body=first,
+        mount_yaw=np.arctan2(toward[:, 1], toward[:, 0]),
+        link_lengths=np.linalg.norm(np.diff(points, axis=1), axis=-1),
+        max_torque=_limits(robot, legs, width, "max_torque", "effort"),
+        joint_stiffness=_stiffness(robot, legs, width),
+        joint_lower=lower,
+        joint_upper=upper,
+        max_joint_speed=_limits(robot, legs, width, "max_speed", "velocity"),
+        stance_body=stance,
+        body_hull=_hull(robot, first, body_box(shapes), centre),
+        reach=reach,
+        stance_radius=spec.workspace.stance_radius or _ball(robot, chain, stance, reach, bounds),
+        limb_radius=LIMB_RADIUS if radius is None else radius,
+        mechanism=chain,
+    )
+
+
+def _angles(robot: UrdfRobot) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+    """Lower and upper bounds and posture of every joint of a leg [rad], by name."""
+    lower, upper, posture = {}, {}, {}
+    for name, joints in robot.joints.items():
+        given = robot.spec.legs[name].posture_deg
+        for joint in joints:
+            low, high = max(joint.lower, -np.pi), min(joint.upper, np.pi)
+            if joint.kind == "revolute":
+                low, high = joint.lower, joint.upper
+            rest = 0.0 if low <= 0.0 <= high else (low + high) / 2
+            lower[joint.name], upper[joint.name] = low, high
+            posture[joint.name] = rest
+            if joint.name in given:
+                posture[joint.name] = float(np.deg2rad(given[joint.name]))
+    return lower, upper, posture
+
+
+def _by_leg(width: int, rows: list[list[float]], empty: float) -> Array:
+    """(N, J) of rows that may be shorter, whose first joints are then none."""
+    return np.array([[empty] * (width - len(row)) + row for row in rows])
+
+
+def _chain(legs: list[LegAtZero], width: int, centre: Array, posture: Array) -> SerialChain:
+    joints, axes, names = [], [], []
+    for leg in legs:
+        none = width - len(leg.names)
+        joints.append(np.concatenate([np.repeat(leg.joints[:1], none, axis=0), leg.joints]))
+        axes.append(np.concatenate([np.zeros((none, 3)), leg.axes]))
+        names.append(("",) * none + leg.names)
+    return SerialChain(
+        tuple(names),
+        np.array(joints) - centre,
+        np.array(axes),
+        np.array([leg.toe for leg in legs]) - centre,
+        posture,
+    )
+
+
+def _standing(
+    robot: UrdfRobot, chain: SerialChain, stance: Array, given: Array, lower: Array, upper: Array
+) -> SerialChain:
+    """The chain with the postures in which it stands; raises SpecError for stances out of reach."""
+    solution = chain.inverse(stance, lower, upper)
+    missed = []
+    for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
+        why = chain.miss(solution, stance, limb, lower, upper)
+        place = ", ".join(f"{x:.3f}" for x in stance[limb])
+        message = (
+            f"stance ({place}) m cannot be reached, {why.reason} by {1e3 * why.missing:.0f} mm; "
+            "expected a toe position in the body frame (x right, y forward, z up, from the centre "
+            "of mass)"
+        )
+        missed.append(Finding(("legs", robot.limb_names[limb], "stance"), message))
+    if missed:
+        raise robot.refused(missed)
+    posture = np.where(given[:, None], solution.best(), chain.posture)
+    return SerialChain(chain.names, chain.joint_zero, chain.axis_zero, chain.toe_zero, posture)
+
+
+def _side(side: str, x: float) -> str:
+    if side != "by place":
+        return side
+    if abs(x) < _ON_MIDDLE:
+        return "any"
+    return "right" if x > 0 else "left"
+
+
+def _limits(robot: UrdfRobot, legs: list[LegAtZero], width: int, key: str, attribute: str) -> Array:
+    """(N, J) limits: the section's, else the URDF's."""
+    own = robot.spec.joints
+
+    def limit(joint: str) -> float:
+        given = vars(own[joint])[key] if joint in own else None
+        return float(given or vars(robot.tree.joints[joint])[attribute])
+
+    return _by_leg(width, [[limit(joint) for joint in leg.names] for leg in legs], 1.0)
+
+
+def _stiffness(robot: UrdfRobot, legs: list[LegAtZero], width: int) -> Array:
+    own, common = robot.spec.joints, robot.spec.joint_stiffness
+
+    def stiffness(joint: str) -> float:
+        given = own[joint].stiffness if joint in own else None
+        return given or common
+
+    return _by_leg(width, [[stiffness(joint) for joint in leg.names] for leg in legs], common)
+
+
+def _hull(robot: UrdfRobot, first: Array, box: tuple[Array, Array] | None, centre: Array) -> Array:
+    """(8, 3) corners of the body's box."""
+    if robot.spec.body_half_size is not None:
+        half = np.array(robot.spec.body_half_size)
+        lower, upper = -half, half
+    elif box is not None:
+        lower, upper = box[0] - centre, box[1] - centre
+    else:
+        lower, upper = first.min(axis=0), first.max(axis=0)
+    middle, half = (lower + upper) / 2, np.maximum((upper - lower) / 2, _THINNEST)
+    return middle + half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+
+
+def _ball(
+    robot: UrdfRobot,
+    chain: SerialChain,
+    stance: Array,
+    reach: float,
+    bounds: tuple[Array, Array],
+) -> float:
+    """Radius of the stance's ball that all legs reach; raises SpecError where there is none."""
+    distance = np.linalg.norm(stance - chain.joint_zero[:, 0], axis=1)
+    beyond = [
+        Finding(
+            ("legs", robot.limb_names[limb]),
+            f"its toe stands {1e3 * distance[limb]:.0f} mm from its first joint, nearer to full "
+            f"stretch than the {1e3 * reach:.0f} mm it is planned with; expected a stance or "
+            "posture with bent joints, or `workspace: {reach: NUMBER}`",
+        )
+        for limb in (int(i) for i in np.flatnonzero(distance > reach))
+    ]
+    if beyond:
+        raise robot.refused(beyond)
+    radius = stance_balls(chain, stance, reach, *bounds)
+    limb = int(np.argmin(radius))
+    if radius[limb] < _LEAST_BALL:
+        message = (
+            f"from its stance the toe of {robot.limb_names[limb]} cannot move "
+            f"{1e3 * _LEAST_BALL:.0f} mm in every direction within the joint bounds; expected a "
+            "stance or posture away from full stretch and from bounds, or "
+            "`workspace: {stance_radius: NUMBER}`"
+        )
+        raise robot.refused([Finding(("legs", robot.limb_names[limb]), message)])
+    return float(radius[limb])

@@ -1,0 +1,143 @@
+"""A URDF as Pinocchio has it: joints, axes, toes and masses when all angles are zero.
+
+Pinocchio is an optional part (`pip install 'climbplan[urdf]'`), imported only when a URDF is read.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from climbplan.errors import MissingSolver
+from climbplan.robots.rotations import Array
+from climbplan.spec.document import Finding
+from climbplan.spec.urdf_source import UrdfRobot
+
+_FORWARD = {
+    "x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+}
+_HOLDER = 6  # coordinates of the free base, before those of the joints
+
+
+def pinocchio() -> Any:
+    """The library.
+
+    Raises MissingSolver if it is not installed.
+    """
+    try:
+        return importlib.import_module("pinocchio")
+    except ImportError as error:
+        raise MissingSolver(
+            "a robot from a URDF needs Pinocchio, which is not installed: "
+            "pip install 'climbplan[urdf]'"
+        ) from error
+
+
+@dataclass(frozen=True)
+class LegAtZero:
+    """One leg with all angles at zero, base frame turned to x right, y forward, z up."""
+
+    names: tuple[str, ...]  # of its joints, from base to toe
+    joints: Array  # (j, 3) [m]
+    axes: Array  # (j, 3) unit
+    toe: Array  # (3,) [m]
+
+
+@dataclass(frozen=True)
+class UrdfModel:
+    """A URDF in Pinocchio's hands."""
+
+    robot: UrdfRobot
+    library: Any
+    model: Any
+    turn: Array  # (3, 3) from the root's axes at zero to x right, y forward, z up
+    origin: Array  # (3,) base link in the root's frame [m]
+
+    def placed(self, points: Array) -> Array:
+        """Points (..., 3) of the root's frame, from the base link and in its turned axes."""
+        return np.asarray((points - self.origin) @ self.turn.T)
+
+    def leg(self, name: str) -> LegAtZero:
+        """One leg at zero angles."""
+        pin, model = self.library, self.model
+        data = self._data(pin.neutral(model))
+        spec = self.robot.spec.legs[name]
+        joints, axes, names = [], [], []
+        for joint in self.robot.joints[name]:
+            index = model.getJointId(joint.name)
+            frame = pin.ReferenceFrame.WORLD
+            column = pin.getJointJacobian(model, data, index, frame)[3:, model.idx_vs[index]]
+            joints.append(data.oMi[index].translation)
+            axes.append(column / np.linalg.norm(column))
+            names.append(joint.name)
+        toe = data.oMf[_frame(self, spec.toe)]
+        point = toe.translation + toe.rotation @ np.array(spec.toe_offset, float)
+        return LegAtZero(
+            tuple(names),
+            self.placed(np.array(joints)),
+            np.array(axes) @ self.turn.T,
+            self.placed(point),
+        )
+
+    def mass(self) -> float:
+        """Sum over the links [kg]."""
+        return float(self.library.computeTotalMass(self.model))
+
+    def center(self, angles: dict[str, float]) -> Array:
+        """Centre of mass (3,) at joint angles by name [rad]; other joints are at zero."""
+        pin, model = self.library, self.model
+        turned = np.zeros(model.nv)
+        for name, angle in angles.items():
+            turned[model.idx_vs[model.getJointId(name)]] = angle
+        q = pin.integrate(model, pin.neutral(model), turned)
+        return self.placed(pin.centerOfMass(model, model.createData(), q))
+
+    def _data(self, q: Any) -> Any:
+        pin, model = self.library, self.model
+        data = model.createData()
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        return data
+
+
+def urdf_model(robot: UrdfRobot) -> UrdfModel:
+    """The model of a robot section whose text was checked.
+
+    Raises MissingSolver without Pinocchio, and SpecError for what Pinocchio refuses.
+    """
+    pin = pinocchio()
+    try:
+        model = pin.buildModelFromXML(text_with_files(robot), pin.JointModelFreeFlyer())
+    except (RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise robot.refused([Finding(("urdf",), f"Pinocchio cannot read it: {reason}")]) from error
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    pin.updateFramePlacements(model, data)
+    forward = np.array(_FORWARD[robot.spec.forward])
+    up = np.array([0.0, 0.0, 1.0])
+    to_axes = np.stack([np.cross(forward, up), forward, up])
+    found = UrdfModel(robot, pin, model, to_axes, np.zeros(3))
+    base = data.oMf[_frame(found, robot.base)]
+    return UrdfModel(robot, pin, model, to_axes @ base.rotation.T, np.array(base.translation))
+
+
+def text_with_files(robot: UrdfRobot) -> str:
+    """The URDF with every collision mesh's name replaced by its file."""
+    text = robot.tree.text
+    for name, path in robot.meshes.items():
+        for written in {quoteattr(name), f"'{name}'", f'"{name}"'}:
+            text = text.replace(f"filename={written}", f"filename={quoteattr(str(path))}")
+    return text
+
+
+def _frame(found: UrdfModel, link: str) -> int:
+    """Index of a link's frame; a joint may have the same name."""
+    return int(found.model.getFrameId(link, found.library.FrameType.BODY))

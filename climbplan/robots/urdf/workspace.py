@@ -1,0 +1,52 @@
+"""What a leg reaches, found by sampling: balls for the posture planner.
+
+Neither ball is exact. `reach` is an inner estimate of the farthest distance (0.97 of the farthest
+of the sampled toes), a necessary condition alone: a toe within it may still be out of reach. Where
+both balls overlap is meant as an inner set: all its sampled points about the stance can be reached
+within the joint bounds, points between them are taken on trust. Every posture planned with them is
+put to the exact inverse kinematics, and planned again with smaller balls where that fails.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
+
+_POSTURES = 4000  # sampled of every leg
+_FAR = 0.97  # of the farthest sampled toe
+_RADII = np.arange(1, 13) * 0.025  # [m] of the sampled shells about the stance
+_DIRECTIONS = 60
+
+
+def farthest_toes(chain: SerialChain, lower: Array, upper: Array) -> Array:
+    """(N,) largest distance of a sampled toe from its leg's first joint [m], less a reserve."""
+    share = np.random.default_rng(0).random((_POSTURES, *lower.shape))
+    points = chain.joint_points(lower + share * (upper - lower))
+    distance = np.linalg.norm(points[..., -1, :] - points[..., 0, :], axis=-1)
+    return np.asarray(_FAR * distance.max(axis=0))
+
+
+def stance_balls(
+    chain: SerialChain, stance: Array, reach: float, lower: Array, upper: Array
+) -> Array:
+    """(N,) radius of the largest sampled ball about the stance (N, 3) that a leg reaches [m].
+
+    Its points farther than `reach` from the first joint are left out, as planning does.
+    """
+    around = _directions(_DIRECTIONS)  # (D, 3)
+    toes = stance + _RADII[:, None, None, None] * around[None, :, None, :]  # (R, D, N, 3)
+    beyond = np.linalg.norm(toes - chain.joint_zero[:, 0], axis=-1) > reach
+    fine = (chain.inverse(toes, lower, upper).valid | beyond).all(axis=1)  # (R, N)
+    whole = np.cumprod(fine, axis=0).sum(axis=0)  # shells from the inside that are fine
+    return np.where(whole > 0, _RADII[np.maximum(whole - 1, 0)], 0.0)
+
+
+def _directions(count: int) -> Array:
+    """Unit vectors spread evenly over the sphere (golden spiral)."""
+    index = np.arange(count) + 0.5
+    height = 1 - 2 * index / count
+    turn = np.pi * (1 + np.sqrt(5)) * index
+    flat = np.sqrt(1 - height**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)

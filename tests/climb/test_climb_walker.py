@@ -1,0 +1,135 @@
+"""A quadruped from a URDF climbs; its plan is verified without the URDF."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from urdf_walkers import QUADRUPED
+
+from climbplan.climb.planner import plan_climb
+from climbplan.plans.climb_file import read_as_found, read_climb, write_climb
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.plans.trajectory_csv import export_csv
+from climbplan.plans.verification import verification_of
+from climbplan.robots.kinematics import toe_world
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.spec.examples import example_data, example_text
+from climbplan.spec.loading import load_climb
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "climbplan" / "robots" / "README.md"
+
+
+@pytest.fixture(scope="module", name="plan")
+def _plan(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
+    folder = tmp_path_factory.mktemp("walker")
+    (folder / "climb.yaml").write_text(example_text("climb_walker"))
+    for name, content in example_data("climb_walker").items():
+        (folder / name).write_bytes(content)
+    plan = plan_climb(
+        load_climb(folder / "climb.yaml", ["task.rounds=1", "task.goal.com=[0,0,0.12]"])
+    )
+    shutil.rmtree(folder)  # nothing of it is needed again
+    return plan
+
+
+@pytest.fixture(scope="module", name="stored")
+def _stored(plan: ClimbPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stored") / "plan.h5"
+    write_climb(plan, path)
+    return path
+
+
+def test_the_plan_is_verified_from_its_file_alone(plan: ClimbPlan, stored: Path) -> None:
+    verification = verification_of(read_as_found(stored))
+    assert verification.passed, verification.failed
+    assert len(verification.checks) >= 41
+    assert plan.robot.joint_count == 4
+    assert any(text.startswith("assumed of walker: ") for text in plan.warnings)
+
+
+def test_the_file_holds_the_chains(plan: ClimbPlan, stored: Path) -> None:
+    robot = read_climb(stored).robot
+    own, chain = plan.robot.mechanism, robot.mechanism
+    assert isinstance(own, SerialChain)
+    assert isinstance(chain, SerialChain)
+    assert chain.names == own.names
+    for name in ("joint_zero", "axis_zero", "toe_zero", "posture"):
+        np.testing.assert_array_equal(vars(chain)[name], vars(own)[name])
+    instants = plan.instants
+    toes = toe_world(robot, instants.com, instants.rpy, instants.joint_angles)
+    np.testing.assert_allclose(toes, instants.toes, atol=1e-9)
+
+
+def test_export_names_the_joints_of_the_urdf(stored: Path, tmp_path: Path) -> None:
+    export_csv(stored, tmp_path / "motion.csv")
+    header, first = (tmp_path / "motion.csv").read_text().splitlines()[:2]
+    assert "L1_L1_yaw_rad,L1_L1_lift_rad,L1_L1_knee_rad,L1_L1_ankle_rad,R1_R1_yaw_rad" in header
+    assert len(header.split(",")) == len(first.split(",")) == 1 + 6 + 16 + 4
+
+
+def shifted(file: h5py.File) -> None:
+    file["robot/chain/joint_zero"][0, 2, 0] += 1e-3
+
+
+def turned(file: h5py.File) -> None:
+    file["robot/chain/axis_zero"][1, 3] = [0.0, 0.0, 1.0]
+
+
+def pressed(file: h5py.File) -> None:
+    file["instants/joint_command"][0, 1, 3] += 5e-3
+
+
+def bent(file: h5py.File) -> None:
+    """Along the free motion: the toe stays, the springs are not at rest."""
+    angles, commands = file["instants/joint_angles"], file["instants/joint_command"]
+    there = file["instants/contact"][1]
+    limb = int(np.flatnonzero(there)[0])
+    chain = SerialChain(
+        (("a", "b", "c", "d"),),
+        file["robot/chain/joint_zero"][limb : limb + 1],
+        file["robot/chain/axis_zero"][limb : limb + 1],
+        file["robot/chain/toe_zero"][limb : limb + 1],
+        np.zeros((1, 4)),
+    )
+    jacobian = chain.jacobian(angles[1][limb : limb + 1])[0]
+    free = np.linalg.svd(jacobian)[2][3]
+    commands[1, limb] = commands[1, limb] + 0.05 * free
+
+
+@pytest.mark.parametrize(
+    ("change", "check"),
+    [
+        (shifted, "kinematics.toes"),
+        (turned, "kinematics.toes"),
+        (pressed, "static.pose"),
+        (bent, "static.pose"),
+    ],
+)
+def test_what_is_changed_is_found(
+    stored: Path, tmp_path: Path, change: Callable[[h5py.File], None], check: str
+) -> None:
+    path = Path(shutil.copy(stored, tmp_path / "plan.h5"))
+    with h5py.File(path, "r+") as file:
+        change(file)
+    failed = {found.name for found in verification_of(read_as_found(path)).failed}
+    assert check in failed
+
+
+def test_the_pages_example_plans_a_robot_of_ones_own(tmp_path: Path) -> None:
+    """The YAML of the page, with a URDF that has the names it uses."""
+    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    text = QUADRUPED.text()
+    for ours, theirs in (("L1", "lf"), ("R1", "rf"), ("L2", "lh"), ("R2", "rh")):
+        text = text.replace(f"{ours}_toe", f"{theirs}_foot").replace(f"{ours}_", f"{theirs}_")
+    (tmp_path / "my_robot.urdf").write_text(text)
+    (tmp_path / "climb.yaml").write_text(block)
+    plan = plan_climb(load_climb(tmp_path / "climb.yaml"))
+    write_climb(plan, tmp_path / "plan.h5")
+    assert verification_of(read_as_found(tmp_path / "plan.h5")).passed

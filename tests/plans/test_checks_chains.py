@@ -1,0 +1,89 @@
+"""Chains built anew: the same poses by another way, and joints that settle with least energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from climbplan.plans.checks.chains_anew import chains_at, settled_chains
+from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
+
+SPRING = np.array([[80.0, 60.0, 50.0, 40.0, 30.0, 30.0]])
+
+
+@pytest.fixture(scope="module", name="chain")
+def _chain() -> SerialChain:
+    """Six joints about axes of any direction, and a limb with one joint less."""
+    rng = np.random.default_rng(5)
+    axes = rng.normal(size=(2, 6, 3))
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    axes[1, 0] = 0.0
+    joints = np.cumsum(rng.uniform(-0.05, 0.15, (2, 6, 3)), axis=1)
+    names = (tuple("abcdef"), ("", *"bcdef"))
+    toe = joints[:, -1] + [0.1, 0.05, -0.2]
+    return SerialChain(names, joints, axes, toe, np.zeros((2, 6)))
+
+
+def test_the_same_limbs_by_another_way(chain: SerialChain) -> None:
+    angles = np.random.default_rng(0).uniform(-2, 2, (30, 2, 6))
+    anew, there = chains_at(chain, angles), chain.pose(angles)
+    np.testing.assert_allclose(anew.joints, there.joints, atol=1e-14)
+    np.testing.assert_allclose(anew.axes, there.axes, atol=1e-14)
+    np.testing.assert_allclose(anew.toe, there.toe, atol=1e-14)
+    np.testing.assert_allclose(anew.jacobian(), there.jacobian, atol=1e-14)
+    force = np.random.default_rng(1).normal(size=(30, 2, 3))
+    expected = np.einsum("knijl,kni->knjl", there.hessian, force)
+    np.testing.assert_allclose(anew.bending(force), expected, atol=1e-14)
+
+
+def one(chain: SerialChain) -> SerialChain:
+    return chain.only(slice(0, 1))
+
+
+def energy(angles: Array, command: Array) -> float:
+    return float((SPRING[0] * (angles - command) ** 2).sum() / 2)
+
+
+def test_joints_settle_where_energy_is_least(chain: SerialChain) -> None:
+    limb = one(chain)
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        alike = rng.uniform(-0.8, 0.8, (1, 6))
+        command = alike + rng.uniform(-0.05, 0.05, (1, 6))
+        toe = limb.pose(alike).toe + rng.uniform(-5e-3, 5e-3, (1, 3))
+        settled = settled_chains(limb, toe, alike, command, SPRING)
+        assert settled.missing.max() < 1e-12
+        found = minimize(
+            energy,
+            alike[0],
+            args=(command[0],),
+            method="SLSQP",
+            constraints={
+                "type": "eq",
+                "fun": lambda q, toe=toe: limb.pose(q[None]).toe[0] - toe[0],
+            },
+            options={"ftol": 1e-14, "maxiter": 300},
+        )
+        assert found.success
+        assert energy(settled.angles[0], command[0]) <= found.fun + 1e-9
+        np.testing.assert_allclose(settled.angles[0], found.x, atol=1e-5)
+
+
+def test_commands_that_press_settle_in_the_planned_angles(chain: SerialChain) -> None:
+    """q - k^-1 J^T f is answered by q and f exactly, however large the force."""
+    limb = one(chain)
+    planned = np.random.default_rng(4).uniform(-0.8, 0.8, (1, 6))
+    pose = limb.pose(planned)
+    force = np.array([20.0, -15.0, 30.0])
+    command = planned - (pose.jacobian[0].T @ force) / SPRING
+    settled = settled_chains(limb, pose.toe, planned + 1e-3, command, SPRING)
+    np.testing.assert_allclose(settled.angles, planned, atol=1e-10)
+
+
+def test_toes_out_of_reach_are_missed(chain: SerialChain) -> None:
+    limb = one(chain)
+    alike = np.full((1, 6), 0.3)
+    far = limb.joint_zero[:, 0] + [3.0, 0.0, 0.0]
+    assert settled_chains(limb, far, alike, alike, SPRING).missing[0] > 1.0

@@ -1,0 +1,224 @@
+"""Every mistake in a robot section that names a URDF: its line, its key, and what was expected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from urdf_walkers import QUADRUPED, Walker
+
+from climbplan.errors import SpecError
+from climbplan.spec.loading import load_climb, load_spec
+from climbplan.spec.robot_source import load_robot
+from climbplan.spec.urdf_source import UrdfRobot
+
+CLIMB = """kind: climb
+robot:
+  urdf: walker.urdf
+  joint_stiffness: 150
+  legs:
+    L1: {toe: L1_toe, posture_deg: {L1_lift: 30, L1_knee: 20}}
+    R1: {toe: R1_toe, posture_deg: {R1_lift: 30, R1_knee: 20}}
+    L2: {toe: L2_toe, posture_deg: {L2_lift: 30, L2_knee: 20}}
+    R2: {toe: R2_toe, posture_deg: {R2_lift: 30, R2_knee: 20}}
+terrain:
+  friction: 1.0
+  walls: {gap: 1.23, along: [-0.8, 0.8], up: [-0.8, 1.2]}
+task:
+  rounds: 1
+  start: {com: [0, 0, 0]}
+  goal: {com: [0, 0, 0.1]}
+"""
+
+
+def mistakes(folder: Path, climb: str = CLIMB, urdf: str | None = None) -> list[str]:
+    """What is wrong with a climb and its URDF, as the command line says it."""
+    (folder / "walker.urdf").write_text(QUADRUPED.text() if urdf is None else urdf)
+    spec = folder / "s.yaml"
+    spec.write_text(climb)
+    with pytest.raises(SpecError) as caught:
+        load_climb(spec)
+    return [line.removeprefix(f"{folder}/") for line in str(caught.value).splitlines()]
+
+
+def changed(text: str, *pairs: tuple[str, str]) -> str:
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def test_a_sound_section_loads(tmp_path: Path) -> None:
+    QUADRUPED.write(tmp_path / "walker.urdf")
+    (tmp_path / "s.yaml").write_text(CLIMB)
+    loaded = load_climb(tmp_path / "s.yaml")
+    assert isinstance(loaded.robot, UrdfRobot)
+    assert loaded.robot.name == "walker4"
+    assert loaded.robot.limb_names == ("L1", "R1", "L2", "R2")
+    names = [joint.name for joint in loaded.robot.joints["L1"]]
+    assert names == ["L1_yaw", "L1_lift", "L1_knee", "L1_ankle"]
+    # Without leaving the section in the spec: a robot file
+    section = CLIMB[CLIMB.index("  urdf") : CLIMB.index("terrain")].replace("\n  ", "\n")
+    (tmp_path / "robot.yaml").write_text(f"kind: robot\n{section.strip()}\n")
+    assert isinstance(load_spec(tmp_path / "robot.yaml"), UrdfRobot)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("walker.urdf", "wlaker.urdf", "s.yaml:3: robot.urdf: no such file: "),
+        ("joint_stiffness", "joint_stifness", "(did you mean 'joint_stiffness'?)"),
+        ("toe: L1_toe,", "toe: L1_tow,", "s.yaml:6: robot.legs.L1.toe: the URDF has no link"),
+        ("toe: L1_toe,", "toe: L1_tow,", "(did you mean 'L1_toe'?)"),
+        ("toe: L1_toe,", "toe: L1_lift_link,", "expected 3 to 7 joints that move from 'base_link'"),
+        ("toe: L2_toe,", "toe: L1_toe,", "moves L1 and L2 together; expected joints of its own"),
+        ("L1_lift: 30", "L1_lfit: 30", "leg L1 has no joint 'L1_lfit', only L1_yaw, L1_lift"),
+        ("L1_lift: 30", "L1_lift: 300", "expected an angle within the joint's bounds, -85.94 to"),
+        ("joint_stiffness: 150", "base: trunk", "s.yaml:4: robot.base: the URDF has no link"),
+        ("joint_stiffness: 150", "joints: {hip: {max_torque: 3}}", "the URDF has no joint 'hip'"),
+        (
+            "joint_stiffness: 150",
+            "joints: {L1_yaw: {max_torque: -3}}",
+            "expected a number in N m > 0",
+        ),
+        ("joint_stiffness: 150", "forward: z", "expected one of `x`, `-x`, `y`, `-y`, got 'z'"),
+        ("legs:", "leggs:", "unknown key (did you mean 'legs'?)"),
+        ("terrain:", "solver: {method: nlp}\nterrain:", "expected `micp` for a robot from a URDF"),
+        (
+            "rounds: 1",
+            "rounds: 1\n  gait: [L1, R1, L2]",
+            "expected each limb once (L1, R1, L2, R2)",
+        ),
+    ],
+)
+def test_mistakes_of_the_section(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    assert any(expected in line for line in mistakes(tmp_path, changed(CLIMB, (old, new))))
+
+
+def line_of(text: str, part: str) -> int:
+    return text[: text.index(part)].count("\n") + 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('effort="60.0"', 'effort="0"', "no torque limit: expected `effort` > 0 in its <limit>"),
+        ('effort="60.0" ', "", "or `joints: {L1_yaw: {max_torque: NUMBER}}` [N m] here"),
+        ('velocity="5"', 'velocity="-1"', "no speed limit: expected `velocity` > 0"),
+        ('lower="-1.0"', 'lower="2.0"', "expected <limit> with lower < upper, got 2 and 1 rad"),
+        ('type="revolute"', 'type="prismatic"', "a prismatic joint; expected revolute, continuous"),
+        ('velocity="5"/>', 'velocity="5"/><mimic joint="R1_yaw"/>', "mimics 'R1_yaw'; expected"),
+    ],
+)
+def test_joints_no_leg_can_have(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    text = changed(QUADRUPED.text(), (old, new))
+    (found,) = mistakes(tmp_path, urdf=text)
+    line = line_of(text, 'name="L1_yaw"')
+    where = f"joint 'L1_yaw' (walker.urdf line {line})"
+    assert found.startswith(f"s.yaml:6: robot.legs.L1.toe: {where}: ")
+    assert expected in found
+
+
+def test_limits_may_be_given_in_the_section(tmp_path: Path) -> None:
+    text = changed(QUADRUPED.text(), ('effort="60.0" velocity="5"', ""))
+    (tmp_path / "walker.urdf").write_text(text)
+    own = "joints: {L1_yaw: {max_torque: 9, max_speed: 2}}"
+    (tmp_path / "s.yaml").write_text(changed(CLIMB, ("joint_stiffness: 150", own)))
+    assert isinstance(load_climb(tmp_path / "s.yaml").robot, UrdfRobot)
+
+
+def test_closed_chains(tmp_path: Path) -> None:
+    bar = (
+        '<joint name="bar" type="revolute"><parent link="R1_knee_link"/>'
+        '<child link="L1_knee_link"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    text = changed(QUADRUPED.text(), ("</robot>", f"{bar}\n</robot>"))
+    (found,) = mistakes(tmp_path, urdf=text)
+    assert "robot.urdf: closed chain: link 'L1_knee_link' is the child of joints 'L1_knee'" in found
+    assert "and 'bar'" in found
+
+
+def test_weights_and_connections(tmp_path: Path) -> None:
+    weightless = replace(QUADRUPED, body_mass=0.0, link_mass=0.0).text()
+    (found,) = mistakes(tmp_path, urdf=weightless)
+    assert "s.yaml:3: robot.urdf: zero mass: no link of the URDF has any" in found
+    negative = changed(QUADRUPED.text(), ('<mass value="4.0"/>', '<mass value="-4"/>'))
+    assert "link 'base_link' has the mass -4 kg" in mistakes(tmp_path, urdf=negative)[0]
+    loose = changed(QUADRUPED.text(), ("</robot>", '<link name="stone"/></robot>'))
+    expected = "expected one root link, got base_link, stone unconnected"
+    assert expected in mistakes(tmp_path, urdf=loose)[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<robot name='x'>", "walker.urdf line 1: not XML: no element found"),
+        ("{}", "not XML: not well-formed (invalid token)"),
+        ("", "not XML: no element found"),
+        ("<sdf/>", "expected <robot> as the first element, got <sdf>"),
+        ("<robot name='x'/>", "no <link> in it"),
+        ("<robot xmlns:xacro='x'><link name='a'/></robot>", "a xacro; write its URDF first"),
+        (
+            "<!DOCTYPE r [<!ENTITY a 'aa'><!ENTITY b '&a;&a;'>]><robot name='&b;'/>",
+            "declares XML entities, which a URDF has no need of",
+        ),
+        ("<robot><link/></robot>", "<link> without `name`"),
+        ("<robot><link name='a'/><link name='a'/></robot>", "two links are named 'a'"),
+        (
+            "<robot><link name='a'/><joint name='j' type='x'><parent link='a'/></joint></robot>",
+            "joint 'j' has no <child>",
+        ),
+        (
+            "<robot><link name='a'><inertial><mass value='much'/></inertial></link></robot>",
+            "`value` of <mass>: expected a number, got 'much'",
+        ),
+        ("<a>" * 500, "elements nested more than 200 deep"),
+    ],
+)
+def test_texts_that_are_no_urdf(tmp_path: Path, text: str, expected: str) -> None:
+    (found,) = mistakes(tmp_path, urdf=text)
+    assert found.startswith("s.yaml:3: robot.urdf: ")
+    assert expected in found
+
+
+def test_all_mistakes_come_together(tmp_path: Path) -> None:
+    climb = changed(
+        CLIMB,
+        ("toe: L1_toe,", "toe: foot,"),
+        ("R2_knee: 20", "R2_knee: 200"),
+        ("friction: 1.0", "friction: -1.0"),
+    )
+    urdf = changed(QUADRUPED.text(), ('effort="60.0"', 'effort="0"'))
+    assert len(mistakes(tmp_path, climb, urdf)) == 3  # L1's joint is not looked at without its toe
+
+
+def test_packages_and_meshes_not_found(tmp_path: Path) -> None:
+    walker = Walker(mesh="package://walker_description/body.stl")
+    (found,) = mistakes(tmp_path, urdf=walker.text())
+    assert "robot.packages: walker.urdf line 5: package 'walker_description' not found" in found
+    assert "expected `packages: {walker_description: DIRECTORY}`" in found
+    own = "packages: {walker_description: nowhere}"
+    climb = changed(CLIMB, ("joint_stiffness: 150", own))
+    assert (
+        "package 'walker_description': no directory" in mistakes(tmp_path, climb, walker.text())[0]
+    )
+    (found,) = mistakes(tmp_path, urdf=replace(walker, mesh="meshes/body.stl").text())
+    assert "mesh 'meshes/body.stl' not found: no file" in found
+    (found,) = mistakes(tmp_path, urdf=replace(walker, mesh="http://x.org/a.stl").text())
+    assert "expected package://, file:// or a path" in found
+
+
+def test_a_urdf_alone_is_no_robot(tmp_path: Path) -> None:
+    climb = f"{CLIMB[: CLIMB.index('robot:')]}robot: walker.urdf\n{CLIMB[CLIMB.index('terrain') :]}"
+    (found,) = mistakes(tmp_path, climb)
+    assert "s.yaml:2: robot: expected a built-in robot" in found
+    assert "`robot: {urdf: PATH, legs: {NAME: {toe: LINK}}}`" in found
+
+
+def test_commands_for_coxa_femur_and_tibia_say_so(tmp_path: Path) -> None:
+    QUADRUPED.write(tmp_path / "walker.urdf")
+    section = CLIMB[CLIMB.index("  urdf") : CLIMB.index("terrain")].replace("\n  ", "\n")
+    (tmp_path / "robot.yaml").write_text(f"kind: robot\n{section.strip()}\n")
+    with pytest.raises(SpecError, match=r"robot\.yaml:2: urdf: expected limbs of coxa, femur and"):
+        load_robot(tmp_path / "robot.yaml")

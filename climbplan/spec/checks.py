@@ -145,7 +145,7 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
 
 def _grippers(parts: ClimbParts) -> list[Finding]:
     """Robots with grippers climb flat surfaces, with forces of two solvers."""
-    if parts.robot is None or parts.robot.gripper is None:
+    if parts.robot is None or isinstance(parts.robot, UrdfRobot) or parts.robot.gripper is None:
         return []
     name, found = parts.robot.name, []
     if isinstance(parts.task, TransitionTaskSpec):

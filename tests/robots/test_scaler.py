@@ -1,22 +1,22 @@
-"""SCALER's data: what the robot file derives from the five-bar linkage holds on the linkage."""
+"""SCALER's five-bar legs: closed forms against each other, the published zero posture, wrists."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from climbplan.errors import SpecError
+from climbplan.plans.checks.five_bars_anew import five_bars_at, settled_five_bars
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.gripper import wrists_at
 from climbplan.robots.kinematics import inverse, jacobian_body, toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.robot_source import load_robot, robot_text
 
-CRANK, COUPLER, LINK = 0.113, 0.142, 0.21755  # [m] published
-AXIS_A, AXIS_F = -0.0713, -0.0998  # [m] of the cranks' axes, below the shoulder
-JOINT_C = np.array([0.1333, -0.03475])  # [m] where the coupler holds the last link
-MOTOR = 10.0  # [N m] of a motor pair
-CRANK_A = (-1.0, 0.6)  # [rad] from straight down, published
-CRANK_F = (0.97 - np.pi / 2, 2.37 - np.pi / 2)  # [rad] from straight out, published
+STEP = 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -24,75 +24,106 @@ def robot() -> Robot:
     return Robot.from_spec(load_robot("scaler"))
 
 
-def crank_a(femur: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """Angle of crank A from straight down, for the femur's elevation and the last link's tilt."""
-    elbow = np.stack([CRANK * np.cos(femur), AXIS_F + CRANK * np.sin(femur)], axis=-1)
-    along = np.stack([np.sin(tilt), -np.cos(tilt)], axis=-1)
-    across = np.stack([np.cos(tilt), np.sin(tilt)], axis=-1)
-    reach = elbow + JOINT_C[0] * along + JOINT_C[1] * across - [0.0, AXIS_A]
-    distance = np.linalg.norm(reach, axis=-1)
-    inner = np.arccos((CRANK**2 + distance**2 - COUPLER**2) / (2 * CRANK * distance))
-    return np.arctan2(reach[..., 0], -reach[..., 1]) - inner
+@pytest.fixture(scope="module")
+def legs(robot: Robot) -> FiveBar:
+    assert isinstance(robot.mechanism, FiveBar)
+    return robot.mechanism
 
 
-def test_linkage_closes_where_the_published_model_has_it() -> None:
-    """The URDF at zero: crank F straight out, crank A straight down, last link at -67.4 deg."""
-    assert crank_a(np.zeros(1), np.array([np.pi / 2 - 1.17617]))[0] == pytest.approx(0, abs=3e-3)
+@pytest.fixture(scope="module")
+def angles(robot: Robot) -> np.ndarray:
+    """Postures about the stance, within the joint bounds."""
+    rng = np.random.default_rng(0)
+    toes = robot.stance_body + rng.uniform(-0.05, 0.05, (60, 4, 3))
+    solution = inverse(robot, toes)
+    return solution.best()[solution.valid.all(axis=1)]
 
 
-def test_joint_box_keeps_both_cranks_within_their_bounds(robot: Robot) -> None:
-    low, high = robot.joint_lower, robot.joint_upper
-    for limb in range(robot.limb_count):
-        femur, tibia = np.meshgrid(
-            *(np.linspace(low[limb, j], high[limb, j], 41) for j in (1, 2)), indexing="ij"
-        )
-        angle = crank_a(femur, femur + tibia)
-        assert angle.min() >= CRANK_A[0]
-        assert angle.max() <= CRANK_A[1]
-        assert femur.min() >= CRANK_F[0]
-        assert femur.max() <= CRANK_F[1] + 3e-3  # 45.8 deg, rounded to 46
+def test_zero_posture_is_the_published_one(legs: FiveBar) -> None:
+    """Crank F straight out, crank A straight down: the URDF has the last link at 1.17617 rad."""
+    plane = legs.plane(np.broadcast_to([0.0, np.pi / 2, 0.0], (4, 3)))
+    np.testing.assert_allclose(plane.tilt, np.pi / 2 - 1.17617, atol=3e-3)
 
 
-def test_torque_box_keeps_both_motors_within_their_limits(robot: Robot) -> None:
-    """Virtual work on the linkage: tau_F and tau_A of every corner of the box, every posture."""
-    low, high, step = robot.joint_lower[0], robot.joint_upper[0], 1e-6
-    femur, tibia = np.meshgrid(*(np.linspace(low[j], high[j], 41) for j in (1, 2)), indexing="ij")
-    tilt = femur + tibia
-    by_tilt = (crank_a(femur, tilt + step) - crank_a(femur, tilt - step)) / (2 * step)
-    by_femur = (crank_a(femur + step, tilt) - crank_a(femur - step, tilt)) / (2 * step)
-    _, at_femur, at_tibia = robot.max_torque[0]
-    for sign in (1.0, -1.0):
-        # d(work) = tau_femur dfemur + tau_tibia (dtilt - dfemur) = tau_F dfemur + tau_A dA
-        tau_a = sign * at_tibia / by_tilt
-        tau_f = at_femur - sign * at_tibia - tau_a * by_femur
-        assert np.abs(tau_a).max() <= MOTOR
-        assert np.abs(tau_f).max() <= MOTOR
-    assert np.abs(at_femur + at_tibia / by_tilt * (by_tilt + by_femur)).max() > 0.95 * MOTOR
-
-
-def test_stance_is_reached_and_wrists_stand_square(robot: Robot) -> None:
-    assert robot.gripper is not None
-    solution = inverse(robot, robot.stance_body)
+def test_inverse_finds_the_angles_again(robot: Robot, angles: np.ndarray) -> None:
+    assert len(angles) > 30
+    solution = inverse(robot, toe_body(robot, angles))
     assert solution.valid.all()
-    angles = solution.best()
-    np.testing.assert_allclose(toe_body(robot, angles), robot.stance_body, atol=1e-12)
-    down, forward = np.tile([0.0, 0, -1], (4, 1)), np.tile([0.0, 1, 0], (4, 1))
-    found = wrists_at(last_link_body(robot, angles), down, forward)
-    assert (found.angles > robot.gripper.wrist_lower).all()
-    assert (found.angles < robot.gripper.wrist_upper).all()
-    np.testing.assert_allclose(found.axes[:, 2], down, atol=1e-12)
+    np.testing.assert_allclose(solution.best(), angles, atol=1e-9)
 
 
-def test_joint_axes_turn_the_last_link_as_the_toe_moves(robot: Robot) -> None:
-    angles = inverse(robot, robot.stance_body).best()
-    axes, step = joint_axes_body(robot, angles), 1e-6
+def test_linkage_closes(legs: FiveBar, angles: np.ndarray) -> None:
+    """The coupler's ends are its length apart, worked out point by point."""
+    bar, plane = legs.linkage, legs.plane(angles)
+    along = np.stack([np.sin(plane.tilt), -np.cos(plane.tilt)], axis=-1)
+    across = np.stack([np.cos(plane.tilt), np.sin(plane.tilt)], axis=-1)
+    held = plane.elbow + bar.held_along * along + bar.held_across * across
+    down = np.stack([np.sin(angles[..., 2]), -np.cos(angles[..., 2])], axis=-1)
+    end = np.array([bar.offset, bar.axis_a]) + bar.crank_a * down
+    np.testing.assert_allclose(np.linalg.norm(held - end, axis=-1), bar.coupler, atol=1e-12)
+
+
+def test_jacobian_turning_and_hessian_by_differences(robot: Robot, angles: np.ndarray) -> None:
+    legs = robot.limbs
+    rows = joint_axes_body(robot, angles)
     for joint in range(3):
-        change = np.zeros((4, 3))
-        change[:, joint] = step
-        turned = last_link_body(robot, angles + change) - last_link_body(robot, angles - change)
-        expected = np.cross(axes[:, joint, None], last_link_body(robot, angles))
-        np.testing.assert_allclose(turned / (2 * step), expected, atol=1e-8)
-    # The toe is on the last link: its velocity by the tibia is axis x link.
-    link = robot.link_lengths[:, 2, None] * last_link_body(robot, angles)[:, 0]
-    by_tibia = jacobian_body(robot, angles)[..., 2]
-    np.testing.assert_allclose(by_tibia, np.cross(axes[:, 2], link), atol=1e-12)
+        change = np.zeros(3)
+        change[joint] = STEP
+        moved = toe_body(robot, angles + change) - toe_body(robot, angles - change)
+        jacobian = jacobian_body(robot, angles)[..., joint]
+        np.testing.assert_allclose(moved / (2 * STEP), jacobian, atol=1e-8)
+        link = last_link_body(robot, angles + change) - last_link_body(robot, angles - change)
+        expected = np.cross(rows[..., joint, None, :], last_link_body(robot, angles))
+        np.testing.assert_allclose(link / (2 * STEP), expected, atol=1e-7)
+    hessian = legs.hessian(angles)
+    np.testing.assert_allclose(hessian, np.swapaxes(hessian, -1, -2), atol=1e-6)
+
+
+def test_checks_build_the_same_legs_anew(robot: Robot, legs: FiveBar, angles: np.ndarray) -> None:
+    anew = five_bars_at(legs, angles)
+    np.testing.assert_allclose(anew.toe, toe_body(robot, angles), atol=1e-12)
+    columns = np.cross(anew.axes, anew.toe[..., None, :] - anew.joints)
+    jacobian = np.swapaxes(columns, -1, -2) @ anew.drive
+    np.testing.assert_allclose(jacobian, jacobian_body(robot, angles), atol=1e-8)
+    turning = np.swapaxes(anew.drive, -1, -2) @ anew.axes
+    np.testing.assert_allclose(turning, joint_axes_body(robot, angles), atol=1e-8)
+    settled = settled_five_bars(legs, anew.toe, angles + 0.05)
+    np.testing.assert_allclose(settled, angles, atol=1e-9)
+
+
+def test_workspace_ball_holds_bounds_and_wrists_on_a_flat_wall(robot: Robot) -> None:
+    """Within stance_radius of the stance, in a plane along the belly, everything holds."""
+    assert robot.gripper is not None
+    turn = np.linspace(0, 2 * np.pi, 48)
+    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
+    for radius in (0.0, 0.5, 1.0):
+        toes = robot.stance_body + radius * robot.stance_radius * ring[:, None]
+        solution = inverse(robot, toes)
+        assert solution.valid.all()
+        found = solution.best()
+        down = np.broadcast_to([0.0, 0, -1], found.shape)
+        forward = np.broadcast_to([0.0, 1, 0], found.shape)
+        wrists = wrists_at(last_link_body(robot, found), down, forward)
+        assert (wrists.angles >= robot.gripper.wrist_lower).all()
+        assert (wrists.angles <= robot.gripper.wrist_upper).all()
+        np.testing.assert_allclose(wrists.axes[..., 2, :], down, atol=1e-12)
+
+
+def test_out_of_reach_is_said(robot: Robot) -> None:
+    toes = robot.stance_body.copy()
+    toes[0] += [0.0, 0.3, 0.0]
+    solution = inverse(robot, toes)
+    found = robot.limbs.miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
+    assert found.reason == "too far"
+    assert found.missing > 0.1
+    toes[0] = robot.stance_body[0] + [0.0, 0.0, 0.12]
+    solution = inverse(robot, toes)
+    found = robot.limbs.miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
+    assert "crank" in found.reason or "close" in found.reason
+
+
+def test_robot_file_says_when_the_coupler_is_too_long(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(robot_text("scaler").replace("coupler: 0.142", "coupler: 1.42"))
+    with pytest.raises(SpecError, match="nothing ever closes"):
+        load_robot(bad)

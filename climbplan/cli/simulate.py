@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from climbplan.cli.console import Session, print_json, print_result, warn
-from climbplan.cli.options import Force, Json, Out, Plan, Quiet, Seed, Verbose
+from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
 from climbplan.cli.plan_path import find_plan
 from climbplan.errors import PlanFileError, UsageError
+
+if TYPE_CHECKING:
+    from climbplan.simulation.report_files import Told
+    from climbplan.simulation.study import Asked
+    from climbplan.simulation.variations import Trial
+
+
+class Regulated(StrEnum):
+    """What of the body's pose a regulator corrects."""
+
+    nothing = "nothing"
+    attitude = "attitude"
+    pose = "pose"
 
 
 def simulate(
@@ -60,85 +76,151 @@ def simulate(
         float, typer.Option("--speed", metavar="FACTOR", min=0.01, help="On the plan's pace.")
     ] = 1.0,
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Whether to render a strip of images.")
+        bool, typer.Option("--pictures/--no-pictures", help="Whether to render pictures and film.")
     ] = True,
+    random_backlash_deg: Annotated[
+        float,
+        typer.Option(
+            "--random-backlash-deg",
+            metavar="DEG",
+            min=0.0,
+            help="Most play of the joints, drawn for each random run.",
+        ),
+    ] = 0.0,
+    regulate: Annotated[
+        Regulated,
+        typer.Option(
+            "--regulate",
+            help="What of the body's pose standing limbs are told to correct: its attitude (an "
+            "inertial sensor's), or its place as well.",
+        ),
+    ] = Regulated.nothing,
+    jobs: Jobs = 1,
     seed: Seed = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
-    """Replay a climb in MuJoCo and compare torques, friction and sag with the planned ones.
+    """Replay a climb, transition or walk in MuJoCo and compare it with its plan.
 
-    Prints the path of simulation.csv (default directory: outputs/<plan's name>_simulation), one row
-    a standing limb and instant; beside it report.json and figures/. Needs `pip install
-    'climbplan[simulate]'`.
+    Climbs and transitions: torques, friction and sag of the whole robot. Walks (plans of kind mpc):
+    one rigid body pushed off feet by the planned forces. Prints the path of simulation.csv (default
+    directory: outputs/<plan's name>_simulation), one row a standing limb and instant; beside it
+    report.json, report.html, figures/ and simulation.gif. Needs
+    `pip install 'climbplan[simulate]'`.
     """
     path = find_plan(plan)
     key, values = _swept(sweep)
+    kind = _simulated_kind(path)
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
-    from climbplan.plans.climb_file import read_climb
-    from climbplan.plans.plan_format import plan_format
-
-    found_format = plan_format(path)
-    if found_format != "climbplan/climb":
-        raise PlanFileError(f"{path}: holds {found_format!r}, `simulate` replays climbs")
     from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
+    from climbplan.simulation.report_files import RESULT, write_simulation
+    from climbplan.simulation.study import Asked
 
-    conditions = Conditions(
-        friction=friction,
-        payload=payload,
-        gain=gain,
-        limb_mass_share=LIMB_MASS_SHARE if limb_mass_share is None else limb_mass_share,
-        backlash=backlash_deg * 3.141592653589793 / 180,
-        limb_weights=limb_weights,
-        speed=speed,
+    asked = Asked(
+        conditions=Conditions(
+            friction=friction,
+            payload=payload,
+            gain=gain,
+            limb_mass_share=LIMB_MASS_SHARE if limb_mass_share is None else limb_mass_share,
+            backlash=math.radians(backlash_deg),
+            limb_weights=limb_weights,
+            speed=speed,
+            regulator=regulate.value,
+        ),
+        runs=runs,
+        sweep_key=key,
+        sweep_values=values,
+        most_backlash=math.radians(random_backlash_deg),
+        seed=seed or 0,
+        jobs=jobs,
+        pictures=pictures,
     )
     session = context.ensure_object(Session)
-    climb = read_climb(path)
-    target = out if out is not None else Path("outputs", f"{climb.name}_simulation")
+    name, run = kind(path)
+    target = out if out is not None else Path("outputs", f"{name}_simulation")
     with OutputDirectory(target, force=force) as directory:
-        from climbplan.simulation.study import (
-            RESULT,
-            headline,
-            report_dict,
-            simulate_plan,
-            write_report,
-        )
-
         with StageProgress(session) as progress:
-            found = simulate_plan(
-                climb,
-                conditions,
-                runs=runs,
-                sweep_key=key,
-                sweep_values=values,
-                seed=seed or 0,
-                pictures=pictures,
-                progress=progress.report,
-            )
-        session.note(f"{climb.name}   {headline(found)}")
-        for point in found.points:
-            what = point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall"
-            session.note(f"  {key} {point.value:g}: {what}")
-        if found.trials:
-            session.note(
-                f"  {sum(t.fallen for t in found.trials)} of {len(found.trials)} runs fall"
-            )
-        if pictures and isinstance(found.camera, str):
-            warn(found.camera)
-        write_report(found, directory.path)
+            told, outcome = run(asked, progress.report)
+        session.note(f"{name}   {told.headline}")
+        for line in outcome:
+            session.note(f"  {line}")
+        told_pictures = told.report["pictures"]
+        if pictures and told.film is None:
+            warn(told_pictures)
+        write_simulation(told, directory.path)
         directory.publish()
     if as_json:
-        print_json(report_dict(found))
+        print_json(told.report)
     else:
         print_result(str(target / RESULT))
 
 
-def _swept(text: str | None) -> tuple[str, list[float]]:
+_Progress = Callable[[str, float], None]
+_Run = Callable[["Asked", _Progress], tuple["Told", list[str]]]
+
+
+def _climb(path: Path) -> tuple[str, _Run]:
+    from climbplan.plans.climb_file import read_climb
+
+    plan = read_climb(path)
+
+    def run(asked: Asked, report: _Progress) -> tuple[Told, list[str]]:
+        from climbplan.simulation.climb_report import tell
+        from climbplan.simulation.study import simulate_plan
+
+        found = simulate_plan(plan, asked, report)
+        lines = [
+            f"{found.sweep_key} {point.value:g}: "
+            + (point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall")
+            for point in found.points
+        ]
+        return tell(found), [*lines, *_falls(found.trials)]
+
+    return plan.name, run
+
+
+def _walk(path: Path) -> tuple[str, _Run]:
+    from climbplan.mpc.plan_file import read_walk_plan
+
+    plan = read_walk_plan(path)
+
+    def run(asked: Asked, report: _Progress) -> tuple[Told, list[str]]:
+        from climbplan.simulation.walk_study import simulate_walk_plan, tell
+
+        found = simulate_walk_plan(plan, asked, report)
+        return tell(found), _falls(found.trials)
+
+    return plan.name, run
+
+
+def _falls(trials: tuple[Trial, ...]) -> list[str]:
+    if not trials:
+        return []
+    return [f"{sum(trial.fallen for trial in trials)} of {len(trials)} runs fall"]
+
+
+_KINDS = {"climbplan/climb": _climb, "climbplan/transition": _climb, "climbplan/mpc": _walk}
+
+
+def _simulated_kind(path: Path) -> Callable[[Path], tuple[str, _Run]]:
+    """How to simulate a plan file; raises PlanFileError for one that cannot be."""
+    from climbplan.plans.plan_format import plan_format
+
+    found = plan_format(path)
+    if found not in _KINDS:
+        raise PlanFileError(
+            f"{path}: holds {found!r}; `simulate` replays climbs, transitions and walks "
+            f"({', '.join(_KINDS)}), there is no simulated model for anything else"
+        )
+    return _KINDS[found]
+
+
+def _swept(text: str | None) -> tuple[str, tuple[float, ...]]:
     if text is None:
-        return "", []
+        return "", ()
     key, mark, listed = text.partition("=")
     try:
         values = [float(value) for value in listed.split(",")]
@@ -146,4 +228,4 @@ def _swept(text: str | None) -> tuple[str, list[float]]:
         values = []
     if not key or not mark or not values:
         raise UsageError(f"--sweep {text}: expected KEY=V1,V2,... with numbers")
-    return key, values
+    return key, tuple(values)

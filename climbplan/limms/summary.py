@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from climbplan.limms.plan import BOX_MODES, LimmsPlan
+from climbplan.limms.scene import Array, Index
 
 _FEW_NOTES = 3
 
@@ -26,24 +27,40 @@ def summary_lines(plan: LimmsPlan, notes: Sequence[str]) -> tuple[str, ...]:
         f"{'programs':<9} {sizes['programs']} solved  {times['build'] + times['solve']:.2f} s   "
         f"last one {sizes['variables']} variables, {sizes['constraints']} constraints"
     )
-    motion = plan.motion
-    speed = float(np.linalg.norm(motion.box_velocity[-1, 0]))
+    return (head, search, *refused_lines(notes), programs, motion_line(plan))
+
+
+def motion_line(plan: LimmsPlan) -> str:
+    """What the box does, how long all took, and how it ends."""
+    speed = float(np.linalg.norm(plan.motion.box_velocity[-1, 0]))
     moves = ", ".join(f"{BOX_MODES[mode]} {seconds:.2f} s" for mode, seconds in box_story(plan))
-    story = (
-        f"{'motion':<9} {plan.status:<9} {times['total']:.2f} s   box {moves}; "
+    return (
+        f"{'motion':<9} {plan.status:<9} {plan.timings['total']:.2f} s   box {moves}; "
         f"ends {1e3 * plan.objective:.2f} mm off its goal at {speed:.2f} m/s"
     )
+
+
+def refused_lines(notes: Sequence[str]) -> list[str]:
+    """What was tried in vain, the first of it."""
     refused = [f"{'refused':<9} {note}" for note in dict.fromkeys(notes)]
     if len(refused) > _FEW_NOTES:
         refused = [*refused[:_FEW_NOTES], f"{'refused':<9} and {len(refused) - _FEW_NOTES} more"]
-    return (head, search, *refused, programs, story)
+    return refused
 
 
 def box_story(plan: LimmsPlan) -> list[tuple[int, float]]:
     """Modes of the box to deliver, in order, with the time it spends in each [s]."""
-    motion = plan.motion
+    return _story(plan.motion.time, plan.motion.box_mode[:, 0])
+
+
+def module_story(plan: LimmsPlan, module: int) -> list[tuple[int, float]]:
+    """Modes of a module, in order, with the time it spends in each [s]."""
+    return _story(plan.motion.time, plan.motion.mode[:, module])
+
+
+def _story(time: Array, modes: Index) -> list[tuple[int, float]]:
     story = []
-    pairs = zip(motion.box_mode[:-1, 0], np.diff(motion.time), strict=True)
+    pairs = zip(modes[:-1], np.diff(time), strict=True)
     for mode, group in groupby(pairs, key=lambda pair: int(pair[0])):
         story.append((mode, float(sum(step for _, step in group))))
     return [(mode, seconds) for mode, seconds in story if seconds > 0]

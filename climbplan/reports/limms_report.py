@@ -10,11 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from climbplan.limms.loads import loads_of
-from climbplan.limms.plan import BOX_MODES, LimmsPlan
+from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
-from climbplan.limms.summary import box_story
+from climbplan.limms.summary import box_story, module_story
 from climbplan.limms.verification import verify
 from climbplan.plans.verification import Verification
+from climbplan.reports.figure_convergence import convergence
+from climbplan.reports.figure_loads import loads_over_time
 from climbplan.reports.figure_modes import mode_timeline
 from climbplan.reports.figure_modules import key_poses
 from climbplan.reports.limms_page import build_page
@@ -33,6 +35,13 @@ UNITS = {
     "stages.*.end": "s",
     "modules.*.force": "N",
     "modules.*.torque": "N m",
+    "modules.*.modes.*.1": "s",
+    "convergence.box_*": "m",
+    "convergence.points_*": "m",
+    "convergence.axes_*": "rad",
+    "convergence.missed": "m",
+    "convergence.violation": "m",
+    "convergence.*_seconds": "s",
     "limits.force": "N",
     "limits.torque": "N m",
     "limits.own_weight_torque": "N m",
@@ -60,14 +69,22 @@ def write_report(
     """
     plan = read_limms_plan(plan_path)
     report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in FIGURES.items()}
+    images = {name: png(draw(plan)) for name, draw in figures_of(plan).items()}
     write_files(directory, report, build_page(plan, report, images), images)
 
 
 FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
     "modes": mode_timeline,
     "poses": key_poses,
+    "loads": loads_over_time,
 }
+
+
+def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
+    """What can be drawn of a plan."""
+    if plan.convergence is None:
+        return FIGURES
+    return {**FIGURES, "convergence": convergence}
 
 
 def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
@@ -101,7 +118,12 @@ def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
         },
         "stages": [{"name": n, "begin": a, "end": b} for n, a, b in plan.stages],
         "modules": [
-            {"name": name, "force": float(loads.force[m]), "torque": float(loads.torque[m])}
+            {
+                "name": name,
+                "force": float(loads.force[:, m].max()),
+                "torque": float(loads.torque[:, m].max()),
+                "modes": [[MODULE_MODES[k], seconds] for k, seconds in module_story(plan, m)],
+            }
             for m, name in enumerate(plan.module_names)
         ],
         "limits": {
@@ -109,8 +131,11 @@ def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
             "torque": loads.limit,
             "own_weight_torque": loads.own_weight,
         },
-        "figures": [f"figures/{name}.png" for name in FIGURES],
+        "figures": [f"figures/{name}.png" for name in figures_of(plan)],
         "units": UNITS,
     }
+    if plan.convergence is not None:
+        record = vars(plan.convergence)
+        report["convergence"] = {key: values.tolist() for key, values in record.items()}
     whole: dict[str, Any] = finite(report)
     return whole

@@ -12,11 +12,15 @@ from climbplan.reports.replay import sample_instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
 from climbplan.simulation.replay import Run
 
 SLIP = 0.005  # [m] that a standing toe slides from where it was set down
 LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors
+LEAST_SAG = 1e-3  # [m] predicted sags below are left out of relative errors
+LOST = 0.5  # [s] that a toe may be without contact, as when it touches down a little late
+LEAST_PRESSED = 1.0  # [N] planned pressure that must be seen
 _WINDOW = 3  # samples up to an instant over which its values are taken (median)
 
 
@@ -31,6 +35,16 @@ class Slip:
 
 
 @dataclass(frozen=True)
+class LostContact:
+    """A toe that should press and does not touch."""
+
+    limb: int
+    time: float  # [s] since when
+    instant: int
+    duration: float  # [s]
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Simulated beside planned at the instants reached (K of the plan's)."""
 
@@ -41,9 +55,11 @@ class Comparison:
     friction: Array  # (K, N) simulated critical friction, 0 in the air
     friction_planned: Array  # (K, N)
     mu: Array  # (K, N) of the simulated terrain
-    sag: Array  # (K, 3) simulated com below where commands would have it: planned - simulated [m]
+    sag: Array  # (K, 3) planned com - simulated, once it is at rest [m]
     sag_predicted: Array  # (K, 3) by the nonlinear static equilibrium under the run's own load [m]
+    lag: Array  # (K, 3) body at rest - body passing by: how far motors trail their commands [m]
     slips: tuple[Slip, ...]
+    losses: tuple[LostContact, ...]
 
     @property
     def torque_error(self) -> Array:
@@ -56,30 +72,10 @@ class Comparison:
 
     @property
     def sag_error(self) -> Array:
-        """|simulated - predicted| over |predicted| at instants that sag by over a millimetre."""
+        """|simulated - predicted| over |predicted| at instants that sag by over LEAST_SAG."""
         size = np.linalg.norm(self.sag_predicted, axis=1)
         off = np.linalg.norm(self.sag - self.sag_predicted, axis=1)
-        return np.asarray(off[size > 1e-3] / size[size > 1e-3])
-
-
-def instant_samples(plan: ClimbPlan) -> Index:
-    """(K,) the trajectory sample at which each instant is: mid-air, and the end of each push."""
-    of = sample_instants(plan)
-    found = np.full(plan.instants.count, -1, np.int64)
-    for k in range(plan.instants.count):
-        samples = np.flatnonzero(of == k)
-        if not len(samples):
-            continue
-        if plan.instants.lifted[k].any():
-            found[k] = samples[len(samples) // 2]
-            continue
-        # A push is over when the body is where it goes; then the next limb is unloaded.
-        off = np.abs(plan.trajectory.com[samples] - plan.instants.com[k]).max(axis=1)
-        off = off + np.abs(plan.trajectory.rpy[samples] - plan.instants.rpy[k]).max(axis=1)
-        command = plan.trajectory.joint_command[samples] - plan.forces.joint_command[k]
-        off = off + np.abs(command).max(axis=(1, 2))
-        found[k] = samples[int(np.argmin(off))]
-    return found
+        return np.asarray(off[size > LEAST_SAG] / size[size > LEAST_SAG])
 
 
 def compare(plan: ClimbPlan, run: Run) -> Comparison:
@@ -95,7 +91,6 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
     critical = np.full(normal.shape, np.inf)
     np.divide(shear, normal, out=critical, where=normal > 0)
     critical[~contact] = 0.0
-    sag = plan.instants.com[reached] - np.median(run.com[windows], axis=1)
     return Comparison(
         instant=reached,
         sample=sample,
@@ -104,9 +99,11 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
         friction=critical,
         friction_planned=plan.forces.mu_critical[reached],
         mu=plan.instants.mu[reached] * run.conditions.friction,
-        sag=sag,
-        sag_predicted=predicted_sag(plan, run.conditions, reached, run.toes[sample]),
+        sag=plan.instants.com[reached] - run.rest_com[reached],
+        sag_predicted=predicted_sag(plan, run.conditions, reached, run.rest_toes[reached]),
+        lag=run.rest_com[reached] - run.com[sample],
         slips=find_slips(plan, run),
+        losses=find_losses(plan, run),
     )
 
 
@@ -143,7 +140,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     contact = plan.trajectory.contact[: run.samples]
     found: list[Slip] = []
     for limb in range(plan.robot.limb_count):
-        for first, last in _stances(contact[:, limb]):
+        for first, last in spans_of(contact[:, limb]):
             touched = np.flatnonzero(run.touching[first:last, limb])
             if not len(touched):
                 continue
@@ -158,7 +155,29 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     return tuple(sorted(found, key=lambda s: s.time))
 
 
-def _stances(contact: Mask) -> list[tuple[int, int]]:
-    """Spans of samples in which a limb stands."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
+def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
+    """Toes without contact for more than LOST while the plan presses them.
+
+    A push goes over into the next limb's lift, so that both instants must press.
+    """
+    instant = sample_instants(plan)[: run.samples]
+    pressure = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
+    following = np.minimum(np.arange(len(pressure)) + 1, len(pressure) - 1)
+    air = plan.instants.lifted.any(axis=1, keepdims=True)
+    held = np.where(air, pressure, np.minimum(pressure, pressure[following]))
+    pressed = np.where((instant >= 0)[:, None], held[np.maximum(instant, 0)], 0.0)
+    stands = plan.trajectory.contact[: run.samples]
+    missing = np.asarray(stands & (pressed > LEAST_PRESSED) & ~run.touching, bool)
+    found: list[LostContact] = []
+    for limb in range(plan.robot.limb_count):
+        for first, last in spans_of(missing[:, limb]):
+            lasted = float(run.time[last - 1] - run.time[first])
+            if lasted > LOST:
+                found.append(LostContact(limb, float(run.time[first]), int(instant[first]), lasted))
+    return tuple(sorted(found, key=lambda s: s.time))
+
+
+def spans_of(flags: Mask) -> list[tuple[int, int]]:
+    """Spans (first, after) of samples in which flags (T,) are set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
+
+Regulated = Literal["nothing", "attitude", "pose"]
 
 # Robot data say that the mass acts at the body's origin, so links weigh next to nothing. (Half of
 # a SiLVIA is limbs: 18 links of 0.3 kg beside a body of 5 kg in its authors' walking code.)
@@ -30,6 +33,7 @@ class Conditions:
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[ContactLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
+    regulator: Regulated = "nothing"  # what of the body's pose commands are corrected for
 
 
 NOMINAL = Conditions()

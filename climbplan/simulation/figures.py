@@ -21,10 +21,11 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.simulation.comparison import Comparison, instant_samples
+from climbplan.simulation.comparison import Comparison
+from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.pictures import Picture
 from climbplan.simulation.replay import Run
-from climbplan.simulation.variations import SweepPoint
+from climbplan.simulation.sweep import SweepPoint
 
 _SHOWN_MU = 1.6  # friction axis, in units of the terrain's coefficient
 
@@ -129,6 +130,6 @@ def strip(pictures: Sequence[tuple[int, Picture]], times: Sequence[float], name:
     for ax, (sample, image) in zip(axes, pictures, strict=True):
         ax.imshow(image)
         ax.set_axis_off()
-        panel_title(ax, f"{times[sample]:.0f} s")
-    heading(figure, "Simulated climb", plain(f"{name}, MuJoCo"))
+        panel_title(ax, f"{times[sample]:.3g} s")
+    heading(figure, "The simulated run", plain(f"{name}, MuJoCo"))
     return figure

@@ -12,23 +12,28 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from climbplan.climb.limb_clearance import NARROW
 from climbplan.errors import UsageError
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.simulation.chain_limb import chain_limb, motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
 
 TIME_STEP = 1e-3  # [s]
-TOE_RADIUS = 0.002  # [m]
+# Contact forces act on a toe's surface, the planner's at a point. A radius of 2 mm bends SiLVIA's
+# limbs by as much as a sag of 0.15 mm, which is in proportion to it.
+TOE_RADIUS = 0.0005  # [m]
 ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _STAVES = 96  # flat pieces of a tube
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 
 _SOLVER = (
-    f'<option timestep="{TIME_STEP}" gravity="0 0 {{gravity}}" cone="elliptic" impratio="20"'
+    f'<option timestep="{TIME_STEP}" gravity="0 0 {{gravity}}" cone="elliptic" impratio="100"'
     ' integrator="implicitfast" noslip_iterations="4"/>'
 )
 _SKY = '<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>'
@@ -42,7 +47,7 @@ _TOE, _LINK, _BODY = 1, 2, 4
 
 
 def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
-    """(N, 3) stiffness of the joints with the structure's give [N m/rad]."""
+    """(N, J) stiffness of the joints with the structure's give [N m/rad]."""
     share = robot.structural_compliance_share
     return np.asarray(robot.joint_stiffness * (1 - share) * conditions.gain)
 
@@ -50,7 +55,7 @@ def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
 def link_mass(robot: Robot, conditions: Conditions) -> float:
     """Mass of one link [kg]."""
     share = robot.mass * conditions.limb_mass_share
-    return float(max(share / (3 * robot.limb_count), _LEAST_MASS))
+    return float(max(share / (robot.joint_count * robot.limb_count), _LEAST_MASS))
 
 
 def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
@@ -61,11 +66,8 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     robot = plan.robot
     if robot.gripper is not None:
         raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
-    if robot.mechanism is not None:
-        raise UsageError(
-            f"simulate builds limbs of coxa, femur and tibia; those of {robot.name} are other "
-            "chains of joints, which `climbplan verify` checks and no simulation yet"
-        )
+    if isinstance(robot.mechanism, FiveBar):
+        raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which are not simulated")
     assets: list[str] = []
     world: list[str] = []
     for index, surface in enumerate(plan.terrain.surfaces):
@@ -118,7 +120,7 @@ def _numbers(values: Iterable[float] | Array) -> str:
 def _robot(robot: Robot, conditions: Conditions) -> list[str]:
     limbs = robot.limb_count
     link = link_mass(robot, conditions)
-    body = robot.mass - 3 * limbs * link + conditions.payload
+    body = robot.mass - robot.joint_count * limbs * link + conditions.payload
     size = np.abs(robot.body_hull).max(axis=0)
     box = (
         f'<geom name="body" type="box" size="{_numbers(size)}" mass="{body:.9g}" material="body"'
@@ -126,7 +128,8 @@ def _robot(robot: Robot, conditions: Conditions) -> list[str]:
     )
     lines = ['<body name="body">', '<freejoint name="free"/>', box]
     for limb in range(limbs):
-        lines += _limb(robot, limb, link, conditions)
+        one = _limb if robot.mechanism is None else _chain
+        lines += one(robot, limb, link, conditions)
     return [*lines, "</body>"]
 
 
@@ -159,7 +162,12 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
         f' mass="0.001" material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{_numbers(l3 * down)}" size="0.001"/>'
     )
-    # Links end a little short of the next joint's ball, so that pictures show them whole.
+    narrow = (
+        f'<geom type="capsule" fromto="0 0 0 {_numbers((l3 - radius / 4) * down)}"'
+        f' size="{radius / 4:.6g}" mass="0" material="link" contype="0" conaffinity="0"/>'
+    )
+    # A tibia narrows to its toe, as where the planner keeps it clear of what it stands on: what is
+    # left of it there is seen but touches nothing.
     return [
         f'<body name="coxa{limb}" pos="{_numbers(robot.shoulder_body[limb])}" quat="{turn}">',
         joint("coxa", "0 0 1"),
@@ -169,21 +177,38 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
         link("femur", l2 * along),
         f'<body name="tibia{limb}" pos="{_numbers(l2 * along)}">',
         joint("tibia", "0 -1 0"),
-        link("tibia", (l3 - radius) * down),
+        link("tibia", max(l3 - NARROW, 0.1 * l3) * down),
+        narrow,
         toe,
         "</body></body></body>",
     ]
 
 
+def _chain(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
+    joint = f'<joint name="{{name}}" axis="{{axis}}" armature="{ARMATURE}"/>'
+    if conditions.backlash > 0:
+        play = conditions.backlash / 2
+        joint += (
+            f'<joint name="{{name}}play" axis="{{axis}}" range="{-play:.6g} {play:.6g}"'
+            ' armature="0.001" damping="0.02"/>'
+        )
+    toe = (
+        f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{TOE_RADIUS}" mass="0.001"'
+        f' material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
+        f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
+    )
+    return chain_limb(robot, limb, mass, joint, toe, NARROW, _LINK)
+
+
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     stiffness = motor_stiffness(robot, conditions)[limb]
     out = []
-    for joint, name in enumerate(("coxa", "femur", "tibia")):
+    for joint, name in enumerate(motor_names(robot, limb)):
         kp = stiffness[joint]
         kv = 2 * DAMPING_RATIO * np.sqrt(kp * ARMATURE)
         most = robot.max_torque[limb, joint]
         out.append(
-            f'<position name="{name}{limb}" joint="{name}{limb}" kp="{kp:.9g}" kv="{kv:.9g}"'
+            f'<position name="{name}" joint="{name}" kp="{kp:.9g}" kv="{kv:.9g}"'
             f' forcerange="{-most:.9g} {most:.9g}"/>'
         )
     return out

@@ -21,10 +21,14 @@ from climbplan.plans.climb_plan import ClimbPlan, Mask
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
+from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import TIME_STEP, build_mjcf, motor_stiffness
+from climbplan.simulation.regulator import Regulator
 
+REST = 1.0  # [s] for which commands are held to see where the body comes to rest
 SETTLE = 1.0  # [s] at the first commands before the motion starts
 _CONTROL = 0.01  # [s] between new commands to the motors
 _FALLEN = 0.15  # [m] below where it should be
@@ -61,11 +65,13 @@ class Run:
     force: Array  # (S, N, 3) on the toes, from the terrain [N]
     normal: Array  # (S, N) pressure [N]
     shear: Array  # (S, N) [N]
-    torque: Array  # (S, N, 3) of the motors [N m]
+    torque: Array  # (S, N, J) of the motors [N m]
     touching: Mask  # (S, N)
     bumped: Mask  # (S,) a link or the body touches something
     fallen: bool
     settled_shift: Array  # (3,) of the body while it settled [m]
+    rest_com: Array  # (K, 3) body at each instant if commands stayed there, NaN if not reached [m]
+    rest_toes: Array  # (K, N, 3) toes likewise [m]
 
     @property
     def samples(self) -> int:
@@ -84,16 +90,18 @@ def simulate(
     conditions: Conditions,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[int, Any, Any], None] | None = None,
+    rests: bool = False,
 ) -> Run:
     """Play a plan.
 
     watch: called with sample, model and data at every sample of the trajectory, for pictures.
+    rests: at each instant a copy of the run holds its commands until the body is at rest.
     Raises MissingSolver without MuJoCo.
     """
     mujoco = load_mujoco()
     model = mujoco.MjModel.from_xml_string(build_mjcf(plan, conditions))
     data = mujoco.MjData(model)
-    return _Player(mujoco, model, data, plan, conditions).play(progress, watch)
+    return _Player(mujoco, model, data, plan, conditions).play(progress, watch, rests)
 
 
 class _Player:
@@ -105,12 +113,15 @@ class _Player:
         self.mujoco, self.model, self.data = mujoco, model, data
         self.plan, self.conditions = plan, conditions
         n = plan.robot.limb_count
-        names = [f"{joint}{limb}" for limb in range(n) for joint in ("coxa", "femur", "tibia")]
+        names = [name for limb in range(n) for name in motor_names(plan.robot, limb)]
         self.address = np.array([model.joint(name).qposadr[0] for name in names])
         self.toe_geom = np.array([model.geom(f"toe{limb}").id for limb in range(n)])
         self.limb_of = np.full(model.ngeom, -1)
         self.limb_of[self.toe_geom] = np.arange(n)
         self.body = model.body("body").id
+        self.regulator = None
+        if conditions.regulator != "nothing":
+            self.regulator = Regulator(plan, place=conditions.regulator == "pose")
         self.command = plan.trajectory.joint_command
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
@@ -121,6 +132,7 @@ class _Player:
         self,
         progress: Callable[[float], None] | None,
         watch: Callable[[int, Any, Any], None] | None,
+        rests: bool,
     ) -> Run:
         moving, conditions = self.plan.trajectory, self.conditions
         self._stand()
@@ -129,12 +141,17 @@ class _Player:
         settled = self.data.qpos[:3] - start
         planned = rotation_world_body(moving.rpy)
         wrench = self._loads()
+        at = instant_samples(self.plan)
+        still = np.full((len(at), 1 + self.plan.robot.limb_count, 3), np.nan)
         rows: list[dict[str, Any]] = []
         fallen = False
         for sample in range(len(moving.time)):
             if sample:
                 self._move(sample, wrench)
             rows.append(self._record())
+            if rests:
+                for k in np.flatnonzero(at == sample):
+                    still[k] = self._at_rest()
             if watch is not None:
                 watch(sample, self.model, self.data)
             if progress is not None and sample % 100 == 0:
@@ -150,6 +167,8 @@ class _Player:
             time=moving.time[: len(rows)],
             fallen=fallen,
             settled_shift=settled,
+            rest_com=still[:, 0],
+            rest_toes=still[:, 1:],
             **stacked,
         )
 
@@ -180,8 +199,21 @@ class _Player:
         for piece in range(1, pieces + 1):
             share = piece / pieces
             command = (1 - share) * before + share * after
+            if self.regulator is not None:
+                now = sample - 1 + share
+                command = command + self.regulator.correction(now, span / pieces, self._pose())
             data.ctrl[:] = command.ravel()
             self.mujoco.mj_step(self.model, data, nstep=steps)
+
+    def _at_rest(self) -> Array:
+        """(1 + N, 3) where body and toes would be if the commands stayed what they are."""
+        copy = self.mujoco.MjData(self.model)
+        self.mujoco.mj_copyData(copy, self.model, self.data)
+        self.mujoco.mj_step(self.model, copy, nstep=round(REST / TIME_STEP))
+        return np.vstack([copy.qpos[:3], copy.geom_xpos[self.toe_geom]])
+
+    def _pose(self) -> tuple[Array, Array]:
+        return self.data.qpos[:3].copy(), self.data.xmat[self.body].reshape(3, 3).copy()
 
     def _lose_contacts(self, now: float) -> None:
         """A toe that lost its contact slides on anything."""
@@ -221,7 +253,7 @@ class _Player:
             "force": force,
             "normal": normal,
             "shear": shear,
-            "torque": data.actuator_force.reshape(n, 3).copy(),
+            "torque": data.actuator_force.reshape(n, -1).copy(),
             "touching": touching,
             "bumped": bumped,
         }

@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from joblib import Parallel, delayed
 
-from climbplan.climb.planner import plan_climb
-from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import find_slips
 from climbplan.simulation.conditions import Conditions, ContactLoss
 from climbplan.simulation.replay import simulate
-from climbplan.spec.loading import load_text
 
 FRICTION = (0.5, 1.05)  # factor on the terrain's coefficients
 PAYLOAD = (0.0, 0.02)  # of the robot's mass
@@ -56,81 +54,66 @@ class Share:
 
 
 @dataclass(frozen=True)
-class SweepPoint:
-    """What happened at one value of a spec's key."""
+class Drawn:
+    """What worlds are drawn about."""
 
-    value: float
-    trials: tuple[Trial, ...]
-    no_plan: str  # why there is no plan at this value, "" if there is one
-
-    @property
-    def share(self) -> Share:
-        """Falls among the trials."""
-        return Share(sum(t.fallen for t in self.trials), len(self.trials))
+    base: Conditions
+    limbs: int
+    mass: float  # [kg] of the robot
+    duration: float  # [s] of the plan
+    loss: float = LOSS  # [s]
+    most_backlash: float = 0.0  # [rad]
 
 
-def drawn_conditions(
-    plan: ClimbPlan, base: Conditions, count: int, seed: int
-) -> tuple[Conditions, ...]:
-    """Worlds about a base one; the same for every plan of the same robot, but for the duration."""
-    out = []
+def drawn_worlds(about: Drawn, count: int, seed: int) -> tuple[Conditions, ...]:
+    """Worlds; the same for every plan of the same robot, but for the duration.
+
+    Whether backlash is drawn does not change the rest.
+    """
+    out, base = [], about.base
     for child in np.random.SeedSequence(seed).spawn(count):
         rng = np.random.default_rng(child)
-        limb, when = int(rng.integers(plan.robot.limb_count)), float(rng.uniform(0.05, 0.95))
-        out.append(
-            replace(
-                base,
-                friction=base.friction * float(rng.uniform(*FRICTION)),
-                payload=base.payload + plan.robot.mass * float(rng.uniform(*PAYLOAD)),
-                gain=base.gain * float(rng.uniform(*GAIN)),
-                losses=(ContactLoss(limb, when * float(plan.trajectory.time[-1]), LOSS),),
-            )
+        limb, when = int(rng.integers(about.limbs)), float(rng.uniform(0.05, 0.95))
+        world = replace(
+            base,
+            friction=base.friction * float(rng.uniform(*FRICTION)),
+            payload=base.payload + about.mass * float(rng.uniform(*PAYLOAD)),
+            gain=base.gain * float(rng.uniform(*GAIN)),
+            losses=(ContactLoss(limb, when * about.duration, about.loss),),
         )
+        more = float(rng.uniform(0.0, 1.0)) * about.most_backlash
+        out.append(replace(world, backlash=base.backlash + more))
     return tuple(out)
 
 
+def drawn_conditions(
+    plan: ClimbPlan, base: Conditions, count: int, seed: int, most_backlash: float = 0.0
+) -> tuple[Conditions, ...]:
+    """Worlds for a climb or transition."""
+    duration = float(plan.trajectory.time[-1])
+    about = Drawn(
+        base, plan.robot.limb_count, plan.robot.mass, duration, most_backlash=most_backlash
+    )
+    return drawn_worlds(about, count, seed)
+
+
+def climb_trial(plan: ClimbPlan, conditions: Conditions) -> Trial:
+    """A climb or transition in one world."""
+    run = simulate(plan, conditions)
+    return Trial(conditions, run.fallen, float(run.time[-1]), len(find_slips(plan, run)))
+
+
 def run_trials(
-    plan: ClimbPlan,
+    trial: Callable[[Conditions], Trial],
     worlds: Sequence[Conditions],
+    jobs: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Trial, ...]:
-    """Simulate a plan in each world."""
-    found = []
-    for index, conditions in enumerate(worlds):
-        run = simulate(plan, conditions)
-        slips = len(find_slips(plan, run))
-        found.append(Trial(conditions, run.fallen, float(run.time[-1]), slips))
+    """Simulate in each world; the outcome does not depend on the number of workers."""
+    found: list[Trial] = []
+    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(trial)(w) for w in worlds)
+    for one in work:
+        found.append(one)
         if progress is not None:
-            progress((index + 1) / len(worlds))
+            progress(len(found) / len(worlds))
     return tuple(found)
-
-
-def sweep(
-    plan: ClimbPlan,
-    key: str,
-    values: Sequence[float],
-    base: Conditions,
-    count: int,
-    seed: int,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[SweepPoint, ...]:
-    """Plan the same spec anew at each value of a key and simulate it in the same random worlds.
-
-    Raises SpecError for a key or value that the spec does not take.
-    """
-    points = []
-    for index, value in enumerate(values):
-        loaded = load_text(plan.spec_text, plan.name, [f"{key}={value!r}"])
-        try:
-            other = plan_climb(loaded)
-        except (NoPlanFound, ReachFailure) as error:
-            points.append(SweepPoint(value, (), str(error).splitlines()[0]))
-            continue
-        worlds = drawn_conditions(other, base, count, seed)
-
-        def part(share: float, done: int = index) -> None:
-            if progress is not None:
-                progress((done + share) / len(values))
-
-        points.append(SweepPoint(value, run_trials(other, worlds, part), ""))
-    return tuple(points)

@@ -80,12 +80,30 @@ class DeliverySpec(SpecModel):
     )
 
 
+class ConsensusSpec(SpecModel):
+    """Method `admm`: the published consensus of a mixed-integer and a nonlinear block."""
+
+    intervals: Count = quantity("", "intervals of the horizon", default=8, ge=3, le=30)
+    iterations: Count = quantity("", "iterations at most", default=15, ge=1, le=100)
+    growth: Number = quantity(
+        "", "factor of the weights from one iteration to the next, rho", default=1.3, gt=1, le=10
+    )
+    weight: Number = quantity("1/m", "weight of a disagreement at first", default=1.0, gt=0)
+    freeze_after: Count = quantity(
+        "", "iterations with free integers, then they stay as they are", default=0, ge=0
+    )
+
+
 class LimmsSolverSpec(SpecModel):
     """Method and limits."""
 
-    method: Literal["modes"] = Field(
-        default="modes", description="`modes`: search over mode sequences, then a nonlinear program"
+    method: Literal["modes", "admm"] = Field(
+        default="modes",
+        description="`modes`: search over mode sequences, then a nonlinear program; `admm`: "
+        "consensus of a mixed-integer and a nonlinear block, then the same program",
     )
+    admm: ConsensusSpec = ConsensusSpec()
+    """Method `admm`."""
     time_limit: Number = quantity("s", "time limit", default=90.0, gt=0)
     most_steps: Count = quantity("", "steps of a quadruped at most", default=16, ge=0, le=60)
 
@@ -171,7 +189,7 @@ def _module_faults(spec: LimmsSpec) -> list[Fault]:
             held = f"already holds module {taken[module.anchor]!r}"
             faults.append(Fault(f"modules.{i}.anchor", held))
         taken.setdefault(module.anchor, module.name)
-    if set(spec.task.allow) == {"quadruped"} and len(spec.modules) < 4:
+    if "arms" not in spec.task.allow and "quadruped" in spec.task.allow and len(spec.modules) < 4:
         few = f"a quadruped needs 4 modules, got {len(spec.modules)}"
         faults.append(Fault("modules", few))
     if set(spec.task.allow) == {"flight"}:
@@ -202,8 +220,12 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
     for i, parked in enumerate(spec.parked):
         if overlaps(box.goal, box.size, parked.position, parked.size):
             faults.append(Fault("box.goal", f"inside parked box {i}"))
+    if box.start == box.goal:
+        faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
     for i, anchor in enumerate(spec.terrain.anchors):
         key = f"terrain.anchors.{i}.position"
+        same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]
+        faults += [Fault(key, f"anchor {name!r} is at the same place") for name in same]
         faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, free, solid)
     for i, module in enumerate(spec.modules):
         if module.stand is not None:

@@ -8,6 +8,7 @@ import json
 import shutil
 from pathlib import Path
 
+import h5py
 import pytest
 from command_line import RunCommand
 
@@ -56,6 +57,7 @@ def test_simulate_writes_table_report_and_figures(
         *(f"leg_{limb}.png" for limb in range(1, 7)),
         "sag.png",
     }
+    assert "no fall" in (folder / "report.html").read_text()
     again = run_command("simulate", "made", "--no-pictures")
     assert again.code == 2
     assert "--force" in again.err
@@ -66,6 +68,12 @@ def test_refusals(
 ) -> None:
     assert "expected KEY=V1" in run_command("simulate", "made", "--sweep", "a").err
     assert run_command("simulate", "none").code == 2
+    with h5py.File(workplace / "shelf.h5", "w") as file:
+        file.attrs["format"] = "climbplan/bookshelf"
+    shelf = run_command("simulate", "shelf.h5")
+    assert shelf.code == 2
+    assert "'climbplan/bookshelf'" in shelf.err
+    assert "climbs, transitions and walks" in shelf.err
     found = importlib.import_module
 
     def without(name: str, package: str | None = None) -> object:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.variations import Share, drawn_conditions, run_trials, sweep
+from climbplan.simulation.sweep import Sweep, sweep
+from climbplan.simulation.variations import Share, climb_trial, drawn_conditions, run_trials
 
 Planned = Callable[..., ClimbPlan]
 
@@ -30,17 +33,33 @@ def test_share_has_wilson_interval() -> None:
 
 
 def test_a_slippery_world_fells_a_plan_that_a_grippy_one_carries(planned: Planned) -> None:
-    good, bad = run_trials(planned(), [Conditions(speed=2.0), Conditions(friction=0.3, speed=2.0)])
+    worlds = [Conditions(speed=2.0), Conditions(friction=0.3, speed=2.0)]
+    good, bad = run_trials(partial(climb_trial, planned()), worlds)
     assert not good.fallen
     assert bad.fallen
     assert bad.time < good.time
 
 
 def test_sweep_says_where_there_is_no_plan(planned: Planned) -> None:
-    points = sweep(
-        planned(), "force.safety_friction", [1.5, 40.0], Conditions(speed=4.0), 1, seed=1
-    )
+    asked = Sweep("force.safety_friction", (1.5, 40.0), Conditions(speed=4.0), runs=1, seed=1)
+    points = sweep(planned(), asked)
     assert len(points[0].trials) == 1
     assert points[0].no_plan == ""
     assert points[1].trials == ()
     assert points[1].no_plan
+
+
+def test_outcomes_do_not_depend_on_workers(planned: Planned) -> None:
+    plan = planned()
+    worlds = drawn_conditions(plan, Conditions(speed=8.0), 2, 5, most_backlash=0.005)
+    alone = run_trials(partial(climb_trial, plan), worlds)
+    assert alone == run_trials(partial(climb_trial, plan), worlds, jobs=2)
+
+
+def test_random_backlash_leaves_the_rest_of_a_world_as_it_is(planned: Planned) -> None:
+    plan = planned()
+    without = drawn_conditions(plan, Conditions(), 3, 7)
+    loose = drawn_conditions(plan, Conditions(), 3, 7, most_backlash=0.006)
+    assert [replace(c, backlash=0.0) for c in loose] == list(without)
+    assert len({c.backlash for c in loose}) == 3
+    assert all(0 < c.backlash < 0.006 for c in loose)

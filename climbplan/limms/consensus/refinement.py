@@ -1,0 +1,69 @@
+"""The modes that both blocks agreed on, made into a plan by the program of method `modes`."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from climbplan.limms.bounds import Connection
+from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.chain_carrying import Chain, carry_on_chains
+from climbplan.limms.consensus.iteration import Iterate
+from climbplan.limms.consensus.mixed_integer import Modes
+from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
+from climbplan.limms.consensus.warm_start import carry_on
+from climbplan.limms.scene import Scene
+from climbplan.limms.sequences import Sequence
+from climbplan.limms.timeline import Progress
+from climbplan.limms.walking import walk
+
+
+def chains_of(modes: Modes) -> tuple[Chain, ...]:
+    """Who holds the box from where, from the first interval in which it is held."""
+    held = np.flatnonzero(modes.box == HELD)
+    if not len(held):
+        return ()
+    k = int(held[0])
+    chains = []
+    for m in np.flatnonzero(modes.hold[:, k] >= 0):
+        parent = int(modes.parent[m, k])
+        modules = (int(m),) if parent < 0 else (parent, int(m))
+        root = int(modes.wall[modules[0], k])
+        chains.append(Chain(Connection(root, int(modes.hold[m, k]), len(modules)), modules))
+    chains.sort(key=lambda chain: chain.connection.root)
+    return tuple(chains)
+
+
+def sequence_of(modes: Modes) -> Sequence:
+    """The mode sequence in the terms of method `modes`."""
+    if (modes.box == STANDS).any():
+        return Sequence("quadruped")
+    kind = "throw" if (modes.box == FREE).any() else "arms"
+    return Sequence(kind, tuple(chain.connection for chain in chains_of(modes)))
+
+
+def refine(
+    scene: Scene, best: Iterate, attempts: Attempts, left: float, rng: np.random.Generator
+) -> Progress | None:
+    """A plan with the mode sequence kept, or None; `attempts` says why not.
+
+    Arms that carry begin where the blocks agreed, and where that fails as in method `modes`. A
+    throw begins as there at once: between the knots of its fastest intervals nothing is known.
+    """
+    modes = best.modes
+    sequence = sequence_of(modes)
+    began = time.perf_counter()
+    if sequence.kind == "quadruped":
+        gait = "leap" if (modes.box == LEAPS).any() else "stand"
+        return walk(scene, attempts, time.monotonic() + left, 1, rng, gait)
+    chains = chains_of(modes)
+    if any(len(chain.modules) > 1 for chain in chains):
+        return carry_on_chains(scene, sequence, attempts, left, rng, chains)
+    if sequence.kind == "arms":
+        world = carry_on(scene, sequence, chains, best, attempts, left, rng)
+        left -= time.perf_counter() - began
+        if world is not None or left <= 0:
+            return world
+    owners = tuple(chain.modules[0] for chain in chains)
+    return carry(scene, sequence, attempts, left, rng, owners)

@@ -1,0 +1,233 @@
+"""A simulated climb or transition told: report.json, table, figures and page."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from climbplan.reports.page_parts import Card
+from climbplan.robots.rotations import Array
+from climbplan.simulation.comparison import LEAST_SAG, LEAST_TORQUE
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.figures import falls, leg, sag, strip
+from climbplan.simulation.model import TIME_STEP
+from climbplan.simulation.pictures import Camera
+from climbplan.simulation.replay import load_mujoco
+from climbplan.simulation.report_files import Told
+from climbplan.simulation.study import Simulated, headline
+from climbplan.simulation.sweep import SweepPoint
+from climbplan.simulation.variations import Trial
+
+UNITS = {
+    "torque.*": "N m", "sag.*": "m", "time": "s", "time_step": "s", "final_offset": "m",
+    "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
+    "lost_contacts.duration": "s", "conditions.payload": "kg",
+    "conditions.backlash": "rad",
+}  # fmt: skip
+
+
+def tell(found: Simulated) -> Told:
+    """What stands in the files of a simulated climb."""
+    plan, run, compared = found.plan, found.run, found.compared
+    camera = found.camera if isinstance(found.camera, Camera) else None
+    film = camera.film() if camera is not None and camera.pictures else None
+    return Told(
+        title=f"{plan.name}: simulated",
+        headline=headline(found),
+        good=not (run.fallen or compared.slips or compared.losses),
+        report=report_dict(found),
+        table=_table(found),
+        figures=_figures(found),
+        film=film,
+        cards=_cards(found),
+        events=_events(found),
+        notes=(_MODEL, _JUDGES),
+    )
+
+
+_MODEL = (
+    "Joints are position servos with the plan's stiffness and torque limits; commands are played "
+    "open loop. Contacts are MuJoCo's, stiff and with Coulomb friction; surfaces do not give way."
+)
+_JUDGES = (
+    "Judged: torques, friction, slips, lost contacts, falls, and the sag of the body once it is at "
+    "rest at each instant. Not judged: wear of surfaces, motor heating, flexible links beyond the "
+    "plan's compliance."
+)
+
+
+def _cards(found: Simulated) -> list[Card]:
+    compared = found.compared
+    torque, sagged = compared.torque_error, compared.sag_error
+    friction = compared.friction[np.isfinite(compared.friction)]
+    many = f"{len(compared.instant)} of {found.plan.instants.count} instants reached"
+    cards = [
+        Card("End", f"falls at {found.run.time[-1]:.1f} s" if found.run.fallen else "no fall", many)
+    ]
+    if torque.size:
+        cards.append(Card("Worst motor's torque", f"{np.median(torque):.1%} off", "median"))
+    if friction.size:
+        used = f"{friction.max():.2f}"
+        planned = f"planned {compared.friction_planned.max():.2f}"
+        cards.append(Card("Largest critical friction", used, planned))
+    if sagged.size:
+        detail = f"median of {sagged.size} instants that sag by over a millimetre"
+        cards.append(Card("Sag", f"{np.median(sagged):.1%} off", detail))
+    return cards
+
+
+def _events(found: Simulated) -> list[tuple[str, str]]:
+    plan, compared = found.plan, found.compared
+    names = plan.robot.limb_names
+    events = [
+        (slip.time, f"{names[slip.limb]} slides, {1e3 * slip.distance:.0f} mm in all")
+        for slip in compared.slips
+    ] + [
+        (lost.time, f"{names[lost.limb]} does not touch for {lost.duration:.1f} s")
+        for lost in compared.losses
+    ]
+    if found.run.fallen:
+        events.append((float(found.run.time[-1]), "the robot falls"))
+    return [(f"{time:.1f} s", words) for time, words in sorted(events)]
+
+
+def report_dict(found: Simulated) -> dict[str, Any]:
+    """Key figures as JSON-ready values, SI units."""
+    plan, run, compared = found.plan, found.run, found.compared
+    names = plan.robot.limb_names
+    finite = np.isfinite(compared.sag_predicted).all(axis=1)
+    return {
+        "name": plan.name,
+        "spec_sha256": plan.spec_sha256,
+        "simulator": f"MuJoCo {load_mujoco().__version__}",
+        "time_step": TIME_STEP,
+        "conditions": conditions_dict(run.conditions),
+        "fallen": run.fallen,
+        "time": float(run.time[-1]),
+        "planned_time": float(plan.trajectory.time[-1]),
+        "instants": {"planned": plan.instants.count, "reached": len(compared.instant)},
+        "torque": {
+            "relative_error": spread(compared.torque_error),
+            "least_compared": LEAST_TORQUE,
+            "largest": float(np.abs(run.torque).max()),
+            "largest_planned": float(np.abs(plan.forces.joint_torques).max()),
+        },
+        "friction": {
+            "critical": spread(compared.friction[compared.friction > 0]),
+            "planned": spread(compared.friction_planned[compared.friction_planned > 0]),
+            "below_mu": float((compared.friction < compared.mu).mean())
+            if compared.friction.size
+            else None,
+        },
+        "sag": {
+            "simulated": spread(np.linalg.norm(compared.sag, axis=1)),
+            "predicted": spread(np.linalg.norm(compared.sag_predicted[finite], axis=1)),
+            "relative_error": spread(compared.sag_error),
+            "absolute_error": spread(np.linalg.norm(compared.sag - compared.sag_predicted, axis=1)),
+            "compared_above": LEAST_SAG,
+            "compared": len(compared.sag_error),
+            "lag": spread(np.linalg.norm(compared.lag, axis=1)),
+        },
+        "final_offset": (run.com[-1] - plan.trajectory.com[run.samples - 1]).tolist(),
+        "bumps": float(run.bumped.mean()),
+        "slips": [
+            {
+                "limb": names[s.limb],
+                "time": s.time,
+                "where": "start" if s.instant < 0 else plan.instants.label(s.instant, names),
+                "distance": s.distance,
+            }
+            for s in compared.slips
+        ],
+        "lost_contacts": [
+            {
+                "limb": names[s.limb],
+                "time": s.time,
+                "where": plan.instants.label(s.instant, names),
+                "duration": s.duration,
+            }
+            for s in compared.losses
+        ],
+        "runs": [trial_dict(trial) for trial in found.trials],
+        "sweep": {
+            "key": found.sweep_key,
+            "points": [_point(point) for point in found.points],
+        },
+        "pictures": found.camera if isinstance(found.camera, str) else "figures/climb.png",
+        "units": UNITS,
+    }
+
+
+def _figures(found: Simulated) -> dict[str, Figure]:
+    plan = found.plan
+    out = {f"leg_{limb + 1}": leg(plan, found.run, limb) for limb in range(plan.robot.limb_count)}
+    out["sag"] = sag(plan, found.run, found.compared)
+    if found.points:
+        out["falls"] = falls(found.points, found.sweep_key, plan.name)
+    if isinstance(found.camera, Camera) and found.camera.pictures:
+        out["climb"] = strip(found.camera.strip, plan.trajectory.time.tolist(), plan.name)
+    return out
+
+
+def _table(found: Simulated) -> str:
+    """One row a standing limb at each instant reached."""
+    plan, compared = found.plan, found.compared
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator="\n")
+    table.writerow(
+        ["instant", "time_s", "limb", "torque_planned_Nm", "torque_Nm", "mu_critical_planned",
+         "mu_critical", "mu"]
+    )  # fmt: skip
+    for row, k in enumerate(compared.instant):
+        for limb, name in enumerate(plan.robot.limb_names):
+            if plan.instants.contact[k, limb]:
+                values = (
+                    compared.torque_planned, compared.torque, compared.friction_planned,
+                    compared.friction, compared.mu,
+                )  # fmt: skip
+                cells = [f"{v[row, limb]:.6g}" for v in values]
+                table.writerow(
+                    [int(k), f"{found.run.time[compared.sample[row]]:.3f}", name, *cells]
+                )
+    return stream.getvalue()
+
+
+def spread(values: Array) -> dict[str, float | None]:
+    """Median and range of finite values."""
+    kept = values[np.isfinite(values)]
+    if not kept.size:
+        return {"median": None, "least": None, "most": None}
+    return {"median": float(np.median(kept)), "least": float(kept.min()), "most": float(kept.max())}
+
+
+def conditions_dict(conditions: Conditions) -> dict[str, Any]:
+    plain = {k: v for k, v in vars(conditions).items() if k != "losses"}
+    losses = [{"limb": x.limb, "start": x.start, "duration": x.duration} for x in conditions.losses]
+    return {**plain, "losses": losses}
+
+
+def trial_dict(trial: Trial) -> dict[str, Any]:
+    return {
+        "fallen": trial.fallen,
+        "time": trial.time,
+        "slips": trial.slips,
+        "conditions": conditions_dict(trial.conditions),
+    }
+
+
+def _point(point: SweepPoint) -> dict[str, Any]:
+    low, high = point.share.interval
+    return {
+        "value": point.value,
+        "no_plan": point.no_plan,
+        "fallen": point.share.fallen,
+        "runs": point.share.runs,
+        "share": point.share.value,
+        "lower": low,
+        "upper": high,
+        "trials": [trial_dict(trial) for trial in point.trials],
+    }

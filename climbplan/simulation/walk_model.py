@@ -1,0 +1,106 @@
+"""The MuJoCo model of a walk: one rigid body with massless legs, and point feet on the ground.
+
+What the planner of chapter 8.2 knows of the robot: a mass with an inertia, pushed by forces at its
+toes. Each toe is a small mass of its own that stands on the ground by friction. A leg pushes the
+body with the planned force and the toe with its opposite; what the ground answers is physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from climbplan.mpc.plan import WalkPlan
+from climbplan.mpc.task import LEGS, POSITION, Array
+from climbplan.simulation.conditions import Conditions
+
+TIME_STEP = 1e-3  # [s]
+TOE_RADIUS = 0.005  # [m]
+TOE_MASS = 0.1  # [kg] of a toe, not of the robot's; what slips is carried off as fast as it allows
+_MARGIN = 2.0  # [m] of ground beyond the walk, where a region has no end
+_THICK = 0.2  # [m] of the ground
+_HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
+_BODY, _TOE = 4, 1  # what meets the ground
+
+
+def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
+    """The model of a walk under given conditions; body and toes start anywhere."""
+    task = plan.task
+    friction = max(task.ground.friction * conditions.friction, 1e-5)
+    xy = np.concatenate(
+        [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
+    )
+    low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
+    ground = []
+    for index, height in enumerate(task.ground.height):
+        lower = np.maximum(task.ground.lower[index], low)
+        upper = np.minimum(task.ground.upper[index], high)
+        if (upper <= lower).any():
+            continue
+        center = [*(lower + upper) / 2, height - _THICK / 2]
+        ground.append(
+            f'<geom name="ground{index}" type="box" pos="{_numbers(center)}"'
+            f' size="{_numbers([*(upper - lower) / 2, _THICK / 2])}" friction="{friction:.6g} 0 0"'
+            f' contype="0" conaffinity="{_TOE | _BODY}" material="ground"/>'
+        )
+    toes = "\n".join(_toe(leg) for leg in range(LEGS))
+    return f"""
+<mujoco model="climbplan walk">
+<option timestep="{TIME_STEP}" gravity="0 0 {-task.body.gravity}" cone="elliptic" impratio="100"
+ integrator="implicitfast" noslip_iterations="4"/>
+<compiler angle="radian" autolimits="true"/>
+<visual><global offwidth="1280" offheight="960"/>
+<headlight ambient=".5 .5 .5" diffuse=".5 .5 .5"/></visual>
+<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>
+<asset>
+<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>
+<texture name="tiles" type="2d" builtin="checker" rgb1=".50 .52 .56" rgb2=".60 .62 .65"
+ width="64" height="64"/>
+<material name="ground" texture="tiles" texrepeat="5 5" texuniform="true"/>
+<material name="body" rgba="0.16 0.23 0.35 1"/>
+<material name="toe" rgba="0.85 0.25 0.20 1"/>
+</asset>
+<worldbody>
+<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>
+{"".join(ground)}
+{_body(plan, conditions)}
+{toes}
+</worldbody>
+</mujoco>"""
+
+
+def hips(plan: WalkPlan) -> Array:
+    """(4, 3) where legs are drawn to begin: above the middles of their workspaces, body frame."""
+    return np.asarray(plan.task.body.toe_center * [0.75, 0.75, 0.0])
+
+
+def _body(plan: WalkPlan, conditions: Conditions) -> str:
+    body = plan.task.body
+    matrix = body.inertia
+    inertia = [*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]]
+    half = [*np.abs(hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
+    start = plan.trajectory.state[0, POSITION]
+    return (
+        f'<body name="body" pos="{_numbers(start)}"><freejoint name="free"/>'
+        f'<inertial pos="0 0 0" mass="{body.mass + conditions.payload:.9g}"'
+        f' fullinertia="{_numbers(inertia)}"/>'
+        f'<geom name="body" type="box" size="{_numbers(half)}" material="body"'
+        f' contype="{_BODY}" conaffinity="0"/></body>'
+    )
+
+
+def _toe(leg: int) -> str:
+    slides = "".join(
+        f'<joint name="toe{leg}{name}" type="slide" axis="{axis}"/>'
+        for name, axis in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True)
+    )
+    return (
+        f'<body name="toe{leg}" gravcomp="1">{slides}<geom name="toe{leg}" type="sphere"'
+        f' size="{TOE_RADIUS}" mass="{TOE_MASS}" material="toe" friction="0 0 0"'
+        f' contype="{_TOE}" conaffinity="0"/></body>'
+    )
+
+
+def _numbers(values: Iterable[float] | Array) -> str:
+    return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))

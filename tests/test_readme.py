@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-PAGES = [ROOT / "README.md", *sorted((ROOT / "climbplan").glob("*/README.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "climbplan").rglob("README.md"))]
 
 
 def shell_lines(page: str) -> list[str]:

@@ -116,7 +116,7 @@ def _kind_looked_into(
 
         loaded = started(loaded)
         with placed_mistakes(loaded):
-            build_scene(loaded.spec, loaded.robot, loaded.source)
+            build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
         return loaded.spec.kind
     if isinstance(loaded, LoadedTransition):
         from climbplan.transition.scene import build_transition

@@ -23,7 +23,7 @@ _FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
 def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
     """Label and message of one grid point: feasible exactly where `plan-climb` finds a plan."""
     here = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
-    scene = build_scene(here.spec, here.robot, here.source)
+    scene = build_scene(here.spec, here.robot, here.source, here.directory)
     clock = StageClock(lambda stage, fraction: None)
     try:
         motion = plan_motion(scene, clock)

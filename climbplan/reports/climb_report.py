@@ -57,7 +57,11 @@ def write_report(
     plan = read_climb(plan_path)
     report = _report(plan, verification or verify(plan_path))
     images = {name: png(draw(plan)) for name, draw in figure_functions(plan).items()}
-    shown = {name.capitalize(): images[name] for name in ("schedule", "postures") if name in images}
+    shown = {
+        name.capitalize(): images[name]
+        for name in ("schedule", "postures", "grips")
+        if name in images
+    }
     page = build_page(plan, report, shown)
     write_files(directory, report, page, images)
 

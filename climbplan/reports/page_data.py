@@ -75,6 +75,7 @@ def _scene(plan: ClimbPlan) -> dict[str, Any]:
         "ring": np.round(shoulder_ring(plan), 4).tolist(),
         "shoulders": np.round(plan.robot.shoulder_body, 4).tolist(),
         "limb_radius": plan.robot.limb_radius,
+        "gripper": 0.0 if plan.robot.gripper is None else plan.robot.gripper.length,
         "oblique": [camera.azimuth_deg, camera.elevation_deg],
         "force_scale": force_scale(plan, _LONGEST_FORCE),
     }

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
 
 
 def joint_axes_body(robot: Robot, angles: Array) -> Array:
-    """Unit axes of coxa, femur and tibia joint as rows (..., N, 3, 3), body frame."""
+    """Turning velocity of the last link by joint speed, as rows (..., N, J, 3), body frame.
+
+    Of serial limbs these are the unit axes of the joints.
+    """
+    if isinstance(robot.mechanism, FiveBar | SerialChain):
+        return np.swapaxes(robot.mechanism.turning(angles), -1, -2)
     psi = robot.mount_yaw + angles[..., 0]
     zero = np.zeros_like(psi)
     up = np.stack([zero, zero, zero + 1.0], axis=-1)
@@ -23,7 +30,12 @@ def last_link_body(robot: Robot, angles: Array) -> Array:
     (..., N, 3, 3), body frame.
     """
     psi = robot.mount_yaw + angles[..., 0]
-    tilt = angles[..., 1] + angles[..., 2]
+    if isinstance(robot.mechanism, FiveBar):
+        tilt = robot.mechanism.plane(angles).tilt
+    elif robot.mechanism is None:
+        tilt = angles[..., 1] + angles[..., 2]
+    else:
+        raise TypeError("the last link of a chain of joints has no plane of its own")
     sin, cos = np.sin(tilt), np.cos(tilt)
     out = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
     x = np.concatenate([sin[..., None] * out, -cos[..., None]], axis=-1)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
+from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
@@ -107,6 +108,11 @@ class Robot:
         def rows(attribute: str) -> Array:
             return np.array([getattr(limb, attribute) for limb in limbs], dtype=float)
 
+        mechanism = None
+        if spec.five_bar is not None:
+            yaw = np.deg2rad(rows("mount_yaw_deg"))
+            linkage = Linkage(**spec.five_bar.model_dump())
+            mechanism = FiveBar(rows("shoulder"), yaw, linkage)
         corners = itertools.product((-1.0, 1.0), repeat=3)
         return cls(
             name=spec.name,
@@ -128,5 +134,6 @@ class Robot:
             reach=spec.workspace.reach,
             stance_radius=spec.workspace.stance_radius,
             limb_radius=spec.limb_radius,
+            mechanism=mechanism,
             gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
         )

@@ -15,6 +15,7 @@ import numpy as np
 from climbplan.climb.limb_clearance import NARROW
 from climbplan.errors import UsageError
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.simulation.chain_limb import chain_limb, motor_names
@@ -65,6 +66,8 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     robot = plan.robot
     if robot.gripper is not None:
         raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
+    if isinstance(robot.mechanism, FiveBar):
+        raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which are not simulated")
     assets: list[str] = []
     world: list[str] = []
     for index, surface in enumerate(plan.terrain.surfaces):

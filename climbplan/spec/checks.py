@@ -34,7 +34,12 @@ class ClimbParts:
 
 def check_parts(parts: ClimbParts) -> list[Finding]:
     """Everything that does not fit between the parts at hand."""
-    return [*_limb_names(parts), *_limbs_without_region(parts), *_method_limits(parts)]
+    return [
+        *_limb_names(parts),
+        *_limbs_without_region(parts),
+        *_method_limits(parts),
+        *_grippers(parts),
+    ]
 
 
 def _limb_names(parts: ClimbParts) -> list[Finding]:
@@ -135,6 +140,21 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
             if least > 0:
                 message = f"a least step size (here {least:g} m) is not convex, {cure}"
                 found.append(Finding(("posture", "steps", name), message))
+    return found
+
+
+def _grippers(parts: ClimbParts) -> list[Finding]:
+    """Robots with grippers climb flat surfaces, with forces of two solvers."""
+    if parts.robot is None or isinstance(parts.robot, UrdfRobot) or parts.robot.gripper is None:
+        return []
+    name, found = parts.robot.name, []
+    if isinstance(parts.task, TransitionTaskSpec):
+        found.append(Finding(("robot",), f"{name} has grippers, which no transition plans with"))
+    if parts.solver is not None and parts.solver.force == "osqp":
+        message = f"{name} has grippers, whose forces only `daqp` and `clarabel` plan"
+        found.append(Finding(("solver", "force"), message))
+    if parts.terrain is not None and parts.terrain.tube is not None:
+        found.append(Finding(("terrain", "tube"), f"{name} has grippers, for flat surfaces only"))
     return found
 
 

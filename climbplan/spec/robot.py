@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.gripper import GripperSpec
+from climbplan.spec.linkage import FiveBarSpec
 
 
 class LimbSpec(SpecModel):
@@ -78,6 +79,11 @@ class RobotSpec(SpecModel):
     )
     workspace: WorkspaceSpec = Field(description="limb workspace of the posture planner")
     limbs: tuple[LimbSpec, ...] = Field(min_length=3, description="limbs, in leg order")
+    five_bar: FiveBarSpec | None = Field(
+        default=None,
+        description="legs of a yaw joint and a five-bar linkage instead of coxa, femur and tibia; "
+        "numbers by joint are then of yaw, crank F and crank A",
+    )
     gripper: GripperSpec | None = Field(
         default=None, description="grippers on wrists at the ends of all limbs; none if left out"
     )

@@ -125,7 +125,7 @@ def test_risk_and_model_decide_what_spines_hold(tmp_path: Path) -> None:
 )
 def test_tampering_is_found(file: Path, dataset: str, entry: tuple[int, ...], check: str) -> None:
     with h5py.File(file, "r+") as store:
-        change = {"robot/gripper/wrist_max_torque": -2.0, "robot/gripper/wrist_upper": -1.0}
+        change = {"robot/gripper/wrist_max_torque": -3.0, "robot/gripper/wrist_upper": -1.0}
         store[dataset][entry] += change.get(dataset, 100.0)
     failed = {found.name for found in verify(file).failed}
     assert check in failed

@@ -21,6 +21,7 @@ from climbplan.robots.rotations import rotation_world_body
 
 LISTED = 5  # instants described one by one
 _LEAST_PULL = 0.05  # [N] less is not told
+_ANY_COMMAND = 100.0  # [rad] beyond all bounds
 _LARGEST = 1e4  # [N] a gripping force beyond is no remedy
 _SAFE = 1e-3  # relative, added to what is said to be enough
 _BISECTIONS = 30
@@ -59,7 +60,10 @@ def _pull_words(
     instant: GripInstant, pull: Array | None, unit: float, names: tuple[str, ...]
 ) -> str:
     if pull is None:
-        return "no pull on the surface would do: joint or wrist torques are too small for the load"
+        free = replace(instant, room=np.full_like(instant.room, _ANY_COMMAND))
+        if missing_pull(free) is None:
+            return "no pull would do: joint or wrist torques are too small for the load"
+        return "no pull would do: joint commands would leave their bounds, the joints are too soft"
     parts = [
         f"{value * unit:.1f} N at {names[i]}"
         for i, value in zip(instant.limb, pull, strict=True)

@@ -36,6 +36,8 @@ def plan_grip_forces(
     Every answer is checked against the exact constraints. Raises Infeasible with what is missing at
     instants that have no admissible forces, in newtons of pull at which gripper.
     """
+    if scene.spec.force.sag != "compensated":
+        raise UsageError("force.sag: grippers hold the body at its planned pose: `compensated`")
     statement = state_grips(scene, instants, grippers)
     solved = solve_grips(statement, solver or scene.spec.solver.force, scene.spec.force.facets)
     if len(solved.missing):
@@ -71,8 +73,6 @@ def wrist_torques(statement: GripStatement, force: Array, moment: Array) -> Arra
 def _assembled(
     scene: MotionScene, instants: Instants, statement: GripStatement, found: GripAnswers
 ) -> Forces:
-    if scene.spec.force.sag != "compensated":
-        raise UsageError("force.sag: grippers hold the body at its planned pose: `compensated`")
     force, grips = found.force, found.grips
     torques = grip_torques(statement, force, grips.moment)
     wrist = wrist_torques(statement, force, grips.moment)

@@ -13,8 +13,12 @@ import numpy as np
 
 from climbplan.plans.checks.chains_anew import chains_at, settled_chains
 from climbplan.plans.checks.check import Array
+from climbplan.plans.checks.five_bars_anew import five_bars_at, settled_five_bars
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
+
+_CLOSED = 1e-9  # [m] rounding of legs that reach their toes
 
 
 def turned(vector: Array, axis: Array, angle: Array) -> Array:
@@ -44,6 +48,7 @@ class Limbs:
     joints: Array  # (..., N, J, 3) coxa, femur and tibia joint, or those of a chain [m]
     axes: Array  # (..., N, J, 3) their unit axes
     toe: Array  # (..., N, 3) [m]
+    drive: Array | None = None  # (..., N, J, J) speeds about the axes by joint speeds, if not alike
 
     @property
     def points(self) -> Array:
@@ -53,11 +58,14 @@ class Limbs:
     def jacobian(self) -> Array:
         """Toe velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe - joint_j)."""
         columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
-        return np.swapaxes(columns, -1, -2)
+        own = np.swapaxes(columns, -1, -2)
+        return own if self.drive is None else own @ self.drive
 
     def turning(self) -> Array:
         """Rows (..., N, J, 3): turning velocity of the last link by joint speed."""
-        return self.axes
+        if self.drive is None:
+            return self.axes
+        return np.asarray(np.swapaxes(self.drive, -1, -2) @ self.axes)
 
     def last_link(self) -> Array:
         """Rows x along the last link, y = z x x, z along the last joint's axis (..., N, 3, 3)."""
@@ -69,6 +77,8 @@ class Limbs:
 
 def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
     """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, J) [rad]."""
+    if isinstance(robot.mechanism, FiveBar):
+        return _five_bars_at(robot.mechanism, com, axes, angles)
     if robot.mechanism is not None:
         return _chains_at(chain_of(robot), com, axes, angles)
     shoulder = placed(com, axes, robot.shoulder_body)
@@ -106,6 +116,8 @@ def standing_limbs(
     meet in the limb's plane. A chain of more than three joints
     settles as springs about their commands (..., N, J) do.
     """
+    if isinstance(robot.mechanism, FiveBar):
+        return _standing_five_bars(robot.mechanism, com, axes, toes, alike)
     if robot.mechanism is not None:
         return _standing_chains(robot, com, axes, toes, alike, command)
     model = limbs_at(robot, com, axes, alike)
@@ -154,6 +166,29 @@ def chain_of(robot: Robot) -> SerialChain:
     if not isinstance(robot.mechanism, SerialChain):
         raise TypeError(f"no check knows limbs of type {type(robot.mechanism).__name__}")
     return robot.mechanism
+
+
+def _five_bars_at(legs: FiveBar, com: Array, axes: Array, angles: Array) -> Limbs:
+    """Five-bar legs of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
+    body = five_bars_at(legs, angles)
+    turn, origin = axes[..., None, :, :], com[..., None, :]
+    return Limbs(
+        joints=origin[..., None, :] + body.joints @ turn,
+        axes=body.axes @ turn,
+        toe=origin + (body.toe[..., None, :] @ turn)[..., 0, :],
+        drive=body.drive,
+    )
+
+
+def _standing_five_bars(
+    legs: FiveBar, com: Array, axes: Array, toes: Array, alike: Array
+) -> StandingLimbs:
+    """Five-bar legs that reach for toes (..., N, 3)."""
+    local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
+    angles = settled_five_bars(legs, local, alike)
+    limbs = _five_bars_at(legs, com, axes, angles)
+    missing = np.linalg.norm(limbs.toe - toes, axis=-1)
+    return StandingLimbs(limbs.points, angles, np.where(missing > _CLOSED, missing, 0.0))
 
 
 def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:

@@ -55,7 +55,8 @@ function contactsAt(plan, k, toes, standing) {
     const force = plan.instants.force[k][i];
     const normal = plan.instants.normal[k][i];
     found.push({
-      toe: toes[i], tip: add(toes[i], force, scale), normal, press: scale * dot(force, normal),
+      toe: toes[i], tip: add(toes[i], force, scale), normal,
+      press: plan.scene.gripper > 0 ? 0 : scale * dot(force, normal), // grips have no cone
       mu: limb.mu[k], muPlanned: limb.mu_planned[k],
     });
   });
@@ -175,7 +176,8 @@ class ForcePanel {
     const joints = instants.joints[k];
     const contact = instants.contact[k];
     const forces = contactsAt(this.plan, k, joints.map((chain) => chain[2]), contact);
-    this.view.show({ com: instants.com[k], rpy: instants.rpy[k], joints, contact, forces });
+    const pose = { com: instants.com[k], rpy: instants.rpy[k], joints, contact };
+    this.view.show({ ...pose, forces, instant: k });
     byId("forces-scale").textContent =
       `Sτ ${shown(instants.safety_torque[k])}   Sμ ${shown(instants.safety_friction[k])}`;
     byId("force-rows").replaceChildren(...this.plan.limbs.map((limb, i) => this.row(limb, i, k)));

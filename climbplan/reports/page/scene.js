@@ -365,6 +365,7 @@ class SceneView {
   links() {
     const turn = rotation(this.state.rpy);
     const thick = Math.max(3, Math.min(12, 1.3 * this.plan.scene.limb_radius * this.scale));
+    const { gripper } = this.plan.scene;
     const found = [];
     this.plan.limbs.forEach((limb, i) => {
       const chain = [add(turn(this.plan.scene.shoulders[i]), this.state.com), ...this.state.joints[i]];
@@ -372,6 +373,14 @@ class SceneView {
         found.push({
           from: chain[j], to: chain[j + 1], color: limb.color, toe: j === 2,
           width: thick * [1, 0.85, 0.6][j], lifted: !this.state.contact[i],
+        });
+      }
+      if (gripper > 0) {
+        const normal = this.plan.instants.normal[Math.max(this.state.instant ?? 0, 0)][i];
+        const wrist = chain[chain.length - 1];
+        found.push({
+          from: wrist, to: add(wrist, normal, -gripper), color: this.colors.muted, toe: false,
+          width: 0.4 * thick, lifted: false,
         });
       }
     });

@@ -122,14 +122,23 @@ def _rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
     load[acting] = used[frames.instant[acting]]
     limbs = robot.limb_count * joints
     radius = robot.limb_radius
+    ends = np.concatenate([links.reshape(count, limbs, 2, 3), placed], axis=1)
+    frame_radius = np.full(len(ring), 0.6 * radius)
+    if robot.gripper is not None:
+        normal = plan.instants.normal[np.maximum(frames.instant, 0)]
+        wrist = chain[:, :, -1]
+        grips = np.stack([wrist, wrist - robot.gripper.length * normal], axis=2)
+        ends = np.concatenate([ends, grips], axis=1)
+        frame_radius = np.append(frame_radius, np.full(robot.limb_count, 0.5 * radius))
+    others = len(frame_radius)
     return Rods(
-        ends=np.concatenate([links.reshape(count, limbs, 2, 3), placed], axis=1),
-        radius=np.concatenate([np.full(limbs, radius), np.full(len(ring), 0.6 * radius)]),
+        ends=ends,
+        radius=np.concatenate([np.full(limbs, radius), frame_radius]),
         color=(
             *(palette.limb_color(n) for n in range(robot.limb_count) for _ in range(joints)),
-            *(palette.BODY for _ in ring),
+            *(palette.BODY for _ in range(others)),
         ),
-        load=np.concatenate([load.reshape(count, limbs), np.zeros((count, len(ring)))], axis=1),
+        load=np.concatenate([load.reshape(count, limbs), np.zeros((count, others))], axis=1),
     )
 
 

@@ -54,9 +54,14 @@ class Attempts:
 
 
 def carry(
-    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+    scene: Scene,
+    modes: Modes,
+    attempts: Attempts,
+    left: float,
+    rng: np.random.Generator,
+    given: tuple[int, ...] | None = None,
 ) -> Progress | None:
-    """A plan in which arms carry or throw the box, or None."""
+    """A plan in which arms carry or throw the box, or None; given: the arms' modules."""
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)
     if way is None:
@@ -64,7 +69,7 @@ def carry(
         return None
     throw = modes.kind == "throw"
     task = HeldTask(start, scene.goal, way, throw, scene.arrival_speed)
-    for owners in _owners(scene, modes.connections):
+    for owners in _owners(scene, modes.connections) if given is None else (given,):
         limbs = [
             _limb(scene, module, connection)
             for module, connection in zip(owners, modes.connections, strict=True)

@@ -40,16 +40,21 @@ class Chain:
 
 
 def carry_on_chains(
-    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+    scene: Scene,
+    modes: Modes,
+    attempts: Attempts,
+    left: float,
+    rng: np.random.Generator,
+    given: tuple[Chain, ...] | None = None,
 ) -> Progress | None:
-    """A plan in which chains of modules carry the box, or None."""
+    """A plan in which chains of modules carry the box, or None; given: their modules."""
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)
     if way is None:
         attempts.notes.append("there is no way for the box")
         return None
     task = HeldTask(start, scene.goal, way, False, 0.0)
-    for chains in _owners(scene, modes.connections):
+    for chains in _owners(scene, modes.connections) if given is None else (given,):
         try:
             world, still = _carriers(scene, chains, task, rng)
         except Blocked as error:

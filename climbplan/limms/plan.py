@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.limms.chain import Points, Pose, forward
+from climbplan.limms.convergence import Convergence
 from climbplan.limms.scene import Array, Index
 from climbplan.limms.timeline import Stretch
 
@@ -67,6 +68,7 @@ class LimmsPlan:
     sizes: dict[str, Any]
     warnings: tuple[str, ...] = ()
     summary: tuple[str, ...] = ()
+    convergence: Convergence | None = None
     verified: bool = False
     created: str = ""
     climbplan_version: str = ""

@@ -12,6 +12,7 @@ import numpy as np
 
 import climbplan
 from climbplan.errors import PlanFileError
+from climbplan.limms.convergence import RESIDUALS, Convergence
 from climbplan.limms.plan import LimmsPlan, Motion
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
@@ -45,6 +46,20 @@ STILL: dict[str, tuple[str, Layout]] = {
     "box_mass": ("box/mass", Layout(("B",), "kg")),
     "goal": ("box/goal", Layout(("B", 3), "m", "world")),
     "solids": ("terrain/solids", Layout(("S", 2, 3), "m", "world")),
+}
+# I iterations of a consensus; the group is there only if the method has them
+CONVERGENCE: dict[str, Layout] = {
+    "attempt": Layout(("I",), kind="int"),
+    "frozen": Layout(("I",), kind="int"),
+    **{
+        f"{name}_{part}": Layout(("I",), unit)
+        for name, unit in RESIDUALS.items()
+        for part in ("mean", "max")
+    },
+    "missed": Layout(("I",), "m"),
+    "violation": Layout(("I",), "m"),
+    "mixed_integer_seconds": Layout(("I",), "s"),
+    "nonlinear_seconds": Layout(("I",), "s"),
 }
 _NAMES = Layout(("A",), kind="text")
 _MODULES = Layout(("L",), kind="text")
@@ -83,6 +98,10 @@ def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
         for key, (name, layout) in STILL.items():
             group, _, leaf = name.rpartition("/")
             write_dataset(file[group], leaf, vars(plan)[key], layout)
+        if plan.convergence is not None:
+            group = file.create_group("convergence")
+            for key, layout in CONVERGENCE.items():
+                write_dataset(group, key, vars(plan.convergence)[key], layout)
         write_dataset(file["anchors"], "name", plan.anchor_names, _NAMES)
         write_dataset(file["limms"], "name", plan.module_names, _MODULES)
         write_dataset(file["limms"], "link_lengths", plan.module["link_lengths"], _LINKS)
@@ -152,6 +171,10 @@ def _require_format(reader: Reader) -> None:
 def _read(reader: Reader) -> LimmsPlan:
     motion = Motion(**{key: reader.array(name, layout) for key, (name, layout) in MOTION.items()})
     still = {key: reader.array(name, layout) for key, (name, layout) in STILL.items()}
+    convergence = None
+    if reader.has("convergence"):
+        values = {key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()}
+        convergence = Convergence(**values)
     if not len(motion.time):
         raise reader.refuse("no samples")
     if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
@@ -181,6 +204,7 @@ def _read(reader: Reader) -> LimmsPlan:
         sizes=_mapping(reader, "sizes"),
         warnings=reader.texts("warnings", _TEXTS),
         summary=reader.texts("summary", _TEXTS),
+        convergence=convergence,
         verified=reader.flag("", "verified"),
         created=reader.text("", "created"),
         climbplan_version=reader.text("", "climbplan_version"),

@@ -26,17 +26,25 @@ def summary_lines(plan: LimmsPlan, notes: Sequence[str]) -> tuple[str, ...]:
         f"{'programs':<9} {sizes['programs']} solved  {times['build'] + times['solve']:.2f} s   "
         f"last one {sizes['variables']} variables, {sizes['constraints']} constraints"
     )
-    motion = plan.motion
-    speed = float(np.linalg.norm(motion.box_velocity[-1, 0]))
+    return (head, search, *refused_lines(notes), programs, motion_line(plan))
+
+
+def motion_line(plan: LimmsPlan) -> str:
+    """What the box does, how long all took, and how it ends."""
+    speed = float(np.linalg.norm(plan.motion.box_velocity[-1, 0]))
     moves = ", ".join(f"{BOX_MODES[mode]} {seconds:.2f} s" for mode, seconds in box_story(plan))
-    story = (
-        f"{'motion':<9} {plan.status:<9} {times['total']:.2f} s   box {moves}; "
+    return (
+        f"{'motion':<9} {plan.status:<9} {plan.timings['total']:.2f} s   box {moves}; "
         f"ends {1e3 * plan.objective:.2f} mm off its goal at {speed:.2f} m/s"
     )
+
+
+def refused_lines(notes: Sequence[str]) -> list[str]:
+    """What was tried in vain, the first of it."""
     refused = [f"{'refused':<9} {note}" for note in dict.fromkeys(notes)]
     if len(refused) > _FEW_NOTES:
         refused = [*refused[:_FEW_NOTES], f"{'refused':<9} and {len(refused) - _FEW_NOTES} more"]
-    return (head, search, *refused, programs, story)
+    return refused
 
 
 def box_story(plan: LimmsPlan) -> list[tuple[int, float]]:

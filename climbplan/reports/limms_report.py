@@ -15,6 +15,7 @@ from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
 from climbplan.limms.summary import box_story
 from climbplan.limms.verification import verify
 from climbplan.plans.verification import Verification
+from climbplan.reports.figure_convergence import convergence
 from climbplan.reports.figure_modes import mode_timeline
 from climbplan.reports.figure_modules import key_poses
 from climbplan.reports.limms_page import build_page
@@ -33,6 +34,12 @@ UNITS = {
     "stages.*.end": "s",
     "modules.*.force": "N",
     "modules.*.torque": "N m",
+    "convergence.box_*": "m",
+    "convergence.points_*": "m",
+    "convergence.axes_*": "rad",
+    "convergence.missed": "m",
+    "convergence.violation": "m",
+    "convergence.*_seconds": "s",
     "limits.force": "N",
     "limits.torque": "N m",
     "limits.own_weight_torque": "N m",
@@ -60,7 +67,7 @@ def write_report(
     """
     plan = read_limms_plan(plan_path)
     report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in FIGURES.items()}
+    images = {name: png(draw(plan)) for name, draw in figures_of(plan).items()}
     write_files(directory, report, build_page(plan, report, images), images)
 
 
@@ -68,6 +75,13 @@ FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
     "modes": mode_timeline,
     "poses": key_poses,
 }
+
+
+def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
+    """What can be drawn of a plan."""
+    if plan.convergence is None:
+        return FIGURES
+    return {**FIGURES, "convergence": convergence}
 
 
 def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
@@ -109,8 +123,11 @@ def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
             "torque": loads.limit,
             "own_weight_torque": loads.own_weight,
         },
-        "figures": [f"figures/{name}.png" for name in FIGURES],
+        "figures": [f"figures/{name}.png" for name in figures_of(plan)],
         "units": UNITS,
     }
+    if plan.convergence is not None:
+        record = vars(plan.convergence)
+        report["convergence"] = {key: values.tolist() for key, values in record.items()}
     whole: dict[str, Any] = finite(report)
     return whole

@@ -80,12 +80,30 @@ class DeliverySpec(SpecModel):
     )
 
 
+class ConsensusSpec(SpecModel):
+    """Method `admm`: the published consensus of a mixed-integer and a nonlinear block."""
+
+    intervals: Count = quantity("", "intervals of the horizon", default=8, ge=3, le=30)
+    iterations: Count = quantity("", "iterations at most", default=15, ge=1, le=100)
+    growth: Number = quantity(
+        "", "factor of the weights from one iteration to the next, rho", default=1.3, gt=1, le=10
+    )
+    weight: Number = quantity("1/m", "weight of a disagreement at first", default=1.0, gt=0)
+    freeze_after: Count = quantity(
+        "", "iterations with free integers, then they stay as they are", default=0, ge=0
+    )
+
+
 class LimmsSolverSpec(SpecModel):
     """Method and limits."""
 
-    method: Literal["modes"] = Field(
-        default="modes", description="`modes`: search over mode sequences, then a nonlinear program"
+    method: Literal["modes", "admm"] = Field(
+        default="modes",
+        description="`modes`: search over mode sequences, then a nonlinear program; `admm`: "
+        "consensus of a mixed-integer and a nonlinear block, then the same program",
     )
+    admm: ConsensusSpec = ConsensusSpec()
+    """Method `admm`."""
     time_limit: Number = quantity("s", "time limit", default=90.0, gt=0)
     most_steps: Count = quantity("", "steps of a quadruped at most", default=16, ge=0, le=60)
 

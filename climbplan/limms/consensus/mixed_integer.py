@@ -1,0 +1,300 @@
+"""The mixed-integer block: logic, regions and box dynamics, eq. (6.12a) with an L1 consensus.
+
+Built once; targets, weights and bounds are changed in place. The L1 norm keeps it linear.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import highspy
+import numpy as np
+
+from climbplan.limms.consensus.box_rows import add_box
+from climbplan.limms.consensus.columns import Columns, columns_of
+from climbplan.limms.consensus.logic_rows import add_logic
+from climbplan.limms.consensus.module_rows import add_modules
+from climbplan.limms.consensus.rows import Table
+from climbplan.limms.consensus.setting import FREE, Setting
+from climbplan.limms.scene import Array, Index
+from climbplan.solvers.highs_model import highs, linear_model
+
+GOAL = 1000.0  # [1/m] cost of what is missing to the goal
+REACHED = 20.0  # cost of a plan that reaches it, more than all else together
+WAY = 0.1  # [1/m] of ways of modules
+LATCH = 0.02  # of a latched module in an interval
+NEAR_GOAL = 1e-3  # [m] an answer worth keeping the integers of
+SMOOTHING_SECONDS = 10.0
+EFFORT = 0.02  # [s^2/m] of accelerations of the box
+RESTS = 0.1  # of an interval in which the box has not been picked up
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Positions as one block has them: box (K + 1, 3) and modules (K + 1, L, 5, 3) [m]."""
+
+    box: Array
+    points: Array
+
+    def moved(self, other: Copy, factor: float) -> Copy:
+        """This plus a factor times the other."""
+        return Copy(self.box + factor * other.box, self.points + factor * other.points)
+
+    def scaled(self, factor: float) -> Copy:
+        """All of it times a factor."""
+        return Copy(self.box * factor, self.points * factor)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The integers, by what they mean; as in `Columns`."""
+
+    box: Index  # (K,) mode of the box
+    drives: Index  # (L, K)
+    leg: Index  # (L, K)
+    hold: Index  # (L, K) side of the box that an arm holds, -1 none
+    mount: Index  # (L, K) side of the box that a leg carries
+    wall: Index  # (L, K) anchor of the terrain
+    parent: Index  # (L, K) module that an added arm is on
+    ground: Index  # (L, K) patch that the first end stands on
+    region: Index  # (K + 1, L, 4) free block of each link
+
+
+@dataclass(frozen=True)
+class Found:
+    """An answer of the block."""
+
+    status: str  # "optimal", "limit" or "infeasible"
+    copy: Copy | None
+    modes: Modes | None
+    velocity: Array | None  # (K + 1, 3) of the box [m/s]
+    missed: float  # [m] of the goal
+    seconds: float
+    x: Array | None
+
+
+class MixedInteger:
+    """The block of one setting, held by HiGHS."""
+
+    def __init__(self, setting: Setting) -> None:
+        began = time.perf_counter()
+        self.setting = setting
+        table = Table()
+        self.columns: Columns = columns_of(setting, table)
+        add_logic(setting, table, self.columns)
+        add_box(setting, table, self.columns)
+        add_modules(setting, table, self.columns)
+        self._costs(table)
+        self._pulled = np.concatenate([self.columns.position.ravel(), self.columns.points.ravel()])
+        self._away = table.columns((len(self._pulled),), 0.0, np.inf).astype(np.int32)
+        # away >= x - target and away >= target - x
+        pairs = list(zip(self._pulled, self._away, strict=True))
+        self._first_row = len(table.row_lower)
+        for x, away in pairs:
+            table.row([(away, 1), (x, -1)], -np.inf, np.inf)
+        for x, away in pairs:
+            table.row([(away, 1), (x, 1)], -np.inf, np.inf)
+        self._cost, self._lower, self._upper = table.numbers()
+        self._binary = np.flatnonzero(table.binary).astype(np.int32)
+        lp = linear_model(
+            self._cost,
+            0.0,
+            self._lower,
+            self._upper,
+            table.binary,
+            table.matrix(),
+            np.array(table.row_lower),
+            np.array(table.row_upper),
+        )
+        self._solver: Any = highs(gap=1e-3)
+        # Tight tolerances are for proofs; the next consensus moves this answer anyway
+        self._solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
+        self._solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
+        self._solver.passModel(lp)
+        self._frozen = False
+        self.build_seconds = time.perf_counter() - began
+        self.variables = len(self._cost)
+        self.binaries = int((self._upper > self._lower)[self._binary].sum())
+        self.constraints = len(table.row_lower)
+
+    def pull(self, target: Copy, weight: float) -> None:
+        """Set the consensus term: weight |x - target| for every coordinate."""
+        values = np.concatenate([target.box.ravel(), target.points.ravel()])
+        count = len(values)
+        rows = np.arange(self._first_row, self._first_row + 2 * count, dtype=np.int32)
+        lower = np.concatenate([-values, values])
+        upper = np.full(2 * count, np.inf)
+        self._solver.changeRowsBounds(2 * count, rows, lower, upper)
+        self._solver.changeColsCost(count, self._away, np.full(count, weight))
+        # An answer near the goal is not enough any more: it has to be near the target
+        self._solver.setOptionValue("objective_target", -np.inf)
+
+    def rest(self) -> None:
+        """Without a consensus, integers free: as at first, but for what was forbidden."""
+        count = len(self._away)
+        rows = np.arange(self._first_row, self._first_row + 2 * count, dtype=np.int32)
+        self._solver.changeRowsBounds(
+            2 * count, rows, np.full(2 * count, -np.inf), np.full(2 * count, np.inf)
+        )
+        self._solver.changeColsCost(count, self._away, np.zeros(count))
+        if self._frozen:
+            self._release()
+
+    @property
+    def kinds(self) -> list[bool]:
+        """What is left to choose between: held or thrown (False), or walking (True)."""
+        column = self.columns.legs[0]
+        return [
+            kind for kind in (False, True) if self._lower[column] <= kind <= self._upper[column]
+        ]
+
+    def choose(self, legs: bool) -> None:
+        """Only plans in which the box walks, or only those in which it is held or thrown."""
+        column = int(self.columns.legs[0])
+        value = float(legs)
+        self._solver.changeColBounds(column, value, value)
+
+    def freeze(self, x: Array) -> None:
+        """Keep the integers of an answer; what is left is a linear program."""
+        values = np.round(x[self._binary])
+        count = len(values)
+        kinds = [highspy.HighsVarType.kContinuous] * count
+        self._solver.changeColsIntegrality(count, self._binary, kinds)
+        self._solver.changeColsBounds(count, self._binary, values, values)
+        self._frozen = True
+        for column in self.columns.missed:  # the goal stays reached
+            self._solver.changeColBounds(int(column), 0.0, float(x[column]) + 1e-6)
+
+    def _release(self) -> None:
+        """Let the integers go again."""
+        count = len(self._binary)
+        kinds = [highspy.HighsVarType.kInteger] * count
+        self._solver.changeColsIntegrality(count, self._binary, kinds)
+        self._solver.changeColsBounds(
+            count, self._binary, self._lower[self._binary], self._upper[self._binary]
+        )
+        self._frozen = False
+        for column in self.columns.missed:
+            self._solver.changeColBounds(int(column), 0.0, np.inf)
+
+    def forbid(self, x: Array) -> None:
+        """Cut off the hands of an answer: the same arms, or the same feet at the same times."""
+        c, on = self.columns, x > 0.5
+        if on[c.legs[0]]:
+            used = np.concatenate([v[on[v]] for v in (c.box, c.ground, c.mount)])
+            self._solver.addRow(
+                -np.inf, float(len(used) - 1), len(used), used.astype(np.int32), np.ones(len(used))
+            )
+            return
+        used = np.concatenate(
+            [c.ever[on[c.hold].any(axis=-1)], c.wall[..., -1][on[c.wall[..., -1]]]]
+        )
+        free = int(on[c.box[FREE]].any())
+        # With a flight where there was none, and the other way round, it is something else
+        flight = c.box[FREE, -1]
+        columns = np.append(used, flight).astype(np.int32)
+        values = np.append(np.ones(len(used)), 1.0 if free else -1.0)
+        self._solver.addRow(-np.inf, float(len(used) - 1 + free), len(columns), columns, values)
+
+    def first(self, seconds: float) -> Found:
+        """A point that reaches the goal, or the proof that there is none; no consensus yet."""
+        self._solver.setOptionValue("objective_target", REACHED)
+        found = self.solve(seconds / 2)
+        if found.missed > NEAR_GOAL and found.status != "infeasible":
+            again = self._at_goal(seconds / 2)
+            if again.status == "infeasible" or again.x is not None:
+                found = replace(again, seconds=found.seconds + again.seconds)
+        if found.x is None or found.missed > NEAR_GOAL:
+            return found
+        # The first point at hand is restless: with its integers, the smoothest
+        self.freeze(found.x)
+        smooth = self.solve(SMOOTHING_SECONDS)
+        self._release()
+        if smooth.x is None:
+            return found
+        return replace(smooth, status=found.status, seconds=found.seconds + smooth.seconds)
+
+    def _at_goal(self, seconds: float) -> Found:
+        """Any point that reaches the goal, or the proof that there is none: nothing else costs."""
+        every = np.arange(len(self._cost), dtype=np.int32)
+        self._solver.changeColsCost(len(every), every, np.zeros(len(every)))
+        for column in self.columns.missed:
+            self._solver.changeColBounds(int(column), 0.0, NEAR_GOAL / 2)
+        found = self.solve(seconds)
+        self._solver.changeColsCost(len(every), every, self._cost)
+        for column in self.columns.missed:
+            self._solver.changeColBounds(int(column), 0.0, np.inf)
+        return found
+
+    def solve(self, seconds: float, start: Array | None = None) -> Found:
+        """The block's best point within a time limit; `start`: a point to begin from."""
+        began = time.perf_counter()
+        self._solver.setOptionValue(
+            "time_limit", float(self._solver.getRunTime() + max(seconds, 0.1))
+        )
+        if start is not None and not self._frozen:
+            solution = highspy.HighsSolution()
+            solution.col_value = list(start)
+            self._solver.setSolution(solution)
+        self._solver.run()
+        status = self._solver.getModelStatus()
+        solution = self._solver.getSolution()
+        info = self._solver.getInfo()
+        has_point = info.primal_solution_status == 2
+        spent = time.perf_counter() - began
+        proved = status == highspy.HighsModelStatus.kInfeasible
+        if not has_point:
+            word = "infeasible" if proved else "limit"
+            return Found(word, None, None, None, np.inf, spent, None)
+        x = np.array(solution.col_value)
+        word = "optimal" if status == highspy.HighsModelStatus.kOptimal else "limit"
+        c = self.columns
+        copy = Copy(x[c.position], x[c.points])
+        return Found(
+            word,
+            copy,
+            modes_of(self.setting, c, x),
+            x[c.velocity],
+            float(np.linalg.norm(copy.box[-1] - self.setting.scene.goal)),
+            spent,
+            x,
+        )
+
+    def _costs(self, table: Table) -> None:
+        c = self.columns
+        for columns, cost in (
+            (c.missed, GOAL),
+            (c.moved, WAY),
+            (c.effort, EFFORT),
+            (c.arm, LATCH),
+            (c.added, LATCH),
+            (c.leg, LATCH),
+            (c.box[:1], RESTS),
+        ):
+            for column in np.ravel(columns):
+                table.cost[column] = cost
+
+
+def modes_of(setting: Setting, c: Columns, x: Array) -> Modes:
+    """What the integers of a point mean."""
+
+    def chosen(columns: Index) -> Index:
+        values = np.round(x[columns]).astype(int)
+        if not len(values):
+            return np.full(values.shape[1:], -1)
+        return np.where(values.any(axis=0), values.argmax(axis=0), -1)
+
+    region = chosen(c.region)  # (4, L, K + 1)
+    return Modes(
+        box=chosen(c.box),
+        drives=np.round(x[c.drives]).astype(int),
+        leg=np.round(x[c.leg]).astype(int),
+        hold=chosen(c.hold),
+        mount=chosen(c.mount),
+        wall=chosen(c.wall),
+        parent=chosen(c.carry),
+        ground=chosen(c.ground),
+        region=np.maximum(np.moveaxis(region, 2, 0).swapaxes(1, 2), 0),
+    )

@@ -1,0 +1,180 @@
+"""From a spec to a plan, method `admm`: first integers, consensus, refinement.
+
+Where blocks do not agree on the first integers, or the refinement fails, those are cut off and the
+next are tried.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from climbplan.errors import Infeasible, LimitReached
+from climbplan.limms.carrying import Attempts
+from climbplan.limms.consensus.conflicts import conflicts_of
+from climbplan.limms.consensus.iteration import Agreement, Parameters, agree
+from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, Found, MixedInteger
+from climbplan.limms.consensus.nonlinear import Nonlinear
+from climbplan.limms.consensus.refinement import refine, sequence_of
+from climbplan.limms.consensus.setting import setting_of
+from climbplan.limms.consensus.story import consensus_lines, convergence_of
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_making import Making, make_plan
+from climbplan.limms.scene import Scene, scene_of
+from climbplan.limms.sequences import search
+from climbplan.limms.timeline import Progress
+from climbplan.spec.limms_loading import LoadedLimms
+
+METHOD = "admm"
+SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, arms and legs in turn
+REFINED = 30.0  # [s] of one refinement
+Report = Callable[[str, float], None]
+
+
+@dataclass
+class Run:
+    """What was done so far."""
+
+    agreements: list[Agreement] = field(default_factory=list)
+    first_seconds: list[float] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def plan_by_consensus(loaded: LoadedLimms, report: Report = lambda stage, share: None) -> LimmsPlan:
+    """The plan of a LIMMS spec by consensus.
+
+    Raises:
+        Infeasible: bounds that no plan escapes, or the mixed-integer block, rule every plan out.
+        LimitReached: no choice of modes led to a plan; says how far the best one came.
+    """
+    began = time.perf_counter()
+    solver = loaded.spec.solver
+    deadline = began + solver.time_limit
+    scene = scene_of(loaded)
+    report("modes", 0.0)
+    bounds = search(scene)
+    if not bounds.sequences:
+        raise Infeasible("no plan exists: each behaviour is ruled out", list(bounds.conflicts))
+    setting = setting_of(scene, solver.admm.intervals)
+    block, nonlinear = MixedInteger(setting), Nonlinear(setting)
+    parameters = Parameters(
+        solver.admm.iterations, solver.admm.growth, solver.admm.weight, solver.admm.freeze_after
+    )
+    run, attempts = Run(), Attempts(solver.time_limit)
+    rng = np.random.default_rng(loaded.spec.seed)
+    while time.perf_counter() < deadline:
+        found = first_integers(scene, block, run, deadline)
+        if found is None:
+            break
+        agreement = agree(
+            block, nonlinear, found, parameters, deadline, lambda share: report("consensus", share)
+        )
+        if agreement is not None:
+            run.agreements.append(agreement)
+            report("refine", 0.0)
+            left = min(deadline - time.perf_counter(), REFINED)
+            world = refine(scene, agreement.best.modes, attempts, left, rng)
+            if world is not None:
+                seconds = {"total": time.perf_counter() - began}
+                return _plan(loaded, scene, block, nonlinear, run, attempts, world, seconds)
+        assert found.x is not None
+        block.forbid(found.x)
+    raise _refusal(run, attempts, solver.time_limit)
+
+
+def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float) -> Found | None:
+    """A first answer that reaches the goal, arms first; None if there is none or time is up.
+
+    Raises:
+        Infeasible: the block's bound proves that no answer reaches the goal.
+    """
+    kinds = block.kinds
+    distance = float(np.linalg.norm(scene.goal - scene.box_start[0]))
+    nearest = dict.fromkeys(kinds, distance)
+    for seconds in SLICES:
+        for legs in tuple(kinds):
+            left = deadline - time.perf_counter()
+            if left <= 0:
+                return None
+            block.choose(legs)
+            found = block.first(min(seconds, left))
+            run.first_seconds.append(found.seconds)
+            if found.missed <= NEAR_GOAL:
+                return found
+            nearest[legs] = min(nearest[legs], found.missed)
+            if found.status == "infeasible":
+                kinds.remove(legs)
+        if not kinds:
+            break
+    if kinds or run.agreements:
+        return None
+    raise Infeasible(
+        f"no plan exists with {block.setting.intervals} intervals",
+        conflicts_of(scene, block.setting.intervals, nearest, deadline),
+    )
+
+
+def _refusal(run: Run, attempts: Attempts, limit: float) -> LimitReached:
+    """What was reached within the limit."""
+    notes = list(dict.fromkeys([*run.notes, *attempts.notes]))
+    if not run.agreements:
+        text = f"no modes that reach the goal were found within {limit:g} s"
+        return LimitReached("; ".join([text, *notes]))
+    best = min(run.agreements, key=lambda a: a.best.rank()).best
+    r = best.residual
+    text = (
+        f"no plan within {limit:g} s: {len(run.agreements)} choices of modes tried, blocks at best "
+        f"{1e3 * r.box[0]:.1f} mm (box), {1e3 * r.points[0]:.1f} mm (modules), "
+        f"{r.axes[0]:.3f} rad apart in the mean, but the refinement failed"
+    )
+    return LimitReached("; ".join([text, *notes]))
+
+
+def _plan(
+    loaded: LoadedLimms,
+    scene: Scene,
+    block: MixedInteger,
+    nonlinear: Nonlinear,
+    run: Run,
+    attempts: Attempts,
+    world: Progress,
+    seconds: dict[str, float],
+) -> LimmsPlan:
+    steps = [step for agreement in run.agreements for step in agreement.steps]
+    iterations = sum(step.mixed_integer_seconds for step in steps)
+    # The first step of each choice of modes tells the time of the first block again
+    again = sum(a.steps[0].mixed_integer_seconds for a in run.agreements)
+    programs = nonlinear.programs
+    seconds |= {
+        "first_integers": sum(run.first_seconds),
+        "mixed_integer": iterations - again,
+        "nonlinear": sum(step.nonlinear_seconds for step in steps),
+        "build_mixed_integer": block.build_seconds,
+        "build_nonlinear": programs.build_seconds,
+    }
+    best = run.agreements[-1].best
+    sizes = {
+        "intervals": block.setting.intervals,
+        "iterations": len(steps),
+        "best_iterate": best.number,
+        "choices_of_modes": len(run.agreements),
+        "mip_variables": block.variables,
+        "mip_binaries": block.binaries,
+        "mip_constraints": block.constraints,
+        "nlp_variables": programs.variables * block.setting.intervals,
+        "nlp_constraints": programs.constraints * block.setting.intervals,
+        "nlp_solves": nonlinear.solves,
+    }
+    solvers = {
+        "mixed_integer": "HiGHS",
+        "nonlinear": "IPOPT (CasADi)",
+        "programs": "IPOPT (CasADi)",
+    }
+    name = sequence_of(best.modes).named(scene)
+    convergence = convergence_of([a.steps for a in run.agreements])
+    making = Making(METHOD, name, seconds, sizes, solvers, convergence)
+    plan = make_plan(loaded, scene, world, attempts, making)
+    return replace(plan, summary=consensus_lines(plan, best, attempts.notes))

@@ -1,0 +1,54 @@
+"""The modes that both blocks agreed on, made into a plan by the program of method `modes`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.limms.bounds import Connection
+from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.chain_carrying import Chain, carry_on_chains
+from climbplan.limms.consensus.mixed_integer import Modes
+from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
+from climbplan.limms.scene import Scene
+from climbplan.limms.sequences import Sequence
+from climbplan.limms.timeline import Progress
+from climbplan.limms.walking import walk
+
+
+def chains_of(modes: Modes) -> tuple[Chain, ...]:
+    """Who holds the box from where, from the first interval in which it is held."""
+    held = np.flatnonzero(modes.box == HELD)
+    if not len(held):
+        return ()
+    k = int(held[0])
+    chains = []
+    for m in np.flatnonzero(modes.hold[:, k] >= 0):
+        parent = int(modes.parent[m, k])
+        modules = (int(m),) if parent < 0 else (parent, int(m))
+        root = int(modes.wall[modules[0], k])
+        chains.append(Chain(Connection(root, int(modes.hold[m, k]), len(modules)), modules))
+    chains.sort(key=lambda chain: chain.connection.root)
+    return tuple(chains)
+
+
+def sequence_of(modes: Modes) -> Sequence:
+    """The mode sequence in the terms of method `modes`."""
+    if (modes.box == STANDS).any():
+        return Sequence("quadruped")
+    kind = "throw" if (modes.box == FREE).any() else "arms"
+    return Sequence(kind, tuple(chain.connection for chain in chains_of(modes)))
+
+
+def refine(
+    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+) -> Progress | None:
+    """A plan with the mode sequence kept, or None; `attempts` says why not."""
+    sequence = sequence_of(modes)
+    if sequence.kind == "quadruped":
+        # Standing, or one leap: with one step at most no other contact sequence is left
+        return walk(scene, attempts, left, int((modes.box == LEAPS).any()), rng)
+    chains = chains_of(modes)
+    if any(len(chain.modules) > 1 for chain in chains):
+        return carry_on_chains(scene, sequence, attempts, left, rng, chains)
+    owners = tuple(chain.modules[0] for chain in chains)
+    return carry(scene, sequence, attempts, left, rng, owners)

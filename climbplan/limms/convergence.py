@@ -1,0 +1,27 @@
+"""Residuals of a consensus by iteration, as a plan keeps them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from climbplan.limms.scene import Array, Index
+
+RESIDUALS = {"box": "m", "points": "m", "axes": "rad"}  # r_pB, r_pL and r_RL, eq. (6.13)
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """I iterations; those of one choice of modes have the same `attempt`."""
+
+    attempt: Index  # (I,) from 0
+    frozen: Index  # (I,) 1 where the integers were kept
+    box_mean: Array  # (I,) r_pB [m]
+    box_max: Array
+    points_mean: Array  # (I,) r_pL [m]
+    points_max: Array
+    axes_mean: Array  # (I,) r_RL [rad]
+    axes_max: Array
+    missed: Array  # (I,) [m] of the goal by the mixed-integer block
+    violation: Array  # (I,) [m] of latches and gaps by the nonlinear block
+    mixed_integer_seconds: Array  # (I,)
+    nonlinear_seconds: Array  # (I,)

@@ -112,6 +112,8 @@ def simulate(
     """
     path = find_plan(plan)
     key, values = _swept(sweep)
+    if seed is not None and seed < 0:
+        raise UsageError(f"--seed {seed}: expected a whole number >= 0")
     kind = _simulated_kind(path)
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress

@@ -51,7 +51,8 @@ def tell(found: Simulated) -> Told:
 
 _MODEL = (
     "Joints are position servos with the plan's stiffness and torque limits; commands are played "
-    "open loop. Contacts are MuJoCo's, stiff and with Coulomb friction; surfaces do not give way."
+    "as they stand, but for what a regulator adds (--regulate). Contacts are MuJoCo's, stiff and "
+    "with Coulomb friction; surfaces do not give way."
 )
 _JUDGES = (
     "Judged: torques, friction, slips, lost contacts, falls, and the sag of the body once it is at "

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
+
+from climbplan.errors import UsageError
 
 Regulated = Literal["nothing", "attitude", "pose"]
 
@@ -37,3 +40,15 @@ class Conditions:
 
 
 NOMINAL = Conditions()
+_LEAST_BODY = 0.05  # of the robot's mass that a body keeps whose load is taken off
+
+
+def require_possible(conditions: Conditions, mass: float) -> None:
+    """Raise UsageError for a world that cannot be; mass: of the robot [kg]."""
+    for name, value in vars(conditions).items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise UsageError(f"--{name.replace('_', '-')} {value}: expected a finite number")
+    body = mass * (1 - conditions.limb_mass_share) + conditions.payload
+    if body < _LEAST_BODY * mass:
+        least = mass * (_LEAST_BODY + conditions.limb_mass_share - 1)
+        raise UsageError(f"--payload {conditions.payload:g}: expected at least {least:.3g} kg")

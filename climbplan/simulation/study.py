@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import Comparison, compare
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import Run, load_mujoco, simulate
 from climbplan.simulation.sweep import Sweep, SweepPoint, sweep
@@ -51,8 +51,10 @@ def simulate_plan(
 ) -> Simulated:
     """The nominal run and, with runs, random ones of this plan or of plans at swept values.
 
-    Results do not depend on `jobs`. Raises MissingSolver without MuJoCo.
+    Results do not depend on `jobs`. Raises UsageError for a world that cannot be, MissingSolver
+    without MuJoCo.
     """
+    require_possible(asked.conditions, plan.robot.mass)
     load_mujoco()
     camera = open_camera(plan.trajectory.com) if asked.pictures else "no pictures asked for"
     watch = camera.watch if isinstance(camera, Camera) else None

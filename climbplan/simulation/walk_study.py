@@ -16,7 +16,7 @@ from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.task import LEGS, POSITION
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.climb_report import conditions_dict, spread, trial_dict
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.figures import strip
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import load_mujoco
@@ -71,6 +71,7 @@ def simulate_walk_plan(
     Raises UsageError for what only climbs have, MissingSolver without MuJoCo.
     """
     _refuse(asked)
+    require_possible(asked.conditions, plan.task.body.mass)
     load_mujoco()
     com = plan.trajectory.state[:, POSITION]
     camera: Camera | str = "no pictures asked for"

@@ -185,6 +185,13 @@ class ForcePlannerSpec(SpecModel):
     normal_force_weight: Number = quantity(
         "1/N", "w: how much pressing harder is worth against torque", default=2e-4, ge=0
     )
+    least_pressure: Number = quantity(
+        "N",
+        "pressure of every toe in contact at least: a toe that presses with next to nothing slides "
+        "at the first disturbance (`climbplan simulate`)",
+        default=0.0,
+        ge=0,
+    )
     facets: Count = quantity(
         "", "sides of the pyramid inscribed in the friction cone", default=16, ge=4, le=128
     )

@@ -67,6 +67,13 @@ def test_refusals(
     run_command: RunCommand, workplace: Path, plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "expected KEY=V1" in run_command("simulate", "made", "--sweep", "a").err
+    for option, value in (
+        ("--payload", "nan"), ("--payload", "-20"), ("--gain", "inf"), ("--speed", "inf"),
+        ("--seed", "-4"), ("--regulate", "height"),
+    ):  # fmt: skip
+        refused = run_command("simulate", "made", "--no-pictures", option, value)
+        assert refused.code == 2, refused.err
+        assert option in refused.err
     assert run_command("simulate", "none").code == 2
     with h5py.File(workplace / "shelf.h5", "w") as file:
         file.attrs["format"] = "climbplan/bookshelf"

@@ -8,11 +8,17 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 
-def test_sigterm_clears_away_like_ctrl_c(tmp_path: Path) -> None:
-    spec = Path(__file__).parents[2] / "specs" / "climb_region.yaml"
-    command = [sys.executable, "-m", "climbplan", "plan-climb", str(spec), "-o", "plan"]
-    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("plan-climb", "climb_region"), ("plan-transition", "mission_ground_to_top")],
+)
+def test_sigterm_clears_away_like_ctrl_c(tmp_path: Path, command: str, name: str) -> None:
+    spec = Path(__file__).parents[2] / "specs" / f"{name}.yaml"
+    line = [sys.executable, "-m", "climbplan", command, str(spec), "-o", "plan"]
+    run = subprocess.Popen(line, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     begun = time.monotonic()
     while not list(tmp_path.iterdir()) and time.monotonic() - begun < 60:
         time.sleep(0.02)

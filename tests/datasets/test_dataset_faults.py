@@ -150,6 +150,7 @@ def test_kill_at_a_random_moment(folder: Path, undisturbed: Path, moment: float)
     run.kill()
     run.communicate()  # until its orphaned workers have ended too
     if (folder / "out").exists():  # it was through already
+        assert_undisturbed(folder, undisturbed)
         return
     assert (folder / ".out.rows").exists()
     finish(folder, "--resume")

@@ -36,6 +36,7 @@ class InstantCones:
     safety_friction: float
     torque: Array  # (n, J, 3) torque / limit from force
     largest_s: float
+    least_pressure: float  # of every contact
     bending: Array  # (n, J, 3 n) joint angles less commands by forces [rad]
     room: Array  # (n, J, 2) for commands below and above the joint angles [rad]
     stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
@@ -72,6 +73,7 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         safety_friction=statement.safety_friction,
         torque=statement.torque_per_force[k, limb] * statement.unit,
         largest_s=statement.largest_s,
+        least_pressure=statement.least_pressure / statement.unit,
         bending=bending * statement.unit,
         room=np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1),
         stiffness_lost=lost * statement.unit,
@@ -128,7 +130,8 @@ class ConicProgram:
             self.below(
                 f"torque.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
             )
-            self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), np.zeros(1))
+            press = np.array([-cones.least_pressure])
+            self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), press)
             if friction:
                 self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
             for j in range(cones.joints):

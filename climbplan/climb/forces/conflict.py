@@ -89,7 +89,7 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
         else:
             rows = -selector(cones.axes[i, :1], i, program.size)
             rows[0, slack] = -1.0
-            program.below(str(index), rows, np.zeros(1))
+            program.below(str(index), rows, np.array([-cones.least_pressure]))
     cost = np.zeros(program.size)
     cost[3 * n :] = 1.0
     answer = program.minimise(cost)

@@ -83,7 +83,8 @@ def explain(
             unsteady &= any(member.kind == "stability" for member in members)
             amounts = _amounts(cones, load, None)
             remedies = _remedies(scene, statement, amounts)
-            conflicts.append(Conflict(where, _constraints(members, cones, scene.robot), remedies))
+            words = _constraints(members, cones, scene.robot, statement.unit)
+            conflicts.append(Conflict(where, words, remedies))
             worst = _worse(worst, amounts)
         else:
             # The conflicts that are not listed are not looked into: taken to be like the others
@@ -193,8 +194,10 @@ def _remedies(scene: MotionScene, statement: ForceStatement, amounts: Amounts) -
     return tuple(out)
 
 
-def _constraints(members: list[Member], cones: InstantCones, robot: Robot) -> tuple[str, ...]:
-    """Members in words, one phrase a kind."""
+def _constraints(
+    members: list[Member], cones: InstantCones, robot: Robot, unit: float
+) -> tuple[str, ...]:
+    """Members in words, one phrase a kind. unit: of forces [N]."""
     limb = [robot.limb_names[i] for i in cones.limb]
     phrases = []
     for kind, words in (
@@ -204,6 +207,8 @@ def _constraints(members: list[Member], cones: InstantCones, robot: Robot) -> tu
         ("command", "command within bounds of"),
         ("stability", "stability of the braced body"),
     ):
+        if kind == "contact" and cones.least_pressure > 0:
+            words = f"pressure of {cones.least_pressure * unit:.3g} N at"
         chosen = [m for m in members if m.kind == kind]
         if not chosen:
             continue

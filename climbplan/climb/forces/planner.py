@@ -19,6 +19,7 @@ from climbplan.climb.forces.statement import (
 )
 from climbplan.climb.grips.planner import plan_grip_forces
 from climbplan.climb.scene import MotionScene
+from climbplan.errors import UsageError
 from climbplan.mechanics.friction import critical_friction
 from climbplan.mechanics.stiffness import deflections_for_forces
 from climbplan.plans.climb_plan import Array, Forces, Instants
@@ -34,6 +35,8 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
     instants without admissible forces, and LimitReached if Clarabel cannot settle an instant.
     """
     if scene.grippers is not None:
+        if scene.spec.force.least_pressure > 0:
+            raise UsageError("force.least_pressure: grippers pull; it is for toes that only press")
         return plan_grip_forces(scene, instants, scene.grippers, solver)
     statement = state_forces(scene, instants)
     name = solver or scene.spec.solver.force

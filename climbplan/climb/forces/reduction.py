@@ -50,6 +50,7 @@ class ReducedForces:
     stability: Array  # (B, 21 or 0, q) stability_upper - A y is a semidefinite matrix's triangle
     stability_upper: Array  # (B, 21 or 0)
     largest_s: float
+    least_pressure: float  # of every contact
     unit: float  # [N]
 
     @property
@@ -169,6 +170,7 @@ def _reduced(
         stability=np.empty((b, 0, q)),
         stability_upper=np.empty((b, 0)),
         largest_s=statement.largest_s,
+        least_pressure=statement.least_pressure / statement.unit,
         unit=statement.unit,
     )
 
@@ -218,9 +220,9 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     np.negative(A[:, :t, 1:], out=A[:, t : 2 * t, 1:])
     upper[:, t : 2 * t] = group.torque_particular.reshape(b, t)
     np.negative(upper[:, t : 2 * t], out=upper[:, :t])
-    # Contact: -n . (f0 + Z y) <= 0
+    # Contact: -n . (f0 + Z y) <= -least pressure
     np.negative(group.frame_null_space[:, :, 0], out=A[:, 2 * t : 2 * t + n, 1:])
-    upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0]
+    upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0] - group.least_pressure
     A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
     rows = Halfspaces(A, upper, n, facets, count)
     if corners is not None:

@@ -4,7 +4,7 @@
     such that   sum f_i + F = 0, sum r_i x f_i + M = 0    equilibrium
                 |J_i^T f_i| <= s max_torque               torque
                 0 <= s <= 1 / (least S_tau)
-                n_i . f_i >= 0                            contact: a surface cannot pull
+                n_i . f_i >= least pressure               contact: a surface cannot pull
                 |f_t,i| <= (mu_i / S_mu) n_i . f_i        friction
                 lower <= theta - D f <= upper             command
                 A(f) >= share A_0                         stability
@@ -57,6 +57,7 @@ class ForceStatement:
     least_safety_torque: float  # lower bound on S_tau
     stiffness_left: float  # least share of the elastic stiffness that forces leave
     normal_force_weight: float  # w [1/N]
+    least_pressure: float  # of toes in contact [N]
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
     robot: Robot
@@ -72,7 +73,9 @@ class ForceStatement:
     def as_published(self) -> ForceStatement:
         """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
         free = np.full(self.arms.shape, np.inf)
-        return replace(self, room_below=free, room_above=free, stiffness_left=-np.inf)
+        return replace(
+            self, room_below=free, room_above=free, stiffness_left=-np.inf, least_pressure=0.0
+        )
 
     @property
     def usable_mu(self) -> Array:
@@ -121,6 +124,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
         least_safety_torque=force.safety_torque,
         stiffness_left=force.stiffness_left,
         normal_force_weight=force.normal_force_weight,
+        least_pressure=force.least_pressure,
         unit=unit,
         length=length,
         robot=robot,
@@ -176,7 +180,7 @@ class ForceResiduals:
 
     equilibrium: Array  # (K,) relative to the largest load
     friction: Array  # (K,) relative to the largest load
-    contact: Array  # (K,) pull on a surface or force on a lifted limb, relative to the largest load
+    contact: Array  # (K,) pressure missing or force on a lifted limb, relative to the largest load
     torque: Array  # (K,) relative to the torque limit
     command: Array  # (K,) of joint commands beyond their bounds [rad]
     stability: Array  # (K,) share of the elastic stiffness missing
@@ -193,12 +197,13 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
     unbalanced[:, 3:] /= statement.length
     parts = split_force(force, statement.normal)
     excess = parts.shear - statement.usable_mu * np.maximum(parts.normal, 0.0)
+    missing = statement.least_pressure * statement.contact - parts.normal
     stray = np.abs(force).max(axis=-1) * ~statement.contact
     use = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
     return ForceResiduals(
         equilibrium=np.linalg.norm(unbalanced, axis=1) / statement.unit,
         friction=np.maximum(excess, 0.0).max(axis=1) / statement.unit,
-        contact=np.maximum(np.maximum(-parts.normal, stray), 0.0).max(axis=1) / statement.unit,
+        contact=np.maximum(np.maximum(missing, stray), 0.0).max(axis=1) / statement.unit,
         torque=np.maximum(use * statement.least_safety_torque - 1.0, 0.0),
         command=beyond_bounds(statement, force).max(axis=(1, 2)),
         stability=_stiffness_missing(statement, force),

@@ -159,6 +159,10 @@ def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         "force.safety_torque": (limits.safety_torque, spec.force.safety_torque),
     }
     yield from _gripping(plan, spec)
+    normal = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
+    missing = spec.force.least_pressure - normal[plan.instants.contact].min(initial=np.inf)
+    pressed = spec.force.least_pressure == 0 or missing <= 1e-6 * plan.robot.weight
+    yield same("force.least_pressure", bool(pressed))
     sag = plan.forces.com_deflection
     yield same("force.sag", spec.force.sag == "predicted" or not sag.any())
     for key, (stored, asked) in pairs.items():

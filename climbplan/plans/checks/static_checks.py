@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.plans.checks.check import Array, Check, judge_worst, unjudged
+from climbplan.plans.checks.check import LIMITS, Array, Check, judge_worst, unjudged
 from climbplan.plans.checks.kinematics_anew import turned
 from climbplan.plans.checks.static_pose import Braced, Settled, settle
 from climbplan.plans.checks.subject import Subject
@@ -87,7 +87,9 @@ def _friction(subject: Subject, settled: Settled) -> Check:
     tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
     excess = np.where(instants.contact, tangent - instants.mu * normal / asked, -np.inf)
     ratio = np.full(normal.shape, np.inf)
-    np.divide(instants.mu * normal, tangent, out=ratio, where=instants.contact & (tangent > 0))
+    # Shear within the check's limit tells nothing of friction, and rounding may make a toe pull.
+    sheared = instants.contact & (tangent > LIMITS["static.friction"].value * subject.weight)
+    np.divide(np.maximum(instants.mu * normal, 0.0), tangent, out=ratio, where=sheared)
     return judge_worst(
         "static.friction",
         excess / subject.weight,

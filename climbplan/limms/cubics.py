@@ -35,9 +35,12 @@ def box_path(
     )
 
 
-def knot_samples(duration: float, intervals: int) -> Array:
-    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples."""
+def knot_samples(duration: float, intervals: int, finer: int = 1) -> Array:
+    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples.
+
+    finer: how many times as dense as samples of plans are at least.
+    """
     step = duration / intervals
-    inner = samples(step)
+    inner = samples(finer * step) / finer
     whole = [k * step + inner[:-1] for k in range(intervals)]
     return np.concatenate([*whole, [duration]])

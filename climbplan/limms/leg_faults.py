@@ -15,6 +15,7 @@ from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
 
 MARGIN = 0.006  # [m] beyond the radius
+FOOT_MARGIN = 0.0005  # [m] of feet, which stand on the ground before and after
 BOX_TOUCH = -5e-5  # [m], of the box
 BOX_MARGIN = 0.005  # [m]
 TOUCH = -5e-5  # [m] gap below which links collide
@@ -166,9 +167,17 @@ def _block_cuts(
     faces = np.concatenate([block[1], -block[0]])
     ahead = (_NORMALS @ ends.T).min(axis=1) - faces  # of the worse end, beyond each face
     face = int(np.argmax(ahead))
-    offset = float(faces[face] + radius + MARGIN)
+    offset = float(faces[face] + radius)
     return [
-        LegCut(phase, share, limb, point, _NORMALS[face], offset, with_box)
+        LegCut(
+            phase,
+            share,
+            limb,
+            point,
+            _NORMALS[face],
+            offset + (MARGIN if point else FOOT_MARGIN),
+            with_box,
+        )
         for point in LINKS[link]
         if _cuttable(point)
     ]

@@ -31,14 +31,19 @@ class LegMotion:
 
 
 def leg_motion(
-    scene: Scene, limbs: Sequence[Limb], trace: LegTrace, now: Array | None = None
+    scene: Scene,
+    limbs: Sequence[Limb],
+    trace: LegTrace,
+    now: Array | None = None,
+    finer: int = 1,
 ) -> LegMotion:
     """All of a phase at most 10 ms apart.
 
-    now: (L, 6) joint angles when it begins, whose whole turns are kept [rad].
+    now: (L, 6) joint angles when it begins, whose whole turns are kept [rad]; finer: how
+    many times as dense as that.
     """
     phase = trace.phase
-    time = knot_samples(trace.duration, phase.intervals)
+    time = knot_samples(trace.duration, phase.intervals, finer)
     box = box_path(trace.duration, trace.position, trace.velocity, trace.acceleration, time)
     n = len(limbs)
     angles, rates = np.zeros((len(time), n, 6)), np.zeros((len(time), n, 6))

@@ -200,11 +200,16 @@ class LegProgram:
     def _cut(self, cut: LegCut, path: _Path, foot: ca.MX, controls: list[ca.MX] | None) -> None:
         at, _ = path.at(cut.share)
         if controls is not None:
-            point = self._points_in_air(cut.limb, cut.share, path, controls)[:, cut.point]
+            points = self._points_in_air(cut.limb, cut.share, path, controls)
         else:
             angles, _, _ = self.leg[cut.limb](at - foot, ca.DM.zeros(3))
             points, _, _ = self.chain(angles, ca.DM.zeros(6))
-            point = foot + points[:, cut.point]
+            points = ca.repmat(foot, 1, 8) + points
+        point = points[:, cut.point]
+        if cut.point == 0:  # the middle of the foot's end, one radius up its link
+            module = self.scene.module
+            share = module.radius / sum(module.link_lengths[:2])
+            point = point + share * (points[:, 2] - point)
         if cut.moves_with_box:
             point = point - at
         self.store.add(ca.dot(ca.DM(cut.normal), point), cut.offset, np.inf)

@@ -48,7 +48,8 @@ class LegTrace:
 class LegCut:
     """A point of a leg that has to stay on one side of a plane at a share of a phase's time.
 
-    point: 0 to 7 of the module; normal . (point - move * box centre) >= offset.
+    point: 0 to 7 of the module, but 0 is one radius up from the foot, where its link's axis ends.
+    normal . (point - move * box centre) >= offset.
     """
 
     phase: int

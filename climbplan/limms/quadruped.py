@@ -22,6 +22,7 @@ from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 
 ROUNDS = 8
+FINER = 4  # than a plan's samples: what is looked at between knots
 ITERATIONS = 150
 
 
@@ -73,7 +74,8 @@ def solve_sound(
             return outcome
         words: list[str] = []
         for k, trace in enumerate(outcome.traces):
-            found = faults_of(scene, start.limbs, k, trace, leg_motion(scene, start.limbs, trace))
+            motion = leg_motion(scene, start.limbs, trace, finer=FINER)
+            found = faults_of(scene, start.limbs, k, trace, motion)
             samples += found.samples
             cuts += found.cuts
             words += found.words

@@ -119,6 +119,7 @@ def test_risk_and_model_decide_what_spines_hold(tmp_path: Path) -> None:
         ("grips/wrist_angles", (3, 1, 2), "wrist.square"),
         ("grips/wrist_torque", (3, 1, 0), "wrist.from_forces"),
         ("grips/trajectory/grip", (40, 1), "trajectory.gripping"),
+        ("grips/trajectory/force", (40, 1, 1), "trajectory.contact_force"),
         ("robot/gripper/wrist_max_torque", (0,), "wrist.torque"),
         ("robot/gripper/wrist_upper", (2,), "wrist.bounds"),
     ],

@@ -92,6 +92,7 @@ GRIP_LIMITS = {
     "wrist.from_forces": Limit(1e-6, "N m", "wrist torques are those of forces and moments"),
     "wrist.torque": Limit(1e-6, "of limit", "wrist torques within the limit over S_tau"),
     "trajectory.grip": Limit(1e-4, "of weight", "shear of palms and fingers on the way is held"),
+    "trajectory.contact_force": Limit(1e-4, "of weight", "stored forces are those of commands"),
     "trajectory.gripping": Limit(1e-4, "N", "gripping force on the way within its limit"),
     "trajectory.wrist_torque": Limit(1e-4, "of limit", "wrist torques on the way within limits"),
     "trajectory.wrist_bounds": Limit(1e-6, "rad", "wrist angles on the way within bounds"),

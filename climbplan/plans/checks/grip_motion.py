@@ -55,6 +55,8 @@ def motion_grips(
 
     margin = f"S_mu {1 / use.max():.2f}" if use.any() else "no shear"
     yield judge_worst("trajectory.grip", excess / subject.weight, part, margin, used=use)
+    off = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
+    yield judge_worst("trajectory.contact_force", off, at)
     size = grips.trajectory.grip
     idle = np.where(standing, 0.0, np.abs(grips.trajectory.packed).max(axis=-1))
     yield judge_worst(

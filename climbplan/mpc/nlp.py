@@ -120,10 +120,12 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     The other phases and the same gait after braking follow only if it does not.
     """
     method = NlpMethod(task)
-    begin, word, tried = time.perf_counter(), "time limit", 0
+    begin, tried = time.perf_counter(), 0
+    word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
     for gait in _guesses(task, guess_name):
         left = seconds - (time.perf_counter() - begin)
         if left <= 0:
+            word = "time limit"
             break
         answer = method.solve(gait, left)
         tried += 1

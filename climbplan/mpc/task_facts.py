@@ -29,7 +29,10 @@ def facts_of(task: WalkTask) -> dict[str, Any]:
 
 
 def task_of(facts: Mapping[str, Any]) -> WalkTask:
-    """The task of such facts, at rest at the origin; raises KeyError, TypeError or ValueError."""
+    """The task of such facts, at rest at the origin.
+
+    Raises AttributeError, KeyError, TypeError or ValueError for facts of something else.
+    """
     parts = {
         part: made(**{name: _read(name, value) for name, value in facts[part].items()})
         for part, made in _PARTS.items()

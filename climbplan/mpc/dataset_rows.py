@@ -117,7 +117,7 @@ def task_of_frame(frame: DatasetFrame, path: Path) -> WalkTask:
     try:
         task = task_of(frame.facts)
         same = frame == frame_of(task)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
         raise PlanFileError(f"{path}: facts are not those of a walking task: {error}") from error
     if not same:
         raise PlanFileError(f"{path}: its columns are not those of walks")

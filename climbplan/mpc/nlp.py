@@ -117,13 +117,15 @@ class NlpMethod:
 def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     """From the guessed gait, its most promising phase first; the first that passes the exact check.
 
-    The other phases and the same gait after braking follow only if it does not.
+    The other phases, the same gait after braking and other gaits follow only if it does not.
     """
     method = NlpMethod(task)
-    begin, word, tried = time.perf_counter(), "time limit", 0
+    begin, tried = time.perf_counter(), 0
+    word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
     for gait in _guesses(task, guess_name):
         left = seconds - (time.perf_counter() - begin)
         if left <= 0:
+            word = "time limit"
             break
         answer = method.solve(gait, left)
         tried += 1
@@ -137,13 +139,17 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
 
 
 def _guesses(task: WalkTask, name: str) -> Iterator[Gait]:
-    """Phases of the gait, cheapest first by what one QP predicts; then after braking."""
+    """Phases of the gait, cheapest first by what one QP predicts; after braking; other gaits."""
     phases = [with_regions(task, cycle(name, task.knots, k)) for k in range(len(CYCLES[name]))]
     phases = [gait for gait in phases if enough_contacts(task, gait.contact)]
     glances = [solve_gait(task, gait, None, 1, agreement=ROUGHLY).predicted for gait in phases]
     yield from (phases[k] for k in np.argsort(glances, kind="stable"))
     seen = {gait.key for gait in phases}
-    yield from (gait for gait in starting_gaits(task, (name,)) if gait.key not in seen)
+    for names in ((name,), tuple(CYCLES)):
+        for gait in starting_gaits(task, names):
+            if gait.key not in seen:
+                seen.add(gait.key)
+                yield gait
 
 
 def _settled(task: WalkTask, gait: Gait) -> Iterate:

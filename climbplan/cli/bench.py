@@ -24,8 +24,9 @@ BENCHMARKS = {
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
+    "limms": "search and consensus on the same scenes of modules, and on random ones",
 }
-_QUICK: dict[str, dict[str, Any]] = {  # of comparisons on bookshelf scenes
+_QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same scenes
     "bookshelf": {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100},
     "strategies": {
         "count": 12,
@@ -36,8 +37,10 @@ _QUICK: dict[str, dict[str, Any]] = {  # of comparisons on bookshelf scenes
         "library_size": 100,
         "methods": "random,knn,forest,network",
     },
+    "limms": {"count": 1, "seconds": 60.0, "scenes": ("limms_throw",)},
 }
-_PANEL = "bench bookshelf, bench strategies"
+_LIMMS = ("methods", "count", "seconds")  # options that `bench limms` knows
+_PANEL = "bench bookshelf, bench strategies, bench limms"
 
 
 def bench(
@@ -87,7 +90,7 @@ def bench(
             "--count",
             metavar="N",
             min=0,
-            help="Scenes [40]; 0: only --published.",
+            help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -117,7 +120,7 @@ def bench(
             "--time-limit",
             metavar="SECONDS",
             min=0.1,
-            help="Of one scene of the slowest methods [5].",
+            help="Of one scene of the slowest methods [5]; of one plan of modules [300].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -162,7 +165,7 @@ def bench(
     """Compare the planners with named alternatives on the same instances.
 
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
-    `bench strategies`.
+    `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -185,8 +188,11 @@ def bench(
     given = {key: value for key, value in given.items() if value is not None}
     if name not in _QUICK and (given or out is not None or as_json):
         raise UsageError(
-            "options from --scenes to --json go with `bench bookshelf` and `bench strategies`"
+            "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
+            "some of them, `bench limms`"
         )
+    if name == "limms" and (stray := sorted(set(given) - set(_LIMMS))):
+        raise UsageError(f"`bench limms` has no --{stray[0].replace('_', '-')}")
     if name == "strategies" and published is not None:
         raise UsageError("--published goes with `bench bookshelf`")
     if name == "bookshelf" and clusters is not None:
@@ -218,7 +224,7 @@ def bench(
 
 @dataclass(frozen=True)
 class _Comparison:
-    """A comparison of methods on bookshelf scenes, ready to run and to be told."""
+    """A comparison of methods on the same scenes, ready to run and to be told."""
 
     run: Callable[[Callable[[str, float], None]], Any]
     plain: Callable[[Any], dict[str, Any]]
@@ -236,6 +242,16 @@ def _comparison(name: str, given: dict[str, Any]) -> _Comparison:
             lambda result: of_methods.as_json(result, methods),
             lambda result, path: of_methods.write_files(result, methods, path),
             of_methods.write_text,
+        )
+    if name == "limms":
+        from climbplan.limms.benchmarks import run as of_modules
+
+        limms = of_modules.LimmsOptions(**given)
+        return _Comparison(
+            lambda report: of_modules.bench_limms(limms, report),
+            lambda result: of_modules.as_json(result, limms),
+            lambda result, path: of_modules.write_files(result, limms, path),
+            of_modules.write_text,
         )
     from climbplan.bookshelf.benchmarks import strategies, strategy_tables
 

@@ -71,7 +71,7 @@ def carry(
     task = HeldTask(start, scene.goal, way, throw, scene.arrival_speed)
     for owners in _owners(scene, modes.connections) if given is None else (given,):
         limbs = [
-            _limb(scene, module, connection)
+            limb_of(scene, module, connection)
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
         choices = path_choices(scene, limbs, task)
@@ -84,7 +84,7 @@ def carry(
             if not outcome.solved:
                 continue
             try:
-                return _whole(scene, combo, modes.connections, outcome, rng)
+                return whole_carried(scene, combo, modes.connections, outcome, rng)
             except (Blocked, Follow) as error:
                 attempts.notes.append(f"{modes.named(scene)}: {error}")
     return None
@@ -112,14 +112,15 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[i
         yield modules
 
 
-def _limb(scene: Scene, module: int, connection: Connection) -> Limb:
+def limb_of(scene: Scene, module: int, connection: Connection) -> Limb:
+    """The arm of a module from an anchor of the terrain to a side of the box."""
     latched = scene.held[module] == scene.wall_offset + connection.root
     box_end = 1 if latched else 0
     root = root_on_anchor(scene, connection.root, 1 - box_end)
     return arm(module, connection.side, root, box_end)
 
 
-def _whole(
+def whole_carried(
     scene: Scene,
     limbs: Sequence[Limb],
     connections: Sequence[Connection],

@@ -9,18 +9,20 @@ from itertools import pairwise, product
 import numpy as np
 
 from climbplan.limms.answers import Cut, Ends, Outcome
+from climbplan.limms.arm_program import solve_arms
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.corridor import Way
 from climbplan.limms.cuts import solve_clear
 from climbplan.limms.limbs import limb_angles, limb_points
-from climbplan.limms.program import solve
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
 KNOTS = 8  # intervals of a phase
 BUMP = 0.2  # [m]
 SPEED = 0.45  # [m/s] of the guess
+RELEASES = (0.92, 0.75, 0.55)  # how far of what arms reach a guess throws
+TRIES = 3  # guesses of a throw
 
 
 @dataclass(frozen=True)
@@ -137,30 +139,55 @@ def bumps(first: Array, last: Array) -> list[Array]:
 
 
 def guess_for(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, bump: Array | None = None
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    bump: Array | None = None,
+    release: float = 0.92,
 ) -> list[Trace]:
     """A slow straight motion through the way, and a parabola if the box is thrown.
 
-    bump: a sideways detour of every leg of the way.
+    bump: a sideways detour of every leg of the way; release: how far of what arms reach they throw.
     """
     corners = way_points(task)
     if task.throw:
-        reached = 0.92 * release_share(scene, limbs, corners[-2], corners[-1])
+        reached = release * release_share(scene, limbs, corners[-2], corners[-1])
         corners[-1] = corners[-2] + reached * (corners[-1] - corners[-2])
     blocks = list(task.way.blocks)
     if task.throw:
         # Time runs differently in wind-up and throw: a phase of its own for each
         corners = np.insert(corners, -1, 0.4 * corners[-2] + 0.6 * corners[-1], axis=0)
         blocks.append(blocks[-1])
-    traces: list[Trace] = []
+    pieces = []
     for (first, last), block in zip(pairwise(corners), blocks, strict=True):
         length = float(np.linalg.norm(last - first))
-        duration = max(length / SPEED, 0.4)
         share = np.linspace(0, 1, KNOTS + 1)[:, None]
         position = first + share * (last - first)
         if bump is not None:
             position = np.clip(position + np.sin(np.pi * share) * bump, block[0], block[1])
-        velocity = np.broadcast_to((last - first) / duration, position.shape)
+        velocity = (last - first) / max(length / SPEED, 0.4)
+        pieces.append(Piece(position, max(length / SPEED, 0.4), velocity, block))
+    return traces_along(scene, limbs, task, pieces)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A way of the box in one phase, as a guess."""
+
+    position: Array  # (KNOTS + 1, 3) [m]
+    duration: float  # [s]
+    velocity: Array  # (KNOTS + 1, 3) or (3,) [m/s]
+    block: Array  # (2, 3) of free centres of the box
+
+
+def traces_along(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[Piece]
+) -> list[Trace]:
+    """The guess that follows pieces of a way, and a parabola after them if the box is thrown."""
+    traces: list[Trace] = []
+    for piece in pieces:
+        position, block = piece.position, piece.block
+        velocity = np.broadcast_to(piece.velocity, position.shape)
         feet = np.array([[limb.fixed_position for limb in limbs]] * (KNOTS + 1))
         angles = np.stack(
             [
@@ -176,7 +203,7 @@ def guess_for(
         traces.append(
             Trace(
                 phase,
-                duration,
+                piece.duration,
                 position,
                 velocity,
                 np.zeros_like(position),
@@ -186,7 +213,8 @@ def guess_for(
             )
         )
     if task.throw:
-        traces.append(_flight(corners[-1], task.goal, task.way.blocks[-1], len(limbs)))
+        end = pieces[-1].position[-1]
+        traces.append(_flight(end, task.goal, task.way.blocks[-1], len(limbs)))
     return traces
 
 
@@ -210,17 +238,54 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     )
 
 
-def plan_held(scene: Scene, limbs: Sequence[Limb], task: HeldTask, time_limit: float) -> Outcome:
-    """Solve the program of one held stage."""
-    corners = way_points(task)
-    guesses = [guess_for(scene, limbs, task, bump) for bump in bumps(corners[0], corners[-1])]
-    first = min(guesses, key=jerkiness)
+def plan_held(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    time_limit: float,
+    given: Sequence[Trace] | None = None,
+) -> Outcome:
+    """Solve the program of one held stage, from guess after guess until one leads to an optimum.
+
+    given: the only guess to begin from. The outcome is the first optimum, else the best answer,
+    else the last try; its times are those of all.
+    """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
+    spent, built = 0.0, 0.0
+    best: Outcome | None = None
+    some = TRIES if task.throw else 1
+    for first in [list(given)] if given else guesses_for(scene, limbs, task)[:some]:
 
-    def once(guess: Sequence[Trace] | None, cuts: Sequence[Cut]) -> Outcome:
-        return solve(scene, limbs, guess or first, ends, cuts, time_limit)
+        def once(
+            guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first
+        ) -> Outcome:
+            return solve_arms(scene, limbs, guess or first, ends, cuts, time_limit)
 
-    return solve_clear(scene, limbs, once)
+        outcome = solve_clear(scene, limbs, once)
+        spent, built = spent + outcome.seconds, built + outcome.build_seconds
+        if best is None or _rank(outcome) < _rank(best):
+            best = outcome
+        if outcome.optimal:
+            break
+    assert best is not None
+    return replace(best, seconds=spent, build_seconds=built)
+
+
+def _rank(outcome: Outcome) -> tuple[bool, bool, float]:
+    """Optima first, then answers, the cheapest first."""
+    return (not outcome.optimal, not outcome.solved, outcome.objective)
+
+
+def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Trace]]:
+    """Guesses with and without detours, smoothest first; throws also from nearer the start."""
+    corners = way_points(task)
+    ranked: list[list[Trace]] = []
+    for share in RELEASES if task.throw else RELEASES[:1]:
+        guesses = [
+            guess_for(scene, limbs, task, bump, share) for bump in bumps(corners[0], corners[-1])
+        ]
+        ranked.append(min(guesses, key=jerkiness))
+    return ranked
 
 
 def jerkiness(traces: Sequence[Trace]) -> float:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, pairwise, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.corridor import Way
@@ -17,8 +18,16 @@ from climbplan.limms.limbs import leg, limb_angles
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb
 
-_SIDEWAYS = (-0.3, -0.15, 0.0, 0.15, 0.3)
-_AWAY = (0.3, 0.38, 0.46, 0.54, 0.62)
+_SIDEWAYS = np.linspace(-0.45, 0.45, 7)
+_AWAY = np.linspace(0.03, 0.75, 10)
+_NOMINAL = 0.4  # [m] of a foot from its face of the box
+_APART = 0.1  # [m] between footholds that are told apart
+_CHOICES = 10  # of a leg
+_POINTS = 5  # of each straight piece of the way that are looked at
+_CLEAR = 0.01  # [m] off everything
+_RANGE = 0.1  # [rad]
+_CLOSING = 0.18  # [rad] where the latches close
+_LEGS_APART = 0.2  # [m] between the feet of two legs
 
 
 @dataclass(frozen=True)
@@ -32,59 +41,58 @@ class Stand:
     trouble: float
 
 
-def first_stands(
-    scene: Scene, side: int, start: Array, toward: Array, most: int = 3
-) -> list[Stand]:
+def first_stands(scene: Scene, side: int, path: Array, most: int = _CHOICES) -> list[Stand]:
     """Footholds from which a module latches to a side of the box at rest, best first.
 
-    toward: (n, 3) centres of the box later on, which count as trouble where they are out of reach.
+    path: (n, 3) centres of the box, the one at rest first; later ones count as trouble where they
+    are out of reach or where the leg touches something.
     """
     normal = SIDE_NORMALS[side]
     along = np.array([-normal[1], normal[0], 0.0])
-    half = abs(normal) @ scene.box_size[0] / 2
-    limb = leg(0, side, 1, BRANCHES[0])
+    half = float(abs(normal) @ scene.box_size[0] / 2)
+    ahead = float((path @ normal).max())  # a foot stands on its own side of the box all the way
+    shift = (path[0] + path[-1]) / 2
+    grid = np.array([a * normal + s * along for a in _AWAY for s in _SIDEWAYS])
+    grid += shift + (ahead + half - shift @ normal) * normal
     found = []
-    path = np.vstack([start, toward])
     for k, patch in enumerate(scene.patches):
-        points = np.array(
-            [
-                start + (half + away) * normal + sideways * along
-                for away in _AWAY
-                for sideways in _SIDEWAYS
-            ]
-        )
-        # Also where the patch is nearest
-        near = np.clip(points[:, :2], patch.lower + PATCH_MARGIN, patch.upper - PATCH_MARGIN)
-        points = np.unique(
-            np.round(np.column_stack([near, np.full(len(near), patch.height)]), 4), axis=0
-        )
-        for point in points:
-            if not patch.inside(point, PATCH_MARGIN - 1e-6):
-                continue
-            if normal @ (point - start) < half + 0.02:
-                continue  # a foot stands on its own side of the box
-            for branch in BRANCHES:
-                angles, missing = limb_angles(
-                    scene, limb, path, np.tile(point, (len(path), 1)), branch
-                )
-                excess = in_range(scene.module, angles)
-                if (missing[0] > -1e-9 and missing[0] > 0) or excess[0] > -0.03:
-                    continue
-                feet = np.tile(point, (len(path), 1, 1))
-                gap = clearance(scene, [limb], path, feet, angles[:, None])
-                if gap[0] < -1e-9:
-                    continue
-                trouble = (
-                    5 * missing.sum() + np.maximum(excess, 0).sum() + 20 * np.maximum(-gap, 0).sum()
-                )
-                nominal = abs(np.linalg.norm(point[:2] - start[:2]) - half - 0.45)
-                found.append(Stand(side, point, k, branch, float(trouble + 0.3 * nominal)))
-    found.sort(key=lambda s: s.trouble)
+        feet = np.column_stack([grid[:, :2], np.full(len(grid), patch.height)])
+        for foot in feet[patch.inside(feet, PATCH_MARGIN)]:
+            best = _best_branch(scene, side, foot, path)
+            if best is not None:
+                trouble, branch = best
+                nominal = float(np.linalg.norm((foot - shift - (half + _NOMINAL) * normal)[:2]))
+                found.append(Stand(side, foot, k, branch, trouble + 0.1 * nominal))
+    found.sort(key=lambda stand: stand.trouble)
     kept: list[Stand] = []
     for stand in found:
-        if all(np.linalg.norm(stand.foot - k.foot) > 0.1 or stand.branch != k.branch for k in kept):
+        if all(np.linalg.norm(stand.foot - other.foot) > _APART for other in kept):
             kept.append(stand)
     return kept[:most]
+
+
+def _best_branch(
+    scene: Scene, side: int, foot: Array, path: Array
+) -> tuple[float, tuple[int, int, int]] | None:
+    """Least trouble of a foothold, and the branch that has it; None if no latch closes there."""
+    best: tuple[float, tuple[int, int, int]] | None = None
+    feet = np.tile(foot, (len(path), 1))
+    for branch in BRANCHES:
+        limb = leg(0, side, 1, branch)
+        angles, missing = limb_angles(scene, limb, path, feet, branch)
+        excess = in_range(scene.module, angles)
+        if missing[0] > 0 or excess[0] > -_CLOSING:
+            continue
+        reach = 5 * missing.sum() + np.maximum(excess + _RANGE, 0).sum()
+        if best is not None and reach > best[0]:
+            continue
+        gap = clearance(scene, [limb], path, feet[:, None], angles[:, None])
+        if gap[0] < -1e-9:
+            continue
+        trouble = float(reach + 20 * np.maximum(_CLEAR - gap[1:], 0).sum())
+        if best is None or trouble < best[0]:
+            best = trouble, branch
+    return best
 
 
 def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
@@ -93,21 +101,66 @@ def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
 
 
 def first_stand_sets(scene: Scene, gait: Gait, way: Way, most: int) -> Iterator[tuple[Stand, ...]]:
-    """Sets of first footholds, least trouble first, that do not stand on each other."""
+    """Sets of first footholds that carry the box, least trouble and load first."""
     start = scene.box_start[0]
     if gait.steps == 0:
-        toward = np.vstack([way.crossings, scene.goal])
+        corners = np.vstack([start, way.crossings, scene.goal])
     else:
-        toward = (start + np.array([0, 0, 0.15]))[None]
-    choices = [first_stands(scene, side, start, toward) for side in range(4)]
-    ranked = sorted(product(*choices), key=lambda stands: sum(s.trouble for s in stands))
-    count = 0
-    for stands in ranked:
-        feet = np.array([s.foot for s in stands])
-        apart = np.linalg.norm(feet[:, None] - feet[None], axis=-1) + np.eye(len(feet))
-        if apart.min() < 0.15:
-            continue
-        yield tuple(stands)
-        count += 1
-        if count >= most:
-            return
+        corners = np.vstack([start, start + np.array([0, 0, 0.15])])
+    shares = np.linspace(0, 1, _POINTS)[:, None]
+    path = np.vstack([a + shares * (b - a) for a, b in pairwise(corners)])
+    choices = [first_stands(scene, side, path) for side in range(4)]
+    if not all(choices):
+        return
+    sets = np.array(list(product(*(range(len(c)) for c in choices))))
+    feet = np.stack(
+        [np.array([s.foot for s in c])[sets[:, i]] for i, c in enumerate(choices)], axis=1
+    )
+    trouble = sum(np.array([s.trouble for s in c])[sets[:, i]] for i, c in enumerate(choices))
+    load = np.max([largest_share(feet, p) for p in corners], axis=0)
+    apart = np.min(
+        [np.linalg.norm(feet[:, i] - feet[:, j], axis=-1) for i, j in combinations(range(4), 2)],
+        axis=0,
+    )
+    limit = scene.module.max_force / scene.weight
+    score = trouble + 5 * np.maximum(load - 0.9 * limit, 0) / limit
+    score = np.where((apart < _LEGS_APART) | ~enough_modules(scene, feet), np.inf, score)
+    for k in np.argsort(score)[:most]:
+        if np.isfinite(score[k]):
+            yield tuple(c[j] for c, j in zip(choices, sets[k], strict=True))
+
+
+def enough_modules(scene: Scene, feet: Array) -> NDArray[np.bool_]:
+    """Whether as many modules stand on each level as feet (n, 4, 3) need: they do not climb."""
+    stand = scene.stand[scene.held < 0, 2]
+    fits = np.ones(len(feet), bool)
+    for height in np.unique(feet[..., 2]):
+        there = int((np.abs(stand - height) < 1e-6).sum())
+        fits &= (np.abs(feet[..., 2] - height) < 1e-6).sum(axis=1) <= there
+    return fits
+
+
+def largest_share(feet: Array, box: Array) -> Array:
+    """Largest share (n) of the box's weight on one of four feet (n, 4, 3), at least.
+
+    Upright forces that balance weight and moment have one freedom left; it is used to make the
+    largest force least.
+    """
+    x, y = feet[..., 0] - box[0], feet[..., 1] - box[1]
+    rows = np.stack([np.ones_like(x), x, y], axis=1)  # (n, 3, 4)
+    some = (np.linalg.pinv(rows) @ np.array([1.0, 0, 0])[:, None])[..., 0]
+    free = np.stack(
+        [(-1) ** i * np.linalg.det(rows[:, :, [j for j in range(4) if j != i]]) for i in range(4)],
+        axis=-1,
+    )
+    # The least largest force is where two are equal or where one vanishes
+    lines = [
+        (some[:, j] - some[:, i], free[:, i] - free[:, j]) for i, j in combinations(range(4), 2)
+    ]
+    lines += [(-some[:, i], free[:, i]) for i in range(4)]
+    best = np.full(len(feet), np.inf)
+    for offset, slope in lines:
+        safe = np.where(np.abs(slope) > 1e-9, slope, np.inf)
+        force = some + (offset / safe)[:, None] * free
+        best = np.minimum(best, np.where(force.min(axis=1) < -1e-9, np.inf, force.max(axis=1)))
+    return best

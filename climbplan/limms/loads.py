@@ -13,10 +13,10 @@ from climbplan.limms.scene import GRAVITY, Array, Index
 
 @dataclass(frozen=True)
 class Loads:
-    """Largest values over a plan."""
+    """Loads over a plan (T samples, L modules), and what they compare with."""
 
-    force: Array  # (L,) [N] that each module passes on
-    torque: Array  # (L,) [N m] at its worst joint, from that force alone
+    force: Array  # (T, L) [N] that each module passes on
+    torque: Array  # (T, L) [N m] at its worst joint, from that force alone
     own_weight: float  # [N m] at a joint that holds a whole straight module level
     limit: float  # [N m]
 
@@ -30,7 +30,8 @@ def loads_of(plan: LimmsPlan) -> Loads:
     """
     motion = plan.motion
     count = len(plan.module_names)
-    force, torque = np.zeros(count), np.zeros(count)
+    force = np.zeros((len(motion.time), count))
+    torque = np.zeros_like(force)
     for m in range(count):
         for end, anchors in enumerate((motion.base_anchor[:, m], motion.tip_anchor[:, m])):
             at = np.flatnonzero((anchors >= 0) & (anchors < 4 * len(plan.box_size)))
@@ -42,9 +43,11 @@ def loads_of(plan: LimmsPlan) -> Loads:
             points = motion.joint_position[at, m]
             where = np.where(is_leg[:, None], points[:, 7 * (1 - end)], points[:, 7 * end])
             for who, part in _bearers(plan, m, np.arange(len(at)), at):
-                force[who] = max(force[who], float(np.linalg.norm(f[part], axis=1).max()))
-                most = _torque(plan, who, at[part], where[part], f[part])
-                torque[who] = max(torque[who], most)
+                now = at[part]
+                size = np.linalg.norm(f[part], axis=1)
+                force[now, who] = np.maximum(force[now, who], size)
+                turned = _torque(plan, who, now, where[part], f[part])
+                torque[now, who] = np.maximum(torque[now, who], turned)
     length = sum(plan.module["link_lengths"])
     own = plan.module["mass"] * GRAVITY * length / 2
     return Loads(force, torque, float(own), float(plan.module["max_torque"]))
@@ -61,12 +64,12 @@ def _bearers(plan: LimmsPlan, module: int, part: Index, at: Index) -> Iterator[t
                 yield from _bearers(plan, int(who), part[parent == who], at)
 
 
-def _torque(plan: LimmsPlan, module: int, at: Index, where: Array, force: Array) -> float:
-    """Largest torque [N m] at a joint of a module from a force that acts `where` (n, 3)."""
+def _torque(plan: LimmsPlan, module: int, at: Index, where: Array, force: Array) -> Array:
+    """Largest torque (n) [N m] at any joint of a module from forces (n, 3) `where` (n, 3)."""
     motion = plan.motion
-    most = 0.0
+    most = np.zeros(len(at))
     for joint in range(1, 7):
         axis = motion.joint_rotation[at, module, joint, :, 2 if joint in (1, 4, 6) else 1]
         arm = np.cross(where - motion.joint_position[at, module, joint], force)
-        most = max(most, float(np.abs((arm * axis).sum(axis=1)).max()))
+        most = np.maximum(most, np.abs((arm * axis).sum(axis=1)))
     return most

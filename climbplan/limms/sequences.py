@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations, permutations, product
+from itertools import combinations, product
+from math import comb, perm
 
 from climbplan.errors import Conflict
 from climbplan.limms.bounds import (
@@ -22,6 +23,7 @@ from climbplan.limms.bounds import (
     span,
     within_reach,
 )
+from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.scene import GRAVITY, SIDES, Scene
 
 LONGEST = 2  # modules in a chain
@@ -75,10 +77,13 @@ def search(scene: Scene) -> Search:
     conflicts: list[Conflict] = []
     found: list[Sequence] = []
     count = 0
+    if ways(centre_blocks(scene), scene.box_start[0], scene.goal) is None:
+        what = "free space holds no way for the box from its start to its goal"
+        return Search((), (Conflict("box", (what,), ("box.size", "box.goal"), True),), 0)
     if "arms" in scene.allow:
         every = list(_arm_sets(scene))
-        count += len(every)
-        found += _possible_arms(scene, every, conflicts)
+        count += _configurations(scene)
+        found += _possible_arms(scene, every, count, conflicts)
     else:
         conflicts.append(Conflict("arms", ("not among task.allow",), (), True))
     count += 1
@@ -91,21 +96,41 @@ def search(scene: Scene) -> Search:
 
 
 def _arm_sets(scene: Scene) -> Iterator[tuple[Connection, ...]]:
-    """Sets of chains: different anchors, different sides, as many modules as there are."""
+    """Sets of chains that reach the box: different anchors, different sides, enough modules."""
+    start = scene.box_start[0]
+    near = [
+        [
+            connection
+            for links in range(1, min(LONGEST, scene.count) + 1)
+            for side in range(4)
+            for connection in (Connection(root, side, links),)
+            if within_reach(scene, (connection,), start)
+        ]
+        for root in range(scene.walls)
+    ]
     for n in range(1, min(scene.count, scene.walls, 4) + 1):
-        for links in product(range(1, LONGEST + 1), repeat=n):
-            if sum(links) > scene.count:
-                continue
-            for roots in combinations(range(scene.walls), n):
-                for sides in permutations(range(4), n):
-                    each = zip(roots, sides, links, strict=True)
-                    yield tuple(Connection(*one) for one in each)
+        for roots in combinations(range(scene.walls), n):
+            for connections in product(*(near[root] for root in roots)):
+                sides = {connection.side for connection in connections}
+                if len(sides) == n and sum(c.links for c in connections) <= scene.count:
+                    yield connections
+
+
+def _configurations(scene: Scene) -> int:
+    """How many sets of chains there are, near or far."""
+    return sum(
+        comb(scene.walls, n) * perm(4, n)
+        for n in range(1, min(scene.count, scene.walls, 4) + 1)
+        for links in product(range(1, LONGEST + 1), repeat=n)
+        if sum(links) <= scene.count
+    )
 
 
 def _possible_arms(
-    scene: Scene, every: list[tuple[Connection, ...]], conflicts: list[Conflict]
+    scene: Scene, every: list[tuple[Connection, ...]], count: int, conflicts: list[Conflict]
 ) -> list[Sequence]:
-    if not every:
+    """count: of all sets of chains; `every`: those that reach the box at its start."""
+    if not count:
         conflicts.append(Conflict("arms", ("there is no anchor to hold on to",), (), True))
         return []
     most = min(scene.count, scene.walls, 4)
@@ -122,6 +147,7 @@ def _possible_arms(
         return []
     found: list[Sequence] = []
     reasons = dict.fromkeys(("force", "moment", "reach", "way to the anchor"), 0)
+    reasons["reach"] = count - len(every)
     for connections in every:
         possible = _uses(scene, connections)
         if isinstance(possible, str):
@@ -130,7 +156,7 @@ def _possible_arms(
             found += possible
     if not found:
         counted = ", ".join(f"{n} by {reason}" for reason, n in reasons.items() if n)
-        what = f"each of {len(every)} ways to hold the box is ruled out ({counted})"
+        what = f"each of {count} ways to hold the box is ruled out ({counted})"
         conflicts.append(Conflict("arms", (what,), (), True))
     return found
 
@@ -141,8 +167,6 @@ def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] |
     reason = holding_misfit(scene, connections)
     if reason:
         return reason
-    if not within_reach(scene, connections, scene.box_start[0]):
-        return "reach"
     carried = within_reach(scene, connections, scene.goal)
     if not carried and not thrown:
         return "reach"

@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from climbplan.limms.plan import BOX_MODES, LimmsPlan
+from climbplan.limms.scene import Array, Index
 
 _FEW_NOTES = 3
 
@@ -49,9 +50,17 @@ def refused_lines(notes: Sequence[str]) -> list[str]:
 
 def box_story(plan: LimmsPlan) -> list[tuple[int, float]]:
     """Modes of the box to deliver, in order, with the time it spends in each [s]."""
-    motion = plan.motion
+    return _story(plan.motion.time, plan.motion.box_mode[:, 0])
+
+
+def module_story(plan: LimmsPlan, module: int) -> list[tuple[int, float]]:
+    """Modes of a module, in order, with the time it spends in each [s]."""
+    return _story(plan.motion.time, plan.motion.mode[:, module])
+
+
+def _story(time: Array, modes: Index) -> list[tuple[int, float]]:
     story = []
-    pairs = zip(motion.box_mode[:-1, 0], np.diff(motion.time), strict=True)
+    pairs = zip(modes[:-1], np.diff(time), strict=True)
     for mode, group in groupby(pairs, key=lambda pair: int(pair[0])):
         story.append((mode, float(sum(step for _, step in group))))
     return [(mode, seconds) for mode, seconds in story if seconds > 0]

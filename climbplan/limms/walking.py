@@ -23,11 +23,16 @@ from climbplan.limms.timeline import Progress
 
 
 def walk(
-    scene: Scene, attempts: Attempts, deadline: float, most_steps: int, rng: np.random.Generator
+    scene: Scene,
+    attempts: Attempts,
+    deadline: float,
+    most_steps: int,
+    rng: np.random.Generator,
+    only: str = "",
 ) -> Progress | None:
     """A plan in which four modules are legs of the box, or None.
 
-    deadline: `time.monotonic` [s].
+    deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty.
     """
     way = ways(centre_blocks(scene), scene.box_start[0], scene.goal)
     if way is None:
@@ -37,6 +42,8 @@ def walk(
     reach = sum(scene.module.link_lengths[:5])  # the last link but one stands upright
     shift = scene.goal - scene.box_start[0]
     for gait in gaits(4, len(way.blocks), shift, reach, most_steps):
+        if only and gait.name != only:
+            continue
         count = 0
         for start in starts(scene, gait, way, rng):
             count += 1

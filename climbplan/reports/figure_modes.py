@@ -71,11 +71,20 @@ def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes) -> None:
     whole = motion.time[-1] - motion.time[0]
     for first, last in _runs(both):
         held = [
-            plan.anchor_names[a]
+            _anchor_name(plan, int(a))
             for a in (motion.base_anchor[first, module], motion.tip_anchor[first, module])
-            if 0 <= a < len(plan.anchor_names)
+            if a >= 0
         ]
         begin, end = motion.time[first], motion.time[last]
         if held and end - begin > 0.05 * whole:
             text = plain(" + ".join(held), 28)
             ax.text((begin + end) / 2, row, text, ha="center", va="center", fontsize=7.5)
+
+
+def _anchor_name(plan: LimmsPlan, anchor: int) -> str:
+    """An anchor's own name, or whose end it is."""
+    known = len(plan.anchor_names)
+    if anchor < known:
+        return plan.anchor_names[anchor]
+    module = (anchor - known) // 2
+    return f"on {plan.module_names[module]}" if module < len(plan.module_names) else "nothing"

@@ -25,7 +25,9 @@ def key_poses(plan: LimmsPlan) -> Figure:
     samples = _moments(plan)
     rows = -(-len(samples) // 4)
     figure = new_figure(0.8 + 2.9 * rows, entries=len(plan.module_names))
-    heading(figure, plain(plan.title or plan.name), "ends of stages")
+    heading(
+        figure, plain(plan.title or plan.name), "ends of stages; squares: anchors, dashes: goal"
+    )
     axes = np.atleast_1d(figure.subplots(rows, min(4, len(samples)), squeeze=False)).ravel()
     low, high = _bounds(plan)
     for ax, sample in zip(axes, samples, strict=False):
@@ -59,8 +61,14 @@ def _moments(plan: LimmsPlan) -> list[int]:
 def _bounds(plan: LimmsPlan) -> tuple[Array, Array]:
     points = plan.motion.joint_position.reshape(-1, 3)
     boxes = plan.motion.box_position.reshape(-1, 3)
-    everything = np.vstack([points, boxes, plan.goal])
+    everything = np.vstack([points, boxes, plan.goal, _terrain_anchors(plan)])
     return everything.min(axis=0) - 0.15, everything.max(axis=0) + 0.15
+
+
+def _terrain_anchors(plan: LimmsPlan) -> Array:
+    """Anchors of walls and ground (W, 3), which do not move."""
+    fixed: Array = plan.motion.anchor_position[0, 4 * len(plan.box_size) :]
+    return fixed
 
 
 def _corners(low: Array, high: Array) -> Array:
@@ -89,6 +97,8 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
         )
     )
     ax.add_patch(Polygon(goal, fill=False, edgecolor=palette.FAILURE, linestyle="--", linewidth=1))
+    anchors = _CAMERA.project(_terrain_anchors(plan))
+    ax.plot(anchors[:, 0], anchors[:, 1], "s", markersize=4.5, color=palette.INK)
     for m in range(len(plan.module_names)):
         points = _CAMERA.project(plan.motion.joint_position[sample, m])
         ax.plot(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from string import Template
 from typing import Any
 
@@ -67,7 +67,8 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
             for s in report["stages"]
         ),
         loads="".join(
-            f"<tr><td>{escape(m['name'])}</td><td>{m['force']:.1f}</td><td>{m['torque']:.1f}</td></tr>"
+            f"<tr><td>{escape(m['name'])}</td><td>{m['force']:.1f}</td><td>{m['torque']:.1f}</td>"
+            f"<td>{_modes(m['modes'])}</td></tr>"
             for m in report["modules"]
         ),
         loads_note=escape(
@@ -101,6 +102,11 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Largest force", f"{force:.1f} N", f"limit {report['limits']['force']:.0f} N")
 
 
+def _modes(story: Sequence[tuple[str, float]]) -> str:
+    """Modes with their durations, in order."""
+    return ", ".join(f"{escape(name)} {seconds:.1f} s" for name, seconds in story)
+
+
 def _data(plan: LimmsPlan) -> str:
     """Frames and scene as JSON, rounded to 0.1 mm."""
     motion = plan.motion
@@ -115,7 +121,8 @@ def _data(plan: LimmsPlan) -> str:
     free = np.array(regions, float).reshape(-1, 2, 3)
     ground = ground_patches(free, plan.solids) if len(free) else ()
     half = plan.box_size / 2
-    everything = np.vstack([motion.joint_position.reshape(-1, 3), plan.goal])
+    fixed = motion.anchor_position[0, 4 * len(plan.box_size) :]
+    everything = np.vstack([motion.joint_position.reshape(-1, 3), plan.goal, fixed])
     data = {
         "time": motion.time[frames].round(4).tolist(),
         "box": motion.box_position[frames, 0].round(4).tolist(),
@@ -129,6 +136,7 @@ def _data(plan: LimmsPlan) -> str:
         "radius": plan.module["radius"],
         "size": plan.box_size[0].tolist(),
         "goal": plan.goal[0].tolist(),
+        "anchors": fixed.round(4).tolist(),
         "parked": [
             [(c - h).tolist(), (c + h).tolist()]
             for c, h in zip(motion.box_position[0, 1:], half[1:], strict=True)

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from climbplan.limms.loads import loads_of
-from climbplan.limms.plan import BOX_MODES, LimmsPlan
+from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
-from climbplan.limms.summary import box_story
+from climbplan.limms.summary import box_story, module_story
 from climbplan.limms.verification import verify
 from climbplan.plans.verification import Verification
 from climbplan.reports.figure_convergence import convergence
+from climbplan.reports.figure_loads import loads_over_time
 from climbplan.reports.figure_modes import mode_timeline
 from climbplan.reports.figure_modules import key_poses
 from climbplan.reports.limms_page import build_page
@@ -34,6 +35,7 @@ UNITS = {
     "stages.*.end": "s",
     "modules.*.force": "N",
     "modules.*.torque": "N m",
+    "modules.*.modes.*.1": "s",
     "convergence.box_*": "m",
     "convergence.points_*": "m",
     "convergence.axes_*": "rad",
@@ -74,6 +76,7 @@ def write_report(
 FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
     "modes": mode_timeline,
     "poses": key_poses,
+    "loads": loads_over_time,
 }
 
 
@@ -115,7 +118,12 @@ def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
         },
         "stages": [{"name": n, "begin": a, "end": b} for n, a, b in plan.stages],
         "modules": [
-            {"name": name, "force": float(loads.force[m]), "torque": float(loads.torque[m])}
+            {
+                "name": name,
+                "force": float(loads.force[:, m].max()),
+                "torque": float(loads.torque[:, m].max()),
+                "modes": [[MODULE_MODES[k], seconds] for k, seconds in module_story(plan, m)],
+            }
             for m, name in enumerate(plan.module_names)
         ],
         "limits": {

@@ -189,7 +189,7 @@ def _module_faults(spec: LimmsSpec) -> list[Fault]:
             held = f"already holds module {taken[module.anchor]!r}"
             faults.append(Fault(f"modules.{i}.anchor", held))
         taken.setdefault(module.anchor, module.name)
-    if set(spec.task.allow) == {"quadruped"} and len(spec.modules) < 4:
+    if "arms" not in spec.task.allow and "quadruped" in spec.task.allow and len(spec.modules) < 4:
         few = f"a quadruped needs 4 modules, got {len(spec.modules)}"
         faults.append(Fault("modules", few))
     if set(spec.task.allow) == {"flight"}:
@@ -220,8 +220,12 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
     for i, parked in enumerate(spec.parked):
         if overlaps(box.goal, box.size, parked.position, parked.size):
             faults.append(Fault("box.goal", f"inside parked box {i}"))
+    if box.start == box.goal:
+        faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
     for i, anchor in enumerate(spec.terrain.anchors):
         key = f"terrain.anchors.{i}.position"
+        same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]
+        faults += [Fault(key, f"anchor {name!r} is at the same place") for name in same]
         faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, free, solid)
     for i, module in enumerate(spec.modules):
         if module.stand is not None:

@@ -13,6 +13,7 @@ from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms_placing import placing_findings
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
@@ -50,6 +51,8 @@ def limms_of(document: Document, text: SourceText) -> LoadedLimms:
     spec, found = validate(document, LimmsSpec)
     findings += [f for f in found if f.path != ("kind",)]
     module, module_mistakes = _module(document, text.directory)
+    if spec is not None and module is not None and not findings:
+        findings += placing_findings(spec, module)
     mistakes = [*document.mistakes(findings), *module_mistakes]
     if spec is None or module is None or mistakes:
         raise SpecError(document.source, mistakes)

@@ -91,8 +91,8 @@ def stand_fault(
     key: str, name: str, point: Vector, free: Sequence[Block], solid: Sequence[Block]
 ) -> list[Fault]:
     """That a point is not on the ground."""
-    above = (point[0], point[1], point[2] + 1e-3)
-    below = (point[0], point[1], point[2] - 1e-3)
+    above = (point[0], point[1], point[2] + TINY)
+    below = (point[0], point[1], point[2] - TINY)
     if _inside_any(above, free) and _inside_any(below, solid):
         return []
     return [Fault(key, f"{name} does not stand on the ground there: no solid right below")]

@@ -206,7 +206,13 @@ class WalkSolverSpec(SpecModel):
         default="nlp",
         description="what `micp` starts from: its cost bounds ranges, its gait is a partial start",
     )
-    gap: Number = quantity("", "relative gap at which `micp` stops", default=0.01, ge=0, lt=1)
+    gap: Number = quantity(
+        "",
+        "relative gap at which `micp` stops: it looks for motions that are cheaper by that much",
+        default=0.1,
+        ge=0,
+        lt=1,
+    )
     arm_pieces: Count = quantity(
         "", "parts of each leg's arm in `micp`, with a binary each", default=2, ge=1, le=8
     )

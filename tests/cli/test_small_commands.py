@@ -149,8 +149,8 @@ def test_doctor_covers_every_dependency() -> None:
 
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
-    names = ["posture", "force", "plan", "coupled", "transition", "mpc", "growth"]
-    names += ["bookshelf", "strategies"]
+    names = ["posture", "force", "plan", "coupled", "transition", "mpc", "growth", "bookshelf"]
+    names += ["strategies", "limms"]
     assert [line.split()[0] for line in listed] == names
 
 
@@ -158,6 +158,15 @@ def test_bench_options_of_another_benchmark(run_command: RunCommand) -> None:
     outcome = run_command("bench", "plan", "--count", "3")
     assert outcome.code == 2
     assert "go with `bench bookshelf`" in outcome.err
+
+
+def test_bench_limms_refuses_what_it_does_not_know(run_command: RunCommand) -> None:
+    outcome = run_command("bench", "limms", "--few", "3")
+    assert outcome.code == 2
+    assert "has no --few" in outcome.err
+    outcome = run_command("bench", "limms", "--methods", "modes,exact", "--count", "0")
+    assert outcome.code == 2
+    assert "expected some of modes, admm" in outcome.err
 
 
 def test_bench_bookshelf_as_json(run_command: RunCommand) -> None:

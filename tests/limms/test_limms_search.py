@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
-from limms_scenes import loaded, scene
+from limms_scenes import changed, loaded, scene
 
 from climbplan.errors import Infeasible
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.sequences import search
+from climbplan.spec.limms_loading import load_limms
 
 
 def test_light_box_takes_two_arms_first() -> None:
@@ -42,3 +45,17 @@ def test_too_heavy_for_anything() -> None:
 def test_throw_needs_an_arrival_speed() -> None:
     with pytest.raises(Infeasible, match="reach"):
         plan_limms(loaded("limms_throw", "box.arrival_speed=0"))
+
+
+def test_no_way_for_the_box_is_proved(tmp_path: Path) -> None:
+    spec = changed(
+        tmp_path,
+        "limms_throw",
+        terrain__regions=[
+            {"name": "room", "lower": [0, -1.2, 0], "upper": [2.6, 1.2, 1.3]},
+            {"name": "slit", "lower": [0.7, -0.05, 1.3], "upper": [0.8, 0.05, 1.34]},
+            {"name": "loft", "lower": [0, -1.2, 1.34], "upper": [2.6, 1.2, 2.6]},
+        ],
+    )
+    with pytest.raises(Infeasible, match="no way for the box"):
+        plan_limms(load_limms(spec))

@@ -12,6 +12,8 @@ from climbplan.mpc.checker import check_trajectory, failures
 from climbplan.mpc.draws import StartRanges, drawn_start
 from climbplan.mpc.micp.method import MicpLimits, solve_micp
 from climbplan.mpc.micp.model import Lin, LinearModel
+from climbplan.mpc.micp.ranges import ranges_below
+from climbplan.mpc.micp.shrinking import shrunk
 from climbplan.mpc.micp.statement import relaxation
 from climbplan.mpc.micp.tube import Tube, tube_about, turning
 from climbplan.mpc.search import SearchLimits, search
@@ -66,6 +68,24 @@ def test_a_motion_on_steps_is_in_the_relaxation() -> None:
     task = shorter(stairs_task(), 6)
     answer = known(task, 150)
     assert lifted_cost(task, answer) <= answer.objective * (1 + 1e-6)
+
+
+def test_shrinking_keeps_cheaper_motions() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    answer = known(task)
+    found = answer.trajectory
+    assert found is not None
+    tube = tube_about(task, found.state, ANGLES, SPIN)
+    program = relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5)
+    box = shrunk(program, 20.0)
+    assert box is not None
+    assert (found.state >= box.low - 1e-6).all()
+    assert (found.state <= box.high + 1e-6).all()
+    closer = box.tube(tube)
+    assert closer.holds(found.state)
+    before = ranges_below(task, answer.objective * 1.02).velocity
+    assert (box.high - box.low)[2:, 3].sum() < 0.9 * (before[1] - before[0])[2:, 0].sum()
+    assert shrunk(relaxation(task, tube, 0.2 * answer.objective, 1, 1, 1.5), 20.0) is None
 
 
 def test_bound_and_incumbent_enclose_what_is_best() -> None:

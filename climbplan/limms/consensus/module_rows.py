@@ -211,6 +211,9 @@ def _speeds(setting: Setting, table: Table, c: Columns, m: int, k: int) -> None:
         way += [(column, across * v) for column, v in steps[1]]
         table.at_most([*way, *drives], big)
         table.at_most([*_minus(way), *drives], big)
+    level: list[Term] = [(c.drives[m, k], big)]  # it does not climb
+    table.at_most([*steps[2], *level], big)
+    table.at_most([*_minus(steps[2]), *level], big)
     still: list[Term] = [(column, big) for column in c.ground[:, m, k]]
     still.append((c.drives[m, k], -big))
     for step in steps[:2]:

@@ -30,7 +30,7 @@ from climbplan.spec.limms_loading import LoadedLimms
 
 METHOD = "admm"
 SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, arms and legs in turn
-REFINED = 30.0  # [s] of one refinement
+REFINED = 60.0  # [s] of one refinement
 Report = Callable[[str, float], None]
 
 
@@ -76,7 +76,7 @@ def plan_by_consensus(loaded: LoadedLimms, report: Report = lambda stage, share:
             run.agreements.append(agreement)
             report("refine", 0.0)
             left = min(deadline - time.perf_counter(), REFINED)
-            world = refine(scene, agreement.best.modes, attempts, left, rng)
+            world = refine(scene, agreement.best, attempts, left, rng)
             if world is not None:
                 seconds = {"total": time.perf_counter() - began}
                 return _plan(loaded, scene, block, nonlinear, run, attempts, world, seconds)

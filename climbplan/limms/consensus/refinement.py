@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from climbplan.limms.bounds import Connection
 from climbplan.limms.carrying import Attempts, carry
 from climbplan.limms.chain_carrying import Chain, carry_on_chains
+from climbplan.limms.consensus.iteration import Iterate
 from climbplan.limms.consensus.mixed_integer import Modes
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
+from climbplan.limms.consensus.warm_start import carry_on
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence
 from climbplan.limms.timeline import Progress
@@ -40,15 +44,26 @@ def sequence_of(modes: Modes) -> Sequence:
 
 
 def refine(
-    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+    scene: Scene, best: Iterate, attempts: Attempts, left: float, rng: np.random.Generator
 ) -> Progress | None:
-    """A plan with the mode sequence kept, or None; `attempts` says why not."""
+    """A plan with the mode sequence kept, or None; `attempts` says why not.
+
+    Arms that carry begin where the blocks agreed, and where that fails as in method `modes`. A
+    throw begins as there at once: between the knots of its fastest intervals nothing is known.
+    """
+    modes = best.modes
     sequence = sequence_of(modes)
+    began = time.perf_counter()
     if sequence.kind == "quadruped":
-        # Standing, or one leap: with one step at most no other contact sequence is left
-        return walk(scene, attempts, left, int((modes.box == LEAPS).any()), rng)
+        gait = "leap" if (modes.box == LEAPS).any() else "stand"
+        return walk(scene, attempts, time.monotonic() + left, 1, rng, gait)
     chains = chains_of(modes)
     if any(len(chain.modules) > 1 for chain in chains):
         return carry_on_chains(scene, sequence, attempts, left, rng, chains)
+    if sequence.kind == "arms":
+        world = carry_on(scene, sequence, chains, best, attempts, left, rng)
+        left -= time.perf_counter() - began
+        if world is not None or left <= 0:
+            return world
     owners = tuple(chain.modules[0] for chain in chains)
     return carry(scene, sequence, attempts, left, rng, owners)

@@ -7,14 +7,21 @@ import numpy as np
 from climbplan.mpc.micp.model import Lin, LinearModel
 from climbplan.mpc.micp.ranges import ranges_below
 from climbplan.mpc.micp.tube import Tube, Turning, turning
-from climbplan.mpc.task import LEGS, Array, WalkTask
+from climbplan.mpc.task import LEGS, POSITION, VELOCITY, Array, WalkTask
 
 
 class Frame:
     """States of all knots as variables, within a tube and below a cost."""
 
     def __init__(
-        self, task: WalkTask, tube: Tube, cost: float, arms: int, heights: int, ratio: float
+        self,
+        task: WalkTask,
+        tube: Tube,
+        cost: float,
+        arms: int,
+        heights: int,
+        ratio: float,
+        within: tuple[Array, Array] | None,
     ) -> None:
         self.task, self.tube, self.cost = task, tube, cost
         self.arm_pieces, self.height_pieces, self.ratio = arms, heights, ratio
@@ -26,6 +33,11 @@ class Frame:
         ranges = ranges_below(task, cost)
         self.p_low, self.p_high = ranges.position
         self.v_low, self.v_high = ranges.velocity
+        if within is not None:
+            self.p_low = np.maximum(self.p_low, within[0][:, POSITION])
+            self.p_high = np.maximum(np.minimum(self.p_high, within[1][:, POSITION]), self.p_low)
+            self.v_low = np.maximum(self.v_low, within[0][:, VELOCITY])
+            self.v_high = np.maximum(np.minimum(self.v_high, within[1][:, VELOCITY]), self.v_low)
         level = task.ground.height
         for n in range(2, task.knots):
             low, high = self.body_heights(n)

@@ -75,10 +75,20 @@ class Relaxation:
 
 
 def relaxation(
-    task: WalkTask, tube: Tube, cost: float, arm_pieces: int, height_pieces: int, ratio: float
+    task: WalkTask,
+    tube: Tube,
+    cost: float,
+    arm_pieces: int,
+    height_pieces: int,
+    ratio: float,
+    within: tuple[Array, Array] | None = None,
 ) -> Relaxation:
-    """The program of all motions within a tube that cost less than a known one."""
-    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio).done()
+    """The program of all motions within a tube that cost no more than so much.
+
+    ratio: of tangents, as of `LinearModel.square`; within: least and largest states (N + 1, 12) of
+    such motions, where more is known of them.
+    """
+    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, within).done()
 
 
 class _Statement(Motion):

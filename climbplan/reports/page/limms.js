@@ -101,6 +101,15 @@ function draw() {
       });
     }
   });
+  for (const anchor of plan.anchors)
+    things.push({
+      depth: dot(anchor, view[2]),
+      paint: () => {
+        const [x, y] = at(anchor);
+        c.fillStyle = "#697586";
+        c.beginPath(); c.arc(x, y, Math.max(3, 1.4 * plan.radius * scale), 0, 2 * Math.PI); c.fill();
+      },
+    });
   things.sort((a, b) => a.depth - b.depth).forEach((thing) => thing.paint());
   block(...round(plan.goal), null, "#C0392B", [4, 3]);
   label.textContent = `${Number(slider.value).toFixed(2)} s · ${frame.stage} · box ${plan.boxModes[frame.boxMode]} · `

@@ -1,0 +1,1 @@
+"""`climbplan bench limms`: both methods on the same scenes, published figures beside ours."""

@@ -1,0 +1,98 @@
+"""One scene planned by one method, its figures, and why it failed if it did."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from climbplan.errors import Infeasible, LimitReached
+from climbplan.limms.consensus.iteration import GOOD
+from climbplan.limms.convergence import Convergence
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.planner import plan_limms
+from climbplan.limms.verification import verification_of
+from climbplan.spec.limms_loading import LoadedLimms
+
+METHODS: tuple[Literal["modes", "admm"], ...] = ("modes", "admm")
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """Of the last choice of modes of a consensus: residuals of its best iterate."""
+
+    iterations: int
+    good_after: int | None  # iterations until all means are as asked for
+    box: float  # [m] r_pB, mean
+    points: float  # [m] r_pL
+    axes: float  # [rad] r_RL
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of it."""
+
+    scene: str
+    method: str
+    outcome: str  # "verified", "not verified", "infeasible", "limit"
+    reason: str  # of a failure
+    sequence: str
+    processor_seconds: float
+    seconds: float
+    timings: dict[str, float]
+    sizes: dict[str, Any]
+    consensus: Consensus | None
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether there is a verified plan."""
+        return self.outcome == "verified"
+
+
+def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: float) -> Trial:
+    """Plan and verify; seconds: the time limit of planning."""
+    solver = loaded.spec.solver.model_copy(update={"method": method, "time_limit": seconds})
+    given = replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
+    clock, wall = time.process_time(), time.perf_counter()
+    plan: LimmsPlan | None = None
+    outcome, reason = "verified", ""
+    try:
+        plan = plan_limms(given)
+    except Infeasible as error:
+        outcome, reason = "infeasible", str(error)
+    except LimitReached as error:
+        outcome, reason = "limit", str(error)
+    spent, waited = time.process_time() - clock, time.perf_counter() - wall
+    if plan is None:
+        return Trial(loaded.name, method, outcome, reason, "", spent, waited, {}, {}, None)
+    failed = verification_of(plan).failed
+    if failed:
+        outcome = "not verified"
+        reason = "; ".join(f"{c.name} {c.residual:.2g} {c.unit} at {c.worst_at}" for c in failed)
+    return Trial(
+        loaded.name,
+        method,
+        outcome,
+        reason,
+        plan.sequence,
+        spent,
+        waited,
+        dict(plan.timings),
+        dict(plan.sizes),
+        None if plan.convergence is None else consensus_of(plan.convergence),
+    )
+
+
+def consensus_of(record: Convergence) -> Consensus:
+    """Figures of the choice of modes that the plan was made from, the last one."""
+    at = record.attempt == record.attempt[-1]
+    means = np.array([record.box_mean[at], record.points_mean[at], record.axes_mean[at]])
+    good = np.flatnonzero((means <= np.array(GOOD)[:, None]).all(axis=0))
+    best = int(np.argmin(means[0] + means[1] + 0.1 * means[2]))
+    return Consensus(
+        int(at.sum()),
+        int(good[0]) + 1 if len(good) else None,
+        *(float(value) for value in means[:, best]),
+    )

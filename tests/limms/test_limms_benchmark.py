@@ -1,0 +1,61 @@
+"""`bench limms`: its tables say what its trials were; times are not judged."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+
+from climbplan.limms.benchmarks.run import (
+    LimmsOptions,
+    LimmsResult,
+    as_json,
+    bench_limms,
+    write_text,
+)
+from climbplan.limms.benchmarks.trial import METHODS, Trial, attempt
+from climbplan.limms.random_jumps import random_jump
+from climbplan.limms.scene import scene_of
+
+
+@pytest.fixture(scope="module")
+def result() -> LimmsResult:
+    return bench_limms(LimmsOptions(count=0, scenes=("limms_throw",)))
+
+
+def test_both_methods_are_measured_on_the_same_scene(result: LimmsResult) -> None:
+    assert [trial.method for trial in result.shipped] == list(METHODS)
+    assert all(trial.succeeded for trial in result.shipped)
+    modes, admm = result.shipped
+    assert modes.sequence == admm.sequence
+    assert modes.consensus is None
+    assert admm.consensus is not None
+    assert admm.consensus.good_after is not None
+    assert admm.consensus.good_after <= admm.consensus.iterations
+    out = io.StringIO()
+    write_text(result, out)
+    text = out.getvalue()
+    assert "4857 (670)" in text  # the published row
+    assert f"{admm.sizes['mip_variables']} ({admm.sizes['mip_binaries']})" in text
+    assert f"{admm.processor_seconds / modes.processor_seconds:.1f}" in text
+    json.dumps(as_json(result, LimmsOptions()), allow_nan=False)
+
+
+def test_failures_are_counted_with_their_reasons() -> None:
+    failed = attempt(random_jump(3), "admm", 0.05)
+    assert isinstance(failed, Trial)
+    assert failed.outcome == "limit"
+    out = io.StringIO()
+    write_text(LimmsResult((), {"jump": (failed,)}), out)
+    assert "0 of 1" in out.getvalue()
+    assert "no modes that reach the goal were found within 0.05 s" in out.getvalue()
+
+
+def test_random_jumps_differ_and_repeat() -> None:
+    one, again, other = random_jump(1), random_jump(1), random_jump(2)
+    assert one.text == again.text
+    assert one.text != other.text
+    scene = scene_of(one)
+    assert scene.count == 4
+    assert scene.goal[2] < scene.box_start[0, 2] + 0.2

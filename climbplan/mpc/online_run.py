@@ -19,6 +19,7 @@ from climbplan.mpc.closed_loop import (
     LoopWorld,
     Lost,
     Push,
+    collected_before,
     recovered,
     run_loop,
     sampled_task,
@@ -75,14 +76,15 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
     )
     ranking = trained(spec.library.strategy, library, spec.seed)
     controller = OnlineController(task, library, settings, ranking)
-    loop = run_loop(
-        controller,
-        task,
-        spec.loop.duration,
-        world_of(spec.loop, task),
-        spec.seed,
-        lambda share: report("walk", share),
-    )
+    with collected_before():
+        loop = run_loop(
+            controller,
+            task,
+            spec.loop.duration,
+            world_of(spec.loop, task),
+            spec.seed,
+            lambda share: report("walk", share),
+        )
     walked = time.perf_counter()
     plan = _plan(loaded, task, library, loop, ready - begin, walked - ready)
     return OnlineRun(plan, library, key)

@@ -342,6 +342,15 @@ class WalkLoopSpec(SpecModel):
         le=10_000_000,
     )
 
+    @model_validator(mode="after")
+    def _one_error_model(self) -> Self:
+        noise = self.noise
+        noisy = noise.velocity + noise.angles_deg + noise.spin + noise.position > 0
+        if self.estimation == "ekf" and noisy:
+            message = "is of what is told without an estimator; with `ekf` see `sensors`"
+            refuse([Fault("noise", message)])
+        return self
+
 
 class MpcSpec(SpecModel):
     """Footsteps, gait, body motion and contact forces of a walking quadruped, chosen together."""

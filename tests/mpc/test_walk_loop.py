@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from walk_tasks import walk_task
 
 from climbplan.mpc.admittance import AdmittanceGains, AdmittanceLegs, limited
@@ -12,8 +13,10 @@ from climbplan.mpc.closed_loop import Loop, LoopWorld, Lost, Push, recovered, ru
 from climbplan.mpc.estimation import SensorQuality
 from climbplan.mpc.library import Library, build_library
 from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
+from climbplan.mpc.online_run import world_of
 from climbplan.mpc.perception import Noise
 from climbplan.mpc.task import LEGS, VELOCITY
+from climbplan.spec.mpc import MpcSpec
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 
@@ -118,3 +121,31 @@ def test_contact_that_is_never_made(library: Library, legs: tuple[int, ...]) -> 
     assert all(np.isfinite(command.trajectory.force).all() for command in loop.commands)
     if len(legs) > 2:
         assert any(command.winner == SAFE for command in loop.commands)
+
+
+def test_what_a_spec_puts_between_controller_and_robot() -> None:
+    spec = MpcSpec.model_validate(
+        {
+            "kind": "mpc",
+            "task": {"integrator": "mean"},
+            "solver": {"method": "online"},
+            "loop": {
+                "delay": 0.021,
+                "legs": "admittance",
+                "admittance": {"force": 0.5},
+                "estimation": "ekf",
+                "sensors": {"toe": 0.002},
+                "lost_contacts": [{"time": 1.5, "leg": "LH"}],
+            },
+        }
+    )
+    world = world_of(spec.loop, TASK)
+    assert world.delay == 4
+    assert world.admittance is not None
+    assert world.admittance.force == 0.5
+    assert world.estimation is not None
+    assert world.estimation.toe == 0.002
+    assert world.lost == [Lost(1.5, 2)]
+    both = {"estimation": "ekf", "noise": {"velocity": 0.1}}
+    with pytest.raises(ValidationError, match="without an estimator"):
+        MpcSpec.model_validate({"kind": "mpc", "loop": both})

@@ -9,7 +9,7 @@ from typing import TextIO
 import numpy as np
 
 from climbplan.mpc.benchmarks.shipped_tasks import shipped_task
-from climbplan.mpc.closed_loop import LoopWorld, Push, recovered, run_loop
+from climbplan.mpc.closed_loop import LoopWorld, Push, collected_before, recovered, run_loop
 from climbplan.mpc.estimation import SensorQuality
 from climbplan.mpc.library import Library, build_library
 from climbplan.mpc.measurement import Situation
@@ -60,8 +60,9 @@ def online_tables(seed: int, quick: bool, stream: TextIO) -> None:
     task = shipped_task("mpc_recovery")
     walks = _QUICK_WALKS if quick else _WALKS
     library = build_library(task, walks, seed, 0 if quick else _GAITS)
-    _ticks(task, library, seed, quick, stream)
-    _recovery(task, library, seed, quick, stream)
+    with collected_before():
+        _ticks(task, library, seed, quick, stream)
+        _recovery(task, library, seed, quick, stream)
 
 
 def trials(

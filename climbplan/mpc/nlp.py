@@ -20,6 +20,7 @@ from climbplan.mpc.nlp_program import NlpShape, compiled_nlp
 from climbplan.mpc.pinned import Iterate, PinnedProgram
 from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, guess, iterate_of, solve_gait
 from climbplan.mpc.task import LEGS, STATE, Array, Gait, WalkTask
+from climbplan.mpc.warm_up import warm_up
 from climbplan.solvers.interruption import interruptible
 
 _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
@@ -120,6 +121,7 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     The other phases, the same gait after braking and other gaits follow only if it does not.
     """
     method = NlpMethod(task)
+    warm_up(task)
     begin, tried = time.perf_counter(), 0
     word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
     for gait in _guesses(task, guess_name):

@@ -19,6 +19,7 @@ from climbplan.mpc.gaits import CYCLES, enough_contacts, starting_gaits, with_re
 from climbplan.mpc.pinned import Iterate
 from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
 from climbplan.mpc.task import LEGS, Flags, Gait, WalkTask
+from climbplan.mpc.warm_up import warm_up
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
 _GLANCE = 2  # QPs after which a gait that is not better is given up
@@ -49,6 +50,7 @@ class _Search:
     def __init__(self, task: WalkTask, limits: SearchLimits) -> None:
         self.task, self.limits = task, limits
         self.random = np.random.default_rng(limits.seed)
+        warm_up(task)
         self.begin = time.perf_counter()
         self.seen: set[bytes] = set()
         self.priced = 0  # gaits beyond the named ones

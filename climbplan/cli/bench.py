@@ -20,6 +20,7 @@ BENCHMARKS = {
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
     "coupled": "positions and forces together: against CVXPY, and on random slippery bands",
     "transition": "complementarity from random starts against the search over stance sets",
+    "mpc": "walking: search and NLP on the shipped tasks and random starts, accuracy of envelopes",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
@@ -202,6 +203,12 @@ def bench(
         if chosen in _QUICK:
             wanted = {**(_QUICK[chosen] if quick else {}), **given, "seed": seed}
             _bench_scenes(session, _comparison(chosen, wanted), out, force, as_json)
+            continue
+        if chosen == "mpc":
+            from climbplan.mpc.benchmarks.run import run_mpc
+
+            with standard_output() as stream:
+                run_mpc(seed, quick, stream)
             continue
         if chosen == "transition":
             from climbplan.transition.benchmark import run_transition

@@ -176,6 +176,11 @@ def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
 
         terrains = functools.partial(terrain_source, problem, directory)
         return Recipe(terrains, spec.seed, spec.row_seconds, loaded.sha256)
+    if problem.kind == "mpc":
+        from climbplan.datasets.walk_source import walk_source
+
+        walks = functools.partial(walk_source, problem, directory)
+        return Recipe(walks, spec.seed, spec.row_seconds, loaded.sha256)
     from climbplan.datasets.program_source import program_source
 
     load = functools.partial(load_problem, _full(name or ""))
@@ -196,7 +201,7 @@ def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
     if place.endswith(".py"):
         files.append(Path(place).absolute())
     problem = loaded.spec.problem
-    if problem.kind == "terrains":
+    if problem.kind == "terrains" or problem.kind == "mpc":
         if Path(problem.robot).suffix in (".yaml", ".yml"):
             files.append(loaded.directory.absolute() / problem.robot)
         return tuple(files)

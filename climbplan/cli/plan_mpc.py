@@ -27,7 +27,7 @@ def plan_mpc(
     time_limit: TimeLimit = None,
     method: Annotated[
         str | None,
-        typer.Option("--method", metavar="NAME", help="Method: search, nlp or online."),
+        typer.Option("--method", metavar="NAME", help="Method: search, nlp, micp or online."),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,

@@ -10,6 +10,7 @@ from climbplan.errors import PlanFileError, SpecError, SpecMistake
 from climbplan.plans.climb_file import read_climb
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
@@ -61,6 +62,10 @@ def _difference(planned: Robot, own: Robot) -> str:
     for name in ("shoulder_body", "link_lengths", "mount_yaw", "joint_lower", "joint_upper"):
         if not np.allclose(vars(planned)[name], vars(own)[name], rtol=0, atol=_SAME):
             return f"with another {name.replace('_', ' ')} than this spec's {own.name}"
+    angles = (own.joint_lower + own.joint_upper) / 2
+    there, here = (joint_points_body(robot, angles) for robot in (planned, own))
+    if not np.allclose(there, here, rtol=0, atol=_SAME):
+        return f"with other joints than this spec's {own.name}"
     return ""
 
 

@@ -1,7 +1,7 @@
 """Verification of a dataset: every row's solution by the problem's own exact check.
 
-Scenes of books and terrains are checked from the file alone, rows of a stated program with its
-statement. That a terrain is infeasible is proved again.
+Scenes of books, terrains and walks are checked from the file alone, rows of a stated program with
+its statement. That a terrain is infeasible is proved again.
 """
 
 from __future__ import annotations
@@ -19,6 +19,10 @@ from climbplan.coupled.search import TOLERANCE, find_posture
 from climbplan.coupled.terrains import Patches
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.learning import dataset_rows as programs
+from climbplan.mpc import dataset_rows as walks
+from climbplan.mpc.checker import check_trajectory
+from climbplan.mpc.cost import objective
+from climbplan.mpc.library import sections_of
 from climbplan.plans.checks.check import Check
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import read_dataset_file
@@ -38,6 +42,8 @@ MEANINGS = {
     "rows.bound": "no bound exceeds its cost",
     "split.shared": "problems that are in both train and test",
     "block.residual": "the statement's worst block at every answered row",
+    "rows.walks": "walks that break a limit of the exact check",
+    "rows.sections": "features of sections are those of the walk",
     "rows.linear": "points of infeasible rows satisfy all rows of P but the bilinear ones",
     "rows.proof": "infeasible rows whose infeasibility is not proved again",
     "objective": "costs are those of the stored solutions",
@@ -92,6 +98,8 @@ def _row_checks(data: Dataset, path: Path, problem: Problem | None) -> Iterator[
             yield from _program_checks(data, problem)
     elif data.frame.kind == terrains.KIND:
         yield from _terrain_checks(data, path)
+    elif data.frame.kind == walks.KIND:
+        yield from _walk_checks(data, path)
     else:
         raise PlanFileError(f"{path}: rows of an unknown kind, {data.frame.kind!r}")
 
@@ -142,6 +150,27 @@ def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
         apart[k] = float(np.abs(stored - data.integers[row]).max(initial=0.0))
     yield _worst("rows.integers", apart, 0.0, rows=rows)
     yield _worst("block.residual", worst, tolerance, rows=rows)
+    yield _worst("objective", off, _RELATIVE, "relative", rows=rows)
+
+
+def _walk_checks(data: Dataset, path: Path) -> Iterator[Check]:
+    """Every walk by the exact check: the margin of the worst of its checks."""
+    task = walks.task_of_frame(data.frame, path)
+    rows = np.flatnonzero(data.feasible)
+    worst, off, apart, features = (np.zeros(len(rows)) for _ in range(4))
+    for k, row in enumerate(rows):
+        own, found = walks.walk_of(task, data, int(row))
+        checks = check_trajectory(own, found)
+        worst[k] = max(float(not check.passed) for check in checks)
+        cost = objective(own, found.state, found.force)
+        off[k] = abs(cost - data.objective[row]) / max(1.0, abs(cost))
+        contact = found.gait.contact[:-1].astype(np.int64).ravel()
+        apart[k] = float(np.abs(contact - data.integers[row]).max())
+        made = sections_of(own, found, 0).features
+        features[k] = float(np.abs(made - data.solution["section_features"][row]).max())
+    yield _worst("rows.walks", worst, 0.0, rows=rows)
+    yield _worst("rows.integers", apart, 0.0, rows=rows)
+    yield _worst("rows.sections", features, _RELATIVE, rows=rows)
     yield _worst("objective", off, _RELATIVE, "relative", rows=rows)
 
 

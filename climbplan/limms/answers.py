@@ -37,6 +37,7 @@ class Outcome:
     build_seconds: float
     variables: int
     constraints: int
+    optimal: bool = False  # solved, and the solver says that nothing near is better
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,7 @@ def solve_arms(
         build_seconds=built - began,
         variables=int(x.numel()),
         constraints=int(g.numel()),
+        optimal=violation <= FEASIBLE and bool(stats["success"]),
     )
 
 

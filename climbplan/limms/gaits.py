@@ -1,4 +1,4 @@
-"""Contact sequences of a quadruped, simplest first, and slow guesses of their motions.
+"""Contact sequences of a quadruped, simplest first, and where feet may stand on the way.
 
 Candidates: standing on four feet, a leap (all feet in the air), and crawls of growing numbers of
 steps in every order of legs. None of them is written for a scene: patches, blocks and footholds
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from climbplan.limms.statement import Limb
 STANCE = 0.45  # [m] of a foot from the face of the box, nominal
 HEIGHT = 0.36  # [m] of the box's centre above the ground under it while it moves, nominal
 MARGIN = 0.06  # [m] of nominal footholds from edges
-SPEED = 0.3  # [m/s] of guesses
+STRIDE = 0.36  # [m] of a cycle of steps at most
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,22 @@ def gaits(limbs: int, blocks: int, shift: Array, reach: float, most_steps: int) 
         # Time runs differently in crouching and pushing off, in landing and coming to rest
         yield Gait("leap", ((), (), everything, (), ()))
     for cycles in range(1, most_steps // limbs + 1):
-        if length > 0.75 * cycles:
+        if length > STRIDE * cycles:
             continue
-        for order in permutations(everything):
-            if order[0] != 0 and cycles > 1:
-                continue  # the same cycle, begun elsewhere
-            swings: list[tuple[int, ...]] = [()]
-            for _ in range(cycles):
-                for leg in order:
-                    swings += [(leg,), ()]
-            yield Gait("crawl " + "-".join(str(i) for i in order * cycles), tuple(swings))
+        for order in crawl_orders(limbs):
+            steps = tuple((leg,) for leg in order * cycles)
+            yield Gait("crawl " + "-".join(str(i) for i in order * cycles), ((), *steps, ()))
+
+
+def crawl_orders(limbs: int) -> list[tuple[int, ...]]:
+    """Orders in which legs step, neighbours in turn before opposite ones (2 k and 2 k + 1)."""
+
+    def opposites(order: tuple[int, ...]) -> int:
+        return sum(a // 2 == b // 2 for a, b in pairwise((*order, order[0])))
+
+    # The same cycle begun elsewhere is not tried again
+    every = [order for order in permutations(range(limbs)) if order[0] == 0]
+    return sorted(every, key=opposites)
 
 
 def patch_under(scene: Scene, point: Array, below: float) -> int:

@@ -245,13 +245,14 @@ def plan_held(
     time_limit: float,
     given: Sequence[Trace] | None = None,
 ) -> Outcome:
-    """Solve the program of one held stage, from the smoothest guesses until one leads to an answer.
+    """Solve the program of one held stage, from guess after guess until one leads to an optimum.
 
-    given: the only guess to begin from. The outcome is the first that is solved, or the last; its
-    times are those of all.
+    given: the only guess to begin from. The outcome is the first optimum, else the best answer,
+    else the last try; its times are those of all.
     """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
     spent, built = 0.0, 0.0
+    best: Outcome | None = None
     some = TRIES if task.throw else 1
     for first in [list(given)] if given else guesses_for(scene, limbs, task)[:some]:
 
@@ -262,9 +263,17 @@ def plan_held(
 
         outcome = solve_clear(scene, limbs, once)
         spent, built = spent + outcome.seconds, built + outcome.build_seconds
-        if outcome.solved:
+        if best is None or _rank(outcome) < _rank(best):
+            best = outcome
+        if outcome.optimal:
             break
-    return replace(outcome, seconds=spent, build_seconds=built)
+    assert best is not None
+    return replace(best, seconds=spent, build_seconds=built)
+
+
+def _rank(outcome: Outcome) -> tuple[bool, bool, float]:
+    """Optima first, then answers, the cheapest first."""
+    return (not outcome.optimal, not outcome.solved, outcome.objective)
 
 
 def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Trace]]:

@@ -17,7 +17,7 @@ from climbplan.limms.statement import Limb
 
 SPEED = 0.3  # [m/s] of the box
 KNOTS = 6  # intervals of a stance
-STEP_KNOTS = 4  # intervals while one foot is in the air
+WALK_KNOTS = 3  # intervals of a phase of a walk
 
 
 def leg_guess(
@@ -46,7 +46,7 @@ def leg_guess(
             wanted, under = nominal_feet(scene, limbs, aim, end[2])
             for i in swing:
                 after[i], ground[i] = wanted[i], under[i]
-        count = 1 if leap else STEP_KNOTS if swing else KNOTS
+        count = 1 if leap else WALK_KNOTS if gait.steps else KNOTS
         length = float(np.linalg.norm(end - begin))
         duration = 0.35 if leap else max(length / SPEED, 0.35 if not swing else 0.6)
         share = np.linspace(0, 1, count + 1)[:, None]

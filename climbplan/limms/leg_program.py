@@ -40,7 +40,7 @@ RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further where latches close: a module still has to get there
 OWN_SIDE = 0.02  # [m] of a foot ahead of its face of the box
 KEEPING = 2.0  # [s/m^2] for footholds away from those of the guess, which were found clear
-LEAST_FORCE = 0.3  # [N] on a foot that stands
+LEAST_SHARE = 0.04  # of the box's weight on a foot that stands: room for what knots leave out
 LIFTED = 0.015  # [m] of a foot in the air over the lower of both grounds, between its ends
 SHARES = (0.2, 0.4, 0.6, 0.8)  # of a swing where that holds
 FASTEST = 8.0  # [m/s]
@@ -328,7 +328,7 @@ class _Program:
             total, moment = ca.MX.zeros(3), ca.MX.zeros(3)
             row = [ca.MX.zeros(3)] * len(self.limbs)
             for i in standing:
-                low = np.array([-1.0, -1.0, LEAST_FORCE / most])
+                low = np.array([-1.0, -1.0, LEAST_SHARE * scene.weight / most])
                 unit = store.variable("f", guess.force[k, i] / most, low, 1.0)
                 store.add(ca.sumsqr(unit), 0.0, 1.0)
                 cone = (friction * unit[2]) ** 2 - unit[0] ** 2 - unit[1] ** 2

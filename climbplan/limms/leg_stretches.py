@@ -13,10 +13,10 @@ from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import NOWHERE, QUADRUPED, Progress
 
-PROJECTIONS = 30  # onto cones and balance in turn
+PROJECTIONS = 60  # onto cones and balance in turn
 CONE = 0.985  # of friction; what the program uses is less
 LIMIT = 0.995  # of the largest force
-LEAST = 0.1  # [N] on a foot that stands
+LEAST = 0.005  # of the weight on a foot that stands
 
 
 def add_leg_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[LegTrace]) -> None:
@@ -77,7 +77,7 @@ def _within(scene: Scene, force: Array, standing: Sequence[int]) -> Array:
     force = force.copy()
     for i in standing:
         f = force[:, i]
-        f[:, 2] = np.maximum(f[:, 2], LEAST)
+        f[:, 2] = np.maximum(f[:, 2], LEAST * scene.weight)
         flat = np.hypot(f[:, 0], f[:, 1])
         most = CONE * scene.friction * f[:, 2]
         f[:, :2] *= np.minimum(1.0, most / np.maximum(flat, 1e-12))[:, None]

@@ -20,6 +20,7 @@ from climbplan.limms.statement import Limb
 
 _SIDEWAYS = np.linspace(-0.45, 0.45, 7)
 _AWAY = np.linspace(0.03, 0.75, 10)
+_NOMINAL = 0.4  # [m] of a foot from its face of the box
 _APART = 0.1  # [m] between footholds that are told apart
 _CHOICES = 10  # of a leg
 _POINTS = 5  # of each straight piece of the way that are looked at
@@ -60,7 +61,7 @@ def first_stands(scene: Scene, side: int, path: Array, most: int = _CHOICES) -> 
             best = _best_branch(scene, side, foot, path)
             if best is not None:
                 trouble, branch = best
-                nominal = abs(normal @ (foot - shift) - half - 0.4)
+                nominal = float(np.linalg.norm((foot - shift - (half + _NOMINAL) * normal)[:2]))
                 found.append(Stand(side, foot, k, branch, trouble + 0.1 * nominal))
     found.sort(key=lambda stand: stand.trouble)
     kept: list[Stand] = []
@@ -152,10 +153,14 @@ def largest_share(feet: Array, box: Array) -> Array:
         [(-1) ** i * np.linalg.det(rows[:, :, [j for j in range(4) if j != i]]) for i in range(4)],
         axis=-1,
     )
+    # The least largest force is where two are equal or where one vanishes
+    lines = [
+        (some[:, j] - some[:, i], free[:, i] - free[:, j]) for i, j in combinations(range(4), 2)
+    ]
+    lines += [(-some[:, i], free[:, i]) for i in range(4)]
     best = np.full(len(feet), np.inf)
-    for i, j in combinations(range(4), 2):
-        slope = free[:, i] - free[:, j]
+    for offset, slope in lines:
         safe = np.where(np.abs(slope) > 1e-9, slope, np.inf)
-        force = some + ((some[:, j] - some[:, i]) / safe)[:, None] * free
+        force = some + (offset / safe)[:, None] * free
         best = np.minimum(best, np.where(force.min(axis=1) < -1e-9, np.inf, force.max(axis=1)))
     return best

@@ -43,7 +43,7 @@ def starts(
             limbs = tuple(leg(side, side, 1, b) for side, b in enumerate(leap.branches))
             yield Start(limbs, tuple(leap_guess(scene, leap, way, ends)))
         return
-    for stands in first_stand_sets(scene, gait, way, most):
+    for stands in first_stand_sets(scene, gait, way, 1 if gait.steps else most):
         limbs = legs_of(stands)
         first = (np.array([s.foot for s in stands]), [s.patch for s in stands])
         yield Start(limbs, tuple(leg_guess(scene, limbs, gait, way, ends, first)))

@@ -12,10 +12,16 @@ from climbplan.limms.timeline import Stretch
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused
 _STILL = 1e-12  # [m]
+_LATCHED = 1e-6  # [m]
 
 
 def require_clear_of_all(scene: Scene, stretch: Stretch) -> None:
-    """Raise Blocked where modules touch solids, boxes, themselves or each other, with names."""
+    """Raise Blocked where modules touch solids, boxes, themselves or each other, with names.
+
+    Also where one would have to turn its joints too fast, or lets go of the box on the way: the
+    program looks at knots only.
+    """
+    _require_following(scene, stretch)
     radius = scene.module.radius
     segments = [_segments(scene, stretch, m) for m in range(scene.count)]
     moving = [bool(np.ptp(each, axis=0).max() > _STILL) for each in segments]
@@ -32,6 +38,20 @@ def require_clear_of_all(scene: Scene, stretch: Stretch) -> None:
             if moving[m] or moving[other]:
                 gap = gap_between(segments[m], segments[other], radius)
                 _require(gap, f"module {name}", f"module {scene.module_names[other]}")
+
+
+def _require_following(scene: Scene, stretch: Stretch) -> None:
+    fastest = np.abs(stretch.rates).max(axis=(0, 2))
+    for m, name in enumerate(scene.module_names):
+        if fastest[m] > scene.module.max_joint_speed:
+            raise Blocked(f"module {name} would have to turn at {fastest[m]:.1f} rad/s on the way")
+        for end, anchors in enumerate((stretch.base_anchor, stretch.tip_anchor)):
+            if 0 <= anchors[m] < 4:
+                base = Pose(stretch.base_position[:, m], stretch.base_rotation[:, m])
+                held = forward(scene.module, base, stretch.angles[:, m]).position[:, 7 * end]
+                off = held - stretch.box - scene.side_offset(0, int(anchors[m]))
+                if np.abs(off).max() > _LATCHED:
+                    raise Blocked(f"module {name} does not reach the box all the way")
 
 
 def _require(gap: Array, who: str, what: str) -> None:

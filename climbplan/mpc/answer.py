@@ -28,4 +28,5 @@ class WalkAnswer:
     tried: int = 0  # gaits
     qps: int = 0  # of a search, its polish not counted
     cut_short: str = ""  # a warning if the time limit did so, and so the machine's speed
+    begun: WalkTrajectory | None = None  # what `micp` started from
     history: tuple[Improvement, ...] = field(default=())

@@ -62,6 +62,12 @@ def check_trajectory(task: WalkTask, found: WalkTrajectory) -> tuple[Check, ...]
         return tuple(_checks(task, found))
 
 
+def passes(task: WalkTask, found: WalkTrajectory) -> bool:
+    """Whether all checks pass that are judged; up to the first that does not."""
+    with np.errstate(all="ignore"):
+        return all(check.passed for check in _checks(task, found, unjudged=False))
+
+
 def check_loop(task: WalkTask, found: WalkTrajectory, push: Array) -> tuple[Check, ...]:
     """All checks of a closed loop's samples; push (T, 3): outside changes of velocity [m/s]."""
     with np.errstate(all="ignore"):
@@ -77,13 +83,13 @@ def failures(checks: tuple[Check, ...]) -> str:
     )
 
 
-def _checks(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
+def _checks(task: WalkTask, found: WalkTrajectory, unjudged: bool = True) -> Iterator[Check]:
     state, toes, force = found.state, found.toes, found.force
     at_start = np.abs(state[0] - task.start.state).max(), np.abs(toes[0] - task.start.toes).max()
     yield judge("start.state", max(at_start))
     after = knot_step(task.body, task.integrator, task.step, state[:-1], toes[:-1], force[:-1])
     yield from _steps(task, after, state)
-    yield from _rollouts(task, found)
+    yield from _rollouts(task, found, unjudged)
     yield from _forces(task, found)
     yield from _feet(task, found)
     tilt = np.abs(state[:, 6:8]).max(axis=1)
@@ -125,8 +131,11 @@ def _steps(task: WalkTask, after: Array, state: Array) -> Iterator[Check]:
         yield worst(task, f"dynamics.{name}", off[:, part].max(axis=1))
 
 
-def _rollouts(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
-    """From each knot on its own forces for 400 ms: in knots, and in continuous time."""
+def _rollouts(task: WalkTask, found: WalkTrajectory, unjudged: bool) -> Iterator[Check]:
+    """From each knot on its own forces for 400 ms: in knots, and in continuous time.
+
+    unjudged: also in continuous time where that is not judged.
+    """
     span = max(1, min(round(WINDOW / task.step), task.knots))
     begins = np.arange(0, task.knots - span + 1)
     window = begins + np.arange(span)[:, None]  # (span, B)
@@ -136,10 +145,12 @@ def _rollouts(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
         states.append(
             knot_step(task.body, task.integrator, task.step, states[n], toes[n], force[n])
         )
-    knots = np.stack(states)
-    smooth = continuous_rollout(task.body, task.step, found.state[begins], toes, force)
+    rolls = [("rollout", np.stack(states))]
+    if unjudged or task.integrator != "euler":
+        smooth = continuous_rollout(task.body, task.step, found.state[begins], toes, force)
+        rolls.append(("continuous", smooth))
     planned = found.state[np.concatenate([window, window[-1:] + 1])]
-    for kind, rolled in (("rollout", knots), ("continuous", smooth)):
+    for kind, rolled in rolls:
         off = np.abs(rolled - planned).max(axis=0)  # (B, 12)
         for name, part in (("velocity", VELOCITY), ("attitude", ANGLES)):
             check = worst(task, f"{kind}.{name}", off[:, part].max(axis=1))

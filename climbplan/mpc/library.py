@@ -127,8 +127,8 @@ def build_library(
             report((k + 1) / walks)
     if not parts:
         return _empty()
-    whole = _joined(parts)
-    return _joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
+    whole = joined(parts)
+    return joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
 
 
 def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
@@ -205,7 +205,8 @@ def read_library(path: Path, key: str) -> Library:
     return Library(**parts)
 
 
-def _joined(parts: list[Library]) -> Library:
+def joined(parts: list[Library]) -> Library:
+    """All sections of some libraries."""
     names = list(vars(parts[0]))
     return Library(*(np.concatenate([vars(part)[name] for part in parts]) for name in names))
 

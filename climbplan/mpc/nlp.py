@@ -7,78 +7,24 @@ comes out is rounded, and forces, footholds and motion of that gait are made exa
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
 from climbplan.mpc.answer import Improvement, WalkAnswer
-from climbplan.mpc.dynamics import BodyNumbers, knot_step, rotation
+from climbplan.mpc.checker import passes
 from climbplan.mpc.footing import toe_heights
 from climbplan.mpc.gaits import CYCLES, cycle, enough_contacts, starting_gaits, with_regions
-from climbplan.mpc.pinned import FACETS, Iterate, PinnedProgram
-from climbplan.mpc.sqp import GaitAnswer, guess, solve_gait
-from climbplan.mpc.task import ANGLE_RANGE, LEGS, STATE, Array, Gait, WalkTask
-from climbplan.solvers.interruption import Deadline, interruptible
+from climbplan.mpc.nlp_program import NlpShape, compiled_nlp
+from climbplan.mpc.pinned import Iterate, PinnedProgram
+from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, guess, iterate_of, solve_gait
+from climbplan.mpc.task import LEGS, STATE, Array, Gait, WalkTask
+from climbplan.solvers.interruption import interruptible
 
-EPSILON = 1e-3  # of c (1 - c) <= eps
-ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
-_STRIDE = 0.6  # [m] no toe moves further in one interval: the constant M of eq. (8.22)
-_POLISH = 40  # QPs
-
-
-@dataclass(frozen=True)
-class _Shape:
-    """What a compiled program depends on; everything else is a parameter."""
-
-    body: BodyNumbers
-    center: tuple[float, ...]
-    half: tuple[float, ...]
-    force_limit: float
-    friction: float
-    knots: int
-    step: float
-    mean: bool
-    weights: tuple[float, ...]
-    lift: float
-    least_contacts: int
-    regions: int
-
-    @classmethod
-    def of(cls, task: WalkTask) -> _Shape:
-        body, weights = task.body, task.weights
-        return cls(
-            BodyNumbers.of(body),
-            tuple(body.toe_center.ravel().tolist()),
-            tuple(body.toe_half.tolist()),
-            body.force_limit,
-            task.ground.friction,
-            task.knots,
-            task.step,
-            task.integrator == "mean",
-            (
-                *weights.velocity.tolist(),
-                *weights.angles.tolist(),
-                weights.height,
-                weights.motion,
-                weights.force_difference,
-            ),
-            task.lift,
-            task.least_contacts,
-            len(task.ground.height),
-        )
-
-
-@dataclass(frozen=True)
-class _Compiled:
-    solver: Any
-    deadline: Deadline
-    row_lower: Array
-    row_upper: Array
-    lower: Array
-    upper: Array
+_SETTLING = 3  # QPs before IPOPT: a third of its iterations less
+_INSIDE = 1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
+_POLISH = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
 
 
 class NlpMethod:
@@ -86,14 +32,13 @@ class NlpMethod:
 
     def __init__(self, task: WalkTask) -> None:
         self.task = task
-        self.shape = _Shape.of(task)
-        self.program = _compiled(self.shape)
+        self.program = compiled_nlp(NlpShape.of(task))
 
     def solve(self, start: Gait, seconds: float) -> WalkAnswer:
         """From the guess of a gait; its regions are kept."""
         begin = time.perf_counter()
-        task, knots = self.task, self.task.knots
-        iterate = guess(task, start)
+        task = self.task
+        iterate = _settled(task, start)
         point = self._point(start, iterate)
         program = self.program
         program.deadline.at = time.monotonic() + seconds
@@ -122,9 +67,8 @@ class NlpMethod:
             np.where(gait.contact[:-1, :, None], force, 0.0),
             toes[footing.first - 1, footing.leg],
         )
-        found = solve_gait(task, gait, at, _POLISH)
+        found = _polished(task, gait, at)
         spent = time.perf_counter() - begin
-        assert knots == len(state)
         return _judged(found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait")
 
     def _numbers(self, gait: Gait) -> Array:
@@ -171,165 +115,57 @@ class NlpMethod:
 
 
 def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
-    """The better of the guessed gait's phases; if none leads to a trajectory, after braking."""
+    """From the guessed gait, its most promising phase first; the first that passes the exact check.
+
+    The other phases and the same gait after braking follow only if it does not.
+    """
     method = NlpMethod(task)
     begin, word, tried = time.perf_counter(), "time limit", 0
-    best: WalkAnswer | None = None
-    phases = len(CYCLES[guess_name])
-    gaits = [with_regions(task, cycle(guess_name, task.knots, phase)) for phase in range(phases)]
-    gaits += [g for g in starting_gaits(task, (guess_name,)) if g.key not in {x.key for x in gaits}]
-    for k, gait in enumerate(gaits):
+    for gait in _guesses(task, guess_name):
         left = seconds - (time.perf_counter() - begin)
-        if left <= 0 or (k >= phases and best is not None):
+        if left <= 0:
             break
-        if not enough_contacts(task, gait.contact):
-            continue
         answer = method.solve(gait, left)
         tried += 1
         if answer.trajectory is None:
             word = answer.word
-        elif best is None or answer.objective < best.objective:
-            best = answer
-    spent = time.perf_counter() - begin
-    if best is None:
-        return WalkAnswer(None, np.inf, spent, word, tried=tried)
-    history = (Improvement(spent, best.objective),)
-    return replace(best, seconds=spent, tried=tried, history=history)
+            continue
+        spent = time.perf_counter() - begin
+        history = (Improvement(spent, answer.objective),)
+        return replace(answer, seconds=spent, tried=tried, history=history)
+    return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=tried)
+
+
+def _guesses(task: WalkTask, name: str) -> Iterator[Gait]:
+    """Phases of the gait, cheapest first by what one QP predicts; then after braking."""
+    phases = [with_regions(task, cycle(name, task.knots, k)) for k in range(len(CYCLES[name]))]
+    phases = [gait for gait in phases if enough_contacts(task, gait.contact)]
+    glances = [solve_gait(task, gait, None, 1, agreement=ROUGHLY).predicted for gait in phases]
+    yield from (phases[k] for k in np.argsort(glances, kind="stable"))
+    seen = {gait.key for gait in phases}
+    yield from (gait for gait in starting_gaits(task, (name,)) if gait.key not in seen)
+
+
+def _settled(task: WalkTask, gait: Gait) -> Iterate:
+    """A guess of the gait's motion, and a few QPs if they lead anywhere."""
+    first = guess(task, gait)
+    found = solve_gait(task, gait, first, _SETTLING, agreement=ROUGHLY)
+    return first if found.trajectory is None else iterate_of(found.trajectory, gait)
+
+
+def _polished(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
+    """IPOPT's answer made exact; most need no more than a few QPs."""
+    for iterations in _POLISH:
+        found = solve_gait(task, gait, at, iterations, _INSIDE, ROUGHLY)
+        if found.trajectory is None:
+            return found
+        if found.holds and passes(task, found.trajectory):
+            return found
+        at = iterate_of(found.trajectory, gait)
+    return found
 
 
 def _judged(found: GaitAnswer, seconds: float, word: str) -> WalkAnswer:
     if found.trajectory is None or not found.holds:
         return WalkAnswer(None, np.inf, seconds, f"{word}, but its gait does not hold", tried=1)
     return WalkAnswer(found.trajectory, found.objective, seconds, word, tried=1)
-
-
-@lru_cache(maxsize=4)
-def _compiled(shape: _Shape) -> _Compiled:
-    """The program, eqs. (8.14) to (8.25) and (8.30)."""
-    N = shape.knots
-    rows: list[tuple[Any, float, float]] = []  # expression, lower, upper
-    state = [ca.SX.sym(f"x{n}", STATE) for n in range(1, N + 1)]
-    force = [ca.SX.sym(f"f{n}", 3 * LEGS) for n in range(N)]
-    spot = [ca.SX.sym(f"t{n}", 2 * LEGS) for n in range(1, N + 1)]
-    contact = [ca.SX.sym(f"c{n}", LEGS) for n in range(N + 1)]
-    start, toes0 = ca.SX.sym("x0", STATE), ca.SX.sym("toes0", 3 * LEGS)
-    velocity, angles = ca.SX.sym("v_ref", 3, N), ca.SX.sym("a_ref", 3, N)
-    height = ca.SX.sym("h_ref", N)
-    level, clear = ca.SX.sym("level", LEGS, N), ca.SX.sym("clear", LEGS, N)
-    low, high = ca.SX.sym("low", 2 * LEGS, N), ca.SX.sym("high", 2 * LEGS, N)
-    center, half = np.reshape(shape.center, (LEGS, 3)), np.array(shape.half)
-    w = shape.weights
-    cost: Any = 0
-
-    x = [start, *state]
-    # Heights of toes: on the ground, or lifted, eq. (8.23)
-    toes = [toes0]
-    for n in range(1, N + 1):
-        c, places = contact[n], []
-        for i in range(LEGS):
-            z = c[i] * level[i, n - 1] + (1 - c[i]) * clear[i, n - 1]
-            places += [spot[n - 1][2 * i], spot[n - 1][2 * i + 1], z]
-        toes.append(ca.vertcat(*places))
-    step = ca.Function(
-        "step",
-        [s := ca.SX.sym("s", STATE), t := ca.SX.sym("t", 12), f := ca.SX.sym("f", 12)],
-        [knot_step(shape.body, shape.step, float(shape.mean), s, t, f)],
-    )
-    for n in range(N):
-        # Dynamics, eqs. (8.14) to (8.19)
-        rows.append((step(x[n], toes[n], force[n]) - x[n + 1], 0.0, 0.0))
-        for i in range(LEGS):
-            fx, fy, fz = (force[n][3 * i + k] for k in range(3))
-            c = contact[n][i]
-            # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
-            slope = shape.friction * np.cos(np.pi / FACETS)
-            for k in range(FACETS):
-                angle = 2 * np.pi * (k + 0.5) / FACETS
-                rows.append((np.cos(angle) * fx + np.sin(angle) * fy - slope * fz, -np.inf, 0.0))
-            # No force on lifted legs, eq. (8.23)
-            rows.append((fz - shape.force_limit * c, -np.inf, 0.0))
-            if shape.friction > 1:  # else within the pyramid already
-                for component in (fx, fy):
-                    rows.append((component - shape.force_limit * c, -np.inf, 0.0))
-                    rows.append((component + shape.force_limit * c, 0.0, np.inf))
-        if shape.least_contacts:
-            rows.append((ca.sum1(contact[n]), float(shape.least_contacts), float(LEGS)))
-    for n in range(1, N + 1):
-        R = rotation(x[n][6:9])
-        for i in range(LEGS):
-            toe = toes[n][3 * i : 3 * i + 3]
-            # Workspace, eqs. (8.20), (8.21)
-            seen = R.T @ (toe - x[n][:3])
-            for k in range(3):
-                rows.append((seen[k], center[i, k] - half[k], center[i, k] + half[k]))
-            # No slip, eq. (8.22)
-            free = _STRIDE * (2 - contact[n][i] - contact[n - 1][i])
-            for k in range(2):
-                moved = toe[k] - toes[n - 1][3 * i + k]
-                rows += [(moved - free, -np.inf, 0.0), (moved + free, 0.0, np.inf)]
-            # Regions, eqs. (8.24), (8.25), those of the guess
-            for k in range(2 if shape.regions > 1 else 0):
-                slack = _STRIDE * (1 - contact[n][i])
-                here = spot[n - 1][2 * i + k]
-                rows.append((here - low[2 * i + k, n - 1] + slack, 0.0, np.inf))
-                rows.append((here - high[2 * i + k, n - 1] - slack, -np.inf, 0.0))
-        # Objective, eq. (8.30)
-        for k in range(3):
-            cost += w[k] * (x[n][3 + k] - velocity[k, n - 1]) ** 2
-            cost += w[3 + k] * (x[n][6 + k] - angles[k, n - 1]) ** 2
-        cost += w[6] * (x[n][2] - height[n - 1]) ** 2
-        cost += w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3])
-    for n in range(N):
-        each = ca.reshape(force[n], 3, LEGS)
-        cost += 2 * w[8] * (LEGS * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
-    # Contacts as complementarity: c (1 - c) <= eps
-    for n in range(N + 1):
-        for i in range(LEGS):
-            c = contact[n][i]
-            rows.append((c * (1 - c), -np.inf, EPSILON))
-    variables = ca.vertcat(*state, *force, *spot, *contact)
-    numbers = ca.vertcat(
-        start, toes0, *(ca.vec(m) for m in (velocity, angles)), height,
-        *(ca.vec(m) for m in (level, clear, low, high)),
-    )  # fmt: skip
-    g = ca.vertcat(*(row for row, _, _ in rows))
-    repeat = [row.numel() for row, _, _ in rows]
-    deadline = Deadline(variables.numel(), g.numel(), numbers.numel())
-    options: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "max_iter": ITERATIONS,
-            "tol": 1e-4,
-            "constr_viol_tol": 1e-5,
-            # The guess is close to contacts of 0 and 1: do not push it away from them.
-            "mu_strategy": "monotone",
-            "mu_init": 0.1,
-            "bound_push": 1e-4,
-            "bound_frac": 1e-4,
-        },
-    }
-    problem = {"x": variables, "p": numbers, "f": cost, "g": g}
-    solver = ca.nlpsol("walk", "ipopt", problem, options)
-    bound = np.concatenate(
-        [
-            np.tile([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4, N),
-            np.full(3 * LEGS * N, shape.force_limit),
-            np.full(2 * LEGS * N, np.inf),
-        ]
-    )
-    lower = -bound
-    first = STATE * N
-    lower[first + 2 : first + 3 * LEGS * N : 3] = 0.0  # legs push
-    return _Compiled(
-        solver,
-        deadline,
-        np.repeat([low_ for _, low_, _ in rows], repeat),
-        np.repeat([high_ for _, _, high_ in rows], repeat),
-        np.concatenate([lower, np.zeros(LEGS * (N + 1))]),
-        np.concatenate([bound, np.ones(LEGS * (N + 1))]),
-    )

@@ -14,6 +14,7 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.mpc.closed_loop import SUBSTEPS, Loop, Noise, Push, recovered, run_loop, sampled_task
 from climbplan.mpc.cost import cost_terms
+from climbplan.mpc.dataset_library import is_dataset, library_of_dataset
 from climbplan.mpc.library import Library, build_library, read_library
 from climbplan.mpc.online import OnlineController, OnlineSettings, horizon_of
 from climbplan.mpc.plan import LoopRecord, WalkPlan
@@ -90,7 +91,11 @@ def library_of(
         return build_library(
             rested, spec.size, seed, spec.gaits, lambda share: report("library", share)
         )
-    library = read_library(directory / spec.file, key)
+    path = directory / spec.file
+    if is_dataset(path):
+        library = library_of_dataset(path, key, library_key)
+    else:
+        library = read_library(path, key)
     if library.walks < spec.size:
         raise UsageError(
             f"{spec.file}: {library.walks} walks with sections, library.size asks for {spec.size}"

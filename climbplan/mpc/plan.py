@@ -45,6 +45,7 @@ class WalkPlan:
     sizes: dict[str, Any]
     history: tuple[Improvement, ...] = ()
     loop: LoopRecord | None = None  # of `online`
+    begun: Array | None = None  # (N + 1, 12) states that `micp` started from
     bound: float | None = None
     gap: float | None = None
     warnings: tuple[str, ...] = ()

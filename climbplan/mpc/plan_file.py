@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,22 +13,17 @@ import numpy as np
 import climbplan
 from climbplan.errors import PlanFileError
 from climbplan.mpc.answer import Improvement
-from climbplan.mpc.ground import Ground
 from climbplan.mpc.plan import STATUSES, LoopRecord, WalkPlan
+from climbplan.mpc.plan_file_task import START, read_task, write_task
 from climbplan.mpc.task import (
     ANGLES,
     LEGS,
     POSITION,
     SPIN,
+    STATE,
     VELOCITY,
     Gait,
-    Integrator,
-    Reference,
-    RigidBody,
-    Start,
-    WalkTask,
     WalkTrajectory,
-    Weights,
 )
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
@@ -52,22 +47,6 @@ SAMPLES = {
     "reference/euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw"),
     "reference/height": Layout(("T",), "m", "world"),
 }
-ROBOT = {
-    "inertia": Layout((3, 3), "kg m^2", "body"),
-    "toe_center": Layout((LEGS, 3), "m", "body"),
-    "toe_half": Layout((3,), "m", "body"),
-    "leg_names": Layout((LEGS,), kind="text"),
-}
-GROUND = {
-    "lower": Layout(("S", 2), "m", "world"),
-    "upper": Layout(("S", 2), "m", "world"),
-    "height": Layout(("S",), "m", "world"),
-    "names": Layout(("S",), kind="text"),
-}
-START = {
-    "state": Layout((12,), "m, m/s, rad, rad/s", "world"),
-    "toes": Layout((LEGS, 3), "m", "world"),
-}
 HISTORY = {
     "seconds": Layout(("H",), "s"),
     "objective": Layout(("H",), "", may_be_infinite=True),
@@ -80,6 +59,7 @@ LOOP = {
     "candidates_tried": Layout(("T",), kind="int"),
     "winner": Layout(("T",), kind="int"),
 }
+BEGUN = Layout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
 _TEXTS = Layout(("*",), kind="text")
 _NOTES = {
     "axes": "body frame x forward, y left, z up; world frame z up",
@@ -121,11 +101,13 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
         for name, layout in SAMPLES.items():
             group, _, last = name.rpartition("/")
             write_dataset(file.require_group(group or "/"), last, samples[name], layout)
-        _write_task(file, task)
+        write_task(file, task)
         history = file.create_group("history")
         for name, layout in HISTORY.items():
             values = np.array([vars(step)[name] for step in plan.history], float)
             write_dataset(history, name, values, layout)
+        if plan.begun is not None:
+            write_dataset(file, "begun", plan.begun, BEGUN)
         if plan.loop is not None:
             for name, layout in LOOP.items():
                 write_dataset(file, name, vars(plan.loop)[name], layout)
@@ -196,35 +178,11 @@ def _write_header(file: h5py.File, plan: WalkPlan) -> None:
     write_json(file, "terms", dict(plan.terms))
 
 
-def _write_task(file: h5py.File, task: WalkTask) -> None:
-    body = task.body
-    robot = file.create_group("robot")
-    write_text(robot, "name", body.name)
-    robot.attrs["mass"] = body.mass
-    robot.attrs["gravity"] = body.gravity
-    robot.attrs["friction"] = task.ground.friction
-    robot.attrs["force_limit"] = body.force_limit
-    robot.attrs["inertia"] = body.inertia
-    for name, layout in ROBOT.items():
-        write_dataset(robot, name, vars(body)[name], layout)
-    ground = file.create_group("ground")
-    for name, layout in GROUND.items():
-        write_dataset(ground, name, vars(task.ground)[name], layout)
-    start = file.create_group("start")
-    for name, layout in START.items():
-        write_dataset(start, name, vars(task.start)[name], layout)
-    weights = file.create_group("weights")
-    for name in ("velocity", "angles"):
-        write_dataset(weights, name, vars(task.weights)[name], Layout((3,)))
-    for name in ("height", "motion", "force_difference"):
-        weights.attrs[name] = vars(task.weights)[name]
-
-
 def _read(reader: Reader) -> WalkPlan:
     parts = {name: reader.array(name, layout) for name, layout in SAMPLES.items()}
     if len(parts["time"]) < 2:
         raise reader.refuse("time has fewer than two samples")
-    task = _read_task(reader, parts)
+    task = read_task(reader, parts)
     for name in ("state", "toes"):
         parts[f"start/{name}"] = reader.array(f"start/{name}", START[name])
     region = parts["region"]
@@ -262,6 +220,7 @@ def _read(reader: Reader) -> WalkPlan:
             for k in range(len(history["seconds"]))
         ),
         loop=_read_loop(reader) if task.integrator == "rk4" else None,
+        begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
         bound=_optional(reader, "bound"),
         gap=_optional(reader, "gap"),
         warnings=reader.texts("warnings", _TEXTS),
@@ -270,63 +229,6 @@ def _read(reader: Reader) -> WalkPlan:
         created=reader.text("", "created"),
         climbplan_version=reader.text("", "climbplan_version"),
         not_finite=tuple(reader.not_finite),
-    )
-
-
-def _read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
-    integrator = reader.text("", "integrator")
-    if integrator not in get_args(Integrator):
-        known = ", ".join(get_args(Integrator))
-        raise reader.refuse(f"integrator {integrator!r}, expected one of {known}")
-    reader.group("robot")
-    robot = {
-        name: reader.array(f"robot/{name}", layout)
-        for name, layout in ROBOT.items()
-        if layout.kind != "text"
-    }
-    ground = {
-        name: reader.array(f"ground/{name}", layout)
-        for name, layout in GROUND.items()
-        if layout.kind != "text"
-    }
-    if not len(ground["height"]):
-        raise reader.refuse("ground has no region")
-    weights = {
-        name: reader.array(f"weights/{name}", Layout((3,))) for name in ("velocity", "angles")
-    }
-    return WalkTask(
-        body=RigidBody(
-            name=reader.text("robot", "name"),
-            leg_names=reader.texts("robot/leg_names", ROBOT["leg_names"]),
-            mass=reader.number("robot", "mass"),
-            gravity=reader.number("robot", "gravity"),
-            force_limit=reader.number("robot", "force_limit"),
-            **robot,
-        ),
-        ground=Ground(
-            names=reader.texts("ground/names", GROUND["names"]),
-            friction=reader.number("robot", "friction"),
-            **ground,
-        ),
-        knots=len(parts["time"]) - 1,
-        step=reader.number("", "step"),
-        integrator=integrator,  # type: ignore[arg-type]  # one of them, as was just checked
-        start=Start(
-            reader.array("start/state", START["state"]), reader.array("start/toes", START["toes"])
-        ),
-        reference=Reference(
-            parts["reference/velocity"][1:],
-            parts["reference/euler_zyx"][1:],
-            parts["reference/height"][1:],
-        ),
-        weights=Weights(
-            weights["velocity"],
-            weights["angles"],
-            *(reader.number("weights", name) for name in ("height", "motion", "force_difference")),
-        ),
-        lift=reader.number("", "lift"),
-        least_contacts=reader.integer("", "least_contacts"),
-        whole_stance=reader.flag("", "whole_stance"),
     )
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
 
+import numpy as np
+
 from climbplan.errors import LimitReached
 from climbplan.mpc.answer import WalkAnswer
 from climbplan.mpc.checker import check_trajectory, failures
@@ -40,6 +42,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
+            + (f"; {answer.cut_short}" if answer.cut_short else "")
         )
     broken = failures(check_trajectory(task, answer.trajectory))
     gap = None
@@ -49,7 +52,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         name=loaded.name,
         title=spec.title,
         method=spec.solver.method,
-        status="feasible",
+        status="limit" if answer.cut_short else "feasible",
         task=task,
         trajectory=answer.trajectory,
         objective=answer.objective,
@@ -64,11 +67,17 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
             "contact binaries": int(answer.trajectory.gait.contact.size),
             "regions": len(task.ground.height),
             "gaits tried": answer.tried,
-        },
+        }
+        | ({"QPs": answer.qps} if answer.qps else {}),
         history=answer.history,
+        begun=answer.begun.state if answer.begun is not None else None,
         bound=answer.bound,
         gap=gap,
-        warnings=(f"the answer breaks {broken}",) if broken else (),
+        warnings=tuple(
+            told
+            for told in (f"the answer breaks {broken}" if broken else "", answer.cut_short)
+            if told
+        ),
     )
     return replace(plan, summary=summary_lines(plan))
 
@@ -80,15 +89,30 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
         from climbplan.mpc.nlp import solve_nlp
 
         return solve_nlp(task, solver.guess, solver.time_limit)
+    if solver.method == "micp":
+        from climbplan.mpc.micp.method import MicpLimits, solve_micp
+
+        warm = solve_task(task, solver.model_copy(update={"method": solver.warm}), seed)
+        limits = MicpLimits(
+            solver.time_limit,
+            solver.gap,
+            solver.arm_pieces,
+            solver.height_pieces,
+            tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
+            solver.tube.spin,
+        )
+        return solve_micp(task, limits, warm)
     from climbplan.mpc.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
-    return search(task, SearchLimits(solver.time_limit, gaits, seed))
+    return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.qps))
 
 
 def _solvers(solver: WalkSolverSpec) -> dict[str, str]:
     used = {"method": solver.method, "daqp": metadata.version("daqp")}
     used["casadi"] = metadata.version("casadi")
+    if solver.method == "micp":
+        used["highs"] = metadata.version("highspy")
     return used
 
 

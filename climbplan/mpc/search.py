@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.mpc.answer import Improvement, WalkAnswer
-from climbplan.mpc.checker import check_trajectory, failures
+from climbplan.mpc.checker import passes
 from climbplan.mpc.footing import gait_of
 from climbplan.mpc.gaits import CYCLES, enough_contacts, starting_gaits, with_regions
 from climbplan.mpc.pinned import Iterate
@@ -111,7 +111,7 @@ class _Search:
                 if word.startswith("no"):
                     word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
                 continue
-            if not failures(check_trajectory(self.task, final.trajectory)):
+            if passes(self.task, final.trajectory):
                 return self.answer(final, complete)
             nearest = nearest or (final, complete)
         if nearest is not None:

@@ -19,6 +19,10 @@ def summary_lines(plan: WalkPlan) -> tuple[str, ...]:
         f"{plan.name}   {where}, {task.integrator} steps",
         f"{plan.method}   {plan.status}   {spent}, {tried}",
     ]
+    if plan.bound is not None and plan.gap is not None:
+        lines.append(
+            f"bound   {plan.bound:.4g}, gap {100 * plan.gap:.0f} %: {plan.solvers['word']}"
+        )
     off = np.linalg.norm(found.state[1:, VELOCITY] - task.reference.velocity, axis=1)
     lines.append(
         f"tracking   velocity off by {off[0]:.2f} m/s at first, {off[-1]:.2f} m/s at the end"

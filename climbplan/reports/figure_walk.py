@@ -25,6 +25,7 @@ from climbplan.robots.rotations import rotation_world_body
 
 _VELOCITY = "#B01E8C"
 _FORCE = palette.FAILURE
+_BEGUN = palette.LIMBS[1]
 _SHOTS = 5
 _LONGEST = 0.22  # [m] arrow of the force limit
 
@@ -46,9 +47,13 @@ def tracking(plan: WalkPlan) -> Figure:
         ),
     )
     color = palette.LIMBS[0]
-    for row, (word, names, values, wanted, unit) in zip(axes, rows, strict=True):
+    begun = None if plan.begun is None else (plan.begun[:, VELOCITY], plan.begun[:, ANGLES])
+    for line, (row, (word, names, values, wanted, unit)) in enumerate(zip(axes, rows, strict=True)):
         for k, ax in enumerate(row):
             ax.plot(time[1:], wanted[:, k], color=palette.INK, lw=1.2, ls="--")
+            if begun is not None:
+                before = begun[line][:, k] if line == 0 else np.rad2deg(begun[line][:, k])
+                ax.plot(time, before, color=_BEGUN, lw=1.4, marker=_marker(plan), ms=2.5)
             ax.plot(time, values[:, k], color=color, lw=1.8, marker=_marker(plan), ms=3.5)
             style_axes(ax)
             panel_title(ax, f"{word} {names[k]}".strip(), f"[{unit}]")
@@ -59,8 +64,36 @@ def tracking(plan: WalkPlan) -> Figure:
         Line2D([], [], color=color, lw=1.8),
         Line2D([], [], color=palette.INK, lw=1.2, ls="--"),
     ]
-    foot_legend(figure, handles, ["plan", "reference"])
+    words = ["plan", "reference"]
+    if begun is not None:
+        handles.append(Line2D([], [], color=_BEGUN, lw=1.4))
+        words.append("what it started from")
+    foot_legend(figure, handles, words)
     heading(figure, _title(plan), f"{plan.method}, cost {plan.objective:.4g}")
+    return figure
+
+
+def convergence(plan: WalkPlan) -> Figure:
+    """Best cost and bound over time, and what gap they leave."""
+    figure = new_figure(3.4, entries=2)
+    left, right = figure.subplots(1, 2, width_ratios=(1.4, 1.0))
+    seconds = np.array([step.seconds for step in plan.history])
+    cost = np.array([step.objective for step in plan.history])
+    bound = np.array([step.bound for step in plan.history])
+    proved = np.isfinite(bound)
+    color = palette.LIMBS[0]
+    left.step(seconds, cost, where="post", color=color, lw=1.8)
+    left.step(seconds[proved], bound[proved], where="post", color=_BEGUN, lw=1.8)
+    gap = 100 * (cost - bound) / np.maximum(np.abs(cost), 1e-12)
+    right.step(seconds[proved], gap[proved], where="post", color=palette.INK, lw=1.6)
+    for ax, name, unit in ((left, "Cost and bound", ""), (right, "Gap", "[%]")):
+        style_axes(ax)
+        ax.set_xlabel("time [s]")
+        ax.set_ylim(bottom=0)
+        panel_title(ax, name, unit)
+    handles = [Line2D([], [], color=c, lw=1.8) for c in (color, _BEGUN)]
+    foot_legend(figure, handles, ["best cost, true dynamics", "bound within the tube"])
+    heading(figure, f"{_title(plan)}: convergence", plan.method)
     return figure
 
 

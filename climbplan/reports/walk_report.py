@@ -19,7 +19,7 @@ from climbplan.mpc.summary import gait_words
 from climbplan.mpc.task import ANGLES, VELOCITY
 from climbplan.mpc.verification import verify
 from climbplan.plans.verification import Verification
-from climbplan.reports.figure_walk import gait, snapshots, tracking
+from climbplan.reports.figure_walk import convergence, gait, snapshots, tracking
 from climbplan.reports.page_parts import (
     PARTS,
     Card,
@@ -42,6 +42,12 @@ FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
 }
 
 
+def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
+    """The figures of a plan; of one with a bound also how that came about."""
+    bounded = any(np.isfinite(step.bound) for step in plan.history)
+    return {**FIGURES, "convergence": convergence} if bounded else FIGURES
+
+
 def report_dict(plan_path: Path) -> dict[str, object]:
     """The report of a plan file as JSON-ready values, the verification made anew.
 
@@ -60,7 +66,7 @@ def write_report(
     """
     plan = read_walk_plan(plan_path)
     report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in FIGURES.items()}
+    images = {name: png(draw(plan)) for name, draw in drawn_figures(plan).items()}
     write_files(directory, report, _page(plan, report, images), images)
 
 
@@ -95,7 +101,7 @@ def _report(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
         },
         "online": _online(plan),
         "history": [vars(step) for step in plan.history],
-        "figures": [f"figures/{name}.png" for name in FIGURES],
+        "figures": [f"figures/{name}.png" for name in drawn_figures(plan)],
         "units": {"velocity": "m/s", "attitude": "rad", "force": "N", "history.seconds": "s"},
     }
     whole: dict[str, Any] = finite(report)

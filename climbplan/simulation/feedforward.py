@@ -11,26 +11,37 @@ import numpy as np
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.simulation.chain_limb import chain_of
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.model import link_mass
 
 
 def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
-    """(T, N, 3) torques [N m] that hold the links' weight at the planned postures."""
+    """(T, N, J) torques [N m] that hold the links' weight at the planned postures."""
     moving, robot = plan.trajectory, plan.robot
     angles = true_angles(plan, sample_instants(plan))
     rotation = rotation_world_body(moving.rpy)
     points = np.einsum("tij,tnpj->tnpi", rotation, joint_points_body(robot, angles))
-    links = (points[:, :, :-1] + points[:, :, 1:]) / 2  # (T, N, 3, 3) middles of the links
-    yaw = robot.mount_yaw + angles[..., 0]  # (T, N)
-    # Axes of the joints in the body frame: coxa about z, femur and tibia lift outward
-    up = np.broadcast_to([0.0, 0.0, 1.0], (*yaw.shape, 3))
-    lift = np.stack([np.sin(yaw), -np.cos(yaw), np.zeros_like(yaw)], axis=-1)
-    axes = np.einsum("tij,tnkj->tnki", rotation, np.stack([up, lift, lift], axis=-2))
+    links = (points[:, :, :-1] + points[:, :, 1:]) / 2  # (T, N, J, 3) middles of the links
+    axes = np.einsum("tij,tnkj->tnki", rotation, _axes(robot, angles))
     # Power of the weight of link l by joint j <= l: axis . (arm x -m g z)
-    arms = links[:, :, None, :, :] - points[:, :, :3, None, :]  # (T, N, joint, link, 3)
+    arms = links[:, :, None, :, :] - points[:, :, :-1, None, :]  # (T, N, joint, link, 3)
     weight = np.array([0.0, 0.0, -link_mass(robot, conditions) * robot.gravity])
     moment = np.einsum("tnji,tnjli->tnjl", axes, np.cross(arms, weight))
-    carried = np.triu(np.ones((3, 3)))  # links from the joint outward
+    carried = np.triu(
+        np.ones((robot.joint_count, robot.joint_count))
+    )  # links from the joint outward
     return np.asarray(-(moment * carried).sum(axis=-1))
+
+
+def _axes(robot: Robot, angles: Array) -> Array:
+    """Axes of the joints in the body frame (T, N, J, 3)."""
+    if robot.mechanism is not None:
+        return chain_of(robot).pose(angles).axes
+    yaw = robot.mount_yaw + angles[..., 0]  # (T, N)
+    # Coxa about z, femur and tibia lift outward
+    up = np.broadcast_to([0.0, 0.0, 1.0], (*yaw.shape, 3))
+    lift = np.stack([np.sin(yaw), -np.cos(yaw), np.zeros_like(yaw)], axis=-1)
+    return np.stack([up, lift, lift], axis=-2)

@@ -17,6 +17,7 @@ from climbplan.errors import UsageError
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.simulation.chain_limb import chain_limb, motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
@@ -45,7 +46,7 @@ _TOE, _LINK, _BODY = 1, 2, 4
 
 
 def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
-    """(N, 3) stiffness of the joints with the structure's give [N m/rad]."""
+    """(N, J) stiffness of the joints with the structure's give [N m/rad]."""
     share = robot.structural_compliance_share
     return np.asarray(robot.joint_stiffness * (1 - share) * conditions.gain)
 
@@ -53,20 +54,17 @@ def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
 def link_mass(robot: Robot, conditions: Conditions) -> float:
     """Mass of one link [kg]."""
     share = robot.mass * conditions.limb_mass_share
-    return float(max(share / (3 * robot.limb_count), _LEAST_MASS))
+    return float(max(share / (robot.joint_count * robot.limb_count), _LEAST_MASS))
 
 
 def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     """The model of a plan's robot and terrain under given conditions.
 
-    Raises UsageError for limbs that it does not know.
+    Raises UsageError for limbs that it does not know, and for grippers.
     """
     robot = plan.robot
-    if robot.mechanism is not None:
-        raise UsageError(
-            f"simulate builds limbs of coxa, femur and tibia; those of {robot.name} are other "
-            "chains of joints, which `climbplan verify` checks and no simulation yet"
-        )
+    if robot.gripper is not None:
+        raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
     assets: list[str] = []
     world: list[str] = []
     for index, surface in enumerate(plan.terrain.surfaces):
@@ -119,7 +117,7 @@ def _numbers(values: Iterable[float] | Array) -> str:
 def _robot(robot: Robot, conditions: Conditions) -> list[str]:
     limbs = robot.limb_count
     link = link_mass(robot, conditions)
-    body = robot.mass - 3 * limbs * link + conditions.payload
+    body = robot.mass - robot.joint_count * limbs * link + conditions.payload
     size = np.abs(robot.body_hull).max(axis=0)
     box = (
         f'<geom name="body" type="box" size="{_numbers(size)}" mass="{body:.9g}" material="body"'
@@ -127,7 +125,8 @@ def _robot(robot: Robot, conditions: Conditions) -> list[str]:
     )
     lines = ['<body name="body">', '<freejoint name="free"/>', box]
     for limb in range(limbs):
-        lines += _limb(robot, limb, link, conditions)
+        one = _limb if robot.mechanism is None else _chain
+        lines += one(robot, limb, link, conditions)
     return [*lines, "</body>"]
 
 
@@ -182,15 +181,31 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
     ]
 
 
+def _chain(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
+    joint = f'<joint name="{{name}}" axis="{{axis}}" armature="{ARMATURE}"/>'
+    if conditions.backlash > 0:
+        play = conditions.backlash / 2
+        joint += (
+            f'<joint name="{{name}}play" axis="{{axis}}" range="{-play:.6g} {play:.6g}"'
+            ' armature="0.001" damping="0.02"/>'
+        )
+    toe = (
+        f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{TOE_RADIUS}" mass="0.001"'
+        f' material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
+        f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
+    )
+    return chain_limb(robot, limb, mass, joint, toe, NARROW, _LINK)
+
+
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     stiffness = motor_stiffness(robot, conditions)[limb]
     out = []
-    for joint, name in enumerate(("coxa", "femur", "tibia")):
+    for joint, name in enumerate(motor_names(robot, limb)):
         kp = stiffness[joint]
         kv = 2 * DAMPING_RATIO * np.sqrt(kp * ARMATURE)
         most = robot.max_torque[limb, joint]
         out.append(
-            f'<position name="{name}{limb}" joint="{name}{limb}" kp="{kp:.9g}" kv="{kv:.9g}"'
+            f'<position name="{name}" joint="{name}" kp="{kp:.9g}" kv="{kv:.9g}"'
             f' forcerange="{-most:.9g} {most:.9g}"/>'
         )
     return out

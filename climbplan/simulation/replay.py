@@ -21,6 +21,7 @@ from climbplan.plans.climb_plan import ClimbPlan, Mask
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.instants import instant_samples
@@ -64,7 +65,7 @@ class Run:
     force: Array  # (S, N, 3) on the toes, from the terrain [N]
     normal: Array  # (S, N) pressure [N]
     shear: Array  # (S, N) [N]
-    torque: Array  # (S, N, 3) of the motors [N m]
+    torque: Array  # (S, N, J) of the motors [N m]
     touching: Mask  # (S, N)
     bumped: Mask  # (S,) a link or the body touches something
     fallen: bool
@@ -112,7 +113,7 @@ class _Player:
         self.mujoco, self.model, self.data = mujoco, model, data
         self.plan, self.conditions = plan, conditions
         n = plan.robot.limb_count
-        names = [f"{joint}{limb}" for limb in range(n) for joint in ("coxa", "femur", "tibia")]
+        names = [name for limb in range(n) for name in motor_names(plan.robot, limb)]
         self.address = np.array([model.joint(name).qposadr[0] for name in names])
         self.toe_geom = np.array([model.geom(f"toe{limb}").id for limb in range(n)])
         self.limb_of = np.full(model.ngeom, -1)
@@ -252,7 +253,7 @@ class _Player:
             "force": force,
             "normal": normal,
             "shear": shear,
-            "torque": data.actuator_force.reshape(n, 3).copy(),
+            "torque": data.actuator_force.reshape(n, -1).copy(),
             "touching": touching,
             "bumped": bumped,
         }

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
 from climbplan.spec.bookshelf import Meaning, ShelfSolverSpec, ShelfSpec
+from climbplan.spec.dataset_mpc import WalksProblemSpec
 from climbplan.spec.envelopes import EnvelopeTerrainSpec
 from climbplan.spec.program import ProgramSolverSpec
 
@@ -128,7 +129,8 @@ class TerrainsProblemSpec(SpecModel):
 
 
 ProblemSpec = Annotated[
-    BookshelfProblemSpec | ProgramProblemSpec | TerrainsProblemSpec, Field(discriminator="kind")
+    BookshelfProblemSpec | ProgramProblemSpec | TerrainsProblemSpec | WalksProblemSpec,
+    Field(discriminator="kind"),
 ]
 
 
@@ -181,10 +183,22 @@ class TerrainsDatasetSpec(DatasetSpec):
     """What is sampled and solved."""
 
 
+class WalksDatasetSpec(DatasetSpec):
+    """A dataset of walks."""
+
+    problem: WalksProblemSpec
+    """What is sampled and solved."""
+
+
 BY_PROBLEM: dict[
-    str, type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | type[TerrainsDatasetSpec]
+    str,
+    type[ShelfDatasetSpec]
+    | type[ProgramDatasetSpec]
+    | type[TerrainsDatasetSpec]
+    | type[WalksDatasetSpec],
 ] = {
     "bookshelf": ShelfDatasetSpec,
     "program": ProgramDatasetSpec,
     "terrains": TerrainsDatasetSpec,
+    "mpc": WalksDatasetSpec,
 }

@@ -13,12 +13,14 @@ from climbplan.spec.dataset import (
     ProgramDatasetSpec,
     ShelfDatasetSpec,
     TerrainsDatasetSpec,
+    WalksDatasetSpec,
 )
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.motion_loading import robot_of_document
+from climbplan.spec.mpc_loading import body_of_document
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
@@ -35,7 +37,7 @@ _PATHS = (
 class LoadedDataset(LoadedSpec):
     """A dataset spec and the text it came from."""
 
-    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec
+    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec | WalksDatasetSpec
 
 
 def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedDataset:
@@ -67,6 +69,8 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
     mistakes = document.mistakes(findings)
     if model is TerrainsDatasetSpec:
         mistakes += robot_of_document(document, text.directory, ("problem", "robot"))[1]
+    if model is WalksDatasetSpec:
+        mistakes += body_of_document(document, text.directory, ("problem", "robot"))[1]
     if spec is None or mistakes:
         raise SpecError(document.source, mistakes)
     return LoadedDataset(spec=spec, **origin_of(document, text))
@@ -74,7 +78,13 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
 
 def _model_of(
     document: Document,
-) -> type[ShelfDatasetSpec] | type[ProgramDatasetSpec] | type[TerrainsDatasetSpec] | Finding:
+) -> (
+    type[ShelfDatasetSpec]
+    | type[ProgramDatasetSpec]
+    | type[TerrainsDatasetSpec]
+    | type[WalksDatasetSpec]
+    | Finding
+):
     """The model that `problem.kind` asks for, or what is wrong with it."""
     known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
     problem = document.value.get("problem")

@@ -154,25 +154,73 @@ class WalkWeightsSpec(SpecModel):
         return self
 
 
+class WalkTubeSpec(SpecModel):
+    """Room about the attitude of the trajectory that `micp` starts from, and references near it."""
+
+    angles_deg: Vector = quantity("deg", "of roll, pitch, yaw either way", default=(6, 12, 6))
+    spin: Vector = quantity("rad/s", "of the angular velocity either way", default=(1.5, 3, 1.5))
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        faults = [
+            Fault(key, f"expected three numbers between 0 and {most}, got {list(values)}")
+            for key, values, most in (
+                ("angles_deg", self.angles_deg, 45),
+                ("spin", self.spin, 20),
+            )
+            if not (min(values) >= 0 and max(values) <= most)
+        ]
+        refuse(faults)
+        return self
+
+
 class WalkSolverSpec(SpecModel):
     """Method and limits."""
 
-    method: Literal["search", "nlp", "online"] = Field(
+    method: Literal["search", "nlp", "micp", "online"] = Field(
         default="search",
         description="`search`: local search over gaits, each solved by SQP; `nlp`: contacts as "
-        "complementarity, from the guess of a trot; `online`: closed loop with integers from a "
-        "library of solved walks",
+        "complementarity, from the guess of a trot; `micp`: mixed-integer linear relaxation by "
+        "HiGHS, with a bound; `online`: closed loop with integers from a library of solved walks",
     )
-    time_limit: Number = quantity("s", "of the search, or of IPOPT", default=2.0, gt=0)
+    time_limit: Number = quantity(
+        "s", "of IPOPT or HiGHS; a cap of the search, which says if it ended it", 150.0, gt=0
+    )
+    qps: Count = quantity(
+        "",
+        "QPs that the search may solve (some 2 to 5 ms each): with the seed they decide what it "
+        "finds, on any machine",
+        default=600,
+        ge=1,
+    )
     gaits: Count | None = quantity(
         "",
-        "gaits that the search may try beyond the named ones; no limit but time if left out",
+        "gaits that the search may try beyond the named ones; as many as its QPs allow if left out",
         default=None,
         ge=1,
     )
     guess: Literal[
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
     ] = Field(default="trot", description="gait that `nlp` starts from")
+    warm: Literal["nlp", "search"] = Field(
+        default="nlp",
+        description="what `micp` starts from: its cost bounds ranges, its gait is a partial start",
+    )
+    gap: Number = quantity(
+        "",
+        "relative gap at which `micp` stops: it looks for motions that are cheaper by that much",
+        default=0.1,
+        ge=0,
+        lt=1,
+    )
+    arm_pieces: Count = quantity(
+        "", "parts of each leg's arm in `micp`, with a binary each", default=2, ge=1, le=8
+    )
+    height_pieces: Count = quantity(
+        "", "parts of the body's height in `micp`", default=2, ge=1, le=16
+    )
+    tube: WalkTubeSpec = WalkTubeSpec()
+    """Where attitudes may be in the statement that `micp` bounds."""
     form: Literal["pinned", "published"] = Field(
         default="pinned",
         description="what `online` solves: `pinned`: the dynamics linearised about a neighbour, "
@@ -198,8 +246,8 @@ class WalkLibrarySpec(SpecModel):
     file: str | None = Field(
         default=None,
         min_length=1,
-        description="library.h5 of an earlier run, of which `size` walks are used; solved anew if "
-        "left out",
+        description="library.h5 of an earlier run, or dataset.h5 of walks; the first `size` walks "
+        "are used; solved anew if left out",
     )
 
 
@@ -274,9 +322,12 @@ class MpcSpec(SpecModel):
             if self.task.integrator != "mean":
                 message = "`online` runs in continuous time, which needs `integrator: mean`"
                 faults.append(Fault("task.integrator", message))
-        elif self.task.whole_stance and self.solver.method == "nlp":
-            message = "`nlp` states the workspace at knots only; use `search`"
+        elif self.task.whole_stance and self.solver.method in ("nlp", "micp"):
+            message = f"`{self.solver.method}` states the workspace at knots only; use `search`"
             faults.append(Fault("task.whole_stance", message))
+        if self.solver.method == "micp" and self.task.integrator != "euler":
+            message = "`micp` states forward Euler steps only: `integrator: euler`"
+            faults.append(Fault("task.integrator", message))
         refuse(faults)
         return self
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.bookshelf_loading import root_paths
-from climbplan.spec.document import Document, Finding
+from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
@@ -53,7 +53,7 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     root_paths(document, (("library", "file"),))
     spec, found = validate(document, MpcSpec)
     findings += [f for f in found if f.path != ("kind",)]
-    robot, robot_mistakes = _robot(document, text.directory)
+    robot, robot_mistakes = body_of_document(document, text.directory)
     findings += _legs(document, robot)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
@@ -90,8 +90,14 @@ def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
     return body
 
 
-def _robot(document: Document, directory: Path) -> tuple[RigidBodySpec | None, list[SpecMistake]]:
-    reference = document.value.get("robot", "scaler")
+def body_of_document(
+    document: Document, directory: Path, path: KeyPath = ("robot",)
+) -> tuple[RigidBodySpec | None, list[SpecMistake]]:
+    """The rigid body that a document names, or what is wrong with it or its file."""
+    holder = document.value
+    for key in path[:-1]:
+        holder = holder.get(key, {}) if isinstance(holder, dict) else {}
+    reference = holder.get(path[-1], "scaler") if isinstance(holder, dict) else None
     if not isinstance(reference, str) or not reference:
         return None, []  # the model says what is wrong with it
     known = builtin_bodies()
@@ -101,7 +107,7 @@ def _robot(document: Document, directory: Path) -> tuple[RigidBodySpec | None, l
             f"expected a built-in rigid body ({words}) or the path of a rigid-body YAML file, "
             f"got {shown(reference)}"
         )
-        return None, [document.mistake(Finding(("robot",), message, nearest(reference, known)))]
+        return None, [document.mistake(Finding(path, message, nearest(reference, known)))]
     try:
         return load_body(reference, directory), []
     except SpecError as error:
@@ -109,7 +115,7 @@ def _robot(document: Document, directory: Path) -> tuple[RigidBodySpec | None, l
             # Without a line the file itself is at fault, and so the key that names it.
             replace(m, source=m.source or error.source)
             if m.line
-            else document.mistake(Finding(("robot",), f"{error.source}: {m.message}", m.suggestion))
+            else document.mistake(Finding(path, f"{error.source}: {m.message}", m.suggestion))
             for m in error.mistakes
         ]
 

@@ -34,8 +34,15 @@ def tree_findings(tree: UrdfTree) -> list[Finding]:
                     "with one parent a link",
                 )
             )
-    if not found and not tree.roots:
-        found.append(Finding(("urdf",), "closed chain: every link is the child of a joint"))
+    carried = tree.by_child
+    for name in tree.links if not found else ():
+        here, steps = name, 0
+        while here in carried and steps <= len(tree.links):
+            here, steps = carried[here].parent, steps + 1
+        if here in carried:
+            loop = f"closed chain: link {name!r} is carried by itself"
+            found.append(Finding(("urdf",), f"{loop} ({tree.at(tree.links[name].line)})"))
+            break
     if len(tree.roots) > 1:
         found.append(
             Finding(("urdf",), f"expected one root link, got {_listed(tree.roots)} unconnected")
@@ -110,7 +117,8 @@ def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Fin
 def joint_faults(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
     """Why a leg cannot have a joint."""
     if not joint.turns:
-        yield f"a {joint.kind} joint; expected revolute, continuous or fixed"
+        body = "; is its child the body (`base`)?" if joint.kind == "floating" else ""
+        yield f"a {joint.kind} joint; expected revolute, continuous or fixed{body}"
         return
     if joint.mimics is not None:
         yield (

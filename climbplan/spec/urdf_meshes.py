@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-from climbplan.spec.urdf_tree import UrdfFault
+from climbplan.spec.urdf_xml import UrdfFault
 
 _PACKAGE = "package://"
 

@@ -10,7 +10,8 @@ from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.urdf import UrdfRobotSpec
 from climbplan.spec.urdf_checks import leg_findings, section_findings, tree_findings
 from climbplan.spec.urdf_meshes import mesh_path
-from climbplan.spec.urdf_tree import UrdfFault, UrdfJoint, UrdfTree, read_urdf
+from climbplan.spec.urdf_tree import UrdfJoint, UrdfTree, read_urdf
+from climbplan.spec.urdf_xml import UrdfFault, UrdfFaults
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,9 @@ def urdf_robot(
     """
     try:
         tree = read_urdf(directory / spec.urdf)
-    except UrdfFault as fault:
-        line = f"{Path(spec.urdf).name} line {fault.line}: " if fault.line else ""
-        return None, below(path, [Finding(("urdf",), f"{line}{fault.message}")])
+    except (UrdfFault, UrdfFaults) as error:
+        faults = error.faults if isinstance(error, UrdfFaults) else [error]
+        return None, below(path, [_told(spec, fault) for fault in faults])
     found = tree_findings(tree)
     base = spec.base or (tree.roots or [""])[0]
     if not found:
@@ -87,3 +88,8 @@ def urdf_robot(
         for name, leg in spec.legs.items()
     }
     return UrdfRobot(spec, tree, base, joints, meshes, document, path), []
+
+
+def _told(spec: UrdfRobotSpec, fault: UrdfFault) -> Finding:
+    line = f"{Path(spec.urdf).name} line {fault.line}: " if fault.line else ""
+    return Finding(("urdf",), f"{line}{fault.message}")

@@ -1,30 +1,32 @@
-"""The links and joints of a URDF, each with the line it stands in.
+"""The links and joints of a URDF, each with the line it stands in, and nothing but numbers in them.
 
-Only what the text says: nothing is run, no entity is expanded and no other file is opened.
+Pinocchio leaves out what it cannot read (a shape, a mass) with no more than a line on the terminal:
+all that counts for planning is looked at here first.
 """
 
 from __future__ import annotations
 
 import math
-import xml.parsers.expat
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from climbplan.errors import ClimbplanError
+from climbplan.spec.urdf_xml import (
+    Element,
+    UrdfFault,
+    UrdfFaults,
+    number_of,
+    parsed,
+    text_of,
+    vector_of,
+)
 
 LARGEST_URDF = 20_000_000  # [bytes]
-_DEEPEST = 200
 TURNING = ("revolute", "continuous")
-
-
-class UrdfFault(ClimbplanError):
-    """A text that is no URDF; `line` is where, None for the whole."""
-
-    def __init__(self, message: str, line: int | None = None) -> None:
-        self.message = message
-        self.line = line
-        super().__init__(message)
+_SHORTEST = 1e-6  # of an axis
+# Sizes that each shape has to have
+_SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ()}
 
 
 @dataclass(frozen=True)
@@ -100,24 +102,11 @@ class UrdfTree:
 Entry = TypeVar("Entry", UrdfLink, UrdfJoint)
 
 
-@dataclass
-class _Element:
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[_Element] = field(default_factory=list)
-
-    def first(self, tag: str) -> _Element | None:
-        return next((c for c in self.children if c.tag == tag), None)
-
-    def all(self, tag: str) -> list[_Element]:
-        return [c for c in self.children if c.tag == tag]
-
-
 def read_urdf(path: Path) -> UrdfTree:
     """The tree of a URDF file.
 
-    Raises UrdfFault for a file that is missing, too large, no XML, or no URDF.
+    Raises UrdfFault for a file that is missing, too large or no URDF, and UrdfFaults with all that
+    is wrong in one.
     """
     try:
         if path.is_dir():
@@ -130,110 +119,116 @@ def read_urdf(path: Path) -> UrdfTree:
         raise UrdfFault(f"{path}: cannot be read: {error}") from error
     if len(content) > LARGEST_URDF:
         raise UrdfFault(f"too large, a URDF has {LARGEST_URDF / 1e6:.0f} MB at most")
-    root = _parsed(content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise UrdfFault("not UTF-8 text", line) from None
+    root = parsed(content)
     if root.tag != "robot":
         raise UrdfFault(f"expected <robot> as the first element, got <{root.tag}>", root.line)
     if path.suffix == ".xacro" or b"xmlns:xacro" in content:
         raise UrdfFault(f"a xacro; write its URDF first: xacro {path.name} > {path.stem}.urdf")
-    links = _named([_link(e) for e in root.all("link")], "link")
-    joints = _named([_joint(e) for e in root.all("joint")], "joint")
-    if not links:
-        raise UrdfFault("no <link> in it")
-    for joint in joints.values():
-        for role, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise UrdfFault(f"{role} of joint {joint.name!r} is no link: {name!r}", joint.line)
+    faults: list[UrdfFault] = []
+    links = _named(_read(_link, root.all("link"), faults), "link", faults)
+    joints = _named(_read(_joint, root.all("joint"), faults), "joint", faults)
+    if not root.all("link"):
+        faults.append(UrdfFault("no <link> in it"))
+    known = {element.attributes.get("name") for element in root.all("link")}
+    faults += [
+        UrdfFault(f"{role} of joint {joint.name!r} is no link: {name!r}", joint.line)
+        for joint in joints.values()
+        for role, name in (("parent", joint.parent), ("child", joint.child))
+        if name not in known
+    ]
+    if faults:
+        raise UrdfFaults(sorted(faults, key=lambda fault: fault.line or 0))
     name = root.attributes.get("name", "") or path.stem
-    return UrdfTree(path, content.decode("utf-8", "replace"), name, links, joints)
+    return UrdfTree(path, text, name, links, joints)
 
 
-def _parsed(content: bytes) -> _Element:
-    parser = xml.parsers.expat.ParserCreate()
-    stack: list[_Element] = []
-    roots: list[_Element] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, parser.CurrentLineNumber)
-        if len(stack) >= _DEEPEST:
-            raise UrdfFault(f"elements nested more than {_DEEPEST} deep", element.line)
-        (stack[-1].children if stack else roots).append(element)
-        stack.append(element)
-
-    def end(tag: str) -> None:
-        stack.pop()
-
-    def entity(*_: object) -> None:
-        raise UrdfFault("declares XML entities, which a URDF has no need of")
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.EntityDeclHandler = entity
-    try:
-        parser.Parse(content, True)
-    except xml.parsers.expat.ExpatError as error:
-        reason = xml.parsers.expat.ErrorString(error.code)
-        raise UrdfFault(f"not XML: {reason}", error.lineno) from error
-    return roots[0]
+def _read(
+    reader: Callable[[Element], Entry], elements: list[Element], faults: list[UrdfFault]
+) -> list[Entry]:
+    out = []
+    for element in elements:
+        try:
+            out.append(reader(element))
+        except UrdfFault as fault:
+            faults.append(fault)
+    return out
 
 
-def _named(entries: list[Entry], what: str) -> dict[str, Entry]:
+def _named(entries: list[Entry], what: str, faults: list[UrdfFault]) -> dict[str, Entry]:
     out: dict[str, Entry] = {}
     for entry in entries:
         if entry.name in out:
-            raise UrdfFault(f"two {what}s are named {entry.name!r}", entry.line)
+            faults.append(UrdfFault(f"two {what}s are named {entry.name!r}", entry.line))
         out[entry.name] = entry
     return out
 
 
-def _text(element: _Element, name: str) -> str:
-    value = element.attributes.get(name, "")
-    if not value:
-        raise UrdfFault(f"<{element.tag}> without `{name}`", element.line)
-    return value
-
-
-def _number(element: _Element | None, name: str) -> float | None:
-    if element is None or name not in element.attributes:
-        return None
-    text = element.attributes[name]
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UrdfFault(
-            f"`{name}` of <{element.tag}>: expected a number, got {text[:40]!r}", element.line
-        )
-    return value
-
-
-def _link(element: _Element) -> UrdfLink:
+def _link(element: Element) -> UrdfLink:
     inertial = element.first("inertial")
-    mass = _number(inertial.first("mass"), "value") if inertial is not None else None
-    collisions = element.all("collision")
-    meshes = [
-        (_text(mesh, "filename"), mesh.line)
-        for collision in collisions
-        for geometry in collision.all("geometry")
-        for mesh in geometry.all("mesh")
-    ]
-    return UrdfLink(
-        _text(element, "name"), element.line, mass or 0.0, tuple(meshes), bool(collisions)
-    )
+    mass = 0.0
+    if inertial is not None:
+        given = number_of(inertial.first("mass"), "value")
+        if given is None or inertial.first("inertia") is None:
+            raise UrdfFault("<inertial> without <mass value=...> or <inertia>", inertial.line)
+        mass = given
+        _origin(inertial)
+    meshes = []
+    for collision in element.all("collision"):
+        _origin(collision)
+        shape = _shape(collision)
+        if shape.tag == "mesh":
+            meshes.append((text_of(shape, "filename"), shape.line))
+    collides = bool(element.all("collision"))
+    return UrdfLink(text_of(element, "name"), element.line, mass, tuple(meshes), collides)
 
 
-def _joint(element: _Element) -> UrdfJoint:
-    name, kind = _text(element, "name"), _text(element, "type")
+def _origin(holder: Element) -> None:
+    """Refuse a place that is not three numbers each."""
+    for origin in holder.all("origin"):
+        for name in ("xyz", "rpy"):
+            vector_of(origin, name)
+
+
+def _shape(collision: Element) -> Element:
+    """The one shape of a <collision>."""
+    geometry = collision.first("geometry")
+    shapes = [] if geometry is None else geometry.children
+    if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
+        got = ", ".join(f"<{shape.tag}>" for shape in shapes) or "none"
+        raise UrdfFault(
+            f"<collision> with one shape expected, {', '.join(_SHAPES)}; got {got}", collision.line
+        )
+    shape = shapes[0]
+    for name in _SHAPES[shape.tag]:
+        sizes = vector_of(shape, name) if name == "size" else (number_of(shape, name) or 0.0,)
+        if sizes is None or min(sizes) <= 0:
+            raise UrdfFault(f"<{shape.tag}>: expected `{name}` > 0", shape.line)
+    return shape
+
+
+def _joint(element: Element) -> UrdfJoint:
+    name, kind = text_of(element, "name"), text_of(element, "type")
     ends = []
     for role in ("parent", "child"):
         holder = element.first(role)
         if holder is None:
             raise UrdfFault(f"joint {name!r} has no <{role}>", element.line)
-        ends.append(_text(holder, "link"))
+        ends.append(text_of(holder, "link"))
+    _origin(element)
+    axis = element.first("axis")
+    if kind not in ("fixed", "floating") and axis is not None:
+        direction = vector_of(axis, "xyz") or (0.0, 0.0, 0.0)
+        if math.hypot(*direction) < _SHORTEST:
+            raise UrdfFault(f"joint {name!r}: expected an axis of some length", axis.line)
     limit, mimic = element.first("limit"), element.first("mimic")
     lower, upper = -math.inf, math.inf
     if kind == "revolute":
-        lower, upper = _number(limit, "lower") or 0.0, _number(limit, "upper") or 0.0
+        lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
     return UrdfJoint(
         name=name,
         line=element.line,
@@ -242,7 +237,7 @@ def _joint(element: _Element) -> UrdfJoint:
         child=ends[1],
         lower=lower,
         upper=upper,
-        effort=_number(limit, "effort"),
-        velocity=_number(limit, "velocity"),
-        mimics=None if mimic is None else _text(mimic, "joint"),
+        effort=number_of(limit, "effort"),
+        velocity=number_of(limit, "velocity"),
+        mimics=None if mimic is None else text_of(mimic, "joint"),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from command_line import RunCommand
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -41,10 +42,25 @@ def test_forced_arms_are_refused_with_the_shortfall(
     assert not (tmp_path / "out").exists()
 
 
-def test_bad_spec_is_named(tmp_path: Path, run_command: RunCommand) -> None:
+@pytest.mark.parametrize(
+    ("assignment", "code", "words"),
+    [
+        ("box.goal=[0, 0, 1]", 2, "box.goal"),
+        ("terrain.anchors.0.position=[-0.2, 0, 0.7]", 2, "anchor 'wall' is outside"),
+        ("parked=[{size: [0.2, 0.2, 0.2], position: [0.8, 0, 0.1]}]", 2, "overlaps the box"),
+        ("modules.0.stand=[0.7, 0.05, 0]", 2, "is in the box at its start"),
+        ("task.allow=[quadruped]", 2, "a quadruped needs 4 modules, got 1"),
+        ("box.mass=3", 3, "9.4 N short"),
+        ("box.start=[2.2, 0, 0.1]", 3, "by reach"),
+    ],
+)
+def test_what_cannot_be_planned_is_named(
+    tmp_path: Path, run_command: RunCommand, assignment: str, code: int, words: str
+) -> None:
     done = run_command(
         "plan-limms", str(SPECS / "limms_throw.yaml"), "--out", str(tmp_path / "out"),
-        "--set", "box.goal=[0, 0, 1]",
+        "--set", assignment,
     )  # fmt: skip
-    assert done.code == 2
-    assert "box.goal" in done.err
+    assert done.code == code, done.err
+    assert words in done.err
+    assert not (tmp_path / "out").exists()

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from urdf_walkers import QUADRUPED
 
+from climbplan.climb.chaining import started
 from climbplan.climb.planner import plan_climb
+from climbplan.errors import SpecError
 from climbplan.plans.climb_file import read_as_found, read_climb, write_climb
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.trajectory_csv import export_csv
-from climbplan.plans.verification import verification_of
+from climbplan.plans.verification import mark_verified, verification_of
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.spec.examples import example_data, example_text
@@ -106,7 +108,7 @@ def bent(file: h5py.File) -> None:
 @pytest.mark.parametrize(
     ("change", "check"),
     [
-        (shifted, "kinematics.toes"),
+        (shifted, "robot.data"),
         (turned, "kinematics.toes"),
         (pressed, "static.pose"),
         (bent, "static.pose"),
@@ -133,3 +135,21 @@ def test_the_pages_example_plans_a_robot_of_ones_own(tmp_path: Path) -> None:
     plan = plan_climb(load_climb(tmp_path / "climb.yaml"))
     write_climb(plan, tmp_path / "plan.h5")
     assert verification_of(read_as_found(tmp_path / "plan.h5")).passed
+
+
+def test_going_on_where_a_walker_stands(stored: Path, plan: ClimbPlan, tmp_path: Path) -> None:
+    """Another robot with the same limbs' names and lengths is refused."""
+    (tmp_path / "climb.yaml").write_text(example_text("climb_walker"))
+    for name, content in example_data("climb_walker").items():
+        (tmp_path / name).write_bytes(content)
+    on = ["task.rounds=1", "task.goal.com=[0,0,0.2]", f"task.start={{plan: {stored}}}"]
+    marked = Path(shutil.copy(stored, tmp_path / "verified.h5"))
+    mark_verified(marked, verification_of(read_as_found(marked)))
+    on[-1] = f"task.start={{plan: {marked}}}"
+    loaded = started(load_climb(tmp_path / "climb.yaml", on))
+    assert loaded.spec.task.start.com == tuple(plan.rounds.com[-1])
+    urdf = tmp_path / "walker.urdf"
+    turned_axis = urdf.read_text().replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -0.9 0.1"/>', 1)
+    urdf.write_text(turned_axis)
+    with pytest.raises(SpecError, match=r"a plan of walker, with an?other "):
+        started(load_climb(tmp_path / "climb.yaml", on))

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from walk_tasks import named, shorter, stairs_task, walk_task
 
 from climbplan.mpc.checker import check_trajectory, failures
+from climbplan.mpc.draws import StartRanges, drawn_start
 from climbplan.mpc.footing import SWINGING, footing_of, gait_of
 from climbplan.mpc.gaits import CYCLES, starting_gaits
 from climbplan.mpc.nlp import solve_nlp
 from climbplan.mpc.pinned import PinnedProgram
 from climbplan.mpc.search import SearchLimits, search
-from climbplan.mpc.sqp import guess, rolled_out, solve_gait
+from climbplan.mpc.sqp import iterate_of, rolled_out, solve_gait
+
+RNG = np.random.default_rng(7)
 
 
 def test_stance_phases() -> None:
@@ -37,16 +38,13 @@ def test_regions_of_swinging_toes_are_where_they_go() -> None:
 
 
 def test_the_qp_predicts_what_the_dynamics_do() -> None:
-    """Near its optimum the linearisation is exact up to second order."""
+    """About a motion that obeys the dynamics the linearisation is exact up to second order."""
     task = walk_task((0.8, 0, 0), integrator="mean")
     gait = named("trot", task)
     program = PinnedProgram(task, gait)
-    at = guess(task, gait)
-    for _ in range(30):
-        found = program.step(at)
-        assert found is not None
-        at = found
-    at = replace(at, state=rolled_out(program, at).state)
+    settled = solve_gait(task, gait, iterations=8).trajectory
+    assert settled is not None
+    at = iterate_of(settled, gait)
     qp = program.qp(at)
     rng = np.random.default_rng(1)
     z = np.zeros(program.size)
@@ -128,3 +126,27 @@ def test_a_gait_that_cannot_be() -> None:
 
 def test_named_gaits_have_four_legs() -> None:
     assert all(len(row) == 4 for steps in CYCLES.values() for row in steps)
+
+
+def test_search_spends_its_budget_and_says_when_time_cut_it_short() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    budget = search(task, SearchLimits(1e4, qps=40))
+    assert 40 <= budget.qps <= 60
+    assert not budget.cut_short
+    late = search(task, SearchLimits(1e-9, qps=40))
+    assert late.trajectory is None or "time limit" in late.cut_short
+    assert "time limit" in late.cut_short
+
+
+def test_starts_are_drawn_within_their_ranges() -> None:
+    task = walk_task((0.0, 0, 0))
+    drawn = [drawn_start(task, StartRanges(), np.random.default_rng([3, k])) for k in range(50)]
+    velocity = np.array([d.task.start.state[3] for d in drawn])
+    at_once = np.array([d.forward + 0.08 * d.acceleration for d in drawn])
+    assert np.allclose(velocity, at_once)
+    assert np.ptp([d.forward for d in drawn]) > 2.0
+    assert np.ptp([d.acceleration for d in drawn]) > 20.0
+    assert all(np.array_equal(d.task.start.toes, task.start.toes) for d in drawn)
+    wide = drawn_start(task, StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04), RNG).task
+    assert 0 < np.abs(wide.start.toes - task.start.toes).max() <= 0.04
+    assert 0 < np.abs(wide.start.state[6:8]).max() <= 0.1

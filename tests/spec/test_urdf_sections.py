@@ -34,7 +34,8 @@ task:
 
 def mistakes(folder: Path, climb: str = CLIMB, urdf: str | None = None) -> list[str]:
     """What is wrong with a climb and its URDF, as the command line says it."""
-    (folder / "walker.urdf").write_text(QUADRUPED.text() if urdf is None else urdf)
+    text = QUADRUPED.text() if urdf is None else urdf
+    (folder / "walker.urdf").write_text(text, encoding="latin-1")
     spec = folder / "s.yaml"
     spec.write_text(climb)
     with pytest.raises(SpecError) as caught:
@@ -139,6 +140,44 @@ def test_closed_chains(tmp_path: Path) -> None:
     assert "and 'bar'" in found
 
 
+@pytest.mark.parametrize("parent", ["L1_yaw_link", "L1_toe"])
+def test_rings_without_a_root(tmp_path: Path, parent: str) -> None:
+    ring = ('<parent link="base_link"/><child link="L1_yaw_link"/>', "base_link", parent)
+    text = changed(QUADRUPED.text(), (ring[0], ring[0].replace(*ring[1:])))
+    (found,) = mistakes(tmp_path, urdf=text)
+    assert "closed chain: link 'L1_yaw_link' is carried by itself" in found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('xyz="0.2 0.12 0"', 'xyz="nan 0.12 0"', "`xyz` of <origin>: expected three numbers"),
+        ('xyz="0.2 0.12 0"', 'xyz="0.2 0.12"', "`xyz` of <origin>: expected three numbers"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "expected an axis of some length"),
+        ('<mass value="4.0"/>', "", "<inertial> without <mass value=...> or <inertia>"),
+        (
+            '<box size="0.4 0.2 0.08"/>',
+            "<torus/>",
+            "one shape expected, box, cylinder, sphere, mesh",
+        ),
+        ('<box size="0.4 0.2 0.08"/>', '<box size="0.4 0 0.1"/>', "<box>: expected `size` > 0"),
+    ],
+)
+def test_what_pinocchio_would_leave_out(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    text = changed(QUADRUPED.text(), (old, new))
+    (found,) = mistakes(tmp_path, urdf=text)
+    line = next(n for n, row in enumerate(text.splitlines(), 1) if (new and new in row) or not new)
+    assert expected in found
+    assert not new or f"s.yaml:3: robot.urdf: walker.urdf line {line}: " in found
+
+
+def test_all_that_is_wrong_in_a_urdf(tmp_path: Path) -> None:
+    text = changed(
+        QUADRUPED.text(), ('<mass value="4.0"/>', ""), ('xyz="0.2 0.12 0"', 'xyz="a b c"')
+    )
+    assert len(mistakes(tmp_path, urdf=text)) == 2
+
+
 def test_weights_and_connections(tmp_path: Path) -> None:
     weightless = replace(QUADRUPED, body_mass=0.0, link_mass=0.0).text()
     (found,) = mistakes(tmp_path, urdf=weightless)
@@ -174,6 +213,7 @@ def test_weights_and_connections(tmp_path: Path) -> None:
             "`value` of <mass>: expected a number, got 'much'",
         ),
         ("<a>" * 500, "elements nested more than 200 deep"),
+        ("\xff<robot/>", "not UTF-8 text"),
     ],
 )
 def test_texts_that_are_no_urdf(tmp_path: Path, text: str, expected: str) -> None:

@@ -12,6 +12,7 @@ from climbplan.plans.checks.check import Array, Check, faults_check, judge
 from climbplan.plans.checks.convex import hull_of, polygon_edges, polygon_normal
 from climbplan.plans.climb_plan import ClimbPlan, StepLimits
 from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
@@ -91,6 +92,21 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
         yield "limb names are not unique"
     if not _has_volume(robot.body_hull):
         yield "body_hull spans no volume"
+    if isinstance(robot.mechanism, SerialChain):
+        yield from _chain_faults(robot, robot.mechanism)
+
+
+def _chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:
+    """What the file says twice of its chains."""
+    ends = np.concatenate([chain.joint_zero, chain.toe_zero[:, None]], axis=1)
+    lengths = np.linalg.norm(np.diff(ends, axis=1), axis=-1)
+    for name, stored, own in (
+        ("shoulder_body", robot.shoulder_body, chain.joint_zero[:, 0]),
+        ("link_lengths", robot.link_lengths, lengths),
+    ):
+        off = np.abs(stored - own).max(axis=1)
+        for limb in np.flatnonzero(~(off <= _SAME_PLANE)):
+            yield f"{name} of {robot.limb_names[limb]} is not that of its chain"
 
 
 def _terrain_faults(terrain: Terrain) -> Iterator[str]:

@@ -1,0 +1,14 @@
+"""Rows of walks, as a worker makes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from climbplan.mpc.dataset_rows import WalkRows
+from climbplan.spec.dataset_mpc import WalksProblemSpec
+from climbplan.spec.mpc_loading import load_body
+
+
+def walk_source(spec: WalksProblemSpec, directory: Path) -> WalkRows:
+    """Walks as a spec describes them; a robot's file is looked up from `directory`."""
+    return WalkRows(spec, load_body(spec.robot, directory))

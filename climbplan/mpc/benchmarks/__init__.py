@@ -1,0 +1,1 @@
+"""What walking methods take and reach, beside published figures."""

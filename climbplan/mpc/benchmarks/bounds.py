@@ -1,0 +1,49 @@
+"""The mixed-integer relaxation on the shipped tasks: its finds and bounds, beside the search."""
+
+from __future__ import annotations
+
+import time
+from typing import TextIO
+
+from climbplan.mpc.benchmarks.shipped_tasks import TASKS, shipped
+from climbplan.mpc.micp.method import MicpLimits, solve_micp
+from climbplan.mpc.nlp import solve_nlp
+from climbplan.mpc.problem import build_task
+from climbplan.mpc.search import SearchLimits, search
+
+_SECONDS, _QUICK = 150.0, 6.0
+_LONGEST = 60.0
+
+
+def bound_table(seed: int, quick: bool, stream: TextIO) -> None:
+    """Print `micp` from the NLP's answer beside `search`, and its gap from the search's answer."""
+    seconds = _QUICK if quick else _SECONDS
+    print(
+        f"micp: {seconds:.0f} s from the answer of nlp, and from that of search; bounds are of "
+        "motions within the tube\n"
+        "task               nlp    micp  bound    gap | search  CPU [s]  to micp | bound    gap",
+        file=stream,
+    )
+    for name in TASKS[:1] if quick else TASKS:
+        loaded = shipped(name)
+        task = build_task(loaded.spec, loaded.robot, loaded.source)
+        known = solve_nlp(task, "trot", _LONGEST)
+        begin = time.process_time()
+        found = search(task, SearchLimits(_LONGEST, seed=seed, qps=loaded.spec.solver.qps))
+        searched = time.process_time() - begin
+        # Regions multiply the pieces: one part each is what HiGHS can still branch on.
+        pieces = 2 if len(task.ground.height) == 1 else 1
+        limits = MicpLimits(seconds, arm_pieces=pieces)
+        improved, proved = (solve_micp(task, limits, start) for start in (known, found))
+        print(
+            f"{name:<16} {known.objective:6.1f}  {improved.objective:6.1f}  {improved.bound:5.1f}  "
+            f"{_gap(improved.objective, improved.bound):4.0f} % | {found.objective:6.1f}  "
+            f"{searched:7.2f}  {found.objective / improved.objective:7.3f} | {proved.bound:5.1f}  "
+            f"{_gap(proved.objective, proved.bound):4.0f} %",
+            file=stream,
+            flush=True,
+        )
+
+
+def _gap(cost: float, bound: float | None) -> float:
+    return 100.0 if bound is None else 100.0 * (cost - bound) / cost

@@ -1,0 +1,1 @@
+"""The walking problem as a mixed-integer linear program that bounds it."""

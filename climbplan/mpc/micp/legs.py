@@ -1,0 +1,147 @@
+"""Legs: contact and swing, workspace, regions, friction, and no slip."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from climbplan.mpc.micp.frame import Frame
+from climbplan.mpc.micp.model import Lin, total
+from climbplan.mpc.micp.pieces import Piece
+from climbplan.mpc.task import POSITION, Array
+
+FACETS = 8  # of friction cones, around them
+
+
+class Legs(Frame):
+    """Rows of each leg at each knot."""
+
+    # Legs: workspace (8.20), (8.21), contact and swing (8.23), regions (8.24), friction (8.18)
+    def leg(self, n: int, leg: int) -> tuple[Piece, ...]:
+        task, model = self.task, self.model
+        first = n == 0
+        level, t = task.ground.height, self.turns[n]
+        box, half = task.body.toe_center[leg], task.body.toe_half
+        held = task.start.toes[leg] - task.start.state[POSITION]
+        if first:
+            region = int(task.ground.nearest(task.start.toes[leg, :2]))
+            ends = [(region, held[:2], held[:2])]
+        else:
+            low, high = self.arm_range(t, leg)
+            knots = np.linspace(low[0], high[0], self.arm_pieces + 1)
+            ends = [
+                (s, np.array([a, low[1]]), np.array([b, high[1]]))
+                for s in self.regions(n, low, high)
+                for a, b in itertools.pairwise(knots)
+            ]
+        pieces = tuple(self.piece(*end) for end in ends)
+        standing = total(q.chosen for q in pieces)
+        model.add(standing, -np.inf, 1.0)
+        if first:
+            self.arms[n, leg] = (Lin(constant=held[0]), Lin(constant=held[1]))
+            return pieces
+        arm = (model.variable(low[0], high[0]), model.variable(low[1], high[1]))
+        self.arms[n, leg] = arm
+        for k in range(2):
+            chosen = total(q.arm[k] for q in pieces)
+            # A swinging toe is anywhere in reach.
+            model.add(arm[k] - chosen + standing * low[k], low[k], np.inf)
+            model.add(arm[k] - chosen + standing * high[k], -np.inf, high[k])
+        height = total(q.chosen * float(level[q.region]) for q in pieces)
+        clear = (float(level.min() + task.lift), float(level.max() + task.lift))
+        toe = model.variable(level.min(), clear[1])
+        model.add(toe - height + standing * clear[0], clear[0], np.inf)
+        model.add(toe - height + standing * clear[1], -np.inf, clear[1])
+        spot = [arm[0], arm[1], toe - self.p[n][2]]
+        middle = self.tube.angles[n]
+        for k in range(3):
+            turned = total(
+                (self.angles[n][j] - float(middle[j])) * float(t.slopes[j][k] @ box)
+                for j in range(3)
+            )
+            spot[k] = spot[k] - turned
+        off = t.R_off @ half + t.second_order(box)
+        for k in range(3):
+            seen = total(spot[j] * float(t.R[j, k]) for j in range(3))
+            room = float(half[k] + np.abs(t.R[:, k]) @ off)
+            model.add(seen, float(box[k]) - room, float(box[k]) + room)
+        for q in pieces:
+            self.in_region(n, q, arm)
+        return pieces
+
+    def piece(self, region: int, low: Array, high: Array) -> Piece:
+        model, most = self.model, self.most
+        friction = self.task.ground.friction
+        chosen = model.variable(0.0, 1.0, whole=True)
+        arm = (
+            self.scaled(chosen, float(low[0]), float(high[0])),
+            self.scaled(chosen, float(low[1]), float(high[1])),
+        )
+        force = (
+            self.scaled(chosen, -most, most),
+            self.scaled(chosen, -most, most),
+            self.scaled(chosen, 0.0, most),
+        )
+        for k in range(FACETS):
+            angle = 2 * np.pi * k / FACETS
+            pull = force[0] * float(np.cos(angle)) + force[1] * float(np.sin(angle))
+            model.least(force[2] * friction - pull)
+        products = []
+        for k in range(2):
+            ends = float(low[k]), float(high[k])
+            with_z = self.product(arm[k], ends, force[2], most, chosen)
+            across = self.sideways(ends, force[1 - k], force[2], with_z, friction)
+            products.append((across, with_z))
+        return Piece(region, low, high, chosen, arm, force, products[0], products[1])
+
+    def regions(self, n: int, low: Array, high: Array) -> list[int]:
+        """Regions that a toe can reach."""
+        ground = self.task.ground
+        least, largest = self.p_low[n, :2] + low[:2], self.p_high[n, :2] + high[:2]
+        reached = (ground.lower <= largest).all(axis=1) & (ground.upper >= least).all(axis=1)
+        return [int(s) for s in np.flatnonzero(reached)]
+
+    def in_region(self, n: int, piece: Piece, arm: tuple[Lin, Lin]) -> None:
+        ground = self.task.ground
+        if len(ground.height) == 1:
+            return
+        for k in range(2):
+            toe = arm[k] + self.p[n][k]
+            least = self.p_low[n, k] + min(self.end(n, arm[k], 0), 0.0)
+            largest = self.p_high[n, k] + max(self.end(n, arm[k], 1), 0.0)
+            low, high = float(ground.lower[piece.region, k]), float(ground.upper[piece.region, k])
+            if least < low:
+                self.model.least(toe - least - piece.chosen * (low - least))
+            if largest > high:
+                self.model.least(largest - toe - piece.chosen * (largest - high))
+
+    def end(self, n: int, arm: Lin, side: int) -> float:
+        column = next(iter(arm.terms))
+        return (self.model.lower, self.model.upper)[side][column]
+
+    # No slip, eq. (8.22): a leg stands through, and its arm changes by -v dt, or it does not; the
+    # hull of both instead of M
+    def no_slip(self, n: int, now: tuple[Piece, ...], later: tuple[Piece, ...]) -> None:
+        model, dt = self.model, self.task.step
+        before, after = total(q.chosen for q in now), total(q.chosen for q in later)
+        through = model.variable(0.0, 1.0)
+        model.least(before - through)
+        model.least(after - through)
+        model.least(through - before - after + 1.0)
+        for k in range(2):
+            arms = []
+            for pieces, standing in ((now, before), (later, after)):
+                low = min(float(q.low[k]) for q in pieces)
+                high = max(float(q.high[k]) for q in pieces)
+                arm = self.scaled(through, low, high)
+                left = total(q.arm[k] for q in pieces) - arm
+                model.least(left - (standing - through) * low)
+                model.least((standing - through) * high - left)
+                arms.append(arm)
+            low, high = float(self.v_low[n, k]), float(self.v_high[n, k])
+            velocity = self.scaled(through, low, high)
+            other = self.v[n][k] - velocity
+            model.least(other - (1.0 - through) * low)
+            model.least((1.0 - through) * high - other)
+            model.add(arms[1] - arms[0] + velocity * dt, 0.0, 0.0)

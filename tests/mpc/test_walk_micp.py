@@ -1,0 +1,147 @@
+"""The mixed-integer relaxation contains the motions that it is to bound."""
+
+from __future__ import annotations
+
+import highspy
+import numpy as np
+import pytest
+from walk_tasks import shorter, stairs_task, walk_task
+
+from climbplan.mpc.answer import WalkAnswer
+from climbplan.mpc.checker import check_trajectory, failures
+from climbplan.mpc.draws import StartRanges, drawn_start
+from climbplan.mpc.micp.method import MicpLimits, solve_micp
+from climbplan.mpc.micp.model import Lin, LinearModel
+from climbplan.mpc.micp.ranges import ranges_below
+from climbplan.mpc.micp.shrinking import shrunk
+from climbplan.mpc.micp.statement import relaxation
+from climbplan.mpc.micp.tube import Tube, tube_about, turning
+from climbplan.mpc.search import SearchLimits, search
+from climbplan.mpc.task import WalkTask
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.solvers.highs_model import highs
+
+ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
+
+
+def known(task: WalkTask, qps: int = 60) -> WalkAnswer:
+    answer = search(task, SearchLimits(60.0, qps=qps))
+    assert answer.trajectory is not None
+    return answer
+
+
+def lifted_cost(task: WalkTask, answer: WalkAnswer, spoil: float = 0.0) -> float:
+    """Cost of the relaxed program with states, forces and binaries held to a motion's."""
+    found = answer.trajectory
+    assert found is not None
+    tube = tube_about(task, found.state, ANGLES, SPIN)
+    assert tube.holds(found.state)
+    program = relaxation(task, tube, answer.objective * 1.01, 2, 2, 1.5)
+    model = program.model.lp(whole=False)
+    low, high = np.array(model.col_lower_), np.array(model.col_upper_)
+    for column, value in program.point(found).items():
+        low[column], high[column] = value - 1e-6, value + 1e-6
+    if spoil:
+        column = program.states[2][3].column  # a velocity that no force brings about
+        low[column], high[column] = low[column] + spoil, high[column] + spoil
+    model.col_lower_, model.col_upper_ = low, high
+    solver = highs(30.0)
+    solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
+    solver.passModel(model)
+    solver.run()
+    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        return np.inf
+    return float(solver.getInfo().objective_function_value)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_true_motions_are_in_the_relaxation(seed: int) -> None:
+    ranges = StartRanges(1.0, 5.0, 0.3, 0.1, 0.1, 0.5, 0.02)
+    task = drawn_start(shorter(walk_task((1.0, 0, 0)), 5), ranges, np.random.default_rng(seed)).task
+    answer = known(task)
+    cost = lifted_cost(task, answer)
+    assert 0.9 * answer.objective < cost <= answer.objective * (1 + 1e-6)
+    assert lifted_cost(task, answer, spoil=0.3) == np.inf
+
+
+def test_a_motion_on_steps_is_in_the_relaxation() -> None:
+    task = shorter(stairs_task(), 6)
+    answer = known(task, 150)
+    assert lifted_cost(task, answer) <= answer.objective * (1 + 1e-6)
+
+
+def test_shrinking_keeps_cheaper_motions() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    answer = known(task)
+    found = answer.trajectory
+    assert found is not None
+    tube = tube_about(task, found.state, ANGLES, SPIN)
+    program = relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5)
+    box = shrunk(program, 20.0)
+    assert box is not None
+    assert (found.state >= box.low - 1e-6).all()
+    assert (found.state <= box.high + 1e-6).all()
+    closer = box.tube(tube)
+    assert closer.holds(found.state)
+    before = ranges_below(task, answer.objective * 1.02).velocity
+    assert (box.high - box.low)[2:, 3].sum() < 0.9 * (before[1] - before[0])[2:, 0].sum()
+    assert shrunk(relaxation(task, tube, 0.2 * answer.objective, 1, 1, 1.5), 20.0) is None
+
+
+def test_bound_and_incumbent_enclose_what_is_best() -> None:
+    task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
+    first, best = known(task, 10), known(task, 400)
+    limits = MicpLimits(8.0, 0.01, angles=(0.05, 0.1, 0.05), spin=(0.5, 1.0, 0.5))
+    found = solve_micp(task, limits, first)
+    assert found.trajectory is not None
+    assert found.bound is not None
+    assert found.objective <= first.objective + 1e-9
+    assert 0 < found.bound <= best.objective + 1e-6
+    assert not failures(check_trajectory(task, found.trajectory))
+    bounds = [step.bound for step in found.history]
+    assert bounds == sorted(bounds)
+    assert "within" in found.word
+
+
+def test_nothing_to_start_from() -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 3)
+    found = solve_micp(task, MicpLimits(1.0), WalkAnswer(None, np.inf, 0.0, "no gait"))
+    assert found.trajectory is None
+    assert "no gait" in found.word
+
+
+def test_what_turns_stays_within_its_bounds() -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 3)
+    middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.1, 0.25, 0.2])
+    spin, spin_half = np.array([1.0, -2.0, 5.0]), np.array([1.0, 2.0, 1.0])
+    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    t = turning(task, tube, 2)
+    rng = np.random.default_rng(0)
+    inertia, arm = task.body.inertia, task.body.toe_center[0]
+    for _ in range(300):
+        angles = middle + half * rng.uniform(-1, 1, 3)
+        omega = spin + spin_half * rng.uniform(-1, 1, 3)
+        R = rotation_world_body(angles)
+        assert (np.abs(R - t.R) <= t.R_off + 1e-12).all()
+        linear = t.R + np.einsum("j,jab->ab", angles - middle, t.slopes)
+        assert (np.abs((R - linear) @ arm) <= t.second_order(arm) + 1e-12).all()
+        inverse = R @ np.linalg.inv(inertia) @ R.T
+        assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
+        world = R @ inertia @ R.T
+        gyro = -np.linalg.solve(world, np.cross(omega, world @ omega))
+        assert (np.abs(gyro - t.gyro) <= t.gyro_off + 1e-9).all()
+
+
+def test_tangents_are_below_their_square() -> None:
+    model = LinearModel()
+    x = model.variable(-2.0, 2.0)
+    model.square(3.0, x - 0.5, 2.5, 1.4)
+    for value in np.linspace(-2, 2, 41):
+        lowest = max(
+            (low - terms.get(x.column, 0.0) * value) / terms[1] for terms, low, _ in model.rows
+        )
+        true = 3.0 * (value - 0.5) ** 2
+        assert lowest <= true + 1e-9
+        if abs(value - 0.5) > 0.1:
+            assert lowest > 0.9 * true
+    assert Lin({0: 2.0}, 1.0).at(np.array([3.0])) == 7.0

@@ -1,0 +1,116 @@
+"""Limbs that are chains: the model is the robot's, weights are carried, a short climb holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from urdf_walkers import QUADRUPED
+
+from climbplan.climb.planner import plan_climb
+from climbplan.errors import UsageError
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.robots.kinematics import joint_points_body, toe_world
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.simulation.chain_limb import motor_names
+from climbplan.simulation.comparison import compare
+from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.feedforward import limb_weight_torques
+from climbplan.simulation.model import build_mjcf, link_mass, motor_stiffness
+from climbplan.simulation.replay import simulate
+from climbplan.spec.examples import example_data, example_text
+from climbplan.spec.loading import load_climb
+
+SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.05]", "trajectory.speed=0.005"]
+
+
+@pytest.fixture(scope="module", name="plan")
+def _plan(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
+    folder = tmp_path_factory.mktemp("walker")
+    (folder / "climb.yaml").write_text(example_text("climb_walker"))
+    for name, content in example_data("climb_walker").items():
+        (folder / name).write_bytes(content)
+    return plan_climb(load_climb(folder / "climb.yaml", SHORT))
+
+
+def test_model_is_the_robot_of_the_plan(plan: ClimbPlan) -> None:
+    robot, conditions = plan.robot, Conditions(limb_mass_share=0.5, gain=1.1, backlash=0.01)
+    for play in (0.0, 0.01):
+        own = replace(conditions, backlash=play)
+        model = mujoco.MjModel.from_xml_string(build_mjcf(plan, own))
+        data = mujoco.MjData(model)
+        assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-3)
+        gain = model.actuator_gainprm[:, 0].reshape(4, 4)
+        assert gain == pytest.approx(motor_stiffness(robot, own))
+        assert model.actuator_forcerange[:, 1].reshape(4, 4) == pytest.approx(robot.max_torque)
+        names = [name for limb in range(4) for name in motor_names(robot, limb)]
+        address = [model.joint(name).qposadr[0] for name in names]
+        rng = np.random.default_rng(0)
+        for _ in range(5):
+            angles = rng.uniform(robot.joint_lower, robot.joint_upper)
+            com, rpy = rng.uniform(-0.2, 0.2, 3), rng.uniform(-0.3, 0.3, 3)
+            data.qpos[:3] = com
+            mujoco.mju_mat2Quat(data.qpos[3:7], rotation_world_body(rpy).ravel())
+            data.qpos[address] = angles.ravel()
+            mujoco.mj_kinematics(model, data)
+            toes = np.array([data.geom(f"toe{limb}").xpos for limb in range(4)])
+            np.testing.assert_allclose(toes, toe_world(robot, com, rpy, angles), atol=1e-9)
+
+
+def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
+    """The torques are the slope of the links' potential energy by the joint angles."""
+    robot, conditions = plan.robot, Conditions(limb_mass_share=0.3)
+    found = limb_weight_torques(plan, conditions)
+    rest = replace(
+        plan,
+        forces=replace(plan.forces, force=np.zeros_like(plan.forces.force)),
+    )
+    angles = plan.instants.joint_angles[0]
+    rotation = rotation_world_body(plan.instants.rpy[0])
+    weight = link_mass(robot, conditions) * robot.gravity
+
+    def energy(turned: np.ndarray) -> float:
+        points = joint_points_body(robot, turned) @ rotation.T
+        return float(weight * ((points[:, :-1] + points[:, 1:]) / 2)[..., 2].sum())
+
+    # At the first sample the robot stands as at the start, before any limb is lifted
+    start = joint_angles_at_start(rest)
+    slope = np.zeros_like(angles)
+    for limb, joint in np.ndindex(*angles.shape):
+        step = np.zeros_like(angles)
+        step[limb, joint] = 1e-6
+        slope[limb, joint] = (energy(start + step) - energy(start - step)) / 2e-6
+    np.testing.assert_allclose(found[0], slope, atol=1e-3 * np.abs(slope).max())
+
+
+def joint_angles_at_start(plan: ClimbPlan) -> np.ndarray:
+    from climbplan.robots.kinematics import inverse, to_body
+
+    rounds = plan.rounds
+    return inverse(plan.robot, to_body(rounds.com[0], rounds.rpy[0], rounds.toes[0])).best()
+
+
+def test_a_short_climb_is_as_planned(plan: ClimbPlan) -> None:
+    run = simulate(plan, NOMINAL)
+    assert not run.fallen
+    assert run.torque.shape[1:] == (4, 4)
+    compared = compare(plan, run)
+    assert np.median(compared.torque_error) < 0.02
+
+
+def test_legs_of_different_make_are_refused(plan: ClimbPlan) -> None:
+    chain = plan.robot.mechanism
+    assert chain is not None
+    mixed = replace(chain, names=(("", *chain.names[0][1:]), *chain.names[1:]))  # type: ignore[type-var]
+    other = replace(plan, robot=replace(plan.robot, mechanism=mixed))
+    with pytest.raises(UsageError, match="as many joints each; those of walker have 3, 4, 4, 4"):
+        build_mjcf(other, NOMINAL)
+
+
+def test_walkers_are_written_as_shipped(tmp_path: Path) -> None:
+    """The example's URDF is the one that tests write."""
+    shipped = example_data("robot_walker")["walker.urdf"].decode()
+    assert shipped.split("<link", 1)[1] == QUADRUPED.text().split("<link", 1)[1]

@@ -11,8 +11,9 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.errors import Infeasible, LimitReached
+from climbplan.limms.consensus.copies import Copy, Found
 from climbplan.limms.consensus.iteration import Parameters, agree, residual_of
-from climbplan.limms.consensus.mixed_integer import Copy, Found, MixedInteger
+from climbplan.limms.consensus.mixed_integer import MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.refinement import sequence_of
 from climbplan.limms.consensus.setting import (
@@ -45,7 +46,7 @@ def block(setting: Setting) -> MixedInteger:
 
 @pytest.fixture(scope="module")
 def first(block: MixedInteger) -> Found:
-    block.choose(False)
+    block.choose("arms")
     return block.first(60.0)
 
 

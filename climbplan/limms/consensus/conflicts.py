@@ -6,11 +6,11 @@ import time
 from dataclasses import replace
 
 from climbplan.errors import Conflict
-from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
+from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, Kind, MixedInteger
 from climbplan.limms.consensus.setting import setting_of
 from climbplan.limms.scene import Scene
 
-KINDS = {False: "arms", True: "quadruped"}
+KINDS = {"arms": "arms", "stand": "quadruped that stands", "leap": "quadruped that leaps"}
 TRIAL = 5.0  # [s] of each loosened block
 _LOOSER = {
     "force limit (max_force)": ("max_force", 10.0),
@@ -21,20 +21,20 @@ _LOOSER = {
 
 
 def conflicts_of(
-    scene: Scene, intervals: int, nearest: dict[bool, float], deadline: float
+    scene: Scene, intervals: int, nearest: dict[Kind, float], deadline: float
 ) -> list[Conflict]:
     """One conflict for each behaviour: how near it comes, and what would let it reach the goal."""
     found = []
-    for legs, missed in nearest.items():
+    for kind, missed in nearest.items():
         text = f"the box is proved to miss its goal, {missed:.2f} m off in the best plan seen"
-        guilty = _guilty(scene, intervals, legs, deadline)
+        guilty = _guilty(scene, intervals, kind, deadline)
         if guilty:
             text += "; it conflicts with the " + " and the ".join(guilty)
-        found.append(Conflict(KINDS[legs], (text,), (), True))
+        found.append(Conflict(KINDS[kind], (text,), (), True))
     return found
 
 
-def _guilty(scene: Scene, intervals: int, legs: bool, deadline: float) -> list[str]:
+def _guilty(scene: Scene, intervals: int, kind: Kind, deadline: float) -> list[str]:
     found = []
     trials = [
         (name, replace(scene, module=scene.module.model_copy(update={key: factor * value})), 1)
@@ -47,7 +47,7 @@ def _guilty(scene: Scene, intervals: int, legs: bool, deadline: float) -> list[s
         if left <= 1.0:
             break
         block = MixedInteger(setting_of(loose, longer * intervals))
-        block.choose(legs)
+        block.choose(kind)
         if block.first(min(TRIAL, left)).missed <= NEAR_GOAL:
             found.append(name)
     return found

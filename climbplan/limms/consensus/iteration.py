@@ -8,13 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.consensus.mixed_integer import (
-    NEAR_GOAL,
-    Copy,
-    Found,
-    MixedInteger,
-    Modes,
-)
+from climbplan.limms.consensus.copies import Copy, Found, Modes
+from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.setting import Setting, chain_points
 from climbplan.limms.scene import Array

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.consensus.mixed_integer import Modes
+from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.module_rows import AHEAD, MARGIN
 from climbplan.limms.consensus.setting import Setting
 from climbplan.limms.limbs import end_rotation, standing_rotation

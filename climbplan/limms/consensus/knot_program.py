@@ -88,9 +88,12 @@ class KnotPrograms:
         weights: tuple[float, float],
         planes: Sequence[Plane],
         blocks: Array,
-        seconds: float,
+        rests: bool,
     ) -> Solved:
-        """The nearest poses to the targets; blocks: (L, 4, 2, 3) free block of each link."""
+        """The nearest poses to the targets.
+
+        blocks: (L, 4, 2, 3) free block of each link; rests: whether the box is where it starts.
+        """
         began = time.perf_counter()
         key = tuple((h.root, h.parent, h.ends[h.root].kind == ON_MODULE) for h in hands)
         if key not in self._programs:
@@ -100,6 +103,8 @@ class KnotPrograms:
         program, points_of = self._programs[key]
         L = self.setting.scene.count
         lower, upper, g_lower, g_upper, roots, sides, offsets, frames = self._numbers(hands, blocks)
+        if rests:
+            lower[:3] = upper[:3] = self.setting.scene.box_start[0]
         matrix = np.zeros((CUTS, 15 * L + 3))
         cut_lower = np.full(CUTS, -np.inf)
         for i, plane in enumerate(planes[:CUTS]):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -21,9 +21,10 @@ from climbplan.limms.consensus.knot_program import Pose
 from climbplan.limms.consensus.setting import CHAIN_POINTS, Setting
 from climbplan.limms.contact import gap_to_blocks, gap_within, link_segments
 from climbplan.limms.limbs import standing_rotation
-from climbplan.limms.scene import Array, anchor_frame
+from climbplan.limms.scene import SIDE_NORMALS, Array, anchor_frame
 
 _DEEP = 50.0  # [1/m] what a collision counts against squared distances
+_STANCES = (0.3, 0.38, 0.46, 0.54, 0.62)  # [m] of feet from their faces
 _OUT = 10.0  # [1/m], [1/rad] what a reach or range that is missing counts
 
 
@@ -50,24 +51,40 @@ def start_at(
         earlier = before[m]
         if earlier is not None:
             candidates += list(np.atleast_2d(earlier))
-        missing = [0.0] * len(candidates)
-        for branch in BRANCHES:
-            solution = inverse(setting.scene.module, first, last, branch)
-            wrapped = solution.angles
-            candidates.append(wrapped)
-            missing.append(float(solution.missing))
+        places, missing = [base.position] * len(candidates), [0.0] * len(candidates)
+        for place_of_root in _roots(setting, hands[m], box, base.position):
+            moved = Frame(place_of_root, base.rotation)
+            for branch in BRANCHES:
+                ends = (moved, last) if root == 0 else (first, moved)
+                solution = inverse(setting.scene.module, *ends, branch)
+                candidates.append(solution.angles)
+                places.append(place_of_root)
+                missing.append(float(solution.missing))
         stack = np.array(candidates)
         shape = (len(stack), 3, 3)
-        many = Frame(
-            np.broadcast_to(base.position, (len(stack), 3)), np.broadcast_to(base.rotation, shape)
-        )
+        many = Frame(np.array(places), np.broadcast_to(base.rotation, shape))
         found = place(setting.scene.module, many, stack)
         trouble = _trouble(setting, hands[m], box, points[m], found, stack)
         trouble += _OUT * np.array(missing)
         best = int(np.argmin(trouble))
-        angles[m], roots[m] = stack[best], base.position
+        angles[m], roots[m] = stack[best], places[best]
         placed[m] = Points(found.position[best], found.rotation[best])
     return Pose(box, roots, angles), [placed[m] for m in range(L)]
+
+
+def _roots(setting: Setting, hands: Hands, box: Array, place: Array) -> Iterator[Array]:
+    """Where the root may be: as it is, and for a leg that stands at some distances of its face."""
+    yield place
+    end = hands.ends[0]
+    if hands.root != 0 or end.side < 0 or end.kind != ON_PATCH:
+        return
+    normal = SIDE_NORMALS[end.side]
+    half = float(abs(normal) @ setting.scene.box_size[0]) / 2
+    aside = (place - box) - ((place - box) @ normal) * normal
+    for share in (1.0, 0.0):
+        for away in _STANCES:
+            wanted = box + share * aside + (half + away) * normal
+            yield np.clip(wanted, *patch_bounds(setting, end.patch))
 
 
 def _frames(

@@ -6,19 +6,20 @@ Built once; targets, weights and bounds are changed in place. The L1 norm keeps 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import highspy
 import numpy as np
 
 from climbplan.limms.consensus.box_rows import add_box
 from climbplan.limms.consensus.columns import Columns, columns_of
+from climbplan.limms.consensus.copies import Copy, Found, modes_of
 from climbplan.limms.consensus.logic_rows import add_logic
 from climbplan.limms.consensus.module_rows import add_modules
 from climbplan.limms.consensus.rows import Table
-from climbplan.limms.consensus.setting import FREE, Setting
-from climbplan.limms.scene import Array, Index
+from climbplan.limms.consensus.setting import FREE, LEAPS, Setting
+from climbplan.limms.scene import Array
 from climbplan.solvers.highs_model import highs, linear_model
 
 GOAL = 1000.0  # [1/m] cost of what is missing to the goal
@@ -31,48 +32,7 @@ EFFORT = 0.02  # [s^2/m] of accelerations of the box
 RESTS = 0.1  # of an interval in which the box has not been picked up
 
 
-@dataclass(frozen=True)
-class Copy:
-    """Positions as one block has them: box (K + 1, 3) and modules (K + 1, L, 5, 3) [m]."""
-
-    box: Array
-    points: Array
-
-    def moved(self, other: Copy, factor: float) -> Copy:
-        """This plus a factor times the other."""
-        return Copy(self.box + factor * other.box, self.points + factor * other.points)
-
-    def scaled(self, factor: float) -> Copy:
-        """All of it times a factor."""
-        return Copy(self.box * factor, self.points * factor)
-
-
-@dataclass(frozen=True)
-class Modes:
-    """The integers, by what they mean; as in `Columns`."""
-
-    box: Index  # (K,) mode of the box
-    drives: Index  # (L, K)
-    leg: Index  # (L, K)
-    hold: Index  # (L, K) side of the box that an arm holds, -1 none
-    mount: Index  # (L, K) side of the box that a leg carries
-    wall: Index  # (L, K) anchor of the terrain
-    parent: Index  # (L, K) module that an added arm is on
-    ground: Index  # (L, K) patch that the first end stands on
-    region: Index  # (K + 1, L, 4) free block of each link
-
-
-@dataclass(frozen=True)
-class Found:
-    """An answer of the block."""
-
-    status: str  # "optimal", "limit" or "infeasible"
-    copy: Copy | None
-    modes: Modes | None
-    velocity: Array | None  # (K + 1, 3) of the box [m/s]
-    missed: float  # [m] of the goal
-    seconds: float
-    x: Array | None
+Kind = Literal["arms", "stand", "leap"]
 
 
 class MixedInteger:
@@ -114,6 +74,7 @@ class MixedInteger:
         self._solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
         self._solver.passModel(lp)
         self._frozen = False
+        self._kind: Kind = self.kinds[0]
         self.build_seconds = time.perf_counter() - began
         self.variables = len(self._cost)
         self.binaries = int((self._upper > self._lower)[self._binary].sum())
@@ -143,18 +104,25 @@ class MixedInteger:
             self._release()
 
     @property
-    def kinds(self) -> list[bool]:
-        """What is left to choose between: held or thrown (False), or walking (True)."""
-        column = self.columns.legs[0]
-        return [
-            kind for kind in (False, True) if self._lower[column] <= kind <= self._upper[column]
-        ]
+    def kinds(self) -> list[Kind]:
+        """What is left to choose between."""
+        legs, leaps = self.columns.legs[0], self.columns.box[LEAPS, 0]
+        found: list[Kind] = ["arms"] if self._lower[legs] == 0 else []
+        if self._upper[legs] > 0:
+            found.append("stand")
+            if self._upper[leaps] > 0:
+                found.append("leap")
+        return found
 
-    def choose(self, legs: bool) -> None:
-        """Only plans in which the box walks, or only those in which it is held or thrown."""
-        column = int(self.columns.legs[0])
-        value = float(legs)
-        self._solver.changeColBounds(column, value, value)
+    def choose(self, kind: Kind) -> None:
+        """Only plans in which the box is held or thrown, stands on legs, or leaps on them."""
+        self._kind = kind
+        legs = int(self.columns.legs[0])
+        value = float(kind != "arms")
+        self._solver.changeColBounds(legs, value, value)
+        for column in self.columns.box[LEAPS]:
+            most = self._upper[column] if kind == "leap" else 0.0
+            self._solver.changeColBounds(int(column), 0.0, float(most))
 
     def freeze(self, x: Array) -> None:
         """Keep the integers of an answer; what is left is a linear program."""
@@ -175,6 +143,7 @@ class MixedInteger:
         self._solver.changeColsBounds(
             count, self._binary, self._lower[self._binary], self._upper[self._binary]
         )
+        self.choose(self._kind)
         self._frozen = False
         for column in self.columns.missed:
             self._solver.changeColBounds(int(column), 0.0, np.inf)
@@ -275,26 +244,3 @@ class MixedInteger:
         ):
             for column in np.ravel(columns):
                 table.cost[column] = cost
-
-
-def modes_of(setting: Setting, c: Columns, x: Array) -> Modes:
-    """What the integers of a point mean."""
-
-    def chosen(columns: Index) -> Index:
-        values = np.round(x[columns]).astype(int)
-        if not len(values):
-            return np.full(values.shape[1:], -1)
-        return np.where(values.any(axis=0), values.argmax(axis=0), -1)
-
-    region = chosen(c.region)  # (4, L, K + 1)
-    return Modes(
-        box=chosen(c.box),
-        drives=np.round(x[c.drives]).astype(int),
-        leg=np.round(x[c.leg]).astype(int),
-        hold=chosen(c.hold),
-        mount=chosen(c.mount),
-        wall=chosen(c.wall),
-        parent=chosen(c.carry),
-        ground=chosen(c.ground),
-        region=np.maximum(np.moveaxis(region, 2, 0).swapaxes(1, 2), 0),
-    )

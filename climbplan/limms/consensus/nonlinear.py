@@ -10,15 +10,15 @@ import numpy as np
 
 from climbplan.limms.chain import Points, forward, from_last
 from climbplan.limms.chain import Pose as Frame
+from climbplan.limms.consensus.copies import Copy, Modes
 from climbplan.limms.consensus.knot_modes import Hands, hands_at
 from climbplan.limms.consensus.knot_program import KnotPrograms, Pose, Solved
 from climbplan.limms.consensus.knot_start import start_at
-from climbplan.limms.consensus.mixed_integer import Copy, Modes
 from climbplan.limms.consensus.planes import planes_at
-from climbplan.limms.consensus.setting import POINTS, Setting, start_points
+from climbplan.limms.consensus.setting import POINTS, STABLE, Setting, start_points
 from climbplan.limms.scene import Array
 
-BOX_WEIGHT, POINT_WEIGHT = 1.0, 1.0  # [1/m^2] of disagreements
+BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of disagreements
 DEEP = 1e-4  # [m] penetration that calls for new planes
 ROUNDS = 3
 
@@ -68,8 +68,14 @@ class Nonlinear:
                 )
                 for m in range(L)
             ]
+            rests = modes.box[knot - 1] == STABLE
             solved, penetration = self._knot(
-                hands, target.box[knot], target.points[knot], earlier, modes.region[knot], deadline
+                hands,
+                box[0] if rests else target.box[knot],
+                rests,
+                target.points[knot],
+                earlier,
+                modes.region[knot],
             )
             box[knot], points[knot] = solved.pose.box, solved.points
             angles[knot] = solved.pose.angles
@@ -82,10 +88,10 @@ class Nonlinear:
         self,
         hands: tuple[Hands, ...],
         box: Array,
+        rests: bool,
         points: Array,
         earlier: Sequence[Array | None],
         region: Array,
-        deadline: float,
     ) -> tuple[Solved, float]:
         setting = self.setting
         pose, placed = start_at(setting, hands, box, points, earlier)
@@ -100,7 +106,7 @@ class Nonlinear:
                 (BOX_WEIGHT, POINT_WEIGHT),
                 planes,
                 blocks,
-                deadline - time.perf_counter(),
+                rests,
             )
             self.solves += 1
             placed = placed_at(setting, hands, solved.pose)

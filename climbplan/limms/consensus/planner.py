@@ -15,8 +15,9 @@ import numpy as np
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.carrying import Attempts
 from climbplan.limms.consensus.conflicts import conflicts_of
+from climbplan.limms.consensus.copies import Found
 from climbplan.limms.consensus.iteration import Agreement, Parameters, agree
-from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, Found, MixedInteger
+from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.refinement import refine, sequence_of
 from climbplan.limms.consensus.setting import setting_of
@@ -29,7 +30,8 @@ from climbplan.limms.timeline import Progress
 from climbplan.spec.limms_loading import LoadedLimms
 
 METHOD = "admm"
-SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, arms and legs in turn
+SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, behaviours in turn
+LEAST = 0.5  # [s] below which none is begun
 REFINED = 60.0  # [s] of one refinement
 Report = Callable[[str, float], None]
 
@@ -76,6 +78,9 @@ def plan_by_consensus(loaded: LoadedLimms, report: Report = lambda stage, share:
             run.agreements.append(agreement)
             report("refine", 0.0)
             left = min(deadline - time.perf_counter(), REFINED)
+            if left <= LEAST:
+                run.notes.append("no time was left for the refinement")
+                break
             world = refine(scene, agreement.best, attempts, left, rng)
             if world is not None:
                 seconds = {"total": time.perf_counter() - began}
@@ -86,7 +91,7 @@ def plan_by_consensus(loaded: LoadedLimms, report: Report = lambda stage, share:
 
 
 def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float) -> Found | None:
-    """A first answer that reaches the goal, arms first; None if there is none or time is up.
+    """A first answer that reaches the goal, arms first, leaps last; None if time is up.
 
     Raises:
         Infeasible: the block's bound proves that no answer reaches the goal.
@@ -95,18 +100,18 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
     distance = float(np.linalg.norm(scene.goal - scene.box_start[0]))
     nearest = dict.fromkeys(kinds, distance)
     for seconds in SLICES:
-        for legs in tuple(kinds):
+        for kind in tuple(kinds):
             left = deadline - time.perf_counter()
             if left <= 0:
                 return None
-            block.choose(legs)
+            block.choose(kind)
             found = block.first(min(seconds, left))
             run.first_seconds.append(found.seconds)
             if found.missed <= NEAR_GOAL:
                 return found
-            nearest[legs] = min(nearest[legs], found.missed)
+            nearest[kind] = min(nearest[kind], found.missed)
             if found.status == "infeasible":
-                kinds.remove(legs)
+                kinds.remove(kind)
         if not kinds:
             break
     if kinds or run.agreements:

@@ -9,8 +9,8 @@ import numpy as np
 from climbplan.limms.bounds import Connection
 from climbplan.limms.carrying import Attempts, carry
 from climbplan.limms.chain_carrying import Chain, carry_on_chains
+from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.iteration import Iterate
-from climbplan.limms.consensus.mixed_integer import Modes
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
 from climbplan.limms.consensus.warm_start import carry_on
 from climbplan.limms.scene import Scene
@@ -63,7 +63,7 @@ def refine(
     if sequence.kind == "arms":
         world = carry_on(scene, sequence, chains, best, attempts, left, rng)
         left -= time.perf_counter() - began
-        if world is not None or left <= 0:
+        if world is not None or left <= 0.1:
             return world
     owners = tuple(chain.modules[0] for chain in chains)
     return carry(scene, sequence, attempts, left, rng, owners)

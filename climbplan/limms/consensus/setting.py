@@ -17,7 +17,7 @@ from climbplan.spec.limms_module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
 BOX_WORDS = ("stable", "free", "manipulated", "quadruped", "quadruped in the air")
-SECONDS = (2.0, 0.12, 0.6, 0.6, 0.12)  # [s] of an interval in each
+SECONDS = (2.0, 0.12, 0.6, 0.3, 0.12)  # [s] of an interval in each
 POINTS = 5  # ends of a module's straight links: points 0, 2, 3, 5 and 7 of its chain
 CHAIN_POINTS = (0, 2, 3, 5, 7)
 LEVER = 0.6  # [m] from a turning joint to what it moves, for speeds of points

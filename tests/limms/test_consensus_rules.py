@@ -1,0 +1,104 @@
+"""The mixed-integer block's logic rows, by themselves: each rule can be kept, and not be broken."""
+
+from __future__ import annotations
+
+import highspy
+import numpy as np
+import pytest
+from limms_scenes import scene
+
+from climbplan.limms.consensus.columns import Columns, columns_of
+from climbplan.limms.consensus.logic_rows import add_logic
+from climbplan.limms.consensus.rows import Table
+from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STABLE, STANDS, setting_of
+from climbplan.solvers.highs_model import highs, linear_model
+
+K = 3  # intervals
+
+
+@pytest.fixture(scope="module")
+def rules() -> tuple[Table, Columns]:
+    four = setting_of(scene("limms_lift_light", "box.arrival_speed=1"), K)
+    table = Table()
+    columns = columns_of(four, table)
+    add_logic(four, table, columns)
+    return table, columns
+
+
+def allowed(rules: tuple[Table, Columns], ones: list[int], zeros: list[int]) -> bool:
+    """Whether some choice has these columns at 1 and those at 0."""
+    table, _ = rules
+    _, lower, upper = table.numbers()
+    lower[ones], upper[zeros] = 1.0, 0.0
+    if (lower > upper).any():
+        return False
+    matrix, low, high = table.matrix(), np.array(table.row_lower), np.array(table.row_upper)
+    solver = highs()
+    model = linear_model(np.zeros(len(lower)), 0.0, lower, upper, table.binary, matrix, low, high)
+    solver.passModel(model)
+    solver.run()
+    return bool(solver.getModelStatus() == highspy.HighsModelStatus.kOptimal)
+
+
+def owner(rules: tuple[Table, Columns], numbers: np.ndarray, place: int) -> int:
+    """The module that an anchor, or a side as a leg's, is left to."""
+    table, _ = rules
+    _, _, upper = table.numbers()
+    return int(np.flatnonzero(upper[numbers[place, :, -1]])[0])
+
+
+def test_every_behaviour_is_possible(rules: tuple[Table, Columns]) -> None:
+    _, c = rules
+    for mode in (STABLE, FREE, HELD, STANDS, LEAPS):
+        assert allowed(rules, [c.box[mode, -1]], []), mode
+    for numbers in (c.drives, c.arm, c.added, c.leg):
+        assert any(allowed(rules, [numbers[m, -1]], []) for m in range(4))
+
+
+def test_rules_of_legs(rules: tuple[Table, Columns]) -> None:
+    _, c = rules
+    k = K - 1
+    m = owner(rules, c.mount, 0)
+    for box in (c.box[STANDS, k], c.box[LEAPS, k]):
+        assert not allowed(rules, [box], list(c.mount[0, :, k]))  # 1
+    assert not allowed(rules, [c.mount[0, m, k]], [c.box[STANDS, k], c.box[LEAPS, k]])  # 2
+    assert not allowed(rules, [c.mount[0, m, k]], [c.leg[m, k]])  # 3
+    assert not allowed(rules, [c.leg[m, k]], list(c.mount[:, m, k]))  # 4
+    assert allowed(rules, [c.mount[0, m, k], c.box[STANDS, k], c.leg[m, k]], [])
+
+
+def test_rules_of_arms(rules: tuple[Table, Columns]) -> None:
+    _, c = rules
+    k = K - 1
+    m = owner(rules, c.wall, 0)
+    assert not allowed(rules, [c.box[HELD, k]], list(c.hold[..., k].ravel()))  # 5
+    assert not allowed(rules, [c.hold[2, m, k]], [c.arm[m, k], c.added[m, k]])  # 6
+    assert not allowed(rules, [c.arm[m, k]], list(c.wall[:, m, k]))  # 7
+    assert not allowed(rules, [c.wall[0, m, k]], [c.arm[m, k]])  # 8
+    for box in (STABLE, FREE):
+        assert not allowed(rules, [c.box[box, k], c.hold[2, m, k]], [])  # 12
+    assert allowed(rules, [c.box[HELD, k], c.hold[2, m, k], c.wall[0, m, k]], [])
+
+
+def test_rules_of_added_arms(rules: tuple[Table, Columns]) -> None:
+    _, c = rules
+    k = K - 1
+    parent = owner(rules, c.wall, 0)
+    child, other = [m for m in range(4) if m != parent][:2]
+    assert not allowed(rules, [c.added[child, k]], list(c.carry[:, child, k]))  # 9
+    assert not allowed(rules, [c.carry[parent, child, k]], [c.added[child, k]])  # 10
+    assert not allowed(rules, [c.carry[parent, child, k]], [c.arm[parent, k]])
+    assert not allowed(rules, [c.carry[parent, child, k], c.carry[parent, other, k]], [])
+    assert not allowed(rules, [c.carry[parent, child, k], c.hold[2, parent, k]], [])  # 11
+    assert allowed(rules, [c.carry[parent, child, k], c.hold[2, child, k]], [])
+
+
+def test_one_mode_one_hand_one_pick_up(rules: tuple[Table, Columns]) -> None:
+    _, c = rules
+    m = owner(rules, c.wall, 0)
+    assert not allowed(rules, [c.arm[m, 1], c.leg[m, 1]], [])
+    assert not allowed(rules, [c.hold[2, 0, 1], c.hold[2, 1, 1]], [])
+    assert not allowed(rules, [c.hold[2, m, 1], c.hold[3, m, 1]], [])
+    assert not allowed(rules, [c.box[HELD, 1], c.box[STABLE, 2]], [])
+    assert not allowed(rules, [c.box[HELD, 1], c.box[STANDS, 2]], [])
+    assert not allowed(rules, [c.wall[0, m, 1]], [c.wall[0, m, 2]])

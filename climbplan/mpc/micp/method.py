@@ -27,8 +27,8 @@ from climbplan.solvers.highs_model import highs
 from climbplan.solvers.interruption import interruptible
 
 _TOLERANCE = 1e-7  # of rows
-_SHRINKS = 2  # rounds of drawing tube and ranges closer
-_SHRINKING = 0.25  # of the time that is left, for each
+_SHRINKS = 1  # rounds of drawing tube and ranges closer
+_SHRINKING = 0.1  # of the time that is left, for each
 _NEW_START = 0.85  # times the cost before
 _ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
 _TANGENTS = 1.5  # each so many times the one before

@@ -118,3 +118,7 @@ def test_contact_that_is_never_made(library: Library, legs: tuple[int, ...]) -> 
     assert all(np.isfinite(command.trajectory.force).all() for command in loop.commands)
     if len(legs) > 2:
         assert any(command.winner == SAFE for command in loop.commands)
+
+
+def test_a_duration_below_half_a_knot_is_one_knot(library: Library) -> None:
+    assert walked(library, LoopWorld(), duration=1e-9).ticks == 1

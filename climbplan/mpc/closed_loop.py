@@ -138,7 +138,8 @@ class _Run:
 
     def walked(self, duration: float, report: Callable[[float], None] | None) -> Loop:
         """Until the end, or a fall."""
-        samples = SUBSTEPS * round(duration / self.task.step)
+        # At least one knot: a walk without a tick has nothing to judge.
+        samples = SUBSTEPS * max(1, round(duration / self.task.step))
         fell = None
         for sample in range(samples):
             if sample % SUBSTEPS == 0:

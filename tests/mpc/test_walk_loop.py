@@ -149,3 +149,7 @@ def test_what_a_spec_puts_between_controller_and_robot() -> None:
     both = {"estimation": "ekf", "noise": {"velocity": 0.1}}
     with pytest.raises(ValidationError, match="without an estimator"):
         MpcSpec.model_validate({"kind": "mpc", "loop": both})
+
+
+def test_a_duration_below_half_a_knot_is_one_knot(library: Library) -> None:
+    assert walked(library, LoopWorld(), duration=1e-9).ticks == 1

@@ -201,12 +201,17 @@ def address(climb_file: Path) -> Iterator[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        # Shells start what runs in the background deaf to Ctrl-C, and children inherit it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stdout is not None
     line = process.stdout.readline()
     yield line.strip()
     process.send_signal(signal.SIGINT)
-    rest, _ = process.communicate(timeout=20)
+    try:
+        rest, _ = process.communicate(timeout=20)
+    finally:
+        process.kill()
     assert process.returncode == 0
     assert rest == ""
 

@@ -104,13 +104,6 @@ class Scene:
         offset: Array = SIDE_NORMALS[side] * self.box_size[box] / 2
         return offset
 
-    def ground_under(self, point: Array, tolerance: float = 1e-6) -> bool:
-        """Whether a point lies on the ground."""
-        return any(
-            abs(point[2] - patch.height) <= tolerance and bool(patch.inside(point, -tolerance))
-            for patch in self.patches
-        )
-
 
 def scene_of(loaded: LoadedLimms) -> Scene:
     """The scene that a spec describes."""

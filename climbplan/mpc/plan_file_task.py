@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import h5py
 
@@ -105,7 +105,7 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         ),
         knots=len(parts["time"]) - 1,
         step=reader.number("", "step"),
-        integrator=integrator,  # type: ignore[arg-type]  # one of them, as was just checked
+        integrator=cast(Integrator, integrator),  # one of them, as was just checked
         start=Start(
             reader.array("start/state", START["state"]), reader.array("start/toes", START["toes"])
         ),

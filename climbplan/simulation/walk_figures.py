@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -90,7 +91,7 @@ def forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
     return figure
 
 
-def _steps(ax, time: Array, values: Array, color: str, width: float) -> None:  # type: ignore[no-untyped-def]
+def _steps(ax: Axes, time: Array, values: Array, color: str, width: float) -> None:
     ax.step(time, values, where="post", color=color, lw=width)
 
 

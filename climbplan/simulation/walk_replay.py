@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.mpc.closed_loop import fallen as lies_down
+from climbplan.mpc.estimation import logarithm
 from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
 from climbplan.robots.rotations import rotation_world_body, skew
@@ -196,7 +197,7 @@ class _Walker:
         task, data = self.plan.task, self.data
         wanted = self.reference.body(sample, share)
         rotation = data.xmat[self.body].reshape(3, 3)
-        turned = _rotation_vector(rotation_world_body(wanted[ANGLES]) @ rotation.T)
+        turned = logarithm(rotation_world_body(wanted[ANGLES]) @ rotation.T)
         spin = wanted[SPIN] - rotation @ data.qvel[3:6]
         pull = STIFF**2 * (wanted[POSITION] - data.qpos[:3])
         pull = task.body.mass * (pull + 2 * STIFF * (wanted[VELOCITY] - data.qvel[:3]))
@@ -280,17 +281,3 @@ def euler_angles(rotation: Array) -> Array:
     pitch = -np.arcsin(np.clip(rotation[2, 0], -1, 1))
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
     return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
-
-
-def _rotation_vector(rotation: Array) -> Array:
-    """(3,) axis times angle of a rotation by less than half a turn."""
-    axis = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    sine, cosine = np.linalg.norm(axis) / 2, (np.trace(rotation) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    return np.asarray(axis / 2 * (angle / sine if sine > 1e-9 else 1.0))

@@ -184,7 +184,11 @@ class WalkSolverSpec(SpecModel):
         "HiGHS, with a bound; `online`: closed loop with integers from a library of solved walks",
     )
     time_limit: Number = quantity(
-        "s", "of IPOPT or HiGHS; a cap of the search, which says if it ended it", 150.0, gt=0
+        "s",
+        "of IPOPT or HiGHS; a cap of the search, which says if it ended it; of `online`: its "
+        "library and its walk, what was walked by then is kept",
+        150.0,
+        gt=0,
     )
     qps: Count = quantity(
         "",
@@ -341,6 +345,21 @@ class WalkLoopSpec(SpecModel):
         ge=0,
         le=10_000_000,
     )
+
+    @model_validator(mode="after")
+    def _in_time(self) -> Self:
+        late = [(f"pushes.{k}.time", push.time) for k, push in enumerate(self.pushes)]
+        late += [
+            (f"lost_contacts.{k}.time", lost.time) for k, lost in enumerate(self.lost_contacts)
+        ]
+        refuse(
+            [
+                Fault(key, f"expected a time before the end at {self.duration:g} s, got {time:g}")
+                for key, time in late
+                if time >= self.duration
+            ]
+        )
+        return self
 
     @model_validator(mode="after")
     def _one_error_model(self) -> Self:

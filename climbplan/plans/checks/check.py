@@ -46,6 +46,7 @@ LIMITS = {
     "force.equilibrium": Limit(1e-6, "of weight", "forces and moments balance (moments at 1 m)"),
     "force.unilateral": Limit(1e-6, "of weight", "no limb pulls"),
     "force.friction": Limit(1e-6, "of weight", "tangential force within mu f_n / S_mu"),
+    "force.inward": Limit(1e-6, "m", "commands of toes in contact are inside their surfaces"),
     "force.lifted_unloaded": Limit(1e-9, "of weight", "no force on lifted limbs"),
     "torque.from_angles": Limit(
         1e-6, "N m", "joint torques are J^T f (with grippers, and of the wrists' moments)"

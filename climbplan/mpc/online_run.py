@@ -37,8 +37,10 @@ from climbplan.mpc.published import TOLERANCE
 from climbplan.mpc.strategies import trained
 from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
 from climbplan.mpc.warm_up import warm_up
-from climbplan.spec.mpc import MpcSpec, WalkLibrarySpec, WalkLoopSpec
+from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loading import LoadedMpc
+from climbplan.spec.mpc_loop import WalkLoopSpec
+from climbplan.spec.mpc_solver import WalkLibrarySpec
 
 Progress = Callable[[str, float], None]
 MOST_WARNINGS = 20  # of ticks, told one by one

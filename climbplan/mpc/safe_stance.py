@@ -69,7 +69,8 @@ def _forces(task: WalkTask, stands: Flags) -> Array:
     """(4, 3) contact forces, world frame."""
     body, state = task.body, task.start.state
     legs = np.flatnonzero(stands)
-    arms = task.start.toes[legs] - state[POSITION]
+    # The body moves on while they act: arms are those half-way through the knot.
+    arms = task.start.toes[legs] - state[POSITION] - 0.5 * task.step * state[VELOCITY]
     weight = body.mass * body.gravity
     R = rotation_world_body(state[ANGLES])
     inertia = R @ body.inertia @ R.T

@@ -224,8 +224,8 @@ def bench(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
             "some of them, `bench limms` and `bench mpc`"
         )
-    known = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
-    if stray := sorted(set(given) - set(known)):
+    allowed = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
+    if stray := sorted(set(given) - set(allowed)):
         raise UsageError(f"`bench {name}` has no {_option(stray[0])}")
     if name == "strategies" and published is not None:
         raise UsageError("--published goes with `bench bookshelf`")

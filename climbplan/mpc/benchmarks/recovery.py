@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, TextIO
 
 import numpy as np
@@ -46,7 +47,7 @@ def recovery_table(
                 inputs.settings, inputs.world, ranking,
             )  # fmt: skip
             stage = f"{words}, {library.walks} walks"
-            found = run_study(study, options.jobs, lambda share, stage=stage: report(stage, share))
+            found = run_study(study, options.jobs, partial(report, stage))
             rows.append(_row(words, library.walks, found, stream))
             told.update(f"{words}: {fault}" for fault in _faults(found))
     stream.write(_NOTES)

@@ -34,11 +34,13 @@ def started(loaded: LoadedClimb) -> LoadedClimb:
         reading = read_as_found(path)
     except PlanFileError as error:
         raise _refused(loaded, str(error)) from error
+    plan = reading.plan
+    if not plan.verified:
+        raise _refused(loaded, f"{given}: fails its verification (`climbplan verify` says where)")
     verification = verification_of(reading)  # what the file says of itself is not enough
     if not verification.passed:
         headline = verification.headline()
         raise _refused(loaded, f"{given}: fails its verification: {headline}")
-    plan = reading.plan
     other = _difference(plan.robot, build_robot(loaded.robot))
     if other:
         raise _refused(loaded, f"{given}: a plan of {plan.robot.name}, {other}")

@@ -7,7 +7,7 @@ from climbplan.plans.checks.check import Check, Limit
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
-    "file.finite": Limit(0, "", "entries that are NaN or infinite"),
+    "file.finite": Limit(0, "", "entries that are NaN, infinite or beyond 1e60"),
     "file.data": Limit(0, "", "values out of their range"),
     "file.spec_values": Limit(
         1e-9, "", "box, goal, modules, friction and free space are those of the spec"

@@ -233,6 +233,9 @@ def _mapping(reader: Reader, name: str) -> dict[str, Any]:
 def _stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:
     value = reader.json("", "stages")
     try:
-        return tuple((str(name), float(begin), float(end)) for name, begin, end in value)
-    except (TypeError, ValueError) as error:
+        stages = tuple((str(name), float(begin), float(end)) for name, begin, end in value)
+    except (TypeError, ValueError, OverflowError) as error:
         raise reader.refuse("attribute stages is not a list of names and times") from error
+    if not stages:
+        raise reader.refuse("attribute stages names no stage")
+    return stages

@@ -25,7 +25,7 @@ class Limit:
 # Residuals of equations are absolute values; those of bounds are signed, below zero inside.
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
-    "file.finite": Limit(0, "", "entries that are NaN or infinite"),
+    "file.finite": Limit(0, "", "entries that are NaN, infinite or beyond 1e60"),
     "robot.data": Limit(0, "", "robot values out of their range"),
     "terrain.data": Limit(0, "", "terrain values out of range or at odds with the corners"),
     "limits.data": Limit(0, "", "bounds and safety factors out of their range"),

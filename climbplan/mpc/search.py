@@ -26,6 +26,7 @@ from climbplan.mpc.warm_up import warm_up
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
 _GLANCE = 2  # QPs
 _PROMISING = 4  # named gaits that are looked at further
+_UNHELD = 8  # and as long as none holds
 _FULL = 8
 _POLISH = 60
 _POLISHED = 10  # gaits, from the best, until one holds
@@ -174,9 +175,9 @@ class _Search:
         self.refine_promising(again)
 
     def refine_promising(self, glances: list[GaitAnswer]) -> None:
-        """Go on from glances, cheapest first, until some are seen in full and one holds."""
+        """Go on from glances, cheapest first."""
         for k, glance in enumerate(sorted(glances, key=lambda found: found.predicted)):
-            enough = k >= _PROMISING and self.holds
+            enough = k >= (_PROMISING if self.holds else _UNHELD)
             ended = self.spent and self.best is not None
             if glance.trajectory is None or enough or ended or self.late:
                 break

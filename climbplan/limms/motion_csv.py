@@ -11,12 +11,12 @@ from climbplan.limms.plan_file import read_limms_plan
 from climbplan.plans.atomic_file import written_aside
 
 
-def export_csv(plan_path: Path, out: Path | TextIO) -> None:
+def export_csv(path: Path, out: Path | TextIO) -> None:
     """Write time, box and joint angles of every sample; times of events stand there twice.
 
     Raises PlanFileError for a damaged plan, UsageError where nothing can be written.
     """
-    plan = read_limms_plan(plan_path)
+    plan = read_limms_plan(path)
     if isinstance(out, Path):
         with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
             _write(plan, stream)

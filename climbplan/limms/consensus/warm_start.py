@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.limms.carrying import Attempts, limb_of, whole_carried
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.carrying import limb_of, whole_carried
 from climbplan.limms.chain import BRANCHES
 from climbplan.limms.chain_carrying import Chain
 from climbplan.limms.consensus.iteration import Iterate

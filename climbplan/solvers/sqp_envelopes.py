@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.program.box import Range
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex import ConvexBackend, session

@@ -31,8 +31,6 @@ class NlpPoint:
     """Where IPOPT stopped, whatever it says about it."""
 
     v: Array  # (N,)
-    row_multipliers: Array  # (M,)
-    bound_multipliers: Array  # (N,)
     iterations: int
     word: str  # IPOPT's return status
 
@@ -89,8 +87,6 @@ def minimise(
     v = np.clip(np.array(answer["x"]).ravel(), bounds.lower, bounds.upper)
     return NlpPoint(
         v=v,
-        row_multipliers=np.array(answer["lam_g"]).ravel(),
-        bound_multipliers=np.array(answer["lam_x"]).ravel(),
         iterations=int(stats.get("iter_count", 0)),
         word=str(stats["return_status"]),
     )

@@ -40,7 +40,7 @@ class EnvelopeSolver:
     def __init__(
         self, instance: Instance, backend: ConvexBackend = "daqp", pieces: int = PIECES
     ) -> None:
-        self._instance, self._pieces = instance, pieces
+        self._pieces = pieces
         self._pinned = PinnedForm.of(instance)
         self._session = session(backend)
         products = instance.products

@@ -34,6 +34,7 @@ class IpoptProgram:
         expand: bool = False,
     ) -> None:
         """settings: IPOPT's own. expand: one expression graph instead of calls of functions."""
+        self.size = int(problem["x"].numel())
         self._deadline = Deadline(*(problem[key].numel() for key in ("x", "g", "p")))
         options: dict[str, Any] = {
             "print_time": False,

@@ -209,7 +209,7 @@ def _goal_trouble(scene: ClimbScene) -> str:
 
 def _sizes(program: PostureNlp, attempts: list[Attempt], best: Attempt) -> dict[str, object]:
     return {
-        "variables": int(program.solver.size1_in("x0")),
+        "variables": program.solver.size,
         "constraints": len(program.lower),
         "starts": len(attempts),
         "accepted": sum(attempt.accepted for attempt in attempts),

@@ -19,8 +19,11 @@ class NlpPoint:
     """Where IPOPT stopped, whatever it says about it."""
 
     v: Array  # (N,)
+    objective: float
+    rows: Array  # (M,)
     iterations: int
     word: str  # IPOPT's return status
+    success: bool  # as IPOPT sees it
 
 
 class IpoptProgram:
@@ -65,6 +68,9 @@ class IpoptProgram:
         stats = self._solver.stats()
         return NlpPoint(
             v=np.array(answer["x"]).ravel(),
+            objective=float(answer["f"]),
+            rows=np.array(answer["g"]).ravel(),
             iterations=int(stats.get("iter_count", 0)),
             word=str(stats["return_status"]),
+            success=bool(stats["success"]),
         )

@@ -10,7 +10,7 @@ from climbplan.limms.attempts import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow
 from climbplan.limms.held import HeldTask, combinations, path_choices, plan_held
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 

@@ -17,7 +17,7 @@ from climbplan.limms.held import (
     clearance,
 )
 from climbplan.limms.limbs import arm, root_on_anchor
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb

@@ -23,7 +23,8 @@ from climbplan.limms.branches import delivery, noted, solved_branches
 from climbplan.limms.densify import add_traces
 from climbplan.limms.held import HeldTask, way_points
 from climbplan.limms.limbs import arm
-from climbplan.limms.reaching import Blocked, move_joints
+from climbplan.limms.moving import Blocked
+from climbplan.limms.reaching import move_joints
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb, Trace

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from climbplan.limms.chain import Pose, along, inverse
+from climbplan.limms.chain import Pose, inverse
 from climbplan.limms.cubics import box_path, knot_samples
 from climbplan.limms.limbs import limb_frames
-from climbplan.limms.reaching import closest_branch, rates_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
+from climbplan.limms.straight_ways import closest_branch, rates_of
 from climbplan.limms.timeline import (
     FREE,
     MANIPULATED,
@@ -22,8 +22,6 @@ from climbplan.limms.timeline import (
 )
 
 _RETREATS = ((12.0, 0.05), (25.0, 0.03), (50.0, 0.02), (100.0, 0.01))  # [m/s^2], [s]
-
-__all__ = ["add_traces", "along", "inverse"]
 
 
 class Follow(Exception):

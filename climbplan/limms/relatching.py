@@ -25,10 +25,12 @@ from climbplan.limms.held import (
     branch_choices,
 )
 from climbplan.limms.limbs import arm, limb_angles, root_on_anchor, side_pose
-from climbplan.limms.reaching import Blocked, leave, reach
+from climbplan.limms.moving import Blocked
+from climbplan.limms.reaching import reach
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
+from climbplan.limms.straight_ways import leave
 from climbplan.limms.stretch_clearance import require_clear_of_all
 from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, Progress, samples
 

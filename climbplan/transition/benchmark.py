@@ -26,8 +26,9 @@ from climbplan.transition.planner import (
     carry_through,
     plan_transition,
 )
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.scene import build_transition
-from climbplan.transition.search import Search, Sequence
+from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
 
 _STARTS, _QUICK = 50, 6

@@ -38,8 +38,9 @@ from climbplan.transition.footholds import (
     footholds_of,
     reach_of,
 )
+from climbplan.transition.pose_ways import Sequence, State
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Sequence, State, toe_step_limits
+from climbplan.transition.search import toe_step_limits
 from climbplan.transition.stances import Laboratory
 
 PENALTIES = (0.3, 3.0, 30.0)  # weights of the products; the last two from where limbs were moved

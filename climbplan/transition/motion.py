@@ -12,7 +12,7 @@ from climbplan.reformulations.nlp_form import Bounds
 from climbplan.terrain.surfaces import Region
 from climbplan.transition.motion_numbers import motion_numbers, open_footholds, toes_of
 from climbplan.transition.motion_statement import MotionProgram, Shape, motion_program
-from climbplan.transition.search import Sequence
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.stances import Laboratory
 
 ACCEPTED = 1e-5  # largest violation of a row; the force planner and the verification are stricter

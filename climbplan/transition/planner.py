@@ -28,9 +28,10 @@ from climbplan.transition.gait import plan_instants
 from climbplan.transition.homotopy import run_start
 from climbplan.transition.mission import Tail, climb_after, joined_instants, joined_rounds
 from climbplan.transition.motion import plan_motion
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.refusal import no_sequence
 from climbplan.transition.scene import TransitionScene, build_transition
-from climbplan.transition.search import Search, Sequence
+from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
 from climbplan.transition.summary import summary_lines
 

@@ -10,7 +10,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.planner import StageClock
+from climbplan.climb.motion import StageClock
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.verification import verify
 from climbplan.spec.examples import example_text

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.planner import Progress, StageClock, deflection_warnings, step_limits
+from climbplan.climb.motion import Progress, StageClock
+from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError

@@ -53,22 +53,55 @@ class Legs(Frame):
         toe = model.variable(level.min(), clear[1])
         model.add(toe - height + standing * clear[0], clear[0], np.inf)
         model.add(toe - height + standing * clear[1], -np.inf, clear[1])
-        spot = [arm[0], arm[1], toe - self.p[n][2]]
-        middle = self.tube.angles[n]
-        for k in range(3):
-            turned = total(
-                (self.angles[n][j] - float(middle[j])) * float(t.slopes[j][k] @ box)
-                for j in range(3)
-            )
-            spot[k] = spot[k] - turned
-        off = t.R_off @ half + t.second_order(box)
-        for k in range(3):
-            seen = total(spot[j] * float(t.R[j, k]) for j in range(3))
-            room = float(half[k] + np.abs(t.R[:, k]) @ off)
-            model.add(seen, float(box[k]) - room, float(box[k]) + room)
+        self.workspace(n, leg, (arm[0], arm[1], toe - self.p[n][2]))
         for q in pieces:
             self.in_region(n, q, arm)
         return pieces
+
+    def workspace(self, n: int, leg: int, arm: tuple[Lin, Lin, Lin]) -> None:
+        """The toe in its box, seen from the body: R^T r = r' - w x r' + what is of second order.
+
+        r' is the arm seen from the middle of the tube and w the small turn from there.
+        """
+        model, t = self.model, self.turns[n]
+        box, half = self.task.body.toe_center[leg], self.task.body.toe_half
+        room = half + t.off @ (np.abs(box) + half)
+        low, high = box - room, box + room
+        ends = [self.extent(r) for r in arm]
+        seen = [total(arm[j] * float(t.R[j, k]) for j in range(3)) for k in range(3)]
+        for k in range(3):
+            corners = [sorted((float(t.R[j, k]) * e for e in ends[j])) for j in range(3)]
+            low[k] = max(low[k], sum(c[0] for c in corners))
+            high[k] = min(high[k], sum(c[1] for c in corners))
+            model.add(seen[k], low[k], high[k])
+        middle = self.tube.angles[n]
+        turn = [
+            total((self.angles[n][j] - float(middle[j])) * float(t.axes[i, j]) for j in range(3))
+            for i in range(3)
+        ]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            across = self.envelope(turn[i], t.turn_half[i], seen[j], low[j], high[j])
+            across = across - self.envelope(turn[j], t.turn_half[j], seen[i], low[i], high[i])
+            least = np.minimum(t.seen_low[k] * low, t.seen_low[k] * high)
+            least = np.minimum(least, np.minimum(t.seen_high[k] * low, t.seen_high[k] * high))
+            most = np.maximum(t.seen_low[k] * low, t.seen_low[k] * high)
+            most = np.maximum(most, np.maximum(t.seen_high[k] * low, t.seen_high[k] * high))
+            model.add(
+                seen[k] - across, box[k] - half[k] - most.sum(), box[k] + half[k] - least.sum()
+            )
+
+    def envelope(self, x: Lin, half: float, y: Lin, low: float, high: float) -> Lin:
+        """x y with |x| <= half and y in [low, high], by its four McCormick rows."""
+        if half < 1e-9:
+            return Lin()
+        if high - low < 1e-12:
+            return x * low
+        w = self.model.variable(-np.inf, np.inf)
+        for side in (1.0, -1.0):
+            self.model.least((w - x * low) * side + (y - low) * half)
+            self.model.least((x * high - w) * side + (high - y) * half)
+        return w
 
     def piece(self, region: int, low: Array, high: Array) -> Piece:
         model, most = self.model, self.most

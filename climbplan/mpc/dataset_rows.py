@@ -27,7 +27,7 @@ from climbplan.mpc.task_facts import facts_of, task_of
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.spec.dataset_mpc import WalksProblemSpec
-from climbplan.spec.mpc import RigidBodySpec
+from climbplan.spec.rigid_body import RigidBodySpec
 
 KIND = "mpc"
 

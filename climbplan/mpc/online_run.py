@@ -35,8 +35,9 @@ from climbplan.mpc.problem import build_task
 from climbplan.mpc.published import TOLERANCE
 from climbplan.mpc.strategies import trained
 from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
-from climbplan.spec.mpc import WalkLibrarySpec, WalkLoopSpec
 from climbplan.spec.mpc_loading import LoadedMpc
+from climbplan.spec.mpc_loop import WalkLoopSpec
+from climbplan.spec.mpc_solver import WalkLibrarySpec
 
 Progress = Callable[[str, float], None]
 MOST_WARNINGS = 20  # of ticks, told one by one

@@ -17,8 +17,8 @@ from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.problem import build_task
 from climbplan.mpc.summary import summary_lines
 from climbplan.mpc.task import WalkTask
-from climbplan.spec.mpc import WalkSolverSpec
 from climbplan.spec.mpc_loading import LoadedMpc
+from climbplan.spec.mpc_solver import WalkSolverSpec
 
 Progress = Callable[[str, float], None]
 

@@ -20,7 +20,9 @@ from climbplan.mpc.task import (
     Weights,
 )
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkTerrainSpec
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_terrain import WalkTerrainSpec
+from climbplan.spec.rigid_body import RigidBodySpec
 
 
 def build_body(spec: RigidBodySpec) -> RigidBody:

@@ -7,7 +7,9 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
-from climbplan.spec.mpc import MpcSpec, WalkTaskSpec, WalkTerrainSpec, WalkWeightsSpec
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_task import WalkTaskSpec, WalkWeightsSpec
+from climbplan.spec.mpc_terrain import WalkTerrainSpec
 
 
 class StartRangesSpec(SpecModel):

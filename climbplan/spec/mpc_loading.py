@@ -15,8 +15,11 @@ from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
-from climbplan.spec.mpc import MpcSpec, RigidBodySpec, WalkLoopSpec, WalkTaskSpec
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_loop import WalkLoopSpec
+from climbplan.spec.mpc_task import WalkTaskSpec
 from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.rigid_body import RigidBodySpec
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.wording import shown
 from climbplan.spec.yaml_source import parse_yaml

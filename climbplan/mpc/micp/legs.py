@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.mpc.micp.frame import Frame
 from climbplan.mpc.micp.model import Lin, total
 from climbplan.mpc.micp.pieces import Piece
-from climbplan.mpc.task import POSITION, Array
+from climbplan.mpc.task import LEGS, POSITION, Array
 
 FACETS = 8  # of friction cones, around them
 
@@ -22,7 +22,6 @@ class Legs(Frame):
         task, model = self.task, self.model
         first = n == 0
         level, t = task.ground.height, self.turns[n]
-        box, half = task.body.toe_center[leg], task.body.toe_half
         held = task.start.toes[leg] - task.start.state[POSITION]
         if first:
             region = int(task.ground.nearest(task.start.toes[leg, :2]))
@@ -70,7 +69,7 @@ class Legs(Frame):
         ends = [self.extent(r) for r in arm]
         seen = [total(arm[j] * float(t.R[j, k]) for j in range(3)) for k in range(3)]
         for k in range(3):
-            corners = [sorted((float(t.R[j, k]) * e for e in ends[j])) for j in range(3)]
+            corners = [sorted(float(t.R[j, k]) * e for e in ends[j]) for j in range(3)]
             low[k] = max(low[k], sum(c[0] for c in corners))
             high[k] = min(high[k], sum(c[1] for c in corners))
             model.add(seen[k], low[k], high[k])
@@ -178,3 +177,22 @@ class Legs(Frame):
             model.least(other - (1.0 - through) * low)
             model.least((1.0 - through) * high - other)
             model.add(arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
+
+    def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
+        """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
+        knots, dt, held = self.task.knots, self.task.step, self.task.start
+        reach = [[self.arm_range(self.turns[n], leg) for leg in range(LEGS)] for n in range(knots)]
+        for leg in range(LEGS):
+            there = held.toes[leg] - held.state[POSITION]
+            reach[0][leg] = (there, there)
+            standing = [total(q.chosen for q in pieces[n][leg]) for n in range(knots)]
+            for n in range(knots):
+                for last in range(n + 1, knots):
+                    slow = dt * self.v_low[n:last, :2].sum(axis=0)
+                    fast = dt * self.v_high[n:last, :2].sum(axis=0)
+                    # The arm changes by minus the way of the body.
+                    least = reach[n][leg][0][:2] - reach[last][leg][1][:2]
+                    most = reach[n][leg][1][:2] - reach[last][leg][0][:2]
+                    if (slow > most + 1e-9).any() or (fast < least - 1e-9).any():
+                        self.model.add(total(standing[n : last + 1]), -np.inf, float(last - n))
+                        break

@@ -1,8 +1,9 @@
-"""How many legs stand: forces and velocities of each number apart, so that mixtures have their cost.
+"""How many legs stand: vertical forces and velocities of each number apart, so that mixtures cost.
 
 Relaxed contacts would have the body walk on four legs at once that stand by half each: no two
-forces differ, and the body never falls. Therefore each knot has shares of 0 to 4 standing legs, with
-forces and velocities of their own and squares in perspective form: the convex hull over the numbers.
+forces differ, and the body never falls. Therefore each knot has shares of 0 to 4 standing legs,
+with vertical forces and velocities of their own and squares in perspective form: the convex hull
+over the numbers.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ class Count:
 
     legs: int
     chosen: Lin
-    force: tuple[Lin, Lin, Lin]  # in units of force
-    before: tuple[Lin, ...]  # velocity at the knot
-    after: tuple[Lin, ...]  # and at the next one
+    force: Lin  # vertical, in units of force
+    before: Lin  # vertical velocity at the knot
+    after: Lin  # and at the next one
 
 
 class Counts(Legs):
@@ -46,35 +47,21 @@ class Counts(Legs):
             model.least(contact - found[-1].chosen)
             if not task.least_contacts:
                 model.least(1.0 - contact - found[0].chosen)
-        for k in range(3):
-            pushed = total(q.force[k] for leg in legs for q in leg)
-            model.add(total(one.force[k] for one in found) - pushed, 0.0, 0.0)
-            model.add(total(one.before[k] for one in found) - self.v[n][k], 0.0, 0.0)
+        pushed = total(q.force[2] for leg in legs for q in leg)
+        model.add(total(one.force for one in found) - pushed, 0.0, 0.0)
+        model.add(total(one.before for one in found) - self.v[n][2], 0.0, 0.0)
         return found
 
     def of_count(self, n: int, legs: int) -> Count:
         task, model = self.task, self.model
-        most, friction = legs * self.most, task.ground.friction
         chosen = model.variable(0.0, 1.0, whole=True)
-        force = (
-            self.scaled(chosen, -most, most),
-            self.scaled(chosen, -most, most),
-            self.scaled(chosen, 0.0, most),
-        )
-        before, after = [], []
-        for k in range(3):
-            if k < 2:
-                model.least(force[2] * friction - force[k])
-                model.least(force[2] * friction + force[k])
-            begin = self.scaled(chosen, float(self.v_low[n, k]), float(self.v_high[n, k]))
-            gain = task.step * self.unit / task.body.mass
-            fall = task.step * task.body.gravity if k == 2 else 0.0
-            velocity = begin + force[k] * gain - chosen * fall
-            model.least(velocity - chosen * float(self.v_low[n + 1, k]))
-            model.least(chosen * float(self.v_high[n + 1, k]) - velocity)
-            before.append(begin)
-            after.append(velocity)
-        return Count(legs, chosen, force, tuple(before), tuple(after))
+        force = self.scaled(chosen, 0.0, legs * self.most)
+        before = self.scaled(chosen, float(self.v_low[n, 2]), float(self.v_high[n, 2]))
+        gain = task.step * self.unit / task.body.mass
+        after = before + force * gain - chosen * (task.step * task.body.gravity)
+        model.least(after - chosen * float(self.v_low[n + 1, 2]))
+        model.least(chosen * float(self.v_high[n + 1, 2]) - after)
+        return Count(legs, chosen, force, before, after)
 
     def tracking(self, n: int, come: tuple[Count, ...], go: tuple[Count, ...]) -> None:
         """Cost of the velocity at a knot after 0, and of the step that it makes.
@@ -86,42 +73,49 @@ class Counts(Legs):
         motion = w.motion * task.step**2 if n < task.knots else 0.0
         for k in range(3):
             track, wanted = float(w.velocity[k]), float(task.reference.velocity[n - 1, k])
-            if track + motion == 0.0:
+            weight = track + motion
+            if weight == 0.0:
                 continue
-            middle = track * wanted / (track + motion)
-            model.constant += track * wanted**2 - (track + motion) * middle**2
+            middle = track * wanted / weight
+            model.constant += track * wanted**2 - weight * middle**2
             ends = float(self.v_low[n, k]) - middle, float(self.v_high[n, k]) - middle
+            if k < 2:
+                self.square(weight, self.v[n][k] - middle, ends)
+                continue
             cost = model.variable(0.0, np.inf, cost=1.0)
-            for counts, velocities in (
-                (come, [c.after for c in come]),
-                (go, [c.before for c in go]),
-            ):
-                if not counts:
-                    continue
+            for shares in ([(c.after, c) for c in come], [(c.before, c) for c in go]):
                 squares = [
-                    self.square(track + motion, v[k] - c.chosen * middle, ends, c.chosen, cost=0.0)
-                    for c, v in zip(counts, velocities, strict=True)
+                    self.square(weight, v - c.chosen * middle, ends, c.chosen, cost=0.0)
+                    for v, c in shares
                 ]
                 model.least(cost - total(squares))
 
     def differences(self, legs: tuple[tuple[Piece, ...], ...], counts: tuple[Count, ...]) -> None:
-        """Cost of differences between forces: of a sum on m legs at least 2 (4 / m - 1) its square."""
+        """Cost of differences of forces: a sum F on m legs costs at least 2 (4 / m - 1) F^2."""
         model, weight = self.model, self.task.weights.force_difference * self.unit**2
         if weight == 0.0:
             return
-        cost = model.variable(0.0, np.inf, cost=1.0)
-        contrasts, sums = [], []
+        contrasts = []  # of vertical forces
         for k in range(3):
             forces = [total(q.force[k] for q in leg) for leg in legs]
             for sign in _CONTRASTS:
                 contrast = total(f * (0.5 * s) for f, s in zip(forces, sign, strict=True))
-                contrasts.append(self.square(8.0 * weight, contrast, cost=0.0))
-            for one in counts:
-                if 0 < one.legs < LEGS:
-                    least = 2.0 * (LEGS / one.legs - 1.0) * weight
-                    most = one.legs * self.most
-                    ends = (0.0 if k == 2 else -most, most)
-                    sums.append(self.square(least, one.force[k], ends, one.chosen, cost=0.0))
+                price = 0.0 if k == 2 else 1.0
+                square = self.square(8.0 * weight, contrast, cost=price)
+                if k == 2:
+                    contrasts.append(square)
+        cost = model.variable(0.0, np.inf, cost=1.0)
+        sums = [
+            self.square(
+                2.0 * (LEGS / one.legs - 1.0) * weight,
+                one.force,
+                (0.0, one.legs * self.most),
+                one.chosen,
+                cost=0.0,
+            )
+            for one in counts
+            if 0 < one.legs < LEGS
+        ]
         model.least(cost - total(contrasts))
         model.least(cost - total(sums))
 

@@ -31,6 +31,7 @@ LIMITS = {
     "limits.data": Limit(0, "", "bounds and safety factors out of their range"),
     "file.spec_values": Limit(1e-6, "", "bounds, loads and terrain are those of the spec"),
     "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
+    "force.inward": Limit(1e-6, "m", "commands of toes in contact are inside their surfaces"),
     "gait.sequence": Limit(1e-6, "m", "instants follow from the rounds and the gait"),
     "steps.com": Limit(1e-6, "m", "body steps within their bounds"),
     "steps.toe": Limit(1e-6, "m", "toe steps within their bounds"),

@@ -99,9 +99,9 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     beside = 0.5 * apart  # an entry of R changes by at most the turn
     R_off = np.abs(turns - R).max(axis=0) + beside
     turned = np.einsum("ba,jbc->jac", R, slopes)  # skew: what a rotation is to first order
-    axes = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
+    turns_by = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
     seen = np.swapaxes(turns, -1, -2) @ R
-    second = seen - np.eye(3) + skew((grid - middle) @ axes.T)
+    second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
     between = beside * float(half.sum())  # second derivatives are those of R: 1 at most
     gyro, gyro_off = _gyroscopic(inertia, R, R_off, tube.spin[n], tube.spin_half[n])
     return Turning(
@@ -114,8 +114,8 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         np.abs(inverses - inverse).max(axis=0) + spread * beside,
         gyro,
         gyro_off,
-        axes,
-        np.abs(axes) @ half,
+        turns_by,
+        np.abs(turns_by) @ half,
         second.min(axis=0) - between,
         second.max(axis=0) + between,
         np.abs(seen - np.eye(3)).max(axis=0).T + beside,

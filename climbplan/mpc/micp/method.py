@@ -8,7 +8,7 @@ trajectories are answers. Its bound holds for every motion within the tube.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import highspy
@@ -61,7 +61,7 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
     run = _Run(task, limits, known, warm.objective, time.perf_counter())
     while run.left > 0 and not run.closed:
         tube = tube_about(task, run.best.state, np.array(limits.angles), np.array(limits.spin))
-        run.bound = 0.0  # of this tube
+        run.begin_tube()
         run.bounded(tube)
         # A much better incumbent is worth a new start: ranges depend on its cost, the tube on it.
         if not run.again:
@@ -109,6 +109,11 @@ class _Run:
     @property
     def closed(self) -> bool:
         return self.objective - self.bound <= self.limits.gap * self.objective * (1 + 1e-9)
+
+    def begin_tube(self) -> None:
+        """What was proved of another tube counts no more."""
+        self.bound = 0.0
+        self.history = [replace(step, bound=0.0) for step in self.history]
 
     def note(self) -> None:
         """Keep incumbent and bound of this moment."""

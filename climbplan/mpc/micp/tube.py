@@ -62,7 +62,6 @@ class Turning:
     """Rotation, rates and inverse inertia at a knot of a tube, and how far off they are at most."""
 
     R: Array  # (3, 3) at the middle
-    slopes: Array  # (3, 3, 3) of R by each angle
     R_off: Array  # (3, 3)
     rates: Array  # (3, 3) Euler rates by the angular velocity
     rates_off: Array  # (3, 3)
@@ -88,7 +87,6 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = rotation_world_body(grid)
     R = rotation_world_body(middle)
-    slopes = _slopes(middle)
     inertia = task.body.inertia
     body_inverse = np.linalg.inv(inertia)
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
@@ -98,7 +96,7 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     steep = 1.0 / np.cos(np.abs(middle[1]) + half[1]) ** 2 if half.any() else 0.0
     beside = 0.5 * apart  # an entry of R changes by at most the turn
     R_off = np.abs(turns - R).max(axis=0) + beside
-    turned = np.einsum("ba,jbc->jac", R, slopes)  # skew: what a rotation is to first order
+    turned = np.einsum("ba,jbc->jac", R, _slopes(middle))  # skew: what a rotation is to first order
     turns_by = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
     seen = np.swapaxes(turns, -1, -2) @ R
     second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
@@ -106,7 +104,6 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     gyro, gyro_off = _gyroscopic(inertia, R, R_off, tube.spin[n], tube.spin_half[n])
     return Turning(
         R,
-        slopes,
         R_off,
         rates,
         np.abs(_rates(grid) - rates).max(axis=0) + steep * beside,

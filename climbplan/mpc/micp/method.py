@@ -25,6 +25,7 @@ from climbplan.mpc.sqp import iterate_of, solve_gait
 from climbplan.mpc.task import Array, WalkTask, WalkTrajectory
 from climbplan.solvers.highs_model import highs
 from climbplan.solvers.interruption import interruptible
+from climbplan.spec.mpc_solver import WalkSolverSpec
 
 _TOLERANCE = 1e-7  # of rows
 _SHRINKS = 1  # rounds of drawing tube and ranges closer
@@ -36,6 +37,7 @@ _SAG = 1e-4  # of the cost that a square may be too small, then
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
+_HEURISTICS = 0.05  # HiGHS's own share, where the start is far from good
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,20 @@ class MicpLimits:
     height_pieces: int = 1
     angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
     spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
+    heuristics: float = 0.0  # of HiGHS; after a search time is for the bound
+
+
+def limits_of(solver: WalkSolverSpec) -> MicpLimits:
+    """The limits that a spec sets."""
+    return MicpLimits(
+        solver.time_limit,
+        solver.gap,
+        solver.arm_pieces,
+        solver.height_pieces,
+        tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
+        solver.tube.spin,
+        0.0 if solver.warm == "search" else _HEURISTICS,
+    )
 
 
 def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnswer:
@@ -192,8 +208,7 @@ class _Run:
         model, basis = program.model, self.objective
         solver = _quiet(self.left)
         solver.setOptionValue("mip_rel_gap", 0.0)
-        # Answers come from the search and from gaits of points on the way: time is for the bound.
-        solver.setOptionValue("mip_heuristic_effort", 0.0)
+        solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
         solver.passModel(model.lp(whole=True))
         start = program.integers(known)
         columns = np.array(list(start), np.int32)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from climbplan.cli.compiling import compiling_told
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, TimeLimit, Verbose
@@ -57,7 +58,7 @@ def plan_mpc(
         from climbplan.reports.walk_report import report_dict, write_report
 
         with StageProgress(session) as progress:
-            with placed_mistakes(loaded):
+            with compiling_told(session), placed_mistakes(loaded):
                 if loaded.spec.solver.method == "online":
                     from climbplan.mpc.library import write_library
                     from climbplan.mpc.online_run import run_online

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
+from climbplan.mpc.online import FALLBACK, LAST, SAFE
 from climbplan.mpc.plan import LoopRecord, WalkPlan
 from climbplan.mpc.task import LEGS, VELOCITY, Array
 from climbplan.reports import palette
@@ -24,12 +25,13 @@ from climbplan.reports.sheet import (
 
 _BEFORE, _AFTER = 0.4, 1.0  # [s] of the window about a push
 _PUSH = palette.FAILURE
-_WINNERS = (  # word, colour, whether a winner is one
-    ("plan before", palette.GRID, lambda winner: winner == -1),
-    ("neighbour", palette.MUTED, lambda winner: winner >= 0),
-    ("named gait", palette.INK, lambda winner: winner == -2),
-    ("safe stance", palette.FAILURE, lambda winner: winner == -3),
-)
+_NEIGHBOUR = 0  # and sections of the library beyond: one colour for all
+_WINNERS = {  # of ticks: word, colour
+    LAST: ("plan before", palette.GRID),
+    _NEIGHBOUR: ("neighbour", palette.MUTED),
+    FALLBACK: ("named gait", palette.INK),
+    SAFE: ("safe stance", palette.FAILURE),
+}
 
 
 def loop_gait(plan: WalkPlan) -> Figure:
@@ -57,11 +59,10 @@ def loop_gait(plan: WalkPlan) -> Figure:
     panel_title(speed, "Forward speed", "[m/s], what each tick chose below")
     for ax in (whole, near, speed):
         mark_pushes(ax, plan)
-    handles = [Patch(color=color) for _, color, _ in _WINNERS]
-    words = [word for word, _, _ in _WINNERS]
-    handles.append(Line2D([], [], color=_PUSH, lw=1.4, ls=":"))
-    words.append("push")
-    foot_legend(figure, handles, words)
+    handles = [Patch(color=color) for _, color in _WINNERS.values()]
+    words = [word for word, _ in _WINNERS.values()]
+    line = Line2D([], [], color=_PUSH, lw=1.4, ls=":")
+    foot_legend(figure, [*handles, line], [*words, "push"])
     heading(figure, f"{plain(plan.title or plan.name)}: gait", _note(plan))
     return figure
 
@@ -156,11 +157,10 @@ def _deciders(ax: Axes, plan: WalkPlan, loop: LoopRecord) -> None:
     """A strip along the foot: what each tick's plan came from."""
     bottom, top = ax.get_ylim()
     height = 0.1 * (top - bottom)
-    winner = loop.winner[:-1]
-    kind = np.select([is_one(winner) for _, _, is_one in _WINNERS], range(len(_WINNERS)), 0)
-    for first, last in even_runs(kind.astype(float)):
+    winner = np.minimum(loop.winner[:-1], _NEIGHBOUR)
+    for first, last in even_runs(winner.astype(float)):
         corner, wide = (plan.task.step * first, bottom), plan.task.step * (last - first)
-        color = _WINNERS[int(kind[first])][1]
+        _, color = _WINNERS[int(winner[first])]
         ax.add_patch(Rectangle(corner, wide, height, color=color, lw=0))
 
 

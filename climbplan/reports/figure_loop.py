@@ -88,9 +88,11 @@ def even_runs(values: Array) -> list[tuple[int, int]]:
 
 
 def _note(plan: WalkPlan) -> str:
-    pushes = plan.loop.push[plan.loop.push.any(axis=1)] if plan.loop is not None else []
-    told = ", ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in pushes[:3])
-    return f"pushed by {told} m/s" if len(pushes) else "no push"
+    if plan.loop is None or not plan.loop.push.any():
+        return "no push"
+    pushes = plan.loop.push[plan.loop.push.any(axis=1)]
+    told = ", ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in pushes[:3].tolist())
+    return f"pushed by {told} m/s"
 
 
 def _bars(ax: Axes, plan: WalkPlan) -> None:

@@ -256,7 +256,8 @@ class _Search:
         yield from region_moves(gait, len(self.task.ground.height))
 
     def settled(self, gait: Gait, contact: Flags) -> Gait:
-        if len(self.task.ground.height) == 1 or self.at is None:
+        """A gait with these contacts, on the regions under the best motion: others mislead."""
+        if len(self.task.ground.height) == 1 or self.best is None:
             return gait_of(contact, gait.region)
-        assert self.at.trajectory is not None
-        return with_regions(self.task, contact, self.at.trajectory.state)
+        assert self.best.trajectory is not None
+        return with_regions(self.task, contact, self.best.trajectory.state)

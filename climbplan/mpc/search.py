@@ -25,6 +25,7 @@ from climbplan.mpc.warm_up import warm_up
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
 _GLANCE = 2  # QPs
+_VAIN = 12  # glances without a motion, after which overreach is allowed
 _PROMISING = 4  # named gaits that are looked at further
 _UNHELD = 8  # and as long as none holds
 _FULL = 8
@@ -160,8 +161,9 @@ class _Search:
                 break
             if gait.key not in self.seen:
                 self.seen.add(gait.key)
+                none = not any(glance.trajectory is not None for glance in glances)
                 named.append(gait)
-                glances.append(self.solved(gait, None, _GLANCE, elastic=False))
+                glances.append(self.solved(gait, None, _GLANCE, none and len(glances) >= _VAIN))
         self.refine_promising(glances)
         if self.holds:
             return

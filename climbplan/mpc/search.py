@@ -118,7 +118,7 @@ class _Search:
 
     def polished(self) -> WalkAnswer:
         """The best gait that passes the exact check once its SQP has settled."""
-        word = "no gait has a QP"
+        word = "none has a motion that keeps friction, forces and toes within their limits"
         nearest: tuple[GaitAnswer, str] | None = None  # holds, but breaks a check: better than none
         complete = "best gait so far" if self.spent else "local optimum over gaits"
         for candidate in sorted(self.good, key=self.price)[:_POLISHED]:
@@ -127,7 +127,7 @@ class _Search:
             start = iterate_of(candidate.trajectory, gait)
             final = solve_gait(self.task, gait, start, _POLISH)
             if final.trajectory is None or not final.holds:
-                if word.startswith("no"):
+                if word.startswith("none"):
                     word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
                 continue
             if passes(self.task, final.trajectory):

@@ -32,7 +32,7 @@ _FULL = 8
 _POLISH = 60
 _POLISHED = 10  # gaits, from the best, until one holds
 _KICK = (2, 4)  # moves at least and at most
-_KICKS = 300  # that lead to no gait that holds, until the search ends
+_KICKS = 100  # that lead to no gait that holds, until the search ends
 _KICKED = 3  # QPs after which one that overreaches by more than that is given up
 _OVERREACH = 0.02  # [m]
 _REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
@@ -129,6 +129,8 @@ class _Search:
             if final.trajectory is None or not final.holds:
                 if word.startswith("none"):
                     word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
+                    if not np.isfinite(final.reach):
+                        word = "the QPs of the best gait lead to no motion"
                 continue
             if passes(self.task, final.trajectory):
                 return self.answer(final, complete)

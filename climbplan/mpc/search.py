@@ -25,13 +25,14 @@ from climbplan.mpc.warm_up import warm_up
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
 _GLANCE = 2  # QPs
+_VAIN = 12  # glances without a motion, after which overreach is allowed
 _PROMISING = 4  # named gaits that are looked at further
 _UNHELD = 8  # and as long as none holds
 _FULL = 8
 _POLISH = 60
 _POLISHED = 10  # gaits, from the best, until one holds
 _KICK = (2, 4)  # moves at least and at most
-_KICKS = 300  # that lead to no gait that holds, until the search ends
+_KICKS = 100  # that lead to no gait that holds, until the search ends
 _KICKED = 3  # QPs after which one that overreaches by more than that is given up
 _OVERREACH = 0.02  # [m]
 _REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
@@ -117,7 +118,7 @@ class _Search:
 
     def polished(self) -> WalkAnswer:
         """The best gait that passes the exact check once its SQP has settled."""
-        word = "no gait has a QP"
+        word = "none has a motion that keeps friction, forces and toes within their limits"
         nearest: tuple[GaitAnswer, str] | None = None  # holds, but breaks a check: better than none
         complete = "best gait so far" if self.spent else "local optimum over gaits"
         for candidate in sorted(self.good, key=self.price)[:_POLISHED]:
@@ -126,8 +127,10 @@ class _Search:
             start = iterate_of(candidate.trajectory, gait)
             final = solve_gait(self.task, gait, start, _POLISH)
             if final.trajectory is None or not final.holds:
-                if word.startswith("no"):
+                if word.startswith("none"):
                     word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
+                    if not np.isfinite(final.reach):
+                        word = "the QPs of the best gait lead to no motion"
                 continue
             if passes(self.task, final.trajectory):
                 return self.answer(final, complete)
@@ -160,8 +163,9 @@ class _Search:
                 break
             if gait.key not in self.seen:
                 self.seen.add(gait.key)
+                none = not any(glance.trajectory is not None for glance in glances)
                 named.append(gait)
-                glances.append(self.solved(gait, None, _GLANCE, elastic=False))
+                glances.append(self.solved(gait, None, _GLANCE, none and len(glances) >= _VAIN))
         self.refine_promising(glances)
         if self.holds:
             return
@@ -256,7 +260,8 @@ class _Search:
         yield from region_moves(gait, len(self.task.ground.height))
 
     def settled(self, gait: Gait, contact: Flags) -> Gait:
-        if len(self.task.ground.height) == 1 or self.at is None:
+        """A gait with these contacts, on the regions under the best motion: others mislead."""
+        if len(self.task.ground.height) == 1 or self.best is None:
             return gait_of(contact, gait.region)
-        assert self.at.trajectory is not None
-        return with_regions(self.task, contact, self.at.trajectory.state)
+        assert self.best.trajectory is not None
+        return with_regions(self.task, contact, self.best.trajectory.state)

@@ -47,7 +47,7 @@ class WalkSolverSpec(SpecModel):
     )
     qps: Count = quantity(
         "",
-        "QPs that the search may solve (some 2 to 5 ms each): with the seed they decide what it "
+        "QPs that the search may solve (some 1 to 4 ms each): with the seed they decide what it "
         "finds, on any machine",
         default=600,
         ge=1,

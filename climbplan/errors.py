@@ -61,6 +61,12 @@ class PlanFileError(UsageError):
     """A file that is not a plan, or a plan that is damaged."""
 
 
+class UnsoundPlan(ClimbplanError):
+    """A plan whose verification could not get past its data: nothing else can be made of it."""
+
+    exit_code = ExitCode.UNVERIFIED
+
+
 class MissingSolver(UsageError):
     """A solver or library that is not installed; says how to install it."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +117,11 @@ def _spec_values(plan: ShelfPlan, spec: BookshelfSpec | str) -> Check:
         same = theta.shape == written.shape
         apart["scene"] = float(np.abs(theta - written).max()) if same else math.inf
     worst = max(apart, key=lambda key: apart[key])
-    return _judge("file.spec_values", apart[worst], worst)
+    check = _judge("file.spec_values", apart[worst], worst)
+    if spec.scenes is None:
+        return check
+    where = f"scenes not compared, they are from {spec.scenes.file}: taken from the plan file"
+    return replace(check, margin=where)
 
 
 def _totals(plan: ShelfPlan) -> Check:

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import print_result
+from climbplan.cli.console import Session, print_result
 from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
 
 
 def new(
+    context: typer.Context,
     kind: Annotated[
         str,
         typer.Argument(
@@ -39,6 +40,7 @@ def new(
     """Write a commented example spec that runs as it is, and print its path."""
     from climbplan.plans.atomic_file import written_aside
     from climbplan.spec.examples import (
+        ABOUT,
         FIRST_EXAMPLE,
         example_data,
         example_names,
@@ -65,4 +67,8 @@ def new(
     for path, value in content.items():
         with written_aside(path) as aside:
             aside.write_bytes(value)
+    others = [f"{o} ({ABOUT[o]})" if o in ABOUT else o for o in example_names(kind) if o != name]
+    if others:
+        listed = ", ".join(others)
+        context.ensure_object(Session).note(f"other examples (--example NAME): {listed}")
     print_result(str(target))

@@ -215,7 +215,12 @@ def plan_kind(path: Path) -> PlanKind:
 
 
 def warn_of_failure(kind: PlanKind, path: Path) -> None:
-    """Say that a plan which is to be shown or passed on does not hold."""
+    """Say that a plan which is to be shown or passed on does not hold.
+
+    Raises:
+        UnsoundPlan: its numbers mean nothing, so that nothing can be shown.
+    """
     verification = kind.verify(path)
     if not verification.passed:
+        verification.require_sound(path)
         warn(f"{path} fails its verification: {verification.headline()}")

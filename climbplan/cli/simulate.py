@@ -117,6 +117,7 @@ def simulate(
         raise UsageError(f"--seed {seed}: expected a whole number >= 0")
     kind = _simulated_kind(path)
     from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
     from climbplan.cli.progress import StageProgress
     from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
     from climbplan.simulation.report_files import RESULT, write_simulation
@@ -142,6 +143,7 @@ def simulate(
         pictures=pictures,
     )
     session = context.ensure_object(Session)
+    warn_of_failure(plan_kind(path), path)
     name, run = kind(path)
     target = out if out is not None else Path("outputs", f"{name}_simulation")
     with OutputDirectory(target, force=force) as directory:

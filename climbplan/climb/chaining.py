@@ -7,8 +7,9 @@ import json
 import numpy as np
 
 from climbplan.errors import PlanFileError, SpecError, SpecMistake
-from climbplan.plans.climb_file import read_climb
+from climbplan.plans.climb_file import read_as_found
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.plans.verification import verification_of
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot
@@ -30,11 +31,16 @@ def started(loaded: LoadedClimb) -> LoadedClimb:
         return loaded
     path = loaded.directory / given
     try:
-        plan = read_climb(path)
+        reading = read_as_found(path)
     except PlanFileError as error:
         raise _refused(loaded, str(error)) from error
+    plan = reading.plan
     if not plan.verified:
         raise _refused(loaded, f"{given}: fails its verification (`climbplan verify` says where)")
+    verification = verification_of(reading)  # what the file says of itself is not enough
+    if not verification.passed:
+        headline = verification.headline()
+        raise _refused(loaded, f"{given}: fails its verification: {headline}")
     other = _difference(plan.robot, build_robot(loaded.robot))
     if other:
         raise _refused(loaded, f"{given}: a plan of {plan.robot.name}, {other}")

@@ -30,6 +30,7 @@ from climbplan.plans.climb_plan import ClimbPlan, Forces, Instants, Rounds, Step
 from climbplan.robots.any_robot import assumptions
 from climbplan.robots.rotations import Array
 from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.stored_robot import robot_texts
 
 Progress = Callable[[str, float], None]
 
@@ -301,6 +302,7 @@ def plan_climb(
         ),
         study=study,
         grips=grip_plan(scene, instants, forces, trajectory),
+        robot_texts=robot_texts(spec.robot, loaded.directory, loaded.robot),
     )
     return replace(plan, summary=summary_lines(plan))
 

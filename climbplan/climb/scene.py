@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,9 @@ from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.plans.climb_plan import Index
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
 from climbplan.spec.climb import ClimbSpec, PostureSpec
 from climbplan.spec.motion import MotionSpec
 from climbplan.spec.robot_source import AnyRobot
@@ -100,14 +100,6 @@ def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -
     return surface.project(toe + near * (nearest - toe))
 
 
-def with_stance(robot: Robot, stance: dict[str, tuple[float, float, float]]) -> Robot:
-    """The robot with the task's own nominal toe positions."""
-    nominal = robot.stance_body.copy()
-    for name, toe in stance.items():
-        nominal[robot.limb_names.index(name)] = toe
-    return replace(robot, stance_body=nominal)
-
-
 def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
     """Payload weight and external load as force and moment about the body origin.
 
@@ -131,13 +123,6 @@ def _grippers(
     return grippers_on(robot.gripper, model, spec.gripper.risk, terrain.surfaces)
 
 
-def _with_grip_limit(robot: Robot, spec: ClimbSpec) -> Robot:
-    """The robot with the largest gripping force of the spec, if it states one."""
-    if robot.gripper is None or spec.gripper.max_force is None:
-        return robot
-    return replace(robot, gripper=replace(robot.gripper, max_force=spec.gripper.max_force))
-
-
 def build_scene(
     spec: ClimbSpec, robot_spec: AnyRobot, source: str = "spec", directory: Path | None = None
 ) -> ClimbScene:
@@ -149,16 +134,12 @@ def build_scene(
     if spec.task.start.plan is not None:
         raise ValueError("the start is still in its plan file")
     robot = with_stance(build_robot(robot_spec), spec.task.stance)
-    robot = _with_grip_limit(robot, spec)
+    robot = with_grip_limit(robot, spec.gripper.max_force)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
-    stance = to_body(start.com, start.rpy, start.toes)
-    for name in spec.task.stance:
-        limb = robot.limb_names.index(name)
-        stance[limb] = robot.stance_body[limb]
-    robot = replace(robot, stance_body=stance)
+    robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)
     if mistakes:
         raise SpecError(source, mistakes)

@@ -8,19 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import ValidationError
 
-from climbplan.errors import SpecError
 from climbplan.limms.chain import Pose, forward
 from climbplan.limms.check_boxes import box_checks
 from climbplan.limms.check_motion import motion_checks
+from climbplan.limms.check_spec import spec_checks
 from climbplan.limms.limits import judge
 from climbplan.limms.logic import RULES, broken
-from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.plans.checks.check import Check
-from climbplan.spec.kinds import validate
-from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_module import ModuleSpec
-from climbplan.spec.limms_space import free_blocks, solid_blocks
-from climbplan.spec.yaml_source import parse_yaml
 
 
 def plan_checks(plan: LimmsPlan) -> Iterator[Check]:
@@ -36,7 +32,7 @@ def plan_checks(plan: LimmsPlan) -> Iterator[Check]:
     yield data
     if not data.passed or module is None:
         return
-    yield _spec_values(plan)
+    yield from spec_checks(plan)
     yield from _samples(plan)
     yield from _logic(plan)
     yield _points(plan, module)
@@ -68,7 +64,14 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
         faults.append("terrain/solids: upper corner not above lower")
     if np.abs(np.linalg.norm(plan.anchor_normal, axis=1) - 1).max() > 1e-9:
         faults.append("anchors/normal not of length 1")
+    faults += [f"{name} is not that of the module" for name in plan.at_odds]
     motion = plan.motion
+    for name, values, known in (
+        ("box/mode", motion.box_mode, BOX_MODES),
+        ("limms/mode", motion.mode, MODULE_MODES),
+    ):
+        strange = np.unique(values[~np.isin(values, tuple(known))])
+        faults += [f"{name} {m} is none" for m in strange[:1]]
     if not np.isin(motion.ground_end, (-1, 0, 1)).all():
         faults.append("limms/ground_end not one of -1, 0, 1")
     top = len(plan.anchor_names) + 2 * len(plan.module_names)
@@ -82,42 +85,6 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
     if len(motion.time) < 3 or motion.time[-1] <= motion.time[0]:
         faults.append("time: no motion")
     return faults, module
-
-
-def _spec_values(plan: LimmsPlan) -> Check:
-    try:
-        spec, findings = validate(parse_yaml(plan.spec_text, "spec"), LimmsSpec)
-    except SpecError as error:
-        return judge("file.spec_values", np.inf, str(error).splitlines()[0])
-    if spec is None or findings:
-        return judge("file.spec_values", np.inf, "the spec is not valid")
-    sizes = [spec.box.size, *(box.size for box in spec.parked)]
-    free = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions])
-    solids = np.array(solid_blocks(free), float)
-    anchors = np.array([a.position for a in spec.terrain.anchors], float).reshape(-1, 3)
-    pairs = {
-        "box.size": (np.array(sizes, float), plan.box_size),
-        "box.mass": (np.array([spec.box.mass]), plan.box_mass[:1]),
-        "box.goal": (np.array(spec.box.goal, float), plan.goal[0]),
-        "box.start": (np.array(spec.box.start, float), plan.motion.box_position[0, 0]),
-        "box.arrival_speed": (np.array([spec.box.arrival_speed]), np.array([plan.arrival_speed])),
-        "terrain.friction": (np.array([spec.terrain.friction]), np.array([plan.friction])),
-        "terrain.regions": (solids, plan.solids),
-        "terrain.anchors": (anchors, plan.motion.anchor_position[0, 4 * len(sizes) :]),
-    }
-    names = tuple(m.name for m in spec.modules)
-    if names == plan.module_names:
-        known = {anchor.name: anchor.position for anchor in spec.terrain.anchors}
-        begin = [m.stand or known[str(m.anchor)] for m in spec.modules]
-        pairs["modules"] = (np.array(begin, float), plan.motion.joint_position[0, :, 0])
-    worst, where = 0.0, ""
-    for name, (said, stored) in pairs.items():
-        off = np.inf if said.shape != stored.shape else float(np.abs(said - stored).max(initial=0))
-        if off > worst:
-            worst, where = off, name
-    if names != plan.module_names:
-        worst, where = np.inf, "modules"
-    return judge("file.spec_values", worst, where)
 
 
 def _samples(plan: LimmsPlan) -> Iterator[Check]:

@@ -7,11 +7,12 @@ from climbplan.plans.checks.check import Check, Limit
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
-    "file.finite": Limit(0, "", "entries that are NaN or infinite"),
+    "file.finite": Limit(0, "", "entries that are NaN, infinite or beyond 1e60"),
     "file.data": Limit(0, "", "values out of their range"),
     "file.spec_values": Limit(
         1e-9, "", "box, goal, modules, friction and free space are those of the spec"
     ),
+    "robot.spec": Limit(1e-9, "", "the modules are those that the spec names (relative)"),
     "samples.rate": Limit(0.01 + 1e-9, "s", "samples at most 10 ms apart, time never runs back"),
     "samples.continuous": Limit(1e-6, "m, rad, m/s", "nothing jumps where modes change"),
     "logic.anchors": Limit(0, "", "each anchor holds one module at most, modes are known"),

@@ -72,7 +72,9 @@ class LimmsPlan:
     verified: bool = False
     created: str = ""
     climbplan_version: str = ""
+    module_text: str = ""  # of the module's file, empty for a built-in one
     not_finite: tuple[str, ...] = field(default=(), compare=False)
+    at_odds: tuple[str, ...] = field(default=(), compare=False)  # copies that differ from `module`
 
 
 def motion_of(

@@ -104,6 +104,8 @@ def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
                 write_dataset(group, key, vars(plan.convergence)[key], layout)
         write_dataset(file["anchors"], "name", plan.anchor_names, _NAMES)
         write_dataset(file["limms"], "name", plan.module_names, _MODULES)
+        if plan.module_text:
+            write_text(file["limms"], "source", plan.module_text)
         write_dataset(file["limms"], "link_lengths", plan.module["link_lengths"], _LINKS)
         write_dataset(file, "warnings", plan.warnings, _TEXTS)
         write_dataset(file, "summary", plan.summary, _TEXTS)
@@ -179,6 +181,12 @@ def _read(reader: Reader) -> LimmsPlan:
         raise reader.refuse("no samples")
     if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
         raise reader.refuse("fewer anchors than four on each box")
+    module = _mapping(reader, "module")
+    copies = {
+        "limms/link_lengths": (reader.array("limms/link_lengths", _LINKS).tolist(), "link_lengths"),
+        "force_limit": (reader.number("", "force_limit"), "max_force"),
+    }
+    own = reader.has_attribute("limms", "source")
     status = reader.text("", "status")
     if status not in STATUSES:
         raise reader.refuse(f"status {status!r}, expected one of {', '.join(STATUSES)}")
@@ -189,7 +197,9 @@ def _read(reader: Reader) -> LimmsPlan:
         status=status,
         motion=motion,
         anchor_names=reader.texts("anchors/name", _NAMES),
-        module=_mapping(reader, "module"),
+        module=module,
+        module_text=reader.text("limms", "source") if own else "",
+        at_odds=tuple(name for name, (copy, key) in copies.items() if module.get(key) != copy),
         module_names=reader.texts("limms/name", _MODULES),
         arrival_speed=reader.number("", "arrival_speed"),
         friction=reader.number("", "friction"),
@@ -223,6 +233,9 @@ def _mapping(reader: Reader, name: str) -> dict[str, Any]:
 def _stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:
     value = reader.json("", "stages")
     try:
-        return tuple((str(name), float(begin), float(end)) for name, begin, end in value)
-    except (TypeError, ValueError) as error:
+        stages = tuple((str(name), float(begin), float(end)) for name, begin, end in value)
+    except (TypeError, ValueError, OverflowError) as error:
         raise reader.refuse("attribute stages is not a list of names and times") from error
+    if not stages:
+        raise reader.refuse("attribute stages names no stage")
+    return stages

@@ -52,6 +52,7 @@ def make_plan(
         friction=scene.friction,
         solids=scene.solids,
         module=scene.module.model_dump(mode="json"),
+        module_text=loaded.module_text,
         module_names=scene.module_names,
         stages=stages,
         sequence=making.sequence,

@@ -24,13 +24,12 @@ from climbplan.plans.climb_plan import (
     Study,
     Trajectory,
 )
-from climbplan.plans.grip_store import read_gripper, read_grips, write_gripper, write_grips
+from climbplan.plans.grip_store import read_grips, write_grips
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
-from climbplan.plans.mechanism_store import read_mechanism, write_mechanism
+from climbplan.plans.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.plans.terrain_store import read_terrain, write_terrain
-from climbplan.robots.model import Robot
 
 _HEADER_NUMBERS = ("bound", "gap")  # left out where the method gives none
 
@@ -48,7 +47,7 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
     )
     with new_store(path) as file:
         _write_header(file, plan)
-        _write_robot(file.create_group("robot"), plan.robot)
+        write_robot(file.create_group("robot"), plan.robot, plan.robot_texts)
         _write_fields(file.create_group("rounds"), plan.rounds, layout.ROUNDS)
         instants = file.create_group("instants")
         _write_fields(instants, plan.instants, layout.INSTANTS)
@@ -136,16 +135,6 @@ def _write_fields(group: h5py.Group, source: Any, layouts: Mapping[str, Layout])
         write_dataset(group, name, fields[name], shape)
 
 
-def _write_robot(group: h5py.Group, robot: Robot) -> None:
-    write_text(group, "name", robot.name)
-    for name in layout.ROBOT_NUMBERS:
-        group.attrs[name] = float(vars(robot)[name])
-    _write_fields(group, robot, layout.ROBOT_TEXTS)
-    _write_fields(group, robot, layout.ROBOT)
-    write_mechanism(group, robot.mechanism)
-    write_gripper(group, robot.gripper)
-
-
 def _write_study(group: h5py.Group, study: Study) -> None:
     write_dataset(group, "keys", study.keys, layout.TEXTS)
     write_dataset(group, "labels", Study.LABELS, layout.TEXTS)
@@ -171,7 +160,7 @@ def _require_format(reader: Reader) -> None:
 def _read(reader: Reader) -> ClimbPlan:
     kinds = {name: kind for kind, name in layout.FORMATS.items()}
     kind = kinds[reader.text("", "format")]
-    robot = _read_robot(reader)
+    robot = read_robot(reader)
     rounds = Rounds(**_arrays(reader, "rounds", layout.ROUNDS))
     instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
     forces = Forces(**_arrays(reader, "instants", layout.FORCES))
@@ -221,6 +210,7 @@ def _read(reader: Reader) -> ClimbPlan:
         kind=kind,
         sequences=_read_sequences(reader) if reader.has("sequences") else None,
         grips=grips,
+        robot_texts=read_robot_texts(reader),
     )
 
 
@@ -250,18 +240,6 @@ def _require_counts(reader: Reader, kind: str) -> None:
 def _arrays(reader: Reader, group: str, layouts: Mapping[str, Layout]) -> dict[str, Any]:
     reader.group(group)
     return {name: reader.array(f"{group}/{name}", shape) for name, shape in layouts.items()}
-
-
-def _read_robot(reader: Reader) -> Robot:
-    reader.group("robot")
-    fields: dict[str, Any] = {
-        name: reader.texts(f"robot/{name}", shape) for name, shape in layout.ROBOT_TEXTS.items()
-    }
-    fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
-    fields |= _arrays(reader, "robot", layout.ROBOT)
-    fields["mechanism"] = read_mechanism(reader)
-    fields["gripper"] = read_gripper(reader)
-    return Robot(name=reader.text("robot", "name"), **fields)
 
 
 def _read_sequences(reader: Reader) -> Sequences:

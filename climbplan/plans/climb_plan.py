@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from climbplan.plans.grip_plan import GripForces, GripPlan
 from climbplan.robots.model import Robot
+from climbplan.spec.stored_robot import RobotTexts
 from climbplan.terrain.model import Terrain
 
 Array = NDArray[np.float64]
@@ -175,6 +176,7 @@ class ClimbPlan:
     kind: str = "climb"  # or "transition"
     sequences: Sequences | None = None
     grips: GripPlan | None = None
+    robot_texts: RobotTexts = field(default_factory=RobotTexts)  # of files the robot is from
 
     @property
     def contact_sequence(self) -> str:

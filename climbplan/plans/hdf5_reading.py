@@ -24,6 +24,7 @@ from climbplan.plans.hdf5_heap import text_heaps_are_whole
 from climbplan.plans.hdf5_layout import Layout
 
 LARGEST_DATASET = 2**30  # [bytes]
+LARGEST_NUMBER = 1e60  # beyond, products overflow: no more a number of anything than NaN is
 _LARGEST_RATIO = 1100  # deflate cannot shrink further than this
 _LARGEST_TEXT = 2**26  # [bytes]
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
@@ -70,7 +71,7 @@ class Reader:
     path: Path
     root: h5py.Group
     dimensions: dict[str, int] = field(default_factory=dict)
-    not_finite: list[str] = field(default_factory=list)  # datasets and attributes seen so far
+    not_finite: list[str] = field(default_factory=list)  # seen so far; absurdly large ones too
 
     def refuse(self, what: str) -> PlanFileError:
         """The error to raise, with the file's name."""
@@ -108,7 +109,9 @@ class Reader:
         except (*_DAMAGE, MemoryError) as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
         if layout.kind == "float" and not layout.may_be_nan:
-            bad = np.isnan(value) if layout.may_be_infinite else ~np.isfinite(value)
+            bad = ~(np.abs(value) <= LARGEST_NUMBER)
+            if layout.may_be_infinite:
+                bad &= ~np.isinf(value)
             if bad.any():
                 self.not_finite.append(name)
         return value
@@ -132,7 +135,7 @@ class Reader:
             raise self.refuse(f"attribute {_at(holder, name)} is not UTF-8 text") from error
 
     def number(self, holder: str, name: str) -> float:
-        """A number attribute; NaN and infinities are noted."""
+        """A number attribute; what is not finite, or absurdly large, is noted."""
         value = self._attribute(holder, name)
         if isinstance(value, np.bool_) or not isinstance(value, (np.number, int, float)):
             raise self.refuse(f"attribute {_at(holder, name)} is not a number")
@@ -140,7 +143,7 @@ class Reader:
             number = float(value)
         except _DAMAGE as error:
             raise self.refuse(f"attribute {_at(holder, name)} is not a number") from error
-        if not math.isfinite(number):
+        if not abs(number) <= LARGEST_NUMBER:
             self.not_finite.append(_at(holder, name))
         return number
 

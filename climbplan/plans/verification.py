@@ -17,6 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from climbplan.errors import UnsoundPlan
 from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.checks.check import Check
 from climbplan.plans.checks.clearance_checks import clearance_checks
@@ -36,6 +37,17 @@ from climbplan.plans.checks.subject import subject_of
 from climbplan.plans.checks.trajectory_checks import trajectory_checks
 from climbplan.plans.climb_file import Reading, read_as_found
 
+# Where one of these fails the others are not made: numbers that no robot and no task can have
+SOUNDNESS = (
+    "file.finite",
+    "file.data",
+    "robot.data",
+    "terrain.data",
+    "limits.data",
+    "grip.data",
+    "scenes.data",
+)
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -52,6 +64,20 @@ class Verification:
     def failed(self) -> tuple[Check, ...]:
         """The checks that failed."""
         return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def unsound(self) -> Check | None:
+        """The first failed check of those without which a plan means nothing."""
+        return next((check for check in self.failed if check.name in SOUNDNESS), None)
+
+    def require_sound(self, path: Path) -> None:
+        """Raise UnsoundPlan for a plan of which nothing can be computed, drawn or passed on."""
+        if (worst := self.unsound) is not None:
+            where = f" ({worst.worst_at})" if worst.worst_at else ""
+            raise UnsoundPlan(
+                f"{path}: fails its verification, {worst.name}{where}: nothing else can be made "
+                "of it; `climbplan verify` lists every check"
+            )
 
     @property
     def tightest(self) -> Check:

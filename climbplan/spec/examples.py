@@ -23,6 +23,13 @@ FIRST_EXAMPLE = {
     "robot": "silvia",
     "module": "limms",
 }
+# What only some examples show
+ABOUT = {
+    "climb_walker": "a robot from a URDF",
+    "robot_walker": "from a URDF",
+    "climb_single_wall": "grippers on one wall",
+    "mission_ground_to_top": "and on as a climb",
+}
 # Files that an example reads, or that state its problem
 _DATA = {
     "bookshelf_file": ("bookshelf_scenes.h5",),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.document import Document, Finding
@@ -26,6 +27,7 @@ class LoadedLimms(LoadedSpec):
 
     spec: LimmsSpec
     module: ModuleSpec
+    module_text: str = ""  # of the file that a path names; empty for a built-in one
 
 
 def load_limms(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedLimms:
@@ -50,13 +52,51 @@ def limms_of(document: Document, text: SourceText) -> LoadedLimms:
         findings.append(kind)
     spec, found = validate(document, LimmsSpec)
     findings += [f for f in found if f.path != ("kind",)]
-    module, module_mistakes = _module(document, text.directory)
+    module, module_text, module_mistakes = _module(document, text.directory)
     if spec is not None and module is not None and not findings:
         findings += placing_findings(spec, module)
     mistakes = [*document.mistakes(findings), *module_mistakes]
     if spec is None or module is None or mistakes:
         raise SpecError(document.source, mistakes)
-    return LoadedLimms(spec=spec, module=module, **origin_of(document, text))
+    return LoadedLimms(
+        spec=spec, module=module, module_text=module_text, **origin_of(document, text)
+    )
+
+
+@dataclass(frozen=True)
+class StoredLimms:
+    """A LIMMS spec as a plan carries it."""
+
+    loaded: LoadedLimms
+    taken: str  # why the module is the plan's own word, empty if it is not
+
+
+def stored_limms(text: str, module_text: str, module: Mapping[str, Any]) -> StoredLimms:
+    """The spec of a plan with its module: built-in, or from the text that the plan carries.
+
+    module: what the plan says of its module, which is all there is of one that is neither. Raises
+    SpecError with every mistake in the texts.
+    """
+    document = parse_yaml(text, "spec")
+    findings: list[Finding] = []
+    spec, found = validate(document, LimmsSpec)
+    findings += found
+    if spec is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    taken = ""
+    if _is_path(spec.robot):
+        if module_text:
+            own = module_of(parse_yaml(module_text, f"module {spec.robot}"))
+        else:
+            own = ModuleSpec.model_validate(module)
+            taken = f"the plan does not carry {spec.robot}"
+    elif spec.robot in builtin_modules():
+        own = builtin_module(spec.robot)
+    else:
+        own = ModuleSpec.model_validate(module)
+        taken = f"{spec.robot!r} is no built-in module"
+    source = SourceText("spec", "spec", Path(), text)
+    return StoredLimms(LoadedLimms(spec=spec, module=own, **origin_of(document, source)), taken)
 
 
 def builtin_modules() -> list[str]:
@@ -83,11 +123,20 @@ def module_of(document: Document) -> ModuleSpec:
     return module
 
 
-def _module(document: Document, directory: Path) -> tuple[ModuleSpec | None, list[SpecMistake]]:
+def builtin_module(name: str) -> ModuleSpec:
+    """A module that comes with the package."""
+    path = files("climbplan").joinpath("robots", "modules", f"{name}.yaml")
+    return module_of(parse_yaml(path.read_text(encoding="utf-8"), f"module {name}"))
+
+
+def _module(
+    document: Document, directory: Path
+) -> tuple[ModuleSpec | None, str, list[SpecMistake]]:
+    """The module, the text of its file if it has one of its own, and what is wrong with it."""
     reference = document.value.get("robot", "limms")
     if not isinstance(reference, str) or not reference:
-        return None, []  # the model says what is wrong with it
-    if Path(reference).suffix not in (".yaml", ".yml"):
+        return None, "", []  # the model says what is wrong with it
+    if not _is_path(reference):
         known = builtin_modules()
         if reference not in known:
             expected = (
@@ -95,16 +144,20 @@ def _module(document: Document, directory: Path) -> tuple[ModuleSpec | None, lis
                 f"file, got {reference!r}"
             )
             finding = Finding(("robot",), expected, nearest(reference, known))
-            return None, [document.mistake(finding)]
-        path = files("climbplan").joinpath("robots", "modules", f"{reference}.yaml")
-        return module_of(parse_yaml(path.read_text(encoding="utf-8"), f"module {reference}")), []
+            return None, "", [document.mistake(finding)]
+        return builtin_module(reference), "", []
     try:
         source = read_source(directory / reference)
-        return module_of(parse_yaml(source.text, source.shown)), []
+        return module_of(parse_yaml(source.text, source.shown)), source.text, []
     except SpecError as error:
-        return None, [
+        mistakes = [
             replace(m, source=m.source or error.source)
             if m.line
             else document.mistake(Finding(("robot",), f"{error.source}: {m.message}", m.suggestion))
             for m in error.mistakes
         ]
+        return None, "", mistakes
+
+
+def _is_path(reference: str) -> bool:
+    return Path(reference).suffix in (".yaml", ".yml")

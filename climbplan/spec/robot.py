@@ -9,6 +9,17 @@ from pydantic import Field, model_validator
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.gripper import GripperSpec
 from climbplan.spec.linkage import FiveBarSpec
+from climbplan.spec.robot_ranges import (
+    GRAVITY,
+    LENGTH,
+    MASS,
+    PLACE,
+    SPEED,
+    STIFFNESS,
+    THICKNESS,
+    TORQUE,
+    range_faults,
+)
 
 
 class LimbSpec(SpecModel):
@@ -50,6 +61,17 @@ class LimbSpec(SpecModel):
             )
             if low >= high
         ]
+        if not faults:
+            faults = range_faults(
+                {
+                    "shoulder": (self.shoulder, PLACE),
+                    "link_lengths": (self.link_lengths, LENGTH),
+                    "max_torque": (self.max_torque, TORQUE),
+                    "joint_stiffness": (self.joint_stiffness, STIFFNESS),
+                    "max_joint_speed": (self.max_joint_speed, SPEED),
+                    "stance": (self.stance, PLACE),
+                }
+            )
         refuse(faults)
         return self
 
@@ -106,5 +128,16 @@ class RobotSpec(SpecModel):
         if min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
+        if not faults:
+            faults = range_faults(
+                {
+                    "mass": (self.mass, MASS),
+                    "gravity": (self.gravity, GRAVITY),
+                    "body_half_size": (self.body_half_size, LENGTH),
+                    "limb_radius": (self.limb_radius, THICKNESS),
+                    "workspace.reach": (self.workspace.reach, LENGTH),
+                    "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
+                }
+            )
         refuse(faults)
         return self

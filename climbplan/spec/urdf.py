@@ -8,6 +8,19 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
+from climbplan.spec.robot_ranges import (
+    GRAVITY,
+    LENGTH,
+    MASS,
+    PLACE,
+    SPEED,
+    STIFFNESS,
+    THICKNESS,
+    TORQUE,
+    Given,
+    Range,
+    range_faults,
+)
 
 FEWEST_LEGS = 3
 
@@ -137,8 +150,30 @@ class UrdfRobotSpec(SpecModel):
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
+        if not faults:
+            faults = self._sizes()
         refuse(faults)
         return self
+
+    def _sizes(self) -> list[Fault]:
+        """What is out of the range that a robot's numbers can have."""
+        own: dict[str, tuple[Given, Range]] = {
+            "mass": (self.mass, MASS),
+            "gravity": (self.gravity, GRAVITY),
+            "joint_stiffness": (self.joint_stiffness, STIFFNESS),
+            "body_half_size": (self.body_half_size, LENGTH),
+            "limb_radius": (self.limb_radius, THICKNESS),
+            "workspace.reach": (self.workspace.reach, LENGTH),
+            "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
+        }
+        for name, joint in self.joints.items():
+            own[f"joints.{name}.max_torque"] = (joint.max_torque, TORQUE)
+            own[f"joints.{name}.max_speed"] = (joint.max_speed, SPEED)
+            own[f"joints.{name}.stiffness"] = (joint.stiffness, STIFFNESS)
+        for name, leg in self.legs.items():
+            own[f"legs.{name}.toe_offset"] = (leg.toe_offset, PLACE)
+            own[f"legs.{name}.stance"] = (leg.stance, PLACE)
+        return range_faults(own)
 
 
 def _reference(value: Any) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from climbplan.spec.document import Finding
 from climbplan.spec.fields import nearest
+from climbplan.spec.robot_ranges import SPEED, TORQUE
 from climbplan.spec.urdf import UrdfLegSpec, UrdfRobotSpec
 from climbplan.spec.urdf_tree import UrdfJoint, UrdfTree
 
@@ -128,9 +129,9 @@ def joint_faults(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
     if not joint.lower < joint.upper:
         yield f"expected <limit> with lower < upper, got {joint.lower:g} and {joint.upper:g} rad"
     own = spec.joints.get(joint.name)
-    if (own is None or own.max_torque is None) and not (joint.effort or 0.0) > 0:
+    if (own is None or own.max_torque is None) and not (joint.effort or 0.0) >= TORQUE.low:
         yield _unlimited("effort", "torque", "N m", joint.effort, joint.name, "max_torque")
-    if (own is None or own.max_speed is None) and not (joint.velocity or 0.0) > 0:
+    if (own is None or own.max_speed is None) and not (joint.velocity or 0.0) >= SPEED.low:
         yield _unlimited("velocity", "speed", "rad/s", joint.velocity, joint.name, "max_speed")
 
 

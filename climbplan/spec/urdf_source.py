@@ -66,6 +66,13 @@ def urdf_robot(
     except (UrdfFault, UrdfFaults) as error:
         faults = error.faults if isinstance(error, UrdfFaults) else [error]
         return None, below(path, [_told(spec, fault) for fault in faults])
+    return robot_of_tree(spec, document, path, directory, tree)
+
+
+def robot_of_tree(
+    spec: UrdfRobotSpec, document: Document, path: KeyPath, directory: Path, tree: UrdfTree
+) -> tuple[UrdfRobot | None, list[Finding]]:
+    """As `urdf_robot`, of a URDF that was read already."""
     found = tree_findings(tree)
     base = spec.base or (tree.roots or [""])[0]
     if not found:

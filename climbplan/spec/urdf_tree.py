@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from climbplan.spec.robot_ranges import ANGLE, LENGTH, MASS, PLACE
 from climbplan.spec.urdf_xml import (
     Element,
     UrdfFault,
@@ -124,6 +125,15 @@ def read_urdf(path: Path) -> UrdfTree:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise UrdfFault("not UTF-8 text", line) from None
+    return urdf_of_text(text, path)
+
+
+def urdf_of_text(text: str, path: Path) -> UrdfTree:
+    """The tree of a URDF's text, `path` the file that it is from.
+
+    Raises UrdfFault for what is no URDF, and UrdfFaults with all that is wrong in one.
+    """
+    content = text.encode()
     root = parsed(content)
     if root.tag != "robot":
         raise UrdfFault(f"expected <robot> as the first element, got <{root.tag}>", root.line)
@@ -175,6 +185,9 @@ def _link(element: Element) -> UrdfLink:
         given = number_of(inertial.first("mass"), "value")
         if given is None or inertial.first("inertia") is None:
             raise UrdfFault("<inertial> without <mass value=...> or <inertia>", inertial.line)
+        if given > MASS.high:  # links may be as light as nothing
+            message = f"<mass>: expected {MASS.high:g} kg at most, got {given:g}"
+            raise UrdfFault(message, inertial.line)
         mass = given
         _origin(inertial)
     meshes = []
@@ -188,10 +201,14 @@ def _link(element: Element) -> UrdfLink:
 
 
 def _origin(holder: Element) -> None:
-    """Refuse a place that is not three numbers each."""
+    """Refuse a place that is not three numbers each, or one out of this world."""
     for origin in holder.all("origin"):
-        for name in ("xyz", "rpy"):
-            vector_of(origin, name)
+        for name, allowed in (("xyz", PLACE), ("rpy", ANGLE)):
+            values = vector_of(origin, name) or (0.0, 0.0, 0.0)
+            if not all(allowed.holds(value) for value in values):
+                got = " ".join(f"{value:g}" for value in values)
+                message = f"`{name}` of <origin>: expected {allowed.expected}, got {got}"
+                raise UrdfFault(message, origin.line)
 
 
 def _shape(collision: Element) -> Element:
@@ -208,6 +225,9 @@ def _shape(collision: Element) -> Element:
         sizes = vector_of(shape, name) if name == "size" else (number_of(shape, name) or 0.0,)
         if sizes is None or min(sizes) <= 0:
             raise UrdfFault(f"<{shape.tag}>: expected `{name}` > 0", shape.line)
+        if max(sizes) > LENGTH.high:
+            largest = f"`{name}` up to {LENGTH.high:g} m, got {max(sizes):g}"
+            raise UrdfFault(f"<{shape.tag}>: expected {largest}", shape.line)
     return shape
 
 
@@ -229,6 +249,12 @@ def _joint(element: Element) -> UrdfJoint:
     lower, upper = -math.inf, math.inf
     if kind == "revolute":
         lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
+        if not (ANGLE.holds(lower) and ANGLE.holds(upper)):
+            raise UrdfFault(
+                f"joint {name!r}: expected bounds {ANGLE.expected}, got {lower:g} and {upper:g}; "
+                'a joint without bounds has type="continuous"',
+                element.line,
+            )
     return UrdfJoint(
         name=name,
         line=element.line,

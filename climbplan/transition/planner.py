@@ -23,6 +23,7 @@ from climbplan.plans.climb_plan import (
     Trajectory,
 )
 from climbplan.plans.verification import verification_of
+from climbplan.spec.stored_robot import robot_texts
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.gait import plan_instants
 from climbplan.transition.homotopy import run_start
@@ -198,6 +199,7 @@ def assemble(run: Run, found: Found) -> ClimbPlan:
         warnings=(*found.warnings, *deflection_warnings(done.forces)),
         kind="transition",
         sequences=found.sequences,
+        robot_texts=robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
     )
     return replace(plan, summary=summary_lines(plan))
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.scene import MotionScene, Stance, stance_of, with_stance
+from climbplan.climb.scene import MotionScene, Stance, stance_of
 from climbplan.errors import Conflict, Infeasible, ReachFailure, SpecError, SpecMistake
 from climbplan.plans.climb_plan import Array
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.task_robot import with_stance
 from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.terrain.model import Terrain, build_terrain

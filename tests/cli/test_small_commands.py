@@ -202,6 +202,9 @@ class FakeVerification:
     def headline(self) -> str:
         return "1 check, friction fails"
 
+    def require_sound(self, path: Path) -> None:
+        """Something can be made of it."""
+
     def as_dict(self) -> dict[str, bool]:
         return {"passed": self.passed}
 

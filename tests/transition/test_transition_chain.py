@@ -91,6 +91,10 @@ def test_another_robot_or_a_failed_plan_is_no_start(ground: Path) -> None:
     with h5py.File(bad, "r+") as file:
         file.attrs["verified"] = np.bool_(False)
     assert "fails its verification" in _refusal(ground, "plan.h5", "bad.h5")
+    with h5py.File(bad, "r+") as file:
+        file.attrs["verified"] = np.bool_(True)  # says so, but its robot is not the one it names
+        file["robot/joint_upper"][...] *= 2
+    assert "fails its verification: 1 of" in _refusal(ground, "plan.h5", "bad.h5")
 
 
 def test_a_climb_with_a_start_of_its_own_stays_as_it_is() -> None:

@@ -25,11 +25,13 @@ class Limit:
 # Residuals of equations are absolute values; those of bounds are signed, below zero inside.
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
-    "file.finite": Limit(0, "", "entries that are NaN or infinite"),
+    "file.finite": Limit(0, "", "entries that are NaN, infinite or beyond 1e60"),
     "robot.data": Limit(0, "", "robot values out of their range"),
     "terrain.data": Limit(0, "", "terrain values out of range or at odds with the corners"),
     "limits.data": Limit(0, "", "bounds and safety factors out of their range"),
     "file.spec_values": Limit(1e-6, "", "bounds, loads and terrain are those of the spec"),
+    "robot.spec": Limit(1e-9, "", "the robot is the one that the spec names (relative)"),
+    "terrain.spec": Limit(1e-9, "", "the terrain is the one that the spec makes (relative)"),
     "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
     "force.inward": Limit(1e-6, "m", "commands of toes in contact are inside their surfaces"),
     "gait.sequence": Limit(1e-6, "m", "instants follow from the rounds and the gait"),
@@ -82,6 +84,7 @@ LIMITS = {
 # Made beside these for robots with grippers; no friction cones at their toes then.
 GRIP_LIMITS = {
     "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
+    "grip.model": Limit(1e-9, "", "the model of spines is the one that is named (relative)"),
     "grip.spines": Limit(1e-6, "N", "spines count at the model's lower confidence bound"),
     "grip.press": Limit(1e-6, "of weight", "no palm or finger pulls on what it touches"),
     "grip.shear": Limit(1e-6, "of weight", "shear within (mu f_n + spines) / S_mu, by finger"),

@@ -13,6 +13,7 @@ from climbplan.plans.checks.convex import hull_of, polygon_edges, polygon_normal
 from climbplan.plans.climb_plan import ClimbPlan, StepLimits
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.spec.robot_ranges import LENGTH, MASS, SPEED, STIFFNESS, TORQUE
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
@@ -72,18 +73,20 @@ def limits_check(limits: StepLimits) -> Check:
 
 def _robot_faults(robot: Robot) -> Iterator[str]:
     # Joints of a chain may lie on one another.
-    lengths = {} if robot.mechanism is not None else {"link_lengths": robot.link_lengths}
-    positive = lengths | {
-        "max_torque": robot.max_torque,
-        "joint_stiffness": robot.joint_stiffness,
-        "max_joint_speed": robot.max_joint_speed,
-        "joint_upper - joint_lower": robot.joint_upper - robot.joint_lower,
+    lengths = {} if robot.mechanism is not None else {"link_lengths": (robot.link_lengths, LENGTH)}
+    ranges = lengths | {
+        "max_torque": (robot.max_torque, TORQUE),
+        "joint_stiffness": (robot.joint_stiffness, STIFFNESS),
+        "max_joint_speed": (robot.max_joint_speed, SPEED),
     }
-    for name, values in positive.items():
-        for limb in np.flatnonzero(~(values > 0).all(axis=1)):
-            yield f"{name} of {robot.limb_names[limb]} is not above zero"
-    if not robot.mass > 0:
-        yield f"mass {robot.mass:g} kg is not above zero"
+    for name, (values, allowed) in ranges.items():
+        out = ~((values >= allowed.low) & (values <= allowed.high)).all(axis=1)
+        for limb in np.flatnonzero(out):
+            yield f"{name} of {robot.limb_names[limb]} is not {allowed.expected}"
+    for limb in np.flatnonzero(~(robot.joint_upper > robot.joint_lower).all(axis=1)):
+        yield f"joint_upper - joint_lower of {robot.limb_names[limb]} is not above zero"
+    if not MASS.holds(robot.mass):
+        yield f"mass {robot.mass:g} kg is not {MASS.expected}"
     if not robot.gravity >= 0:
         yield f"gravity {robot.gravity:g} is negative"
     if not 0 <= robot.structural_compliance_share < 1:

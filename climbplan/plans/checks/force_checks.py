@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst
+from climbplan.plans.checks.friction_factor import friction_factor, least_factor
 from climbplan.plans.checks.grip_checks import grip_checks
 from climbplan.plans.checks.kinematics_anew import limbs_at
 from climbplan.plans.checks.subject import Subject
@@ -59,13 +60,14 @@ def _contacts(subject: Subject) -> Iterator[Check]:
 
     asked = plan.limits.safety_friction
     excess = np.where(contact, tangent - mu * normal / asked, -np.inf) / subject.weight
-    use = np.where(contact, _share(tangent, mu * normal), 0.0)
+    factor = friction_factor("force.friction", tangent, mu * normal, subject.weight)
+    factor = np.where(contact, factor, np.inf)
     yield judge_worst(
         "force.friction",
         excess,
         subject.at,
-        margin=f"S_mu {_inverse(use.max()):.2f}",
-        used=use * asked,
+        margin=least_factor(factor),
+        used=asked / np.maximum(factor, 1e-300),
     )
 
     yield _lifted(subject)

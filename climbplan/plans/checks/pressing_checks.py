@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.plans.checks.check import Array, Check, judge_worst
+from climbplan.plans.checks.friction_factor import friction_factor, least_factor
 from climbplan.plans.checks.grip_motion import motion_grips, wrist_moment_on_the_way
 from climbplan.plans.checks.kinematics_anew import body_axes, limbs_at
 from climbplan.plans.checks.motion_forces import motion_forces
@@ -52,16 +53,15 @@ def _friction(motion: Motion, force: Array, normal: Array, mu: Array) -> Check:
     """Forces (T, N, 3) within their friction cones."""
     pressure = np.einsum("tni,tni->tn", force, normal)
     shear = np.linalg.norm(force - pressure[..., None] * normal, axis=-1)
-    loaded = ~motion.lifted & (shear > 1e-6 * motion.subject.weight)
-    ratio = np.full(shear.shape, np.inf)
-    np.divide(mu * pressure, shear, out=ratio, where=loaded)
+    factor = friction_factor("trajectory.friction", shear, mu * pressure, motion.subject.weight)
+    factor = np.where(motion.lifted, np.inf, factor)
     excess = np.where(motion.lifted, -np.inf, shear - mu * pressure) / motion.subject.weight
     return judge_worst(
         "trajectory.friction",
         excess,
         motion.at,
-        margin=f"S_mu {ratio.min():.2f}",
-        used=1 / np.maximum(ratio, 1e-300),
+        margin=least_factor(factor),
+        used=1 / np.maximum(factor, 1e-300),
     )
 
 

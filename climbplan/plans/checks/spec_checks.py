@@ -1,6 +1,6 @@
-"""The plan answers the spec it carries: bounds, loads, terrain and objective are the spec's.
+"""The plan answers the spec it carries: bounds, loads, robot, terrain and objective are the spec's.
 
-The robot is not among them: a spec names it, and its data are in the file.
+The terrain is looked at twice: corner by corner, and as planning builds it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from climbplan.plans.checks.differences import Difference, apart, same
 from climbplan.plans.checks.gait_anew import Gait, gait_of
 from climbplan.plans.checks.inward_check import inward_check
 from climbplan.plans.checks.kinematics_anew import body_axes
+from climbplan.plans.checks.spec_anew import built_anew
 from climbplan.plans.checks.spec_terrain import terrain_differences
 from climbplan.plans.checks.subject import Subject
 from climbplan.plans.climb_plan import ClimbPlan
@@ -36,6 +37,7 @@ def spec_checks(subject: Subject) -> Iterator[Check]:
     differences = [*_task(plan, spec), *_limits(plan, spec), *terrain_differences(plan, spec)]
     worst = max(differences, key=lambda d: math.inf if math.isnan(d.size) else d.size)
     yield judge("file.spec_values", worst.size, worst.key if worst.size > 0 else "")
+    yield from built_anew(plan, spec)
     yield _objective(plan, spec)
     if plan.robot.gripper is None:
         yield inward_check(subject, spec.force.least_depth)

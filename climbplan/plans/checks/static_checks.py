@@ -11,7 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.plans.checks.check import LIMITS, Array, Check, judge_worst, unjudged
+from climbplan.plans.checks.check import Array, Check, judge_worst, unjudged
+from climbplan.plans.checks.friction_factor import friction_factor, least_factor
 from climbplan.plans.checks.kinematics_anew import turned
 from climbplan.plans.checks.static_pose import Braced, Settled, settle
 from climbplan.plans.checks.subject import Subject
@@ -85,17 +86,16 @@ def _friction(subject: Subject, settled: Settled) -> Check:
     asked = plan.limits.safety_friction
     normal = np.einsum("kni,kni->kn", settled.force, instants.normal)
     tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
-    excess = np.where(instants.contact, tangent - instants.mu * normal / asked, -np.inf)
-    ratio = np.full(normal.shape, np.inf)
-    # Shear within the check's limit tells nothing of friction, and rounding may make a toe pull.
-    sheared = instants.contact & (tangent > LIMITS["static.friction"].value * subject.weight)
-    np.divide(np.maximum(instants.mu * normal, 0.0), tangent, out=ratio, where=sheared)
+    held = instants.mu * normal
+    excess = np.where(instants.contact, tangent - held / asked, -np.inf)
+    factor = friction_factor("static.friction", tangent, held, subject.weight)
+    factor = np.where(instants.contact, factor, np.inf)
     return judge_worst(
         "static.friction",
         excess / subject.weight,
         subject.at,
-        margin=f"S_mu {np.min(ratio, initial=np.inf, where=~np.isnan(ratio)):.2f}",
-        used=np.where(instants.contact, asked / np.maximum(ratio, 1e-300), 0.0),
+        margin=least_factor(factor),
+        used=asked / np.maximum(factor, 1e-300),
     )
 
 

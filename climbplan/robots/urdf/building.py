@@ -17,6 +17,7 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, collision_shapes, legs_radius
 from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
 from climbplan.spec.document import Finding
+from climbplan.spec.robot_ranges import LENGTH, THICKNESS
 from climbplan.spec.urdf_source import UrdfRobot
 
 LIMB_RADIUS = 0.02  # [m] without collision geometry
@@ -65,6 +66,12 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
     radius = spec.limb_radius
     if radius is None:
         radius = legs_radius(legs, shapes)
+        if radius is not None and not THICKNESS.holds(radius):
+            message = (
+                f"the collision geometry of its legs lies up to {radius:g} m from their links, "
+                f"expected {THICKNESS.high:g} m at most; `limb_radius` takes its place"
+            )
+            raise robot.refused([Finding(("urdf",), message)])
     bounds = lower, upper
     reach = spec.workspace.reach or float(farthest_toes(chain, *bounds).min())
     toward = stance - first
@@ -184,7 +191,7 @@ def _stiffness(robot: UrdfRobot, legs: list[LegAtZero], width: int) -> Array:
 
 
 def _hull(robot: UrdfRobot, first: Array, box: tuple[Array, Array] | None, centre: Array) -> Array:
-    """(8, 3) corners of the body's box."""
+    """(8, 3) corners of the body's box; raises SpecError for one out of this world."""
     if robot.spec.body_half_size is not None:
         half = np.array(robot.spec.body_half_size)
         lower, upper = -half, half
@@ -193,6 +200,12 @@ def _hull(robot: UrdfRobot, first: Array, box: tuple[Array, Array] | None, centr
     else:
         lower, upper = first.min(axis=0), first.max(axis=0)
     middle, half = (lower + upper) / 2, np.maximum((upper - lower) / 2, _THINNEST)
+    if not (half <= LENGTH.high).all():
+        message = (
+            f"the base's collision geometry is {2 * half.max():g} m long, expected "
+            f"{2 * LENGTH.high:g} m at most; `body_half_size` takes its place"
+        )
+        raise robot.refused([Finding(("urdf",), message)])
     return middle + half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 

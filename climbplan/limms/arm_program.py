@@ -52,10 +52,14 @@ def solve_arms(
     guess: Sequence[Trace],
     ends: Ends,
     cuts: Sequence[Cut] = (),
-    time_limit: float = 30.0,
+    cpu_limit: float = 30.0,
+    wall_limit: float = np.inf,
     iterations: int = 100,
 ) -> Outcome:
-    """Build and solve the program of some phases from a guess; `guess` carries the phases."""
+    """Build and solve the program of some phases from a guess; `guess` carries the phases.
+
+    Limits are in seconds, of the processor and of the clock.
+    """
     began = time.perf_counter()
     parts = _Arms(scene, limbs, ends)
     for number, trace in enumerate(guess):
@@ -63,7 +67,9 @@ def solve_arms(
     parts.finish()
     store = parts.store
     x, g = ca.vertcat(*store.x), ca.vertcat(*store.g)
-    limits = {"ipopt.max_iter": iterations, "ipopt.max_cpu_time": time_limit}
+    limits = {"ipopt.max_iter": iterations, "ipopt.max_cpu_time": cpu_limit}
+    if np.isfinite(wall_limit):
+        limits["ipopt.max_wall_time"] = wall_limit
     solver = ca.nlpsol("arms", "ipopt", {"x": x, "f": parts.cost, "g": g}, {**_OPTIONS, **limits})
     built = time.perf_counter()
     low, high = np.concatenate(store.g_low), np.concatenate(store.g_high)

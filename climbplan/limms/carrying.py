@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import permutations
 
 import numpy as np
 
-from climbplan.errors import LimitReached
 from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
-from climbplan.limms.held import (
-    HeldTask,
-    clearance,
-    combinations,
-    path_choices,
-    plan_held,
-)
-from climbplan.limms.leg_solver import LegOutcome
+from climbplan.limms.held import plan_held
+from climbplan.limms.held_branches import HeldTask, clearance, combinations, path_choices
 from climbplan.limms.limbs import arm, root_on_anchor
 from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
@@ -33,57 +25,18 @@ from climbplan.limms.timeline import Progress, Stretch
 TOUCH = -5e-5  # [m] gap below which a motion is refused
 
 
-@dataclass
-class Attempts:
-    """What was tried and how it went, for the report and for messages."""
-
-    limit: float  # [s] of the whole planning, from now on
-    programs: int = 0
-    solver_seconds: float = 0.0
-    build_seconds: float = 0.0
-    variables: int = 0
-    constraints: int = 0
-    notes: list[str] = field(default_factory=list)
-    end: float = field(init=False)  # `time.monotonic` [s]
-
-    def __post_init__(self) -> None:
-        self.end = time.monotonic() + self.limit
-
-    def left(self, most: float = np.inf) -> float:
-        """Seconds left for what comes next, `most` at most.
-
-        Raises:
-            LimitReached: none are left.
-        """
-        seconds = self.end - time.monotonic()
-        if seconds <= 0:
-            raise LimitReached(f"no plan found within {self.limit:g} s. {self.story()}")
-        return min(seconds, most)
-
-    def story(self) -> str:
-        """What was tried, in words."""
-        tried = "; ".join(dict.fromkeys(self.notes))
-        return f"Tried: {tried}" if tried else "Nothing was tried to its end"
-
-    def count(self, outcome: Outcome | LegOutcome, what: str) -> None:
-        """One more program."""
-        self.programs += 1
-        self.solver_seconds += outcome.seconds
-        self.build_seconds += outcome.build_seconds
-        self.variables, self.constraints = outcome.variables, outcome.constraints
-        if not outcome.solved:
-            self.notes.append(f"{what}: {outcome.message}")
-
-
 def carry(
     scene: Scene,
     modes: Modes,
     attempts: Attempts,
-    left: float,
+    deadline: float,
     rng: np.random.Generator,
     given: tuple[int, ...] | None = None,
 ) -> Progress | None:
-    """A plan in which arms carry or throw the box, or None; given: the arms' modules."""
+    """A plan in which arms carry or throw the box, or None; given: the arms' modules.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)
     if way is None:
@@ -100,8 +53,8 @@ def carry(
         if not all(choices):
             attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
             continue
-        for combo in combinations(choices, most=4):
-            outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
+        for combo in attempts.in_time(combinations(choices, most=4), modes.named(scene), deadline):
+            outcome = plan_held(scene, combo, task, attempts.until(deadline))
             attempts.count(outcome, modes.named(scene))
             if not outcome.solved:
                 continue

@@ -17,11 +17,12 @@ from climbplan.limms.assembly import (
     reach_box,
     root_pose,
 )
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
-from climbplan.limms.carrying import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
-from climbplan.limms.held import HeldTask, combinations, path_choices, plan_held, way_points
+from climbplan.limms.held import plan_held
+from climbplan.limms.held_branches import HeldTask, combinations, path_choices, way_points
 from climbplan.limms.limbs import arm
 from climbplan.limms.reaching import Blocked, move_joints
 from climbplan.limms.scene import Array, Scene
@@ -43,11 +44,14 @@ def carry_on_chains(
     scene: Scene,
     modes: Modes,
     attempts: Attempts,
-    left: float,
+    deadline: float,
     rng: np.random.Generator,
     given: tuple[Chain, ...] | None = None,
 ) -> Progress | None:
-    """A plan in which chains of modules carry the box, or None; given: their modules."""
+    """A plan in which chains of modules carry the box, or None; given: their modules.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)
     if way is None:
@@ -55,18 +59,20 @@ def carry_on_chains(
         return None
     task = HeldTask(start, scene.goal, way, False, 0.0)
     for chains in _owners(scene, modes.connections) if given is None else (given,):
+        attempts.begin(f"{modes.named(scene)}: arms come to their anchors")
         try:
             world, still = _carriers(scene, chains, task, rng)
         except Blocked as error:
             attempts.notes.append(f"{modes.named(scene)}: {error}")
             continue
         for chosen in pairs(still):
+            attempts.begin(f"{modes.named(scene)}: added arms come to their places")
             try:
                 ready, limbs = _added(world, chains, chosen, rng)
             except Blocked as error:
                 attempts.notes.append(f"{modes.named(scene)}: {error}")
                 continue
-            found = _carried(ready, limbs, task, modes.named(scene), attempts, left, rng)
+            found = _carried(ready, limbs, task, modes.named(scene), attempts, deadline, rng)
             if found is not None:
                 return found
     return None
@@ -172,7 +178,7 @@ def _carried(
     task: HeldTask,
     name: str,
     attempts: Attempts,
-    left: float,
+    deadline: float,
     rng: np.random.Generator,
 ) -> Progress | None:
     """The box from start to goal by arms that are all in place, or None."""
@@ -181,8 +187,8 @@ def _carried(
     if not all(choices):
         attempts.notes.append(f"{name}: out of reach at the start")
         return None
-    for combo in combinations(choices, most=4):
-        outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
+    for combo in attempts.in_time(combinations(choices, most=4), name, deadline):
+        outcome = plan_held(scene, combo, task, attempts.until(deadline))
         attempts.count(outcome, name)
         if not outcome.solved:
             continue

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
-from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.carrying import carry
 from climbplan.limms.chain_carrying import carry_on_chains
 from climbplan.limms.consensus.planner import plan_by_consensus
 from climbplan.limms.plan import LimmsPlan
@@ -51,15 +52,16 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
     most_steps = loaded.spec.solver.most_steps
     for number, sequence in enumerate(found.sequences):
         report("plan", number / len(found.sequences))
-        left = attempts.left()
+        named, told = sequence.named(scene), len(attempts.notes)
+        attempts.begin(named)
         if sequence.kind == "quadruped":
             world = walk(scene, attempts, attempts.end, most_steps, rng)
         elif sequence.kind == "relatch":
-            world = relatch(scene, sequence, attempts, left, rng)
+            world = relatch(scene, sequence, attempts, attempts.end, rng)
         elif any(connection.links > 1 for connection in sequence.connections):
-            world = carry_on_chains(scene, sequence, attempts, left, rng)
+            world = carry_on_chains(scene, sequence, attempts, attempts.end, rng)
         else:
-            world = carry(scene, sequence, attempts, left, rng)
+            world = carry(scene, sequence, attempts, attempts.end, rng)
         if world is not None:
             seconds = {"search": searched, "total": time.perf_counter() - began}
             sizes = {
@@ -67,8 +69,14 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
                 "sequences": len(found.sequences),
                 "sequences_tried": number + 1,
             }
-            made = Making(METHOD, sequence.named(scene), seconds, sizes, dict(SOLVERS))
+            made = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
             plan = make_plan(loaded, scene, world, attempts, made)
             return replace(plan, summary=summary_lines(plan, attempts.notes))
+        if len(attempts.notes) == told:
+            attempts.notes.append(f"{named}: no module can take its part")
     attempts.left()
-    raise LimitReached(f"none of the sequences tried led to a plan. {attempts.story()}")
+    count = len(found.sequences)
+    raise LimitReached(
+        f"none of {count} sequences of modes led to a plan, and none was proved impossible. "
+        f"{attempts.story()}"
+    )

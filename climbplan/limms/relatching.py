@@ -17,17 +17,12 @@ from climbplan.limms.assembly import (
     latch_from_ground,
     reach_box,
 )
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, on_ground
-from climbplan.limms.carrying import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow, add_traces
-from climbplan.limms.held import (
-    HeldTask,
-    branch_choices,
-    combinations,
-    path_choices,
-    plan_held,
-)
+from climbplan.limms.held import plan_held
+from climbplan.limms.held_branches import HeldTask, branch_choices, combinations, path_choices
 from climbplan.limms.limbs import arm, limb_angles, root_on_anchor, side_pose
 from climbplan.limms.reaching import Blocked, leave, reach
 from climbplan.limms.scene import Scene
@@ -38,9 +33,12 @@ from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, 
 
 
 def relatch(
-    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+    scene: Scene, modes: Modes, attempts: Attempts, deadline: float, rng: np.random.Generator
 ) -> Progress | None:
-    """A plan in which a module comes to its anchor over the box and then carries it, or None."""
+    """A plan in which a module comes to its anchor over the box and then carries it, or None.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     connection = modes.connections[0]
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)
@@ -49,6 +47,7 @@ def relatch(
         return None
     task = HeldTask(start, scene.goal, way, False, 0.0)
     for module in _owners(scene, connection):
+        attempts.begin(f"{modes.named(scene)}: module {scene.module_names[module]} to the box")
         try:
             world = on_box(scene, module, connection.side, modes.lets_go, rng)
         except Blocked as error:
@@ -61,8 +60,8 @@ def relatch(
         if not all(choices):
             attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
             continue
-        for combo in combinations(choices, most=4):
-            outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
+        for combo in attempts.in_time(combinations(choices, most=4), modes.named(scene), deadline):
+            outcome = plan_held(scene, combo, task, attempts.until(deadline))
             attempts.count(outcome, modes.named(scene))
             if not outcome.solved:
                 continue

@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from climbplan.limms.assembly import initial, latch_box, stand_leg
-from climbplan.limms.carrying import Attempts
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.gaits import gaits
 from climbplan.limms.leg_motion import leg_motion

@@ -180,6 +180,17 @@ def joint_bending(
     return bending + carried.reshape(bending.shape)
 
 
+def commanded_depth(jacobian: Array, normal: Array, bending: Array) -> Array:
+    """(..., N, N, 3) by how much forces put commanded toes inside the surfaces they press on.
+
+    jacobian: (..., N, 3, J), normal: (..., N, 3) into free space, bending: (..., N, J, N, 3) of
+    `joint_bending`. Times the forces [m], to first order: -n . J (command - joint angles). Friction
+    alone holds a toe where that is negative.
+    """
+    turns = np.einsum("...nij,...ni->...nj", jacobian, normal)
+    return np.asarray(np.einsum("...nj,...njml->...nml", turns, bending, optimize=True))
+
+
 def _unit_forces(shape: tuple[int, ...]) -> NDArray[np.float64]:
     """(3 N, ..., N, 3): one newton along one axis of one limb each."""
     n = shape[-1]

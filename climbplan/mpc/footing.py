@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.mpc.compiled_footing import stance_phases
 from climbplan.mpc.ground import Ground
 from climbplan.mpc.task import LEGS, Array, Flags, Gait, Whole
-
-HELD = -1  # the toe stands where it stood at the start
-SWINGING = -2
 
 
 @dataclass(frozen=True)
@@ -31,25 +29,8 @@ class Footing:
 
 def footing_of(gait: Gait) -> Footing:
     """Stance phases of a gait, leg by leg."""
-    knots = len(gait.contact)
-    foothold = np.full((knots, LEGS), SWINGING, np.int64)
-    phases: list[tuple[int, int, int]] = []
-    for leg in range(LEGS):
-        n = 0
-        while n < knots:
-            if not gait.contact[n, leg]:
-                n += 1
-                continue
-            end = n
-            while end + 1 < knots and gait.contact[end + 1, leg]:
-                end += 1
-            if n == 0:
-                foothold[n : end + 1, leg] = HELD
-            else:
-                foothold[n : end + 1, leg] = len(phases)
-                phases.append((leg, n, end))
-            n = end + 1
-    legs, firsts, lasts = np.array(phases, np.int64).reshape(-1, 3).T
+    foothold, phases = stance_phases(gait.contact)
+    legs, firsts, lasts = phases.T
     return Footing(foothold, legs, firsts, lasts, gait.region[firsts, legs])
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from climbplan.mpc.footing import gait_of
 from climbplan.mpc.sqp import guessed_states
-from climbplan.mpc.task import LEGS, Array, Flags, Gait, WalkTask, Whole
+from climbplan.mpc.task import LEGS, POSITION, Array, Flags, Gait, WalkTask, Whole
 from climbplan.robots.rotations import rotation_world_body
 
 # Legs in the order left front, right front, left hind, right hind
 _ALL, _NONE = (1, 1, 1, 1), (0, 0, 0, 0)
 _TROT = ((1, 0, 0, 1), (0, 1, 1, 0))
+MIRROR = [1, 0, 3, 2]
+_ASIDE = np.array([1.0, -1.0, 1.0])
 CYCLES: dict[str, tuple[tuple[int, ...], ...]] = {
     "trot": _TROT,
     "slow trot": (_TROT[0], _TROT[0], _TROT[1], _TROT[1]),
@@ -59,10 +61,15 @@ def braked(contact: Flags, knots: int) -> Flags:
     return result
 
 
-def starting_gaits(task: WalkTask, names: Sequence[str] = tuple(CYCLES)) -> Iterator[Gait]:
-    """Named gaits in all their phases, and after braking, that keep the least contacts."""
+def starting_gaits(
+    task: WalkTask, names: Sequence[str] = tuple(CYCLES), brakes: Iterable[int] = range(4)
+) -> Iterator[Gait]:
+    """Named gaits in all their phases that keep the least contacts.
+
+    brakes: knots in which they first brake with all legs.
+    """
     region, seen = regions_under(task), set()
-    for brake in range(4):
+    for brake in brakes:
         for name in names:
             for phase in range(len(CYCLES[name])):
                 contact = braked(cycle(name, task.knots, phase), brake)
@@ -75,3 +82,27 @@ def starting_gaits(task: WalkTask, names: Sequence[str] = tuple(CYCLES)) -> Iter
 def enough_contacts(task: WalkTask, contact: Flags) -> bool:
     """Every interval has its least number of standing legs."""
     return bool((contact[:-1].sum(axis=1) >= task.least_contacts).all())
+
+
+def mirrored(gait: Gait) -> Gait:
+    """What left legs do is done by right ones."""
+    return Gait(gait.contact[:, MIRROR], gait.region[:, MIRROR])
+
+
+def mirror_even(task: WalkTask) -> bool:
+    """Left and right are the same in the task: mirrored gaits do equally well."""
+    if len(task.ground.height) > 1:
+        return False
+    body, reference = task.body, task.reference
+    toes = task.start.toes - task.start.state[POSITION]
+    aside = np.concatenate(
+        [
+            task.start.state[[4, 6, 8, 9, 11]],
+            reference.velocity[:, 1],
+            reference.euler[:, [0, 2]].ravel(),
+            (toes - toes[MIRROR] * _ASIDE).ravel(),
+            (body.toe_center - body.toe_center[MIRROR] * _ASIDE).ravel(),
+            body.inertia[1, [0, 2]],
+        ]
+    )
+    return bool(np.abs(aside).max() < 1e-9)

@@ -15,17 +15,27 @@ import numpy as np
 from climbplan.mpc.answer import Improvement, WalkAnswer
 from climbplan.mpc.checker import passes
 from climbplan.mpc.footing import toe_heights
-from climbplan.mpc.gaits import CYCLES, cycle, enough_contacts, starting_gaits, with_regions
+from climbplan.mpc.gaits import (
+    CYCLES,
+    cycle,
+    enough_contacts,
+    mirror_even,
+    mirrored,
+    starting_gaits,
+    with_regions,
+)
 from climbplan.mpc.nlp_program import NlpShape, compiled_nlp
 from climbplan.mpc.pinned import Iterate, PinnedProgram
-from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, guess, iterate_of, solve_gait
+from climbplan.mpc.sqp import REACH_SLACK, ROUGHLY, GaitAnswer, guess, iterate_of, solve_gait
 from climbplan.mpc.task import LEGS, STATE, Array, Gait, WalkTask
 from climbplan.mpc.warm_up import warm_up
 from climbplan.solvers.interruption import interruptible
 
 _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
+_LONGER = 6  # and more of them for gaits beyond the guessed one
 _INSIDE = 1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
 _POLISH = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
+_HOPELESS = 3e-3  # [m] toes that leave their boxes that far, then, are not brought back
 
 
 class NlpMethod:
@@ -35,12 +45,11 @@ class NlpMethod:
         self.task = task
         self.program = compiled_nlp(NlpShape.of(task))
 
-    def solve(self, start: Gait, seconds: float) -> WalkAnswer:
-        """From the guess of a gait; its regions are kept."""
+    def solve(self, start: Gait, at: Iterate, seconds: float) -> WalkAnswer:
+        """From a motion of a gait, whose regions are kept."""
         begin = time.perf_counter()
         task = self.task
-        iterate = _settled(task, start)
-        point = self._point(start, iterate)
+        point = self._point(start, at)
         program = self.program
         program.deadline.at = time.monotonic() + seconds
         with interruptible(program.deadline.stop):
@@ -63,12 +72,20 @@ class NlpMethod:
             gait = start
         program_of_gait = PinnedProgram(task, gait)
         footing = program_of_gait.footing
-        at = Iterate(
-            np.vstack([task.start.state, state]),
-            np.where(gait.contact[:-1, :, None], force, 0.0),
-            toes[footing.first - 1, footing.leg],
+        found = _polished(
+            task,
+            gait,
+            Iterate(
+                np.vstack([task.start.state, state]),
+                np.where(gait.contact[:-1, :, None], force, 0.0),
+                toes[footing.first - 1, footing.leg],
+            ),
         )
-        found = _polished(task, gait, at)
+        if not found.holds:
+            kept = _polished(task, start, at)
+            if kept.holds:
+                spent = time.perf_counter() - begin
+                return _judged(kept, spent, f"IPOPT: {word}, the motion before it kept")
         spent = time.perf_counter() - begin
         return _judged(found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait")
 
@@ -118,18 +135,18 @@ class NlpMethod:
 def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     """From the guessed gait, its most promising phase first; the first that passes the exact check.
 
-    The other phases, the same gait after braking and other gaits follow only if it does not.
+    Its other phases, then other gaits and those after braking follow only if it does not.
     """
     method = NlpMethod(task)
     warm_up(task)
     begin, tried = time.perf_counter(), 0
     word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
-    for gait in _guesses(task, guess_name):
+    for gait, at in _guesses(task, guess_name):
         left = seconds - (time.perf_counter() - begin)
         if left <= 0:
             word = "time limit"
             break
-        answer = method.solve(gait, left)
+        answer = method.solve(gait, at, left)
         tried += 1
         if answer.trajectory is None:
             word = answer.word
@@ -140,32 +157,59 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=tried)
 
 
-def _guesses(task: WalkTask, name: str) -> Iterator[Gait]:
-    """Phases of the gait, cheapest first by what one QP predicts; after braking; other gaits."""
+def _guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
+    """Phases of the gait, cheapest first by what one QP predicts; then others, nearest to holding.
+
+    Each with what a few QPs make of it. The mirror image of a gait is left out where it could not
+    do better.
+    """
     phases = [with_regions(task, cycle(name, task.knots, k)) for k in range(len(CYCLES[name]))]
     phases = [gait for gait in phases if enough_contacts(task, gait.contact)]
     glances = [solve_gait(task, gait, None, 1, agreement=ROUGHLY).predicted for gait in phases]
-    yield from (phases[k] for k in np.argsort(glances, kind="stable"))
-    seen = {gait.key for gait in phases}
-    for names in ((name,), tuple(CYCLES)):
-        for gait in starting_gaits(task, names):
+    even = mirror_even(task)
+    seen: set[bytes] = set()
+    for k in np.argsort(glances, kind="stable"):
+        if phases[k].key not in seen:
+            yield phases[k], _settled(task, phases[k], _SETTLING)[0]
+        seen |= _alike(phases[k], even)
+    for brakes in (range(1), range(1, 4)):
+        others: list[Gait] = []
+        for gait in starting_gaits(task, brakes=brakes):
             if gait.key not in seen:
-                seen.add(gait.key)
-                yield gait
+                seen |= _alike(gait, even)
+                others.append(gait)
+        first = [_settled(task, gait, _SETTLING) for gait in others]
+        far: list[tuple[Gait, Iterate]] = []
+        for k in np.argsort([reach for _, reach in first], kind="stable"):
+            at, reach = _settled(task, others[k], _LONGER, first[k][0])
+            if reach <= _HOPELESS:
+                yield others[k], at
+            else:
+                far.append((others[k], at))
+        yield from far
 
 
-def _settled(task: WalkTask, gait: Gait) -> Iterate:
-    """A guess of the gait's motion, and a few QPs if they lead anywhere."""
-    first = guess(task, gait)
-    found = solve_gait(task, gait, first, _SETTLING, agreement=ROUGHLY)
-    return first if found.trajectory is None else iterate_of(found.trajectory, gait)
+def _alike(gait: Gait, even: bool) -> set[bytes]:
+    """Keys of a gait and, if the task is even, of its mirror image."""
+    return {gait.key, mirrored(gait).key} if even else {gait.key}
+
+
+def _settled(
+    task: WalkTask, gait: Gait, qps: int, start: Iterate | None = None
+) -> tuple[Iterate, float]:
+    """A motion of the gait after a few QPs, if they lead anywhere; how far toes reach out [m]."""
+    start = guess(task, gait) if start is None else start
+    found = solve_gait(task, gait, start, qps, agreement=ROUGHLY)
+    if found.trajectory is None:
+        return start, np.inf
+    return iterate_of(found.trajectory, gait), max(found.reach, REACH_SLACK)
 
 
 def _polished(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
     """IPOPT's answer made exact; most need no more than a few QPs."""
     for iterations in _POLISH:
         found = solve_gait(task, gait, at, iterations, _INSIDE, ROUGHLY)
-        if found.trajectory is None:
+        if found.trajectory is None or found.reach > _HOPELESS:
             return found
         if found.holds and passes(task, found.trajectory):
             return found

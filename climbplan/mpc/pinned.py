@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
-from climbplan.mpc.compiled_feet import place_toes
+from climbplan.mpc.compiled_feet import place_toes, worst_beyond
+from climbplan.mpc.compiled_footing import walk_cost
+from climbplan.mpc.compiled_knots import knots_rolled
 from climbplan.mpc.compiled_qp import objective, stance_rows, states, swing_rows
 from climbplan.mpc.compiled_step import linearised
 from climbplan.mpc.footing import Footing, footing_of, toe_heights
@@ -107,6 +109,36 @@ class PinnedProgram:
             spots,
         )
         return toes
+
+    def rolled(self, toes: Array, force: Array) -> Array:
+        """States (N + 1, 12) that forces (N, 4, 3) at toes (N + 1, 4, 3) bring about."""
+        task, body = self.task, self.task.body
+        states: Array = knots_rolled(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            task.integrator == "mean",
+            self.start.state,
+            toes,
+            force,
+        )
+        return states
+
+    def reach(self, state: Array, toes: Array) -> float:
+        """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m]."""
+        body, whole = self.task.body, self.task.whole_stance
+        contact = self.gait.contact
+        return float(worst_beyond(body.toe_center, body.toe_half, whole, contact, state, toes))
+
+    def cost(self, state: Array, force: Array) -> float:
+        """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, 4, 3)."""
+        weights = self.task.weights
+        difference = weights.force_difference
+        return float(
+            walk_cost(state, force, self._wanted, self._weight, weights.motion, difference)
+        )
 
     def qp(self, at: Iterate) -> PinnedQp:
         """The QP of the linearisation about an iterate."""
@@ -263,7 +295,9 @@ class PinnedProgram:
         angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
         slope = self.task.ground.friction * np.cos(np.pi / FACETS)
         facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
-        rows[:friction, : self.foot_column] = np.kron(np.eye(self.forces), facets)
+        each = np.arange(self.forces)
+        blocks = rows[:friction, : self.foot_column].reshape(self.forces, FACETS, self.forces, 3)
+        blocks[each, :, each] = facets
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         most = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region
@@ -288,6 +322,7 @@ class PinnedProgram:
         hessian = np.zeros((self.size, self.size))
         factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
         same = self.stand_knot[:, None] == self.stand_knot[None, :]
-        legs = LEGS * np.eye(self.forces) - same
-        hessian[: self.foot_column, : self.foot_column] = factor * np.kron(legs, np.eye(3))
+        legs = factor * (LEGS * np.eye(self.forces) - same)
+        for k in range(3):
+            hessian[k : self.foot_column : 3, k : self.foot_column : 3] = legs
         return hessian

@@ -14,7 +14,7 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from climbplan.mpc.footing import HELD, SWINGING
+from climbplan.mpc.compiled_footing import HELD, SWINGING
 from climbplan.mpc.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.mpc.published_layout import ENTRIES, SQUARES, Layout, tracked_columns
 from climbplan.mpc.published_rows import Block, RowBlocks, Rows, Terms

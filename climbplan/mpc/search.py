@@ -15,10 +15,11 @@ import numpy as np
 from climbplan.mpc.answer import Improvement, WalkAnswer
 from climbplan.mpc.checker import passes
 from climbplan.mpc.footing import gait_of
+from climbplan.mpc.gait_moves import contact_moves, region_moves
 from climbplan.mpc.gaits import CYCLES, enough_contacts, starting_gaits, with_regions
 from climbplan.mpc.pinned import Iterate
 from climbplan.mpc.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
-from climbplan.mpc.task import LEGS, Flags, Gait, WalkTask
+from climbplan.mpc.task import Flags, Gait, WalkTask
 from climbplan.mpc.warm_up import warm_up
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
@@ -199,51 +200,15 @@ class _Search:
 
     def neighbours(self, gait: Gait) -> Iterator[Gait]:
         """Gaits one move away, in random order."""
-        moves = list(self.moves(gait.contact))
+        moves = contact_moves(gait.contact)
         for k in self.random.permutation(len(moves)):
             contact = moves[k]
             if enough_contacts(self.task, contact):
                 yield self.settled(gait, contact)
-        if len(self.task.ground.height) > 1:
-            yield from self.other_regions(gait)
-
-    def moves(self, contact: Flags) -> Iterator[Flags]:
-        knots = len(contact)
-        for n in range(knots):
-            for leg in range(LEGS):
-                yield _flipped(contact, [n], [leg])
-            for pair in ((0, 3), (1, 2), (0, 1), (2, 3)):
-                yield _flipped(contact, [n], list(pair))
-            yield _flipped(contact, [n], list(range(LEGS)))
-        for n in range(knots - 1):
-            for leg in range(LEGS):
-                yield _flipped(contact, [n, n + 1], [leg])
-            swapped = contact.copy()
-            swapped[[n, n + 1]] = contact[[n + 1, n]]
-            yield swapped
-        yield np.concatenate([contact[1:], contact[-1:]])
-        yield np.concatenate([contact[:1], contact[:-1]])
-        yield contact[:, [1, 0, 3, 2]]
+        yield from region_moves(gait, len(self.task.ground.height))
 
     def settled(self, gait: Gait, contact: Flags) -> Gait:
         if len(self.task.ground.height) == 1 or self.best is None:
             return gait_of(contact, gait.region)
         assert self.best.trajectory is not None
         return with_regions(self.task, contact, self.best.trajectory.state)
-
-    def other_regions(self, gait: Gait) -> Iterator[Gait]:
-        """The same contacts with one stance phase on another region."""
-        for n in range(1, len(gait.contact)):
-            for leg in range(LEGS):
-                if gait.contact[n, leg] and not gait.contact[n - 1, leg]:
-                    for region in range(len(self.task.ground.height)):
-                        if abs(region - gait.region[n, leg]) == 1:
-                            changed = gait.region.copy()
-                            changed[n, leg] = region
-                            yield gait_of(gait.contact, changed)
-
-
-def _flipped(contact: Flags, knots: list[int], legs: list[int]) -> Flags:
-    result = contact.copy()
-    result[np.ix_(knots, legs)] ^= True
-    return result

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.mpc.cost import objective
 from climbplan.mpc.footing import footing_of
 from climbplan.mpc.pinned import Iterate, PinnedProgram
 from climbplan.mpc.task import (
@@ -19,7 +18,6 @@ from climbplan.mpc.task import (
     WalkTask,
     WalkTrajectory,
 )
-from climbplan.mpc.truth import knot_rollout, toes_in_body
 from climbplan.robots.rotations import rotation_world_body
 
 AGREEMENT = 1e-7  # largest change of a state that ends the iterations
@@ -79,9 +77,9 @@ def solve_gait(
     trajectory = rolled_out(program, at)
     if not np.abs(trajectory.state).max() < _WILD:
         return GaitAnswer(None, np.inf, np.inf, done, False)
-    reach = worst_reach(task, trajectory)
-    cost = objective(task, trajectory.state, trajectory.force)
-    predicted = objective(task, at.state, trajectory.force)
+    reach = program.reach(trajectory.state, trajectory.toes)
+    cost = program.cost(trajectory.state, trajectory.force)
+    predicted = program.cost(at.state, trajectory.force)
     return GaitAnswer(trajectory, cost, reach, done, agreed, predicted)
 
 
@@ -98,27 +96,11 @@ def between(one: Iterate, other: Iterate, share: float) -> Iterate:
 
 def rolled_out(program: PinnedProgram, at: Iterate) -> WalkTrajectory:
     """The trajectory that the forces and footholds of an iterate bring about."""
-    task = program.task
     toes = program.toes(at.state, at.spots)
-    state = knot_rollout(
-        task.body, task.integrator, task.step, task.start.state, toes[:-1], at.force
-    )
+    state = program.rolled(toes, at.force)
     toes = program.toes(state, at.spots)  # swinging ones follow the body
     force = np.concatenate([at.force, np.zeros((1, LEGS, 3))])
     return WalkTrajectory(state, toes, force, program.gait)
-
-
-def worst_reach(task: WalkTask, trajectory: WalkTrajectory) -> float:
-    """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m]."""
-    body = task.body
-    spots = toes_in_body(trajectory.state, trajectory.toes)
-    beyond = (np.abs(spots - body.toe_center) - body.toe_half).max(axis=-1)  # (N + 1, 4)
-    beyond[0] = np.where(trajectory.gait.contact[0], beyond[0], -np.inf)
-    if task.whole_stance:
-        standing = toes_in_body(trajectory.state[1:], trajectory.toes[:-1])
-        after = (np.abs(standing - body.toe_center) - body.toe_half).max(axis=-1)
-        beyond[1:] = np.maximum(beyond[1:], np.where(trajectory.gait.contact[:-1], after, -np.inf))
-    return float(beyond.max())
 
 
 def guess(task: WalkTask, gait: Gait) -> Iterate:

@@ -19,11 +19,13 @@ from climbplan.mpc.task import (
 )
 from climbplan.robots.rotations import rotation_world_body
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
 
 def euler_rates(angles: Array, spin: Array) -> Array:
     """Rates (..., 3) of roll, pitch, yaw at an angular velocity (..., 3), eq. (8.17) solved."""
-    _, sp, sy = np.moveaxis(np.sin(angles), -1, 0)
-    _, cp, cy = np.moveaxis(np.cos(angles), -1, 0)
+    sines, cosines = np.sin(angles), np.cos(angles)
+    sp, sy, cp, cy = sines[..., 1], sines[..., 2], cosines[..., 1], cosines[..., 2]
     along = cy * spin[..., 0] + sy * spin[..., 1]
     roll = along / cp
     pitch = -sy * spin[..., 0] + cy * spin[..., 1]
@@ -43,15 +45,20 @@ def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array
     R = rotation_world_body(angles)
     inertia = R @ body.inertia @ np.swapaxes(R, -1, -2)
     momentum = (inertia @ spin[..., None])[..., 0]
-    turning = moment - np.cross(spin, momentum)
+    turning = moment - _cross(spin, momentum)
     result: Array = np.linalg.solve(inertia, turning[..., None])[..., 0].astype(float, copy=False)
     return result
 
 
 def moment(position: Array, toes: Array, force: Array) -> Array:
     """Of forces (..., 4, 3) at toes (..., 4, 3) about the centre of mass (..., 3)."""
-    result: Array = np.cross(toes - position[..., None, :], force).sum(axis=-2)
-    return result
+    return _cross(toes - position[..., None, :], force).sum(axis=-2)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products (..., 3): `np.cross` spends most of its time on telling what it was given."""
+    product: Array = a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
+    return product
 
 
 def derivative(body: RigidBody, state: Array, toes: Array, force: Array) -> Array:

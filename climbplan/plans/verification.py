@@ -161,8 +161,8 @@ def _checks(reading: Reading) -> Iterator[Check]:
     yield from sound
     if not all(check.passed for check in sound):
         return
-    yield from spec_checks(plan)
     subject = subject_of(plan)
+    yield from spec_checks(subject)
     yield from posture_checks(subject)
     yield from force_checks(subject)
     yield from static_checks(subject)

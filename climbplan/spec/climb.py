@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.force import ForcePlannerSpec
 from climbplan.spec.gripper import GripSpec
 from climbplan.spec.terrain import TerrainSpec
 from climbplan.spec.urdf import RobotReference
@@ -172,39 +173,6 @@ class PosturePlannerSpec(SpecModel):
         "upward force of every limb at the end of a round at least, in weights of the robot "
         "(coupled methods only): toes then keep off places that hold nothing",
         default=0.04,
-        ge=0,
-        lt=1,
-    )
-
-
-class ForcePlannerSpec(SpecModel):
-    """The force planner (second stage)."""
-
-    safety_friction: Number = quantity("", "S_mu, friction safety factor", default=1.8, ge=1)
-    safety_torque: Number = quantity("", "least S_tau, torque safety factor", default=1.0, ge=1)
-    normal_force_weight: Number = quantity(
-        "1/N", "w: how much pressing harder is worth against torque", default=2e-4, ge=0
-    )
-    least_pressure: Number = quantity(
-        "N",
-        "pressure of every toe in contact at least: a toe that presses with next to nothing slides "
-        "at the first disturbance (`climbplan simulate`)",
-        default=0.0,
-        ge=0,
-    )
-    facets: Count = quantity(
-        "", "sides of the pyramid inscribed in the friction cone", default=16, ge=4, le=128
-    )
-    sag: Literal["predicted", "compensated"] = Field(
-        default="compensated",
-        description="`compensated`: joint commands hold the body at its planned pose; `predicted`: "
-        "least commanded penetration, the body moves about as reported (a linear estimate)",
-    )
-    stiffness_left: Number = quantity(
-        "",
-        "share of the body's stiffness that the forces leave at least; at 0 a robot that braces "
-        "itself buckles",
-        default=0.02,
         ge=0,
         lt=1,
     )

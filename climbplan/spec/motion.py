@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 from climbplan.spec.climb import (
-    ForcePlannerSpec,
     GoalSpec,
     PayloadSpec,
     PostureSpec,
@@ -13,6 +12,7 @@ from climbplan.spec.climb import (
     TrajectorySpec,
     WrenchSpec,
 )
+from climbplan.spec.force import ForcePlannerSpec
 from climbplan.spec.terrain import TerrainSpec
 
 

@@ -12,7 +12,6 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb import (
-    ForcePlannerSpec,
     GoalSpec,
     PayloadSpec,
     PosturePlannerSpec,
@@ -21,6 +20,7 @@ from climbplan.spec.climb import (
     TrajectorySpec,
     WrenchSpec,
 )
+from climbplan.spec.force import ForcePlannerSpec
 from climbplan.spec.terrain import TerrainSpec
 
 _SEQUENCE = re.compile(r"[1-9]\d?(-[1-9]\d?)*")

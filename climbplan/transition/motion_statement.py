@@ -11,6 +11,7 @@ functions of poses and toes. Rows by block:
     force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f)^2
     force.contact          n . f >= least load of a limb that supports
     force.torque           |J^T f| <= s max_torque, s <= 1 / S_tau
+    force.inward           toes commanded into their surface by the least depth
     force.command          angles less what forces bend them within joint bounds
     steps.com, steps.toe   body and toe steps within their bounds
     steps.rotation         turns likewise
@@ -89,6 +90,7 @@ def common_numbers(shape: Shape) -> dict[str, tuple[int, int]]:
         "hull": (3, CORNERS),
         "lift": (1, 1),
         "least_load": (1, 1),
+        "least_depth": (1, 1),  # [m], 0 if not asked
         "weights": (4, 1),  # com, rotation, toe, effort
     }
 
@@ -242,6 +244,9 @@ def _round(shape: Shape, variables: Layout, numbers: Layout, common: Layout) -> 
         tau = torques(limbs[0], r["links"][:, i], turn.T @ force)
         use = tau / r["torque_limit"][:, i]
         add("force.torque", use - x["s"], -use - x["s"])
+        inward = torques(limbs[0], r["links"][:, i], turn.T @ normal)
+        depth = ca.sum1(inward * r["softness"][:, i] * tau)
+        add("force.inward", r["least_depth"] - depth)
         add("force.command", limbs[0].angles - r["softness"][:, i] * tau)
         for e in range(shape.edges):
             at = i * shape.edges + e

@@ -7,8 +7,9 @@ import pytest
 from walk_tasks import named, shorter, stairs_task, walk_task
 
 from climbplan.mpc.checker import check_trajectory, failures
+from climbplan.mpc.compiled_footing import SWINGING
 from climbplan.mpc.draws import StartRanges, drawn_start
-from climbplan.mpc.footing import SWINGING, footing_of, gait_of
+from climbplan.mpc.footing import footing_of, gait_of
 from climbplan.mpc.gaits import CYCLES, starting_gaits
 from climbplan.mpc.nlp import solve_nlp
 from climbplan.mpc.pinned import PinnedProgram

@@ -105,7 +105,7 @@ def least_stiffness_factor(cones: InstantCones) -> float | None:
     scaled = []
     for name, cone, A, b in program.blocks:
         rows = A.copy()
-        if name.startswith(("command", "stability")):
+        if name.startswith(("command", "inward", "stability")):
             rows[:, -1], b = -b, np.zeros(len(b))
         scaled.append((name, cone, rows, b))
     program.blocks = scaled

@@ -37,6 +37,8 @@ class InstantCones:
     torque: Array  # (n, J, 3) torque / limit from force
     largest_s: float
     least_pressure: float  # of every contact
+    inward: Array  # (n or 0, 3 n) depth of commanded toes inside their surfaces by forces [m]
+    least_depth: float  # of these [m]
     bending: Array  # (n, J, 3 n) joint angles less commands by forces [rad]
     room: Array  # (n, J, 2) for commands below and above the joint angles [rad]
     stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
@@ -62,6 +64,8 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
     limb = np.flatnonzero(statement.contact[k])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
     bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), -1, 3 * len(limb))
+    asked = limb if statement.least_depth > -np.inf else limb[:0]
+    inward = statement.inward[k][asked][:, limb].reshape(len(asked), 3 * len(limb))
     stability = stability_cone(statement, np.array([k]))
     lost = stability.A[0][:, limb].reshape(-1, 3 * len(limb))
     return InstantCones(
@@ -74,6 +78,8 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         torque=statement.torque_per_force[k, limb] * statement.unit,
         largest_s=statement.largest_s,
         least_pressure=statement.least_pressure / statement.unit,
+        inward=inward * statement.unit,
+        least_depth=statement.least_depth,
         bending=bending * statement.unit,
         room=np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1),
         stiffness_lost=lost * statement.unit,
@@ -138,6 +144,10 @@ class ConicProgram:
                 self.below(
                     f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j]
                 )
+        for i in range(len(cones.inward)):
+            self.below(
+                f"inward.{i}", inward_rows(cones, i, self.size), np.array([-cones.least_depth])
+            )
         if len(cones.stiffness_lost):
             rows = on_forces(cones.stiffness_lost, self.size)
             self.semidefinite("stability", rows, cones.stiffness)
@@ -181,6 +191,11 @@ def command_rows(cones: InstantCones, i: int, joint: int, size: int) -> Array:
     """Rows A with A x <= room: how far the i-th contact's joint is commanded down and up [rad]."""
     row = cones.bending[i, joint][None]
     return on_forces(np.concatenate([row, -row]), size)
+
+
+def inward_rows(cones: InstantCones, i: int, size: int) -> Array:
+    """Rows A with A x <= -least depth: how far the i-th toe is commanded off its surface [m]."""
+    return on_forces(-cones.inward[i][None], size)
 
 
 def friction_rows(cones: InstantCones, i: int, size: int) -> Array:

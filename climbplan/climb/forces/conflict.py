@@ -19,6 +19,7 @@ from climbplan.climb.forces.cones import (
     InstantCones,
     command_rows,
     friction_rows,
+    inward_rows,
     on_forces,
     selector,
 )
@@ -30,10 +31,11 @@ _TAKES_PART = 1e-6  # multiplier relative to the largest
 class Member:
     """One constraint of an instant.
 
-    Friction or contact of a limb, torque or command of a joint, stability of the whole.
+    Friction, contact or commanded depth of a limb, torque or command of a joint, stability of the
+    whole.
     """
 
-    kind: Literal["friction", "torque", "contact", "command", "stability"]
+    kind: Literal["friction", "torque", "contact", "inward", "command", "stability"]
     contact: int = -1  # position among the limbs in contact
     joint: int = -1  # for torque and command
 
@@ -53,6 +55,7 @@ def all_members(cones: InstantCones) -> list[Member]:
         *(Member("friction", i) for i in limbs),
         *(Member("torque", i, j) for i in limbs for j in range(cones.joints)),
         *(Member("contact", i) for i in limbs),
+        *(Member("inward", i) for i in range(len(cones.inward))),
         *(Member("command", i, j) for i in limbs for j in range(cones.joints)),
         *([Member("stability")] if len(cones.stiffness_lost) else []),
     ]
@@ -82,6 +85,10 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
             rows = command_rows(cones, i, member.joint, program.size)
             rows[:, slack] = -1.0
             program.below(str(index), rows, cones.room[i, member.joint])
+        elif member.kind == "inward":
+            rows = inward_rows(cones, i, program.size)
+            rows[0, slack] = -1.0
+            program.below(str(index), rows, np.array([-cones.least_depth]))
         elif member.kind == "stability":
             rows = on_forces(cones.stiffness_lost, program.size)
             rows[:, slack] = -cones.stiffness  # of which more is missing than there is

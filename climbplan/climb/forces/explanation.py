@@ -204,6 +204,7 @@ def _constraints(
         ("friction", "friction at"),
         ("torque", "torque of"),
         ("contact", "push-only contact at"),
+        ("inward", f"command {1e3 * cones.least_depth:.3g} mm inside its surface of"),
         ("command", "command within bounds of"),
         ("stability", "stability of the braced body"),
     ):

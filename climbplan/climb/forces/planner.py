@@ -37,6 +37,8 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
     if scene.grippers is not None:
         if scene.spec.force.least_pressure > 0:
             raise UsageError("force.least_pressure: grippers pull; it is for toes that only press")
+        if scene.spec.force.least_depth is not None:
+            raise UsageError("force.least_depth: grippers hold; it is for toes that only press")
         return plan_grip_forces(scene, instants, scene.grippers, solver)
     statement = state_forces(scene, instants)
     name = solver or scene.spec.solver.force

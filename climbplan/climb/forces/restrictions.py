@@ -1,7 +1,8 @@
-"""Restrictions on forces that few instants come close to: commands within bounds, stability.
+"""Restrictions on forces that few instants come close to: commands, stability.
 
-They are added where an answer without them does not hold, which leaves optima what they are. Both
-are linear in the forces: a joint command is theta - D f, and for a body motion v of unit elastic
+They are added where an answer without them does not hold, which leaves optima what they are. All
+are linear in the forces: a joint command is theta - D f, which is to stay within joint bounds and,
+where asked, to put the toe inside its surface, and for a body motion v of unit elastic
 stiffness what forces leave of the stiffness is 1 - g(v) . f (`stiffness_lost`). The motions that
 matter are found as needed, so that stability, a matrix inequality, is kept by cutting planes;
 Clarabel takes it as it is (`stability_cone`).
@@ -17,13 +18,14 @@ from climbplan.climb.forces.statement import (
     COMMAND_RESERVE,
     ForceStatement,
     beyond_bounds,
+    depth_missing,
     kept,
 )
 from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost, stiffness_lost_matrices
 from climbplan.plans.climb_plan import Array, Index
 
 _STIFFNESS_RESERVE = 1e-3  # of the elastic stiffness: cuts ask for this much more than is needed
-_TOLERANCE = 1e-9  # [rad] by which commands may enter their reserve
+_TOLERANCE = 1e-9  # [rad, m] by which commands may enter their reserve or miss their depth
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,13 @@ class Rows:
     def of_limbs(self, limb: Index) -> Array:
         """(B, e, n, 3) columns of the limbs (B, n) in contact."""
         return np.take_along_axis(self.A, limb[:, None, :, None], axis=2)
+
+    def and_also(self, more: Rows) -> Rows:
+        """These rows, then more of the same instants."""
+        return Rows(
+            np.concatenate([self.A, more.A], axis=1),
+            np.concatenate([self.upper, more.upper], axis=1),
+        )
 
 
 def triangle(matrices: Array) -> Array:
@@ -73,7 +82,9 @@ class Restrictions:
         """Instants whose forces (K, N, 3) break a restriction; its cuts are remembered."""
         buckling = self._cut(force)
         beyond = beyond_bounds(self.statement, force, self.reserve).max(axis=(1, 2))
-        return np.union1d(buckling, np.flatnonzero(beyond > _TOLERANCE))
+        shallow = depth_missing(self.statement, force).max(axis=1)
+        broken = np.maximum(beyond, shallow) > _TOLERANCE
+        return np.union1d(buckling, np.flatnonzero(broken))
 
     def _cut(self, force: Array) -> Index:
         """Instants that forces leave too little stiffness; the motions that tell are kept."""
@@ -95,6 +106,15 @@ class Restrictions:
         room = [self.statement.room_below[instants], self.statement.room_above[instants]]
         upper = kept(np.concatenate(room, axis=1).reshape(b, 2 * rows), self.reserve)
         return Rows(np.concatenate([bending, -bending], axis=1), upper)
+
+    def depths(self, instants: Index) -> Rows:
+        """Rows that keep commanded toes as deep inside their surfaces as asked."""
+        if self.statement.least_depth == -np.inf:
+            shape = (len(instants), 0, *self.statement.arms.shape[1:])
+            return Rows(np.zeros(shape), np.zeros(shape[:2]))
+        # Rows of limbs in the air are zero, and idle
+        upper = np.where(self.statement.contact[instants], -self.statement.least_depth, 1.0)
+        return Rows(-self.statement.inward[instants], upper)
 
     def cuts(self, instants: Index) -> Rows:
         """Cuts found for some instants; those with fewer than others get idle rows."""

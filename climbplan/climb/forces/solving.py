@@ -113,7 +113,7 @@ def _solve_restricted(
         at = np.flatnonzero(np.isin(group.instant, instants))
         if len(at):
             part = group.take(at)
-            rows = restrictions.commands(part.instant)
+            rows = restrictions.commands(part.instant).and_also(restrictions.depths(part.instant))
             A, upper = rows.of_limbs(part.limb), rows.upper
             if solver == "clarabel":
                 rows = stability_cone(restrictions.statement, part.instant)

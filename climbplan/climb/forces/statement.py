@@ -5,6 +5,7 @@
                 |J_i^T f_i| <= s max_torque               torque
                 0 <= s <= 1 / (least S_tau)
                 n_i . f_i >= least pressure               contact: a surface cannot pull
+                n_i . J_i D_i f >= least depth            inward: toes are commanded into surfaces
                 |f_t,i| <= (mu_i / S_mu) n_i . f_i        friction
                 lower <= theta - D f <= upper             command
                 A(f) >= share A_0                         stability
@@ -26,7 +27,7 @@ from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
-from climbplan.mechanics.stiffness import joint_bending, limb_compliance
+from climbplan.mechanics.stiffness import commanded_depth, joint_bending, limb_compliance
 from climbplan.plans.climb_plan import Array, Instants, Mask
 from climbplan.robots.kinematics import jacobian_world
 from climbplan.robots.model import Robot
@@ -49,6 +50,7 @@ class ForceStatement:
     compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
     joint_angles: Array  # (K, N, J) [rad]
     bending: Array  # (K, N, J, N, 3) D, joint angles less commands by forces [rad/N]
+    inward: Array  # (K, N, N, 3) how deep in its surface each toe is commanded, by forces [m/N]
     room_below: Array  # (K, N, J) from the lower joint bound to the joint angle [rad]
     room_above: Array  # (K, N, J) from the joint angle to the upper bound [rad]
     max_torque: Array  # (N, J) [N m]
@@ -58,6 +60,7 @@ class ForceStatement:
     stiffness_left: float  # least share of the elastic stiffness that forces leave
     normal_force_weight: float  # w [1/N]
     least_pressure: float  # of toes in contact [N]
+    least_depth: float  # of their commands inside the surface [m]; -inf if not asked
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
     robot: Robot
@@ -74,7 +77,12 @@ class ForceStatement:
         """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
         free = np.full(self.arms.shape, np.inf)
         return replace(
-            self, room_below=free, room_above=free, stiffness_left=-np.inf, least_pressure=0.0
+            self,
+            room_below=free,
+            room_above=free,
+            stiffness_left=-np.inf,
+            least_pressure=0.0,
+            least_depth=-np.inf,
         )
 
     @property
@@ -107,6 +115,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
     compensated = force.sag == "compensated"
+    bending = joint_bending(robot, jacobian, arms, instants.contact, compensated)
     return ForceStatement(
         contact=instants.contact,
         arms=arms,
@@ -115,7 +124,8 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
         jacobian=jacobian,
         compliance=limb_compliance(robot, jacobian),
         joint_angles=instants.joint_angles,
-        bending=joint_bending(robot, jacobian, arms, instants.contact, compensated),
+        bending=bending,
+        inward=commanded_depth(jacobian, instants.normal, bending),
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
@@ -125,6 +135,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
         stiffness_left=force.stiffness_left,
         normal_force_weight=force.normal_force_weight,
         least_pressure=force.least_pressure,
+        least_depth=-np.inf if force.least_depth is None else force.least_depth,
         unit=unit,
         length=length,
         robot=robot,
@@ -151,6 +162,12 @@ def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0)
     bent = _bent(statement, force)
     low, high = (kept(room, reserve) for room in (statement.room_below, statement.room_above))
     return np.maximum(np.maximum(bent - low, -bent - high), 0.0)
+
+
+def depth_missing(statement: ForceStatement, force: Array) -> Array:
+    """(K, N) by how much toes in contact are not commanded as deep as asked [m]."""
+    depth = np.einsum("kiml,kml->ki", statement.inward, force, optimize=True)
+    return np.where(statement.contact, np.maximum(statement.least_depth - depth, 0.0), 0.0)
 
 
 def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
@@ -183,11 +200,12 @@ class ForceResiduals:
     contact: Array  # (K,) pressure missing or force on a lifted limb, relative to the largest load
     torque: Array  # (K,) relative to the torque limit
     command: Array  # (K,) of joint commands beyond their bounds [rad]
+    inward: Array  # (K,) of commanded toes, less deep in their surface than asked [m]
     stability: Array  # (K,) share of the elastic stiffness missing
 
     @property
     def worst(self) -> Array:
-        """(K,) largest of the six."""
+        """(K,) largest of the seven."""
         return np.max(list(vars(self).values()), axis=0)
 
 
@@ -206,5 +224,6 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
         contact=np.maximum(np.maximum(missing, stray), 0.0).max(axis=1) / statement.unit,
         torque=np.maximum(use * statement.least_safety_torque - 1.0, 0.0),
         command=beyond_bounds(statement, force).max(axis=(1, 2)),
+        inward=depth_missing(statement, force).max(axis=1),
         stability=_stiffness_missing(statement, force),
     )

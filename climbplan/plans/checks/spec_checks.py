@@ -14,9 +14,11 @@ from climbplan.errors import SpecError
 from climbplan.plans.checks.check import Check, judge
 from climbplan.plans.checks.differences import Difference, apart, same
 from climbplan.plans.checks.gait_anew import Gait, gait_of
+from climbplan.plans.checks.inward_check import inward_check
 from climbplan.plans.checks.kinematics_anew import body_axes
 from climbplan.plans.checks.spec_anew import built_anew
 from climbplan.plans.checks.spec_terrain import terrain_differences
+from climbplan.plans.checks.subject import Subject
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.spec.climb import ClimbSpec, GoalSpec
 from climbplan.spec.kinds import validate
@@ -25,8 +27,9 @@ from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.yaml_source import parse_yaml
 
 
-def spec_checks(plan: ClimbPlan) -> Iterator[Check]:
+def spec_checks(subject: Subject) -> Iterator[Check]:
     """The spec in the file against the numbers in the file."""
+    plan = subject.plan
     spec = _spec_of(plan)
     if isinstance(spec, str):
         yield judge("file.spec_values", math.inf, spec)
@@ -36,6 +39,8 @@ def spec_checks(plan: ClimbPlan) -> Iterator[Check]:
     yield judge("file.spec_values", worst.size, worst.key if worst.size > 0 else "")
     yield from built_anew(plan, spec)
     yield _objective(plan, spec)
+    if plan.robot.gripper is None:
+        yield inward_check(subject, spec.force.least_depth)
 
 
 def _spec_of(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:

@@ -1,0 +1,96 @@
+"""What a search needs of each gait: compiled rollouts, costs and stance phases against NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from walk_tasks import named, shorter, stairs_task, walk_task
+
+from climbplan.mpc.compiled_footing import HELD, SWINGING, stance_phases
+from climbplan.mpc.cost import objective
+from climbplan.mpc.dynamics import BodyNumbers, knot_step, plain_knot_step
+from climbplan.mpc.footing import gait_of
+from climbplan.mpc.gait_moves import contact_moves, region_moves
+from climbplan.mpc.gaits import mirror_even, mirrored
+from climbplan.mpc.pinned import PinnedProgram
+from climbplan.mpc.task import LEGS, STATE, Integrator
+from climbplan.mpc.truth import knot_rollout
+
+RNG = np.random.default_rng(9)
+
+
+@pytest.mark.parametrize("integrator", ["euler", "mean"])
+def test_rollout_over_knots_is_that_of_the_checker(integrator: Integrator) -> None:
+    task = shorter(walk_task((0.5, 0.2, 0), integrator=integrator), 5)
+    state = task.start.state.copy()
+    state[6:] = RNG.normal(0, 0.4, 6)
+    task = replace(task, start=replace(task.start, state=state))
+    toes = task.body.toe_center + RNG.normal(0, 0.05, (6, LEGS, 3))
+    force = RNG.normal(0, 15, (5, LEGS, 3))
+    mine = PinnedProgram(task, named("trot", task)).rolled(toes, force)
+    theirs = knot_rollout(task.body, integrator, task.step, state, toes[:-1], force)
+    np.testing.assert_allclose(mine, theirs, rtol=1e-10, atol=1e-10)
+
+
+def test_cost_is_the_objective() -> None:
+    task = shorter(walk_task(), 5)
+    state, force = RNG.normal(0, 1, (6, STATE)), RNG.normal(0, 15, (6, LEGS, 3))
+    mine = PinnedProgram(task, named("trot", task)).cost(state, force)
+    assert mine == pytest.approx(objective(task, state, force), rel=1e-12)
+
+
+def test_stance_phases() -> None:
+    for _ in range(20):
+        contact = RNG.random((7, LEGS)) < 0.6
+        foothold, phases = stance_phases(contact)
+        assert (foothold == SWINGING).tolist() == (~contact).tolist()
+        assert (foothold[0] == HELD).tolist() == contact[0].tolist()
+        for k, (leg, first, last) in enumerate(phases):
+            assert contact[first : last + 1, leg].all()
+            assert not contact[first - 1, leg]
+            assert last == 6 or not contact[last + 1, leg]
+            assert (foothold[:, leg] == k).sum() == last - first + 1
+        # All other stances begin at the start.
+        lands = (contact[1:] & ~contact[:-1]).sum()
+        assert len(phases) == lands
+
+
+def test_plain_step_is_exact_for_euler_and_near_for_mean() -> None:
+    body = BodyNumbers.of(walk_task().body)
+    names = ca.SX.sym("state", STATE), ca.SX.sym("toes", 12), ca.SX.sym("force", 12)
+    point = (
+        RNG.normal(0, 0.3, STATE),
+        (walk_task().body.toe_center + RNG.normal(0, 0.05, (LEGS, 3))).ravel(),
+        RNG.normal(0, 15, 12),
+    )
+    off = []
+    for mean, step in ((0.0, 0.08), (1.0, 0.04), (1.0, 0.02)):
+        exact = ca.Function("exact", names, [knot_step(body, step, mean, *names)])
+        plain = ca.Function("plain", names, [plain_knot_step(body, step, mean, *names)])
+        off.append(float(ca.norm_inf(exact(*point) - plain(*point))))
+    assert off[0] < 1e-12
+    assert off[2] < 0.3 * off[1]  # of second order
+
+
+def test_mirror_images() -> None:
+    task = walk_task()
+    assert mirror_even(task)
+    assert not mirror_even(walk_task((0.0, 0.2, 0.0)))
+    assert not mirror_even(stairs_task())
+    gait = named("trot", task)
+    assert mirrored(mirrored(gait)).key == gait.key
+    assert mirrored(gait).key == named("trot", task, 1).key
+
+
+def test_moves_change_something() -> None:
+    gait = named("trot", walk_task())
+    moves = contact_moves(gait.contact)
+    assert all((moved != gait.contact).any() for moved in moves)
+    assert all(moved.shape == gait.contact.shape for moved in moves)
+    assert not list(region_moves(gait, 1))
+    others = list(region_moves(gait_of(gait.contact, np.ones(gait.contact.shape, int)), 3))
+    assert {int(other.region.min()) for other in others} == {0, 1}
+    assert {int(other.region.max()) for other in others} == {1, 2}

@@ -1,0 +1,55 @@
+"""What commands inside surfaces buy when a transition is simulated, and what joints' play is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.simulation.comparison import compare
+from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.replay import simulate
+from climbplan.spec.transition_loading import load_transition
+from climbplan.transition.planner import plan_transition
+
+Planned = Callable[..., ClimbPlan]
+BRICKS = Path(__file__).parents[2] / "specs" / "transition_bricks.yaml"
+
+
+@pytest.mark.parametrize("pressed_in", [True, False])
+def test_over_the_bricks_toes_hold_that_are_commanded_inside(pressed_in: bool) -> None:
+    pytest.importorskip("mujoco")
+    free = [] if pressed_in else ["force.least_depth=null"]
+    plan = plan_transition(load_transition(BRICKS, free))
+    depth = np.einsum("kni,kni->kn", plan.forces.wall_deflection, plan.instants.normal)
+    inside = depth[plan.instants.contact] > 0
+    assert inside.all() == pressed_in
+    found = compare(plan, simulate(plan, Conditions(speed=2.0)))
+    assert (len(found.slips) == 0) == pressed_in
+    assert (len(found.losses) == 0) == pressed_in
+    assert (np.median(found.torque_error) < 0.02) == pressed_in
+
+
+def test_joints_with_hardly_any_play_are_as_stiff_as_without(planned: Planned) -> None:
+    """The stops of the play give way by next to nothing."""
+    plan = planned()
+    ends = []
+    for backlash in (0.0, 1e-6):
+        run = simulate(plan, Conditions(speed=2.0, backlash=backlash))
+        assert not run.fallen
+        ends.append(run.com - plan.trajectory.com)
+    assert np.abs(ends[1] - ends[0]).max() < 1e-3  # [m]
+
+
+def test_play_lets_the_body_sink_in_proportion(planned: Planned) -> None:
+    plan = planned()
+    still = simulate(plan, NOMINAL).com[0, 2]
+    sunk = [
+        still - simulate(plan, Conditions(backlash=np.deg2rad(play))).com[0, 2]
+        for play in (0.1, 0.2)
+    ]
+    assert sunk[0] > 1e-4
+    assert sunk[1] == pytest.approx(2 * sunk[0], rel=0.35)

@@ -54,9 +54,7 @@ def test_meshes_do_not(texts: RobotTexts) -> None:
         ("robot: hexapod", False, "'hexapod' is no built-in robot"),
     ],
 )
-def test_what_is_not_kept_is_said(
-    spec: str, has_yaml: bool, words: str, texts: RobotTexts
-) -> None:
+def test_what_is_not_kept_is_said(spec: str, has_yaml: bool, words: str, texts: RobotTexts) -> None:
     given = RobotTexts(yaml=texts.yaml) if has_yaml else RobotTexts()
     with pytest.raises(NotKept, match=words):
         stored_robot(parse_yaml(f"kind: climb\n{spec}\n", "spec"), given)

@@ -39,7 +39,7 @@ def _bookshelf(path: Path) -> None:
 
 
 def _climb(path: Path) -> None:
-    write_climb(plan_climb(load_climb(SPECS / "climb_region.yaml", ["task.rounds=3"])), path)
+    write_climb(plan_climb(load_climb(SPECS / "climb_tube.yaml")), path)
 
 
 def _limms(path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
+from climbplan.cli.bench_walks import bench_walks
 from climbplan.cli.console import Session, print_json, print_result, standard_output
 from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
@@ -39,8 +40,12 @@ _QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same s
     },
     "limms": {"count": 1, "seconds": 60.0, "scenes": ("limms_throw",)},
 }
-_LIMMS = ("methods", "count", "seconds")  # options that `bench limms` knows
-_PANEL = "bench bookshelf, bench strategies, bench limms"
+# Options that benchmarks know which do not know all of them
+_KNOWN = {
+    "limms": ("methods", "count", "seconds"),
+    "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
+}
+_PANEL = "bench bookshelf, bench strategies, bench limms, bench mpc"
 
 
 def bench(
@@ -65,7 +70,7 @@ def bench(
         typer.Option(
             "--library",
             metavar="PLAN",
-            help="Solved scenes for methods that learn [default: generated].",
+            help="Solved scenes for methods that learn, solved walks for mpc [default: generated].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -81,7 +86,10 @@ def bench(
     methods: Annotated[
         str | None,
         typer.Option(
-            "--methods", metavar="NAMES", help="Methods, by commas.", rich_help_panel=_PANEL
+            "--methods",
+            metavar="NAMES",
+            help="Methods, by commas; of mpc: tables.",
+            rich_help_panel=_PANEL,
         ),
     ] = None,
     count: Annotated[
@@ -90,7 +98,8 @@ def bench(
             "--count",
             metavar="N",
             min=0,
-            help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30].",
+            help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30]. "
+            "Of mpc: walks under each push [100].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -140,7 +149,28 @@ def bench(
             "--library-size",
             metavar="N",
             min=1,
-            help="Generated scenes in the library [1000].",
+            help="Generated scenes in the library [1000]; walks for mpc.",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            "-s",
+            metavar="KEY=VALUE",
+            help="Of mpc: set a key of mpc_recovery.yaml, whose loop is walked. Repeatable.",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            "-j",
+            metavar="N",
+            min=1,
+            help="Of mpc: parallel workers; counts do not depend on them, times may.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -165,7 +195,8 @@ def bench(
     """Compare the planners with named alternatives on the same instances.
 
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
-    `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them.
+    `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
+    --methods (offline, envelopes, bounds, ticks, recovery), --count, --library and --library-size.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -184,15 +215,18 @@ def bench(
         "seconds": time_limit,
         "library_size": library_size,
         "clusters": clusters,
+        "assignments": assignments,
+        "jobs": jobs,
     }
     given = {key: value for key, value in given.items() if value is not None}
-    if name not in _QUICK and (given or out is not None or as_json):
+    if name not in _QUICK and name not in _KNOWN and (given or out is not None or as_json):
         raise UsageError(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
-            "some of them, `bench limms`"
+            "some of them, `bench limms` and `bench mpc`"
         )
-    if name == "limms" and (stray := sorted(set(given) - set(_LIMMS))):
-        raise UsageError(f"`bench limms` has no --{stray[0].replace('_', '-')}")
+    allowed = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
+    if stray := sorted(set(given) - set(allowed)):
+        raise UsageError(f"`bench {name}` has no {_option(stray[0])}")
     if name == "strategies" and published is not None:
         raise UsageError("--published goes with `bench bookshelf`")
     if name == "bookshelf" and clusters is not None:
@@ -205,10 +239,7 @@ def bench(
             _bench_scenes(session, _comparison(chosen, wanted), out, force, as_json)
             continue
         if chosen == "mpc":
-            from climbplan.mpc.benchmarks.run import run_mpc
-
-            with standard_output() as stream:
-                run_mpc(seed, quick, stream)
+            bench_walks(session, {**given, "seed": seed, "quick": quick}, out, force, as_json)
             continue
         if chosen == "transition":
             from climbplan.transition.benchmark import run_transition
@@ -220,6 +251,12 @@ def bench(
 
         with standard_output() as stream:
             run(chosen, seed, quick, stream)
+
+
+def _option(key: str) -> str:
+    """The option that gives a key."""
+    others = {"seconds": "time-limit", "assignments": "set"}
+    return f"--{others.get(key, key).replace('_', '-')}"
 
 
 @dataclass(frozen=True)

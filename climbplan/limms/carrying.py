@@ -11,12 +11,11 @@ from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.densify import Follow, add_traces
-from climbplan.limms.held import plan_held
-from climbplan.limms.held_branches import HeldTask, clearance, combinations, path_choices
+from climbplan.limms.branches import delivery, noted, solved_branches
+from climbplan.limms.densify import add_traces
+from climbplan.limms.held_branches import clearance
 from climbplan.limms.limbs import arm, root_on_anchor
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
@@ -37,31 +36,18 @@ def carry(
 
     deadline: `time.monotonic` [s] at which other ways have their turn.
     """
-    start = scene.box_start[0]
-    way = ways(centre_blocks(scene), start, scene.goal)
-    if way is None:
-        attempts.notes.append("there is no way for the box")
+    task = delivery(scene, attempts, modes.kind == "throw", scene.arrival_speed)
+    if task is None:
         return None
-    throw = modes.kind == "throw"
-    task = HeldTask(start, scene.goal, way, throw, scene.arrival_speed)
     for owners in _owners(scene, modes.connections) if given is None else (given,):
         limbs = [
             limb_of(scene, module, connection)
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
-        choices = path_choices(scene, limbs, task)
-        if not all(choices):
-            attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
-            continue
-        for combo in attempts.in_time(combinations(choices, most=4), modes.named(scene), deadline):
-            outcome = plan_held(scene, combo, task, attempts.until(deadline))
-            attempts.count(outcome, modes.named(scene))
-            if not outcome.solved:
-                continue
-            try:
-                return whole_carried(scene, combo, modes.connections, outcome, rng)
-            except (Blocked, Follow) as error:
-                attempts.notes.append(f"{modes.named(scene)}: {error}")
+        name = modes.named(scene)
+        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts, deadline):
+            with noted(attempts, name):
+                return whole_carried(scene, chosen, modes.connections, outcome, rng)
     return None
 
 

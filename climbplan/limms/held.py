@@ -33,7 +33,7 @@ def plan_held(
     optimum, else the best answer, else the last try; its times are those of all.
     """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
-    until = time.process_time() + SECONDS
+    spare = time.process_time() + SECONDS
     spent, built = 0.0, 0.0
     best: Outcome | None = None
     some = TRIES if task.throw else 1
@@ -42,9 +42,9 @@ def plan_held(
         def once(
             guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first
         ) -> Outcome:
-            seconds = max(until - time.process_time(), LEAST)
-            left = max(deadline - time.monotonic(), LEAST)
-            return solve_arms(scene, limbs, guess or first, ends, cuts, seconds, left)
+            seconds = max(spare - time.process_time(), LEAST)
+            until = max(deadline, time.monotonic() + LEAST)
+            return solve_arms(scene, limbs, guess or first, ends, cuts, seconds, until)
 
         outcome = solve_clear(scene, limbs, once)
         spent, built = spent + outcome.seconds, built + outcome.build_seconds

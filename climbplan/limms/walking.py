@@ -16,8 +16,8 @@ from climbplan.limms.gaits import gaits
 from climbplan.limms.leg_motion import leg_motion
 from climbplan.limms.leg_statement import LegEnds, LegTrace
 from climbplan.limms.leg_stretches import add_leg_traces
+from climbplan.limms.moving import Blocked
 from climbplan.limms.quadruped import solve_sound, starts
-from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import Progress

@@ -7,6 +7,8 @@ them constant. A command comes into force after the delay that computing and act
 from __future__ import annotations
 
 import gc
+import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -77,6 +79,7 @@ class Loop:
     overreach: float  # [m] furthest that a standing toe was out of its box within a knot
     told: Array  # (ticks, 12) the state that the controller was told
     true: Array  # (ticks, 12) and what it was when the plan from it came into force
+    cut_short: bool = False  # the deadline came before the end
 
     @property
     def ticks(self) -> int:
@@ -91,9 +94,14 @@ def run_loop(
     world: LoopWorld | None = None,
     seed: int = 0,
     report: Callable[[float], None] | None = None,
+    deadline: float = math.inf,
 ) -> Loop:
-    """Walk from the start of a task until the end, or until the body falls."""
-    return _Run(controller, start, world or LoopWorld(), seed).walked(duration, report)
+    """Walk from the start of a task until the end, or until the body falls.
+
+    duration [s]: whole knots, one at least. deadline: of `time.monotonic`; the walk ends at the
+    first tick after it.
+    """
+    return _Run(controller, start, world or LoopWorld(), seed).walked(duration, report, deadline)
 
 
 @contextmanager
@@ -136,13 +144,18 @@ class _Run:
         self.rows: list[tuple[Array, Array, Array, Flags, Array]] = []
         self.overreach = 0.0
 
-    def walked(self, duration: float, report: Callable[[float], None] | None) -> Loop:
-        """Until the end, or a fall."""
+    def walked(
+        self, duration: float, report: Callable[[float], None] | None, deadline: float
+    ) -> Loop:
+        """Until the end, a fall, or the deadline."""
         # At least one knot: a walk without a tick has nothing to judge.
-        samples = SUBSTEPS * max(1, round(duration / self.task.step))
-        fell = None
+        samples = SUBSTEPS * max(1, math.ceil(duration / self.task.step - 1e-9))
+        fell, cut_short = None, False
         for sample in range(samples):
             if sample % SUBSTEPS == 0:
+                if sample and time.monotonic() > deadline:
+                    cut_short = True
+                    break
                 self.tick(sample)
                 if report is not None:
                     report(min((sample + SUBSTEPS) / samples, 1.0))
@@ -160,7 +173,8 @@ class _Run:
         walk = WalkTrajectory(states, feet, forces, gait)
         true = np.array(self.true).reshape(-1, STATE)
         told = np.array(self.told).reshape(-1, STATE)[: len(true)]
-        return Loop(walk, jumps, tuple(self.commands), fell, self.overreach, told, true)
+        commands = tuple(self.commands)
+        return Loop(walk, jumps, commands, fell, self.overreach, told, true, cut_short)
 
     def tick(self, sample: int) -> None:
         """Measure, look ahead over the delay, plan, and queue the plan."""
@@ -271,7 +285,12 @@ def recovered(loop: Loop, task: WalkTask, within: float = 0.25) -> bool:
     """Whether the body kept up, and its mean velocity over the last 0.48 s is the reference's."""
     if loop.fell is not None:
         return False
-    dt = task.step / SUBSTEPS
-    last = round(0.48 / dt)
-    mean = loop.trajectory.state[-last:, VELOCITY].mean(axis=0)
-    return bool(np.linalg.norm((mean - task.reference.velocity[-1])[:2]) < within)
+    off = mean_speed_at_end(loop, task) - task.reference.velocity[-1]
+    return bool(np.linalg.norm(off[:2]) < within)
+
+
+def mean_speed_at_end(loop: Loop, task: WalkTask) -> Array:
+    """(3,) mean velocity over the last 0.48 s."""
+    last = round(0.48 * SUBSTEPS / task.step)
+    mean: Array = loop.trajectory.state[-last:, VELOCITY].mean(axis=0)
+    return mean

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.errors import UsageError
+from climbplan.errors import LimitReached, UsageError
 from climbplan.mpc.features import (
     FEATURES,
     MIRROR_LEGS,
@@ -110,14 +112,20 @@ def build_library(
     seed: int,
     gaits: int = 20,
     report: Callable[[float], None] | None = None,
+    deadline: float = math.inf,
 ) -> Library:
     """Solve so many random starts of a task and cut the walks into sections.
 
     A start that no gait answers counts as a walk without sections. Mirrored sections are added
-    where the task is the same in a mirror.
+    where the task is the same in a mirror. Raises LimitReached at a deadline of `time.monotonic`.
     """
     parts: list[Library] = []
     for k in range(walks):
+        if time.monotonic() > deadline:
+            raise LimitReached(
+                f"solver.time_limit ended the run after {k} of {walks} walks of its library; "
+                "`gen-data` solves many, and goes on where it was stopped: library.file takes them"
+            )
         rng = np.random.default_rng([seed, k])
         drawn = drawn_task(task, rng, Draw())
         answer = search(drawn, SearchLimits(60.0, gaits, seed, _NAMES))

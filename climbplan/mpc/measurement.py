@@ -1,4 +1,4 @@
-"""What the controller is told at a tick, whether it can be true, and the stance if it cannot."""
+"""What the controller is told at a tick, and whether it can be true."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ from climbplan.mpc.task import (
     VELOCITY,
     Array,
     Flags,
-    Gait,
     RigidBody,
-    WalkTask,
-    WalkTrajectory,
 )
 
 OLDEST = 0.1  # [s] of a measurement that is still used
@@ -62,17 +59,3 @@ def fault_of(situation: Situation, body: RigidBody) -> str:
         legs = ", ".join(body.leg_names[leg] for leg in situation.unfelt)
         return f"{legs} make no contact"
     return ""
-
-
-def safe_stance(task: WalkTask) -> WalkTrajectory:
-    """All legs down with equal shares of the weight, within friction, against the motion."""
-    state = np.tile(task.start.state, (task.knots + 1, 1))
-    toes = np.tile(task.start.toes, (task.knots + 1, 1, 1))
-    weight = task.body.mass * task.body.gravity / LEGS
-    brake = -task.body.mass * task.start.state[VELOCITY][:2] / (LEGS * task.step * task.knots)
-    room = 0.5 * task.ground.friction * weight
-    brake = brake * min(1.0, room / max(float(np.hypot(*brake)), 1e-9))
-    force = np.zeros((task.knots + 1, LEGS, 3))
-    force[:-1] = [*brake, weight]
-    contact = np.ones((task.knots + 1, LEGS), bool)
-    return WalkTrajectory(state, toes, force, Gait(contact, np.zeros(contact.shape, np.int64)))

@@ -20,8 +20,9 @@ from climbplan.mpc.cost import objective
 from climbplan.mpc.features import features_of
 from climbplan.mpc.gaits import cycle
 from climbplan.mpc.library import SECTION, Library
-from climbplan.mpc.measurement import Situation, fault_of, safe_stance
+from climbplan.mpc.measurement import Situation, fault_of
 from climbplan.mpc.pinned import Iterate
+from climbplan.mpc.safe_stance import safe_stance
 from climbplan.mpc.strategies import Neighbours, Ranking
 from climbplan.mpc.task import (
     LEGS,
@@ -209,7 +210,7 @@ class OnlineController:
         return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
 
     def _safe(self, choice: _Choice, word: str) -> Command:
-        """All legs down, each with its share of the weight, against the motion."""
+        """Legs down, against motion and tilt."""
         self._last = None
         task = replace(self.task, start=self._good)
         return choice.command(safe_stance(task), SAFE, f"safe stance: {word}")

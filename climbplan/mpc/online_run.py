@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -35,6 +36,8 @@ from climbplan.mpc.problem import build_task
 from climbplan.mpc.published import TOLERANCE
 from climbplan.mpc.strategies import trained
 from climbplan.mpc.task import VELOCITY, Array, WalkTask, Whole
+from climbplan.mpc.warm_up import warm_up
+from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loading import LoadedMpc
 from climbplan.spec.mpc_loop import WalkLoopSpec
 from climbplan.spec.mpc_solver import WalkLibrarySpec
@@ -53,30 +56,26 @@ class OnlineRun:
 
 
 def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
-    """Build or read the library, then walk.
+    """Build or read the library, then walk. What is compiled is so before the time limit counts.
 
     Raises:
         SpecError: values that do not go together.
+        LimitReached: the time limit came before the library was there.
         UsageError, PlanFileError: a library that cannot be used.
     """
     report = report or _silent
     spec = loaded.spec
     task = build_task(spec, loaded.robot, loaded.source)
     key = library_key(task)
+    report("compile", 0.0)
+    warm_up(task)
+    deadline = time.monotonic() + spec.solver.time_limit
     begin = time.perf_counter()
     report("library", 0.0)
-    library = library_of(task, spec.library, loaded.directory, spec.seed, key, report)
+    library = library_of(task, spec.library, loaded.directory, spec.seed, key, report, deadline)
     ready = time.perf_counter()
-    settings = OnlineSettings(
-        spec.loop.candidates,
-        spec.loop.enough,
-        spec.loop.iterations,
-        spec.loop.effort,
-        form=spec.solver.form,
-        beside=spec.solver.regions_beside,
-    )
     ranking = trained(spec.library.strategy, library, spec.seed)
-    controller = OnlineController(task, library, settings, ranking)
+    controller = OnlineController(task, library, settings_of(spec), ranking)
     with collected_before():
         loop = run_loop(
             controller,
@@ -85,10 +84,23 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
             world_of(spec.loop, task),
             spec.seed,
             lambda share: report("walk", share),
+            deadline,
         )
     walked = time.perf_counter()
     plan = _plan(loaded, task, library, loop, ready - begin, walked - ready)
     return OnlineRun(plan, library, key)
+
+
+def settings_of(spec: MpcSpec) -> OnlineSettings:
+    """How a spec has ticks spend their time."""
+    return OnlineSettings(
+        spec.loop.candidates,
+        spec.loop.enough,
+        spec.loop.iterations,
+        spec.loop.effort,
+        form=spec.solver.form,
+        beside=spec.solver.regions_beside,
+    )
 
 
 def world_of(spec: WalkLoopSpec, task: WalkTask) -> LoopWorld:
@@ -115,24 +127,33 @@ def library_of(
     seed: int,
     key: str,
     report: Progress,
+    deadline: float = math.inf,
 ) -> Library:
-    """The first `size` walks of a file, or as many solved anew."""
+    """The first `size` walks of a file, or as many solved anew; deadline of `time.monotonic`."""
     if spec.file is None:
         start = replace(task.start, state=_at_rest(task))
         rested = replace(task, start=start)
         return build_library(
-            rested, spec.size, seed, spec.gaits, lambda share: report("library", share)
+            rested,
+            spec.size,
+            seed,
+            spec.gaits,
+            lambda share: report("library", share),
+            deadline,
         )
-    path = directory / spec.file
-    if is_dataset(path):
-        library = library_of_dataset(path, key, library_key)
-    else:
-        library = read_library(path, key)
+    library = stored_library(directory / spec.file, key)
     if library.walks < spec.size:
         raise UsageError(
             f"{spec.file}: {library.walks} walks with sections, library.size asks for {spec.size}"
         )
     return library.first(spec.size)
+
+
+def stored_library(path: Path, key: str) -> Library:
+    """All walks of a library.h5 or dataset.h5 that were made for the task with this key."""
+    if is_dataset(path):
+        return library_of_dataset(path, key, library_key)
+    return read_library(path, key)
 
 
 def library_key(task: WalkTask) -> str:
@@ -176,6 +197,9 @@ def _plan(
     told = [] if back else ["the mean velocity at the end is not the reference's"]
     if loop.fell is not None:
         told = [f"the robot fell after {loop.fell:.2f} s"]
+    if loop.cut_short:
+        walked = f"{loop.ticks * task.step:.2f} of {spec.loop.duration:g} s"
+        told = [f"solver.time_limit of {spec.solver.time_limit:g} s ended the walk after {walked}"]
     if warned:
         told.append(f"{len(warned)} of {len(commands)} ticks with a warning, first {warned[0]}")
     times = 1e3 * np.array([command.tick_time for command in commands])
@@ -188,16 +212,19 @@ def _plan(
     shares = ", ".join(f"{name} {count.sum()}" for name, count in chosen.items())
     range_ = f"forward speed from {speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s"
     reach = f"largest overreach {1e3 * loop.overreach:.0f} mm"
+    ended = "recovered" if back else "not recovered"
+    if loop.cut_short:
+        ended = "cut short"
     summary = (
         f"{loaded.name}   {robot}, library of {library.walks} walks, {len(library)} sections",
         f"online   tick median {median:.2f} ms, 99 % {most:.2f} ms   {shares}",
-        f"walk   {'recovered' if back else 'not recovered'}   {range_}, {reach}",
+        f"walk   {ended}   {range_}, {reach}",
     )
     return WalkPlan(
         name=loaded.name,
         title=spec.title,
         method="online",
-        status="feasible",
+        status="limit" if loop.cut_short else "feasible",
         task=whole,
         trajectory=found,
         objective=sum(terms.values()),

@@ -32,6 +32,7 @@ class PublishedAnswer:
     at: Iterate | None  # None unless solved
     status: str
     iterations: int
+    values: Array | None = None  # of all unknowns of the layout, with `at`
 
 
 class PublishedProgram:
@@ -87,7 +88,8 @@ class PublishedProgram:
         found = self._solver.solve(raise_error=False)
         if found.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
             return PublishedAnswer(None, str(found.info.status), int(found.info.iter))
-        return PublishedAnswer(self._iterate(found.x), "solved", int(found.info.iter))
+        at = self._iterate(found.x)
+        return PublishedAnswer(at, "solved", int(found.info.iter), np.array(found.x))
 
     def _iterate(self, x: Array) -> Iterate:
         layout = self.layout

@@ -1,7 +1,8 @@
-"""Local search over gaits: flips of single contacts, of knots and of legs, each priced by SQP.
+"""Iterated local search over gaits: flips of contacts, of knots and of legs, each priced by SQP.
 
-What it finds depends on its seed and on its budget of QPs, not on the machine: the time limit is a
-cap, and an answer that it cut short says so.
+From a gait that no single move improves it goes on a few random moves away from the best. No gait
+is priced twice. What it finds depends on its seed and on its budget of QPs, not on the machine: the
+time limit is a cap, and an answer that it cut short says so.
 """
 
 from __future__ import annotations
@@ -23,11 +24,16 @@ from climbplan.mpc.task import Flags, Gait, WalkTask
 from climbplan.mpc.warm_up import warm_up
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
-_GLANCE = 2  # QPs after which a gait that is not better is given up
+_GLANCE = 2  # QPs
 _PROMISING = 4  # named gaits that are looked at further
+_UNHELD = 8  # and as long as none holds
 _FULL = 8
 _POLISH = 60
 _POLISHED = 10  # gaits, from the best, until one holds
+_KICK = (2, 4)  # moves at least and at most
+_KICKS = 300  # that lead to no gait that holds, until the search ends
+_KICKED = 3  # QPs after which one that overreaches by more than that is given up
+_OVERREACH = 0.02  # [m]
 _REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
 
 
@@ -58,6 +64,7 @@ class _Search:
         self.qps = 0
         self.late = False  # the time limit cut it short
         self.best: GaitAnswer | None = None
+        self.at: GaitAnswer | None = None  # where the local search is
         self.good: list[GaitAnswer] = []  # each was the best for a while
         self.history: list[Improvement] = []
 
@@ -87,16 +94,24 @@ class _Search:
         )
 
     def solved(
-        self, gait: Gait, start: Iterate | None, iterations: int, elastic: bool = True
+        self,
+        gait: Gait,
+        start: Iterate | None,
+        iterations: int,
+        elastic: bool = True,
+        ceiling: float = np.inf,
     ) -> GaitAnswer:
-        found = solve_gait(self.task, gait, start, iterations, agreement=ROUGHLY, elastic=elastic)
+        found = solve_gait(
+            self.task, gait, start, iterations, 0.0, ROUGHLY, elastic=elastic, ceiling=ceiling
+        )
         self.qps += found.iterations
         return found
 
     def run(self, first: tuple[Gait, ...]) -> WalkAnswer:
         self.first_round(first)
-        while self.best is not None and not self.spent:
-            if not self.improve(self.best):
+        self.at = self.best
+        while self.at is not None and not self.spent:
+            if not self.improve(self.at) and not self.kicked():
                 break
         return self.polished()
 
@@ -138,59 +153,92 @@ class _Search:
 
     def first_round(self, first: tuple[Gait, ...]) -> None:
         """Given and named gaits: a glance at each, then the most promising in full."""
+        named: list[Gait] = []
         glances: list[GaitAnswer] = []
         for gait in (*first, *starting_gaits(self.task, self.limits.names)):
             if glances and (self.spent or self.qps > _FIRST_SHARE * self.limits.qps):
                 break
             if gait.key not in self.seen:
                 self.seen.add(gait.key)
-                glances.append(self.solved(gait, None, _GLANCE))
+                named.append(gait)
+                glances.append(self.solved(gait, None, _GLANCE, elastic=False))
+        self.refine_promising(glances)
+        if self.holds:
+            return
+        # None holds: those without a motion once more, by the least overreach
+        again: list[GaitAnswer] = []
+        for gait, glance in zip(named, glances, strict=True):
+            if again and (self.spent or self.qps > 2 * _FIRST_SHARE * self.limits.qps):
+                break
+            if glance.trajectory is None:
+                again.append(self.solved(gait, None, _GLANCE))
+        self.refine_promising(again)
+
+    def refine_promising(self, glances: list[GaitAnswer]) -> None:
+        """Go on from glances, cheapest first."""
         for k, glance in enumerate(sorted(glances, key=lambda found: found.predicted)):
-            enough = k >= _PROMISING and self.holds
+            enough = k >= (_PROMISING if self.holds else _UNHELD)
             ended = self.spent and self.best is not None
             if glance.trajectory is None or enough or ended or self.late:
                 break
-            self.refine(glance)
+            found = glance
+            if not glance.agreed:
+                gait = glance.trajectory.gait
+                found = self.solved(gait, iterate_of(glance.trajectory, gait), _FULL)
+            self.keep(found)
 
-    def improve(self, best: GaitAnswer) -> bool:
+    def improve(self, at: GaitAnswer) -> bool:
         """Go through the neighbours until one is better; False if none is."""
-        assert best.trajectory is not None
-        for gait in self.neighbours(best.trajectory.gait):
-            if self.consider(gait, best):
+        assert at.trajectory is not None
+        for gait in self.neighbours(at.trajectory.gait):
+            if gait.key in self.seen:
+                continue
+            self.seen.add(gait.key)
+            self.priced += 1
+            start, ceiling = iterate_of(at.trajectory, gait), self.price(at)
+            found = self.solved(gait, start, _FULL, not self.holds, ceiling)
+            if self.price(found) < ceiling * (1 - 1e-6):
+                self.at = found
+                self.keep(found)
                 return True
             if self.spent:
                 return False
         return False
 
-    def consider(self, gait: Gait, parent: GaitAnswer | None) -> bool:
-        """Price a gait; True if it is the best now."""
-        if gait.key in self.seen:
-            return False
-        self.seen.add(gait.key)
-        self.priced += 1
-        start = None
-        if parent is not None and parent.trajectory is not None:
-            start = iterate_of(parent.trajectory, gait)
-        elastic = not self.holds
-        found = self.solved(gait, start, _GLANCE, elastic)
-        if found.trajectory is None or found.predicted > self.price(self.best):
-            return False
-        return self.refine(found)
+    def kicked(self) -> bool:
+        """Go on a few random moves away from the best; False if nothing new is found there."""
+        assert self.best is not None
+        assert self.best.trajectory is not None
+        begin = self.best.trajectory
+        for _ in range(_KICKS):
+            if self.spent:
+                return False
+            contact = begin.gait.contact
+            for _ in range(int(self.random.integers(_KICK[0], _KICK[1] + 1))):
+                moves = contact_moves(contact)
+                contact = moves[int(self.random.integers(len(moves)))]
+            gait = self.settled(begin.gait, contact)
+            if not enough_contacts(self.task, contact) or gait.key in self.seen:
+                continue
+            self.seen.add(gait.key)
+            self.priced += 1
+            found = self.solved(gait, iterate_of(begin, gait), _KICKED, not self.holds)
+            if found.trajectory is None or (self.holds and found.reach > _OVERREACH):
+                continue
+            found = self.solved(gait, iterate_of(found.trajectory, gait), _FULL, not self.holds)
+            if found.trajectory is not None and (found.holds or not self.holds):
+                self.at = found
+                self.keep(found)
+                return True
+        return False
 
-    def refine(self, found: GaitAnswer) -> bool:
-        """Go on from a glance; True if it is the best now."""
-        assert found.trajectory is not None
-        if not found.agreed:
-            gait = found.trajectory.gait
-            again = iterate_of(found.trajectory, gait)
-            found = self.solved(gait, again, _FULL)
-        if not self.price(found) < self.price(self.best) * (1 - 1e-6):
-            return False
-        self.best = found
-        self.good.append(found)
-        if found.holds:
-            self.history.append(Improvement(self.seconds, found.objective))
-        return True
+    def keep(self, found: GaitAnswer) -> None:
+        """Take note of the best so far."""
+        if self.price(found) < self.price(self.best) * (1 - 1e-6):
+            self.best = found
+            self.good.append(found)
+            if found.holds:
+                self.history.append(Improvement(self.seconds, found.objective))
 
     @staticmethod
     def price(answer: GaitAnswer | None) -> float:
@@ -208,7 +256,7 @@ class _Search:
         yield from region_moves(gait, len(self.task.ground.height))
 
     def settled(self, gait: Gait, contact: Flags) -> Gait:
-        if len(self.task.ground.height) == 1 or self.best is None:
+        if len(self.task.ground.height) == 1 or self.at is None:
             return gait_of(contact, gait.region)
-        assert self.best.trajectory is not None
-        return with_regions(self.task, contact, self.best.trajectory.state)
+        assert self.at.trajectory is not None
+        return with_regions(self.task, contact, self.at.trajectory.state)

@@ -54,10 +54,12 @@ def solve_gait(
     margin: float = 0.0,
     agreement: float = AGREEMENT,
     elastic: bool = True,
+    ceiling: float = np.inf,
 ) -> GaitAnswer:
     """Up to so many QPs from a start (a guess of our own if None), then the true rollout.
 
-    margin: kept inside the workspace boxes [m]; elastic: as of `PinnedProgram.step`.
+    margin: kept inside the workspace boxes [m]; elastic: as of `PinnedProgram.step`; ceiling: no
+    further QP once one predicts a higher objective.
     """
     program = PinnedProgram(task, gait, margin)
     at = start if start is not None else guess(task, gait)
@@ -74,6 +76,8 @@ def solve_gait(
             agreed, at = True, found
             break
         at = between(at, found, share)
+        if program.cost(found.state, found.force) > ceiling:
+            break
     trajectory = rolled_out(program, at)
     if not np.abs(trajectory.state).max() < _WILD:
         return GaitAnswer(None, np.inf, np.inf, done, False)

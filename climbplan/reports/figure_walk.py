@@ -28,6 +28,7 @@ _FORCE = palette.FAILURE
 _BEGUN = palette.LIMBS[1]
 _SHOTS = 5
 _LONGEST = 0.22  # [m] arrow of the force limit
+_AHEAD = 0.12  # [s] that arrows of the velocity lead ahead
 
 
 def tracking(plan: WalkPlan) -> Figure:
@@ -67,7 +68,7 @@ def tracking(plan: WalkPlan) -> Figure:
     words = ["plan", "reference"]
     if begun is not None:
         handles.append(Line2D([], [], color=_BEGUN, lw=1.4))
-        words.append("what it started from")
+        words.append("trajectory that it started from")
     foot_legend(figure, handles, words)
     heading(figure, _title(plan), f"{plan.method}, cost {plan.objective:.4g}")
     return figure
@@ -89,7 +90,7 @@ def convergence(plan: WalkPlan) -> Figure:
     for ax, name, unit in ((left, "Cost and bound", ""), (right, "Gap", "[%]")):
         style_axes(ax)
         ax.set_xlabel("time [s]")
-        ax.set_ylim(bottom=0)
+        ax.set_ylim(0, 1.05 * ax.get_ylim()[1])
         panel_title(ax, name, unit)
     handles = [Line2D([], [], color=c, lw=1.8) for c in (color, _BEGUN)]
     foot_legend(figure, handles, ["best cost, true dynamics", "bound within the tube"])
@@ -100,7 +101,7 @@ def convergence(plan: WalkPlan) -> Figure:
 def gait(plan: WalkPlan) -> Figure:
     """Which legs stand when, and how hard they push."""
     task, found = plan.task, plan.trajectory
-    figure = new_figure(2.9, entries=LEGS)
+    figure = new_figure(2.7, entries=1)
     ax = figure.subplots()
     push = np.linalg.norm(found.force[:-1], axis=-1)
     most = max(float(push.max()), 1e-9)
@@ -118,9 +119,9 @@ def gait(plan: WalkPlan) -> Figure:
     ax.set_yticks(range(LEGS), list(reversed([plain(n, 10) for n in task.body.leg_names])))
     ax.set_xlabel("time [s]")
     ax.grid(visible=False, axis="y")
-    handles = [Patch(color=palette.limb_color(leg)) for leg in range(LEGS)]
-    foot_legend(figure, handles, [plain(name, 10) for name in task.body.leg_names])
-    panel_title(ax, "Standing legs", f"darkest: {most:.0f} N")
+    handles = [Patch(color=palette.INK, alpha=a, lw=0) for a in (0.25, 1.0)]
+    foot_legend(figure, handles, ["contact force 0 N", f"contact force {most:.0f} N"])
+    panel_title(ax, "Standing legs", "the darker, the harder they push")
     heading(figure, f"{_title(plan)}: gait", plan.method)
     return figure
 
@@ -134,9 +135,10 @@ def _even(values: Array) -> list[tuple[int, int]]:
 def snapshots(plan: WalkPlan) -> Figure:
     """The body, its legs and its forces from the side and from above."""
     task = plan.task
-    figure = new_figure(5.6, entries=3)
-    axes = figure.subplots(2, _SHOTS, sharey="row")
+    figure = new_figure(5.4, entries=9)
+    axes = figure.subplots(2, _SHOTS, height_ratios=(0.52, 0.84))
     moments = np.unique(np.linspace(0, task.knots - 1, _SHOTS).round().astype(int))
+    heights = plan.trajectory.state[moments, 2]
     for column in range(_SHOTS):
         for row, (x, y) in enumerate(((0, 2), (0, 1))):
             ax = axes[row, column]
@@ -144,14 +146,26 @@ def snapshots(plan: WalkPlan) -> Figure:
                 _shot(ax, plan, int(moments[column]), x, y)
             else:
                 ax.set_visible(False)
+        axes[0, column].set_ylim(heights.min() - 0.30, heights.max() + 0.22)
+        axes[1, column].set_xlabel("x [m]")
     axes[0, 0].set_ylabel("z [m]")
     axes[1, 0].set_ylabel("y [m]")
     handles = [
         Line2D([], [], color=_FORCE, lw=2),
         Line2D([], [], color=_VELOCITY, lw=2),
-        Line2D([], [], color=palette.BODY, lw=2),
+        Line2D([], [], color=palette.FORCE, lw=2),
+        Line2D([], [], color=palette.BODY, lw=0, marker="o", ms=5),
+        Line2D([], [], color=palette.BODY, lw=0, marker="o", ms=5, mfc="white"),
+        *(Line2D([], [], color=palette.limb_color(leg), lw=1.6) for leg in range(LEGS)),
     ]
-    foot_legend(figure, handles, ["contact force", "velocity", "body"])
+    words = [
+        f"force, {_LONGEST / task.body.force_limit * 1e3:.2g} mm/N",
+        f"velocity, {_AHEAD:.2g} s of it",
+        "heading",
+        "toe standing",
+        "swinging",
+    ]
+    foot_legend(figure, handles, [*words, *(plain(name, 10) for name in task.body.leg_names)])
     heading(figure, f"{_title(plan)}: snapshots", "from the side, from above")
     return figure
 
@@ -178,11 +192,10 @@ def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
         ax.plot(*toes[leg, [x, y]], "o", ms=4.5, color=color, mfc=color if stands else "white")
         if stands:
             _arrow(ax, toes[leg, [x, y]], scale * found.force[n, leg, [x, y]], _FORCE)
-    _arrow(ax, com[[x, y]], 0.12 * state[VELOCITY][[x, y]], _VELOCITY)
+    _arrow(ax, com[[x, y]], _AHEAD * state[VELOCITY][[x, y]], _VELOCITY)
     style_axes(ax)
     ax.set_xlim(com[0] - 0.42, com[0] + 0.42)
     if y == 2:
-        ax.set_ylim(com[2] - 0.30, com[2] + 0.22)
         panel_title(ax, f"{task.step * n:.2f} s")
     else:
         ax.set_ylim(com[1] - 0.42, com[1] + 0.42)

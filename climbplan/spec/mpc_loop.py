@@ -96,6 +96,19 @@ class WalkLoopSpec(SpecModel):
     )
 
     @model_validator(mode="after")
+    def _in_time(self) -> Self:
+        late = [(f"pushes.{k}.time", push.time) for k, push in enumerate(self.pushes)]
+        late += [(f"lost_contacts.{k}.time", one.time) for k, one in enumerate(self.lost_contacts)]
+        refuse(
+            [
+                Fault(key, f"expected a time before the end at {self.duration:g} s, got {time:g}")
+                for key, time in late
+                if time >= self.duration
+            ]
+        )
+        return self
+
+    @model_validator(mode="after")
     def _one_error_model(self) -> Self:
         noise = self.noise
         noisy = noise.velocity + noise.angles_deg + noise.spin + noise.position > 0

@@ -39,7 +39,11 @@ class WalkSolverSpec(SpecModel):
         "HiGHS, with a bound; `online`: closed loop with integers from a library of solved walks",
     )
     time_limit: Number = quantity(
-        "s", "of IPOPT or HiGHS; a cap of the search, which says if it ended it", 150.0, gt=0
+        "s",
+        "of IPOPT or HiGHS; a cap of the search, which says if it ended it; of `online`: its "
+        "library and its walk, what was walked by then is kept",
+        150.0,
+        gt=0,
     )
     qps: Count = quantity(
         "",

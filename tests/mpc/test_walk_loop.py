@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 from pydantic import ValidationError
 from walk_tasks import walk_task
 
+from climbplan.errors import LimitReached, SpecError
 from climbplan.mpc.admittance import AdmittanceGains, AdmittanceLegs, limited
 from climbplan.mpc.checker import check_loop, failures
 from climbplan.mpc.closed_loop import Loop, LoopWorld, Lost, Push, recovered, run_loop, sampled_task
@@ -17,6 +22,7 @@ from climbplan.mpc.online_run import world_of
 from climbplan.mpc.perception import Noise
 from climbplan.mpc.task import LEGS, VELOCITY
 from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_loading import load_mpc
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 
@@ -153,3 +159,36 @@ def test_what_a_spec_puts_between_controller_and_robot() -> None:
 
 def test_a_duration_below_half_a_knot_is_one_knot(library: Library) -> None:
     assert walked(library, LoopWorld(), duration=1e-9).ticks == 1
+
+
+def test_a_deadline_keeps_what_was_walked(library: Library) -> None:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    loop = run_loop(controller, TASK, 600.0, deadline=time.monotonic() + 0.2)
+    assert loop.cut_short
+    assert loop.fell is None
+    assert 1 <= loop.ticks < 600 / TASK.step
+    assert len(loop.trajectory.state) == 16 * loop.ticks + 1
+    assert not walked(library, LoopWorld(), 0.3).cut_short
+    with pytest.raises(LimitReached, match="0 of 5 walks"):
+        build_library(TASK, 5, 0, deadline=time.monotonic() - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("late", "key"),
+    [
+        ({"pushes": [{"time": 2.0, "velocity": [1, 0, 0]}]}, "loop.pushes.0.time"),
+        ({"lost_contacts": [{"time": 9, "leg": "LF"}]}, "loop.lost_contacts.0.time"),
+    ],
+)
+def test_what_comes_after_the_end_is_a_mistake(
+    late: dict[str, object], key: str, tmp_path: Path
+) -> None:
+    spec = {"kind": "mpc", "loop": {"duration": 2.0, **late}}
+    path = tmp_path / "late.yaml"
+    path.write_text(yaml.safe_dump(spec, sort_keys=False))
+    with pytest.raises(SpecError) as caught:
+        load_mpc(path)
+    (mistake,) = caught.value.mistakes
+    assert mistake.key == key
+    assert mistake.line is not None
+    assert "before the end at 2 s" in mistake.message

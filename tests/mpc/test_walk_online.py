@@ -12,13 +12,15 @@ from walk_tasks import walk_task
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.mpc.checker import check_loop, failures
 from climbplan.mpc.closed_loop import LoopWorld, Push, recovered, run_loop, sampled_task
+from climbplan.mpc.compiled_body import moved
 from climbplan.mpc.library import Library, build_library, mirrored, read_library, write_library
 from climbplan.mpc.measurement import Situation
-from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
+from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings, horizon_of
 from climbplan.mpc.online_run import library_key
 from climbplan.mpc.perception import Noise
+from climbplan.mpc.safe_stance import safe_stance
 from climbplan.mpc.strategies import Neighbours, StrategyName, trained
-from climbplan.mpc.task import VELOCITY, WalkTask
+from climbplan.mpc.task import VELOCITY, Start, WalkTask
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 
@@ -193,3 +195,34 @@ def test_without_sections_every_strategy_ranks_nothing(library: Library) -> None
     empty = library.first(0)
     for name in ("knn", "forest"):
         assert len(trained(name, empty, 0).ranked(library.features[0], 5)) == 0
+
+
+@pytest.mark.parametrize("velocity", [(-1.0, 0, 0), (1.8, 0.5, 0), (0, 0, 0)])
+def test_the_safe_stance_keeps_the_body_upright(velocity: tuple[float, float, float]) -> None:
+    """It brakes without turning over, where equal forces would, and keeps to the cones."""
+    start = TASK.start
+    state = start.state.copy()
+    state[VELOCITY], state[10] = velocity, -1.4  # pitching back
+    task = replace(horizon_of(TASK), start=Start(state, start.toes))
+    stance = safe_stance(task)
+    force = stance.force[0]
+    body = task.body
+    inverse = np.linalg.inv(body.inertia)
+    after = moved(
+        body.mass, body.gravity, body.inertia, inverse, 0.08, 16, state, start.toes, force
+    )
+    assert abs(after[10]) < 0.6
+    assert np.hypot(*after[3:5]) < 0.8 * np.hypot(*velocity[:2]) + 0.05
+    sideways = np.linalg.norm(force[:, :2], axis=1)
+    assert (sideways <= task.ground.friction * force[:, 2] + 1e-9).all()
+    assert np.abs(force).max() <= body.force_limit + 1e-9
+
+
+def test_the_safe_stance_leaves_legs_that_are_out_of_reach() -> None:
+    start = TASK.start
+    toes = start.toes.copy()
+    toes[1, 0] += 0.3
+    stance = safe_stance(replace(horizon_of(TASK), start=Start(start.state, toes)))
+    assert stance.gait.contact[0].tolist() == [True, False, True, True]
+    assert (stance.force[0, 1] == 0).all()
+    assert stance.toes[1, 1, 0] < toes[1, 0] - 0.2  # it comes down in reach

@@ -19,7 +19,7 @@ from climbplan.limms.held import plan_held
 from climbplan.limms.held_branches import HeldTask
 from climbplan.limms.held_guess import KNOTS, Piece, traces_along
 from climbplan.limms.limbs import limb_angles
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb

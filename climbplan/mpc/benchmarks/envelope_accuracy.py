@@ -1,8 +1,10 @@
 """How far McCormick envelopes on the published segments are from the products along walks.
 
-Terms and segments of Tables 8.4 and 8.5; the error is eq. (8.31). An envelope allows an interval of
-values, of which a solver takes any: its middle is what one takes that does not care, its farther
-end the worst that one can gain from.
+Terms and segments of Tables 8.4 and 8.5; the error is eq. (8.31), which has no say about products
+near zero: there any error is a large part of the product. An envelope allows an interval of values:
+its middle is what a solver takes that does not care, its farther end the worst that one can gain
+from, and `solved` what OSQP leaves in the published program about each walk, against the products
+of its own angles, rates, arms and forces. Which of these the text means it does not say.
 """
 
 from __future__ import annotations
@@ -15,12 +17,20 @@ import numpy as np
 from climbplan.mpc.benchmarks.shipped_tasks import shipped_task
 from climbplan.mpc.draws import StartRanges, drawn_start
 from climbplan.mpc.nlp import solve_nlp
-from climbplan.mpc.task import ANGLES, RATE_RANGE, SPIN, Array, WalkTask
+from climbplan.mpc.pinned import PinnedProgram
+from climbplan.mpc.published import PublishedProgram
+from climbplan.mpc.published_layout import MOMENT, PAIRS, SQUARES, TRIPLES
+from climbplan.mpc.sqp import iterate_of
+from climbplan.mpc.task import ANGLES, RATE_RANGE, SPIN, Array, WalkTask, WalkTrajectory
 from climbplan.mpc.truth import euler_rates, toes_in_body
 
 _POINTS, _QUICK = 200, 30  # knots of walks
 _SECONDS = 60.0
 _NOTHING = 1e-6  # products that are zero and whose envelope says so have no relative error
+_SIZABLE = 0.05  # of the largest value: products beyond have a relative error that means something
+_DRAWN = 2000  # points over the whole ranges of Table 8.4
+
+Walk = tuple[WalkTask, WalkTrajectory]
 
 
 @dataclass(frozen=True)
@@ -36,40 +46,74 @@ class Term:
     @property
     def middle(self) -> float:
         """Mean error of the intervals' middles, eq. (8.31)."""
-        return _mean_error(0.5 * (self.lower + self.upper), self.true)
+        return mean_error(0.5 * (self.lower + self.upper), self.true)
 
     @property
     def worst(self) -> float:
         """Mean error of the intervals' farther ends."""
         far = np.where(self.upper - self.true > self.true - self.lower, self.upper, self.lower)
-        return _mean_error(far, self.true)
+        return mean_error(far, self.true)
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the published program's answers leave of one kind of product."""
+
+    found: Array  # (K,) the product's unknown
+    true: Array  # (K,) of the answer's own factors
 
     @property
-    def width(self) -> float:
-        """Mean half width of the intervals to the largest value."""
-        return float((0.5 * (self.upper - self.lower)).mean() / np.abs(self.true).max())
+    def all(self) -> float:
+        """Mean error, eq. (8.31)."""
+        return mean_error(self.found, self.true)
+
+    @property
+    def sizable(self) -> float:
+        """Mean error of the products that are not small."""
+        size = np.maximum(np.abs(self.found), np.abs(self.true))
+        big = size > _SIZABLE * size.max()
+        return mean_error(self.found[big], self.true[big])
 
 
 def accuracy_table(seed: int, quick: bool, stream: TextIO) -> None:
     """Print the errors of each kind of term beside the published ones."""
-    terms = envelope_terms(seed, _QUICK if quick else _POINTS)
-    print(
-        f"envelopes on the published segments at {len(terms[0].true)} knots of walks, eq. (8.31)\n"
-        "term                        published  middle  farther end  half width to largest value",
-        file=stream,
-    )
-    for term in terms:
+    walks = random_walks(seed, _QUICK if quick else _POINTS)
+    for title, walked in (("walks from random starts", walks), ("the turn", _turn())):
+        terms, left = envelope_terms(knots_of(walked)), solved_terms(walked)
         print(
-            f"{term.name:<26} {100 * term.published:9.2f} %  {100 * term.middle:4.1f} %  "
-            f"{100 * term.worst:9.1f} %  {100 * term.width:24.1f} %",
+            f"envelopes on the published segments, {title} ({len(terms[0].true)} knots), "
+            "mean of eq. (8.31)\n"
+            "term                        published  middle  farther end  solved  solved, sizable",
             file=stream,
-            flush=True,
         )
+        for term, answer in zip(terms, left, strict=True):
+            print(
+                f"{term.name:<26} {100 * term.published:9.2f} %  {100 * term.middle:4.1f} %  "
+                f"{100 * term.worst:9.1f} %  {100 * answer.all:4.1f} %  "
+                f"{100 * answer.sizable:13.1f} %",
+                file=stream,
+                flush=True,
+            )
+    drawn = envelope_terms(_drawn(seed))
+    middles = ", ".join(f"{100 * term.middle:.1f} %" for term in drawn)
+    print(f"drawn evenly over the ranges of Table 8.4, middles: {middles}", file=stream)
 
 
-def envelope_terms(seed: int, points: int) -> tuple[Term, ...]:
-    """All kinds of Table 8.5, at knots of walks from random starts and of the turn."""
-    knots = _knots(seed, points)
+@dataclass(frozen=True)
+class Knots:
+    """Where products are looked at."""
+
+    angles: Array  # (K, 3)
+    spin: Array  # (K, 3)
+    arm: Array  # (M,) x of standing toes, body frame
+    middle: Array  # (M,) of their boxes
+    force: Array  # (M,) y
+    reach: float
+    limit: float
+
+
+def envelope_terms(knots: Knots) -> tuple[Term, ...]:
+    """All kinds of Table 8.5."""
     angles = _grid(np.pi / 2, 4)
     theta = knots.angles
     rates = euler_rates(theta, knots.spin)
@@ -100,42 +144,91 @@ def envelope_terms(seed: int, points: int) -> tuple[Term, ...]:
     )
 
 
-@dataclass(frozen=True)
-class _Knots:
-    angles: Array  # (K, 3)
-    spin: Array  # (K, 3)
-    arm: Array  # (M,) x of standing toes, body frame
-    middle: Array  # (M,) of their boxes
-    force: Array  # (M,) y
-    reach: float
-    limit: float
+def solved_terms(walks: list[Walk]) -> tuple[Left, ...]:
+    """The same kinds in what OSQP answers to the published program about each walk.
+
+    Its regions are those of the walk itself, so that it has an answer; walks about which OSQP finds
+    none in its iterations are left out.
+    """
+    found: list[list[tuple[Array, Array]]] = []
+    for task, walk in walks:
+        program = PublishedProgram(PinnedProgram(task, walk.gait))
+        x = program.solve(iterate_of(walk, walk.gait)).values
+        if x is None:
+            continue
+        at, during = program.layout, program.layout.during
+        angles, rate = x[at.angle], x[at.rate][:, 0]
+        s, c = np.sin(angles), np.cos(angles)
+        pair, triple = PAIRS.index((0, 4)), TRIPLES.index(PAIRS.index((0, 5)))
+        spin, arm, force = x[at.spin], x[at.arm], x[at.force]
+        found.append(
+            [
+                (x[at.pair[:, pair]], s[:, 0] * c[:, 1]),
+                (x[at.triple[:, triple]], s[:, 0] * s[:, 1] * c[:, 2]),
+                (x[at.swept[:, 2]], s[during, 2] * c[during, 1] * rate),
+                (x[at.square[:, SQUARES.index((0, 1))]], spin[:, 0] * spin[:, 1]),
+                (x[at.moment[:, MOMENT.index((0, 1))]], arm[:, 0] * force[:, 1]),
+            ]
+        )
+    return tuple(
+        Left(*(np.concatenate([one[k][part] for one in found]) for part in range(2)))
+        for k in range(5)
+    )
 
 
-def _knots(seed: int, points: int) -> _Knots:
-    turn = shipped_task("mpc_turn")
-    walks = [(turn, solve_nlp(turn, "trot", _SECONDS).trajectory)]
+def random_walks(seed: int, points: int) -> list[Walk]:
+    """Walks of the NLP from random starts, disturbed ones too, with so many knots together."""
     task = shipped_task("mpc_forward")
     ranges = StartRanges(sideways=0.5, tilt=0.1, spin=0.6)
+    walks: list[Walk] = []
     k = 0
-    while sum(x.state[1:].shape[0] for _, x in walks if x is not None) < points:
-        drawn: WalkTask = drawn_start(task, ranges, np.random.default_rng([seed, k])).task
-        walks.append((drawn, solve_nlp(drawn, "trot", _SECONDS).trajectory))
+    while len(walks) * task.knots < points:
+        drawn = drawn_start(task, ranges, np.random.default_rng([seed, k])).task
+        found = solve_nlp(drawn, "trot", _SECONDS).trajectory
+        if found is not None:
+            walks.append((drawn, found))
         k += 1
-    found = [(one, x) for one, x in walks if x is not None]
-    stands = np.concatenate([x.gait.contact[1:-1].ravel() for _, x in found])
-    spots = np.concatenate([toes_in_body(x.state, x.toes)[1:-1].reshape(-1, 3) for _, x in found])
-    force = np.concatenate([x.force[1:-1].reshape(-1, 3) for _, x in found])
-    middle = np.concatenate(
-        [np.tile(one.body.toe_center[:, 0], len(x.force) - 2) for one, x in found]
-    )
-    return _Knots(
-        np.concatenate([x.state[1:, ANGLES] for _, x in found]),
-        np.concatenate([x.state[1:, SPIN] for _, x in found]),
+    return walks
+
+
+def _turn() -> list[Walk]:
+    turn = shipped_task("mpc_turn")
+    found = solve_nlp(turn, "trot", _SECONDS).trajectory
+    return [] if found is None else [(turn, found)]
+
+
+def knots_of(walks: list[Walk]) -> Knots:
+    """Knots 1 to N of walks, and the legs that stand at knots 1 to N - 1."""
+    walked = [walk for _, walk in walks]
+    stands = np.concatenate([x.gait.contact[1:-1].ravel() for x in walked])
+    spots = np.concatenate([toes_in_body(x.state, x.toes)[1:-1].reshape(-1, 3) for x in walked])
+    force = np.concatenate([x.force[1:-1].reshape(-1, 3) for x in walked])
+    body = walks[0][0].body
+    middle = np.concatenate([np.tile(body.toe_center[:, 0], len(x.force) - 2) for x in walked])
+    return Knots(
+        np.concatenate([x.state[1:, ANGLES] for x in walked]),
+        np.concatenate([x.state[1:, SPIN] for x in walked]),
         spots[stands, 0],
         middle[stands],
         force[stands, 1],
-        float(task.body.toe_half[0]),
-        task.body.force_limit,
+        float(body.toe_half[0]),
+        body.force_limit,
+    )
+
+
+def _drawn(seed: int) -> Knots:
+    """Points drawn evenly over the ranges of Table 8.4."""
+    rng = np.random.default_rng(seed)
+    body = shipped_task("mpc_forward").body
+    reach, limit = float(body.toe_half[0]), body.force_limit
+    return Knots(
+        rng.uniform(-np.pi / 2, np.pi / 2, (_DRAWN, 3)),
+        rng.uniform(-RATE_RANGE, RATE_RANGE, (_DRAWN, 3)),
+        rng.uniform(-reach, reach, _DRAWN),
+        np.zeros(_DRAWN),
+        rng.uniform(-limit, limit, _DRAWN),
+        reach,
+        limit,
     )
 
 
@@ -180,7 +273,8 @@ def _envelope(x: Array, y: Array, low: Array, high: Array, at: Array) -> Array:
     return np.stack(ends, axis=1)
 
 
-def _mean_error(found: Array, true: Array) -> float:
+def mean_error(found: Array, true: Array) -> float:
+    """Mean of eq. (8.31), of products that are not zero."""
     size = np.maximum(np.abs(found), np.abs(true))
     counted = size > _NOTHING
     return float((np.abs(found - true)[counted] / size[counted]).mean())

@@ -1,45 +1,24 @@
-"""Online: ticks of the pinned form against the published one, and recovery from pushes."""
+"""Online: ticks of the pinned form beside the published one, in the same situations."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
-from climbplan.mpc.benchmarks.shipped_tasks import shipped_task
-from climbplan.mpc.closed_loop import LoopWorld, Push, collected_before, recovered, run_loop
-from climbplan.mpc.estimation import SensorQuality
-from climbplan.mpc.library import Library, build_library
+from climbplan.mpc.benchmarks.online_options import OnlineInputs
+from climbplan.mpc.closed_loop import LoopWorld, Push, collected_before, run_loop
+from climbplan.mpc.library import Library
 from climbplan.mpc.measurement import Situation
 from climbplan.mpc.online import SAFE, Command, OnlineController, OnlineSettings
 from climbplan.mpc.published import TOLERANCE
-from climbplan.mpc.task import Array, WalkTask
+from climbplan.mpc.recovery import WITHIN
+from climbplan.mpc.task import WalkTask
 
-PUSHES = {
-    "back by 1.0 m/s": (-1.0, 0.0, 0.0),
-    "back by 1.5 m/s": (-1.5, 0.0, 0.0),
-    "aside by 0.5 m/s": (0.0, 0.5, 0.0),
-}
-_FIRST, _WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots
-_AFTER = 1.4  # [s] from the push on
 _FORMS = (("regions of the neighbour", 0.0), ("and one on either side", 1.0))
 _EVERY = 4  # ticks of which the published form is given one
-_WALKS, _QUICK_WALKS = 110, 6
-_TRIALS, _QUICK_TRIALS = 100, 3
-_GAITS = 5
-
-
-@dataclass(frozen=True)
-class Trials:
-    """Closed loops under one kind of push."""
-
-    count: int
-    recovered: int
-    fell: int
-    overreach: Array  # (count,) [m]
-    tick_time: Array  # (ticks,) [s] of processor time
+_BETWEEN = 1.3  # [s] from push to push
 
 
 class Watching(OnlineController):
@@ -55,54 +34,27 @@ class Watching(OnlineController):
         return super().tick(situation)
 
 
-def online_tables(seed: int, quick: bool, stream: TextIO) -> None:
-    """Print ticks of both forms, then recovery with and without state estimation."""
-    task = shipped_task("mpc_recovery")
-    walks = _QUICK_WALKS if quick else _WALKS
-    library = build_library(task, walks, seed, 0 if quick else _GAITS)
-    with collected_before():
-        _ticks(task, library, seed, quick, stream)
-        _recovery(task, library, seed, quick, stream)
+def tick_tables(
+    inputs: OnlineInputs, seed: int, quick: bool, stream: TextIO
+) -> list[dict[str, Any]]:
+    """Print times of both forms with each library, 10 s of walking with a push every 1.3 s."""
+    rows: list[dict[str, Any]] = []
+    for library in inputs.libraries:
+        with collected_before():
+            rows += _ticks(inputs, library, seed, 3.0 if quick else 10.0, stream)
+    return rows
 
 
-def trials(
-    task: WalkTask,
-    library: Library,
-    push: Sequence[float],
-    count: int,
-    seed: int,
-    settings: OnlineSettings | None = None,
-    world: LoopWorld | None = None,
-) -> Trials:
-    """Walks at the reference, pushed at random times; every other one to the other side."""
-    settings, world = settings or OnlineSettings(), world or LoopWorld()
-    back, fell, out, times = 0, 0, [], []
-    for k in range(count):
-        rng = np.random.default_rng([seed, k])
-        jump = np.array(push, float) * [1.0, (-1.0) ** k, 1.0]
-        when = _FIRST + rng.uniform(0, _WITHIN)
-        controller = OnlineController(task, library, settings)
-        pushed = replace(world, pushes=[Push(when, jump)])
-        loop = run_loop(controller, task, _FIRST + _AFTER, pushed, seed=seed + k)
-        back += recovered(loop, task)
-        fell += loop.fell is not None
-        out.append(loop.overreach)
-        times += [command.tick_time for command in loop.commands]
-    return Trials(count, back, fell, np.array(out), np.array(times))
-
-
-def _ticks(task: WalkTask, library: Library, seed: int, quick: bool, stream: TextIO) -> None:
-    """Both forms from the same situations: 10 s of walking with a push every second."""
+def _ticks(
+    inputs: OnlineInputs, library: Library, seed: int, duration: float, stream: TextIO
+) -> list[dict[str, Any]]:
     rng = np.random.default_rng(seed)
-    duration = 3.0 if quick else 10.0
-    kinds = list(PUSHES.values())
     pushes = [
-        Push(at + rng.uniform(0, _WITHIN), np.array(kinds[k % len(kinds)]))
-        for k, at in enumerate(np.arange(1.0, duration - 0.5, 1.3))
+        Push(at + rng.uniform(0, WITHIN), inputs.pushes[k % min(3, len(inputs.pushes))])
+        for k, at in enumerate(np.arange(1.0, duration - 0.5, _BETWEEN))
     ]
-    controller = Watching(task, library, OnlineSettings())
-    loop = run_loop(controller, task, duration, LoopWorld(pushes=pushes), seed)
-    pinned = [command.tick_time for command in loop.commands]
+    controller = Watching(inputs.task, library, OnlineSettings())
+    loop = run_loop(controller, inputs.task, duration, LoopWorld(pushes=pushes), seed)
     end = "to its end" if loop.fell is None else f"fell after {loop.fell:.1f} s"
     print(
         f"ticks of {duration:g} s with {len(pushes)} pushes ({end}), library of {library.walks} "
@@ -111,50 +63,44 @@ def _ticks(task: WalkTask, library: Library, seed: int, quick: bool, stream: Tex
         "99 %   to pinned",
         file=stream,
     )
-    median = _row("pinned", "DAQP", loop.commands, float(np.median(pinned)), stream)
+    rows = [_row("pinned", "DAQP", library, loop.commands, None, stream)]
     for title, beside in _FORMS:
         settings = OnlineSettings(form="published", beside=beside)
-        published = OnlineController(task, library, settings)
-        chosen = controller.situations[::_EVERY]
-        commands = [published.tick(situation) for situation in chosen]
-        _row(f"published, {title}", f"OSQP {TOLERANCE:g}", commands, median, stream)
+        published = OnlineController(inputs.task, library, settings)
+        commands = [published.tick(told) for told in controller.situations[::_EVERY]]
+        name, median = f"published, {title}", rows[0]["median_ms"]
+        rows.append(_row(name, f"OSQP {TOLERANCE:g}", library, commands, median, stream))
+    return rows
 
 
 def _row(
-    title: str, solver: str, commands: Sequence[Command], against: float, stream: TextIO
-) -> float:
-    times = np.array([command.tick_time for command in commands])
+    title: str,
+    solver: str,
+    library: Library,
+    commands: Sequence[Command],
+    against: float | None,
+    stream: TextIO,
+) -> dict[str, Any]:
+    """Print one form's line and give its figures; against: median of the pinned form [ms]."""
+    times = 1e3 * np.array([command.tick_time for command in commands])
     median, most = np.percentile(times, [50, 99])
-    answers = np.mean([command.winner != SAFE for command in commands])
-    hold = np.mean([command.holds for command in commands])
+    answers = 100 * np.mean([command.winner != SAFE for command in commands])
+    hold = 100 * np.mean([command.holds for command in commands])
+    ratio = median / (median if against is None else against)
     print(
-        f"{title:<36} {solver:<12} {100 * answers:7.0f} % {100 * hold:4.0f} %  "
-        f"{1e3 * median:11.2f} {1e3 * most:7.2f} {median / against:9.1f} x",
+        f"{title:<36} {solver:<12} {answers:7.0f} % {hold:4.0f} %  "
+        f"{median:11.2f} {most:7.2f} {ratio:9.1f} x",
         file=stream,
         flush=True,
     )
-    return float(median)
-
-
-def _recovery(task: WalkTask, library: Library, seed: int, quick: bool, stream: TextIO) -> None:
-    count = _QUICK_TRIALS if quick else _TRIALS
-    print(
-        f"recovery, {count} trials each\n"
-        "push               walks  state      recovered  fell  overreach [mm]  median [ms]   99 %",
-        file=stream,
-    )
-    libraries = [library] if quick else [library.first(12), library]
-    for stored in libraries:
-        for title, push in PUSHES.items():
-            for told, quality in (("true", None), ("estimated", SensorQuality())):
-                world = LoopWorld(estimation=quality)
-                found = trials(task, stored, push, count, seed, world=world)
-                median, most = np.percentile(found.tick_time, [50, 99])
-                print(
-                    f"{title:<18} {stored.walks:5d}  {told:<9} "
-                    f"{100 * found.recovered / count:9.0f} % {found.fell:5d} "
-                    f"{1e3 * np.median(found.overreach):15.0f} {1e3 * median:12.2f} "
-                    f"{1e3 * most:6.2f}",
-                    file=stream,
-                    flush=True,
-                )
+    return {
+        "form": title,
+        "solver": solver,
+        "walks": library.walks,
+        "ticks": len(times),
+        "answers_percent": float(answers),
+        "hold_percent": float(hold),
+        "median_ms": float(median),
+        "most99_ms": float(most),
+        "to_pinned": float(ratio),
+    }

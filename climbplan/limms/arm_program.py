@@ -48,18 +48,22 @@ def solve_arms(
     guess: Sequence[Trace],
     ends: Ends,
     cuts: Sequence[Cut] = (),
-    time_limit: float = 30.0,
+    cpu_limit: float = 30.0,
+    deadline: float = np.inf,
     iterations: int = 100,
 ) -> Outcome:
-    """Build and solve the program of some phases from a guess; `guess` carries the phases."""
+    """Build and solve the program of some phases from a guess; `guess` carries the phases.
+
+    cpu_limit: seconds of the processor; deadline: by `time.monotonic` [s].
+    """
     began = time.perf_counter()
     parts = _Arms(scene, limbs, ends)
     for number, trace in enumerate(guess):
         parts.phase(trace, [cut for cut in cuts if cut.phase == number])
     parts.finish()
-    limits = {"max_iter": iterations, "max_cpu_time": time_limit}
+    limits = {"max_iter": iterations, "max_cpu_time": cpu_limit}
     answer = solve_unknowns(
-        "arms", parts.store, parts.cost, parts.outputs, {**_SETTINGS, **limits}, began
+        "arms", parts.store, parts.cost, parts.outputs, {**_SETTINGS, **limits}, began, deadline
     )
     return Outcome(
         traces=_traces(scene, limbs, answer.values, guess),

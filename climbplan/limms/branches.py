@@ -9,13 +9,13 @@ from climbplan.limms.answers import Outcome
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow
-from climbplan.limms.held import HeldTask, combinations, path_choices, plan_held
+from climbplan.limms.held import plan_held
+from climbplan.limms.held_branches import HeldTask, combinations, path_choices
 from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 
 _MOST = 4  # combinations of branches
-_SECONDS = 20.0  # [s] for one program at most
 
 
 def delivery(
@@ -31,15 +31,23 @@ def delivery(
 
 
 def solved_branches(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, name: str, attempts: Attempts, left: float
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    name: str,
+    attempts: Attempts,
+    deadline: float,
 ) -> Iterator[tuple[Sequence[Limb], Outcome]]:
-    """Branches by which arms at the box (`limbs`) bring it to its goal; left: [s]."""
+    """Branches by which arms at the box (`limbs`) bring it to its goal.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     choices = path_choices(scene, limbs, task)
     if not all(choices):
         attempts.notes.append(f"{name}: out of reach at the start")
         return
-    for combo in combinations(choices, most=_MOST):
-        outcome = plan_held(scene, combo, task, attempts.left(min(left, _SECONDS)))
+    for combo in attempts.in_time(combinations(choices, most=_MOST), name, deadline):
+        outcome = plan_held(scene, combo, task, attempts.until(deadline))
         attempts.count(outcome, name)
         if outcome.solved:
             yield combo, outcome

@@ -13,9 +13,7 @@ from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.branches import delivery, noted, solved_branches
 from climbplan.limms.densify import add_traces
-from climbplan.limms.held import (
-    clearance,
-)
+from climbplan.limms.held_branches import clearance
 from climbplan.limms.limbs import arm, root_on_anchor
 from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
@@ -30,11 +28,14 @@ def carry(
     scene: Scene,
     modes: Modes,
     attempts: Attempts,
-    left: float,
+    deadline: float,
     rng: np.random.Generator,
     given: tuple[int, ...] | None = None,
 ) -> Progress | None:
-    """A plan in which arms carry or throw the box, or None; given: the arms' modules."""
+    """A plan in which arms carry or throw the box, or None; given: the arms' modules.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     task = delivery(scene, attempts, modes.kind == "throw", scene.arrival_speed)
     if task is None:
         return None
@@ -44,7 +45,7 @@ def carry(
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
         name = modes.named(scene)
-        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts, left):
+        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts, deadline):
             with noted(attempts, name):
                 return whole_carried(scene, chosen, modes.connections, outcome, rng)
     return None

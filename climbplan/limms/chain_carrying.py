@@ -21,7 +21,7 @@ from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.branches import delivery, noted, solved_branches
 from climbplan.limms.densify import add_traces
-from climbplan.limms.held import HeldTask, way_points
+from climbplan.limms.held_branches import HeldTask, way_points
 from climbplan.limms.limbs import arm
 from climbplan.limms.moving import Blocked
 from climbplan.limms.reaching import move_joints
@@ -44,15 +44,19 @@ def carry_on_chains(
     scene: Scene,
     modes: Modes,
     attempts: Attempts,
-    left: float,
+    deadline: float,
     rng: np.random.Generator,
     given: tuple[Chain, ...] | None = None,
 ) -> Progress | None:
-    """A plan in which chains of modules carry the box, or None; given: their modules."""
+    """A plan in which chains of modules carry the box, or None; given: their modules.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     task = delivery(scene, attempts)
     if task is None:
         return None
     for chains in _owners(scene, modes.connections) if given is None else (given,):
+        attempts.begin(f"{modes.named(scene)}: arms come to their anchors")
         try:
             world, still = _carriers(scene, chains, task, rng)
         except Blocked as error:
@@ -65,7 +69,7 @@ def carry_on_chains(
                 attempts.notes.append(f"{modes.named(scene)}: {error}")
                 continue
             name = modes.named(scene)
-            for arms, outcome in solved_branches(scene, limbs, task, name, attempts, left):
+            for arms, outcome in solved_branches(scene, limbs, task, name, attempts, deadline):
                 with noted(attempts, name):
                     return _whole(ready, arms, outcome.traces, rng)
     return None

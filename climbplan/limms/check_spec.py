@@ -12,6 +12,7 @@ from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import SIDE_NORMALS, Scene, scene_of
 from climbplan.plans.checks.check import Check
 from climbplan.plans.checks.differences import Difference, largest, parts_apart, same
+from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_loading import stored_limms
 
 
@@ -32,16 +33,19 @@ def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
     else:
         yield _worst("robot.spec", parts_apart("module", plan.module, built))
     scene = scene_of(stored.loaded)
-    yield _worst("file.spec_values", _scene(plan, scene, stored.loaded.spec.seed))
+    yield _worst("file.spec_values", _values(plan, scene, stored.loaded.spec))
 
 
-def _scene(plan: LimmsPlan, scene: Scene, seed: int) -> Iterator[Difference]:
+def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
     motion, offset = plan.motion, scene.wall_offset
-    yield same("seed", plan.seed == seed)
+    yield same("seed", plan.seed == spec.seed)
+    yield same("title", plan.title == spec.title)
+    yield same("solver.method", plan.method == spec.solver.method)
+    missed = float(np.linalg.norm(motion.box_position[-1, 0] - plan.goal[0]))
+    yield from parts_apart("objective", plan.objective, missed)
     same_names = plan.module_names == scene.module_names
     yield same("modules: names", same_names)
     yield same("terrain.anchors: names", plan.anchor_names == scene.anchor_names)
-    # Parked boxes have no mass of their own in older plans
     pairs = {
         "box.size": (plan.box_size, scene.box_size),
         "box.mass": (plan.box_mass, scene.box_mass),

@@ -13,7 +13,7 @@ from climbplan.limms.chain import BRANCHES, in_range
 from climbplan.limms.corridor import Way
 from climbplan.limms.footholds import PATCH_MARGIN
 from climbplan.limms.gaits import Gait
-from climbplan.limms.held import clearance
+from climbplan.limms.held_branches import clearance
 from climbplan.limms.limbs import leg, limb_angles
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb

@@ -21,8 +21,11 @@ from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.relatching import relatch
 from climbplan.limms.scene import scene_of
+from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.sequences import search
 from climbplan.limms.summary import summary_lines
+from climbplan.limms.timeline import Progress
+from climbplan.limms.verification import verification_of
 from climbplan.limms.walking import walk
 from climbplan.spec.limms_loading import LoadedLimms
 
@@ -50,26 +53,53 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
     attempts = Attempts(loaded.spec.solver.time_limit)
     rng = np.random.default_rng(loaded.spec.seed)
     most_steps = loaded.spec.solver.most_steps
-    for number, sequence in enumerate(found.sequences):
-        report("plan", number / len(found.sequences))
-        left = attempts.left()
+    refused: list[tuple[Progress, str, int]] = []  # fail their verification
+
+    def made(world: Progress, named: str, tried: int) -> LimmsPlan:
+        seconds = {"search": searched, "total": time.perf_counter() - began}
+        sizes = {
+            "configurations": found.configurations,
+            "sequences": len(found.sequences),
+            "sequences_tried": tried,
+        }
+        making = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
+        plan = make_plan(loaded, scene, world, attempts, making)
+        return replace(plan, summary=summary_lines(plan, attempts.notes))
+
+    def one(sequence: Modes, named: str, tried: int) -> Progress | None:
+        def fault(world: Progress) -> str:
+            verification = verification_of(made(world, named, tried))
+            if verification.passed:
+                return ""
+            refused.append((world, named, tried))
+            return verification.headline()
+
         if sequence.kind == "quadruped":
-            world = walk(scene, attempts, attempts.end, most_steps, rng)
-        elif sequence.kind == "relatch":
-            world = relatch(scene, sequence, attempts, left, rng)
-        elif any(connection.links > 1 for connection in sequence.connections):
-            world = carry_on_chains(scene, sequence, attempts, left, rng)
-        else:
-            world = carry(scene, sequence, attempts, left, rng)
-        if world is not None:
-            seconds = {"search": searched, "total": time.perf_counter() - began}
-            sizes = {
-                "configurations": found.configurations,
-                "sequences": len(found.sequences),
-                "sequences_tried": number + 1,
-            }
-            made = Making(METHOD, sequence.named(scene), seconds, sizes, dict(SOLVERS))
-            plan = make_plan(loaded, scene, world, attempts, made)
-            return replace(plan, summary=summary_lines(plan, attempts.notes))
-    attempts.left()
-    raise LimitReached(f"none of the sequences tried led to a plan. {attempts.story()}")
+            # Between samples feet slip and legs touch the box: only the check knows
+            return walk(scene, attempts, attempts.end, most_steps, rng, fault=fault)
+        if sequence.kind == "relatch":
+            return relatch(scene, sequence, attempts, attempts.end, rng)
+        if any(connection.links > 1 for connection in sequence.connections):
+            return carry_on_chains(scene, sequence, attempts, attempts.end, rng)
+        return carry(scene, sequence, attempts, attempts.end, rng)
+
+    try:
+        for number, sequence in enumerate(found.sequences):
+            report("plan", number / len(found.sequences))
+            named, told = sequence.named(scene), len(attempts.notes)
+            attempts.begin(named)
+            world = one(sequence, named, number + 1)
+            if world is not None:
+                return made(world, named, number + 1)
+            if len(attempts.notes) == told:
+                attempts.notes.append(f"{named}: no module can take its part")
+        attempts.left()
+    except LimitReached:
+        if not refused:
+            raise
+    if refused:  # better than none: it is written, and marked as failing
+        return made(*refused[0])
+    raise LimitReached(
+        f"none of {len(found.sequences)} sequences of modes led to a plan, and none was proved "
+        f"impossible. {attempts.story()}"
+    )

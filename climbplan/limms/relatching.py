@@ -21,9 +21,7 @@ from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, on_ground
 from climbplan.limms.branches import delivery, noted, solved_branches
 from climbplan.limms.densify import add_traces
-from climbplan.limms.held import (
-    branch_choices,
-)
+from climbplan.limms.held_branches import branch_choices
 from climbplan.limms.limbs import arm, limb_angles, root_on_anchor, side_pose
 from climbplan.limms.moving import Blocked
 from climbplan.limms.reaching import reach
@@ -36,14 +34,18 @@ from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, 
 
 
 def relatch(
-    scene: Scene, modes: Modes, attempts: Attempts, left: float, rng: np.random.Generator
+    scene: Scene, modes: Modes, attempts: Attempts, deadline: float, rng: np.random.Generator
 ) -> Progress | None:
-    """A plan in which a module comes to its anchor over the box and then carries it, or None."""
+    """A plan in which a module comes to its anchor over the box and then carries it, or None.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
     connection = modes.connections[0]
     task = delivery(scene, attempts)
     if task is None:
         return None
     for module in _owners(scene, connection):
+        attempts.begin(f"{modes.named(scene)}: module {scene.module_names[module]} to the box")
         try:
             world = on_box(scene, module, connection.side, modes.lets_go, rng)
         except Blocked as error:
@@ -53,7 +55,7 @@ def relatch(
         root = root_on_anchor(scene, connection.root, 1 - box_end)
         limb = arm(module, connection.side, root, box_end)
         name = modes.named(scene)
-        for arms, outcome in solved_branches(scene, [limb], task, name, attempts, left):
+        for arms, outcome in solved_branches(scene, [limb], task, name, attempts, deadline):
             with noted(attempts, name):
                 return _from_box(world, arms[0], connection, outcome, rng)
     return None

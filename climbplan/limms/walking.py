@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -30,10 +30,12 @@ def walk(
     most_steps: int,
     rng: np.random.Generator,
     only: str = "",
+    fault: Callable[[Progress], str] = lambda world: "",
 ) -> Progress | None:
     """A plan in which four modules are legs of the box, or None.
 
-    deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty.
+    deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty; fault: what is
+    wrong with a plan, in words, empty if nothing: the search goes on with the next start then.
 
     Raises:
         LimitReached: the whole planning's time is over.
@@ -58,9 +60,14 @@ def walk(
             if not outcome.solved:
                 continue
             try:
-                return _whole(scene, start.limbs, outcome.traces, attempts, rng)
+                world = _whole(scene, start.limbs, outcome.traces, attempts, rng)
             except Blocked as error:
                 attempts.notes.append(f"quadruped, {gait.name}: {error}")
+                continue
+            wrong = fault(world)
+            if not wrong:
+                return world
+            attempts.notes.append(f"quadruped, {gait.name}: {wrong}")
         attempts.left()
         if not count:
             attempts.notes.append(f"quadruped, {gait.name}: no pose of the legs serves it")

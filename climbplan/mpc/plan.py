@@ -55,3 +55,4 @@ class WalkPlan:
     created: str = ""
     climbplan_version: str = ""
     not_finite: tuple[str, ...] = field(default=(), compare=False)  # found when reading
+    at_odds: tuple[str, ...] = field(default=(), compare=False)  # what a file says twice, otherwise

@@ -38,6 +38,7 @@ def plan_checks(plan: WalkPlan) -> Iterator[Check]:
     yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
     yield _faults("file.finite", list(plan.not_finite))
     wrong = list(_faults_of(plan.task))
+    wrong += [f"{name} is not that of the steps" for name in plan.at_odds]
     yield _faults("file.data", wrong)
     if plan.not_finite or wrong:
         return

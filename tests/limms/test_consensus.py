@@ -143,9 +143,10 @@ def test_plan_is_verified_and_keeps_its_record(thrown: LimmsPlan, tmp_path: Path
         assert np.array_equal(vars(again)[key], values)
     figure = convergence(thrown)
     left, right = figure.axes
-    drawn = {tuple(line.get_ydata()) for ax in (left, right) for line in ax.lines}
-    assert tuple(record.box_mean) in drawn
-    assert tuple(record.axes_max) in drawn
+    lines = [*left.lines, *right.lines]
+    drawn = {tuple(np.asarray(line.get_ydata()).tolist()) for line in lines}
+    assert tuple(record.box_mean.tolist()) in drawn
+    assert tuple(record.axes_max.tolist()) in drawn
 
 
 def test_plans_of_the_other_method_have_no_record(throw: LimmsPlan, throw_file: Path) -> None:

@@ -54,17 +54,16 @@ def refine(
     """
     modes = best.modes
     sequence = sequence_of(modes)
-    began = time.perf_counter()
+    deadline = time.monotonic() + left
     if sequence.kind == "quadruped":
         gait = "leap" if (modes.box == LEAPS).any() else "stand"
-        return walk(scene, attempts, time.monotonic() + left, 1, rng, gait)
+        return walk(scene, attempts, deadline, 1, rng, gait)
     chains = chains_of(modes)
     if any(len(chain.modules) > 1 for chain in chains):
-        return carry_on_chains(scene, sequence, attempts, left, rng, chains)
+        return carry_on_chains(scene, sequence, attempts, deadline, rng, chains)
     if sequence.kind == "arms":
-        world = carry_on(scene, sequence, chains, best, attempts, left, rng)
-        left -= time.perf_counter() - began
-        if world is not None or left <= 0.1:
+        world = carry_on(scene, sequence, chains, best, attempts, deadline, rng)
+        if world is not None or time.monotonic() > deadline:
             return world
     owners = tuple(chain.modules[0] for chain in chains)
-    return carry(scene, sequence, attempts, left, rng, owners)
+    return carry(scene, sequence, attempts, deadline, rng, owners)

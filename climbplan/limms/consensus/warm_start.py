@@ -15,7 +15,9 @@ from climbplan.limms.consensus.iteration import Iterate
 from climbplan.limms.consensus.setting import HELD, SECONDS
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow
-from climbplan.limms.held import KNOTS, HeldTask, Piece, plan_held, traces_along
+from climbplan.limms.held import plan_held
+from climbplan.limms.held_branches import HeldTask
+from climbplan.limms.held_guess import KNOTS, Piece, traces_along
 from climbplan.limms.limbs import limb_angles
 from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
@@ -30,7 +32,7 @@ def carry_on(
     chains: Sequence[Chain],
     best: Iterate,
     attempts: Attempts,
-    left: float,
+    deadline: float,
     rng: np.random.Generator,
 ) -> Progress | None:
     """A plan in which single arms carry the box as the best iterate does, or None."""
@@ -51,7 +53,7 @@ def carry_on(
         for chain in chains
     ]
     guess = traces_along(scene, limbs, task, _pieces(task, path))
-    outcome = plan_held(scene, limbs, task, min(left, 20.0), guess)
+    outcome = plan_held(scene, limbs, task, attempts.until(deadline), guess)
     name = f"{modes.named(scene)}, from the best iterate"
     attempts.count(outcome, name)
     if not outcome.solved:

@@ -1,0 +1,75 @@
+"""Robots from the texts that plans carry are those from the files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from climbplan.errors import SpecError
+from climbplan.plans.checks.differences import largest, parts_apart
+from climbplan.robots.any_robot import build_robot
+from climbplan.spec.loading import load_climb
+from climbplan.spec.stored_robot import NotKept, RobotTexts, robot_texts, stored_robot
+from climbplan.spec.yaml_source import parse_yaml
+
+SPECS = Path(__file__).parents[2] / "specs"
+WALKER = parse_yaml("kind: climb\nrobot: robot_walker.yaml\n", "spec")
+
+
+@pytest.fixture(scope="module")
+def texts() -> RobotTexts:
+    loaded = load_climb(SPECS / "climb_walker.yaml")
+    return robot_texts(loaded.spec.robot, loaded.directory, loaded.robot)
+
+
+def test_a_urdf_travels_as_text(texts: RobotTexts) -> None:
+    pytest.importorskip("pinocchio")
+    loaded = load_climb(SPECS / "climb_walker.yaml")
+    stored = stored_robot(WALKER, texts)
+    assert stored.unknown == ()
+    parts = parts_apart("robot", build_robot(stored.robot), build_robot(loaded.robot))
+    assert largest(parts).size == 0.0
+
+
+def test_meshes_do_not(texts: RobotTexts) -> None:
+    mesh = '<mesh filename="package://walker/trunk.stl"/>'
+    start = texts.urdf.index("<geometry>", texts.urdf.index("<collision")) + len("<geometry>")
+    end = texts.urdf.index("</geometry>", start)
+    with_mesh = texts.urdf[:start] + mesh + texts.urdf[end:]
+    assert stored_robot(WALKER, RobotTexts(texts.yaml, with_mesh)).unknown == (
+        "limb_radius",
+        "body_hull",
+    )
+    told = texts.yaml + "\nlimb_radius: 0.03\n"
+    assert stored_robot(WALKER, RobotTexts(told, with_mesh)).unknown == ("body_hull",)
+
+
+@pytest.mark.parametrize(
+    ("spec", "has_yaml", "words"),
+    [
+        ("robot: robot_walker.yaml", False, "the plan does not carry robot_walker.yaml"),
+        ("robot: robot_walker.yaml", True, "the plan does not carry its URDF"),
+        ("robot: {urdf: walker.urdf, legs: {}}", False, "the plan does not carry its URDF"),
+        ("robot: hexapod", False, "'hexapod' is no built-in robot"),
+    ],
+)
+def test_what_is_not_kept_is_said(spec: str, has_yaml: bool, words: str, texts: RobotTexts) -> None:
+    given = RobotTexts(yaml=texts.yaml) if has_yaml else RobotTexts()
+    with pytest.raises(NotKept, match=words):
+        stored_robot(parse_yaml(f"kind: climb\n{spec}\n", "spec"), given)
+
+
+@pytest.mark.parametrize(
+    ("yaml", "urdf"),
+    [("kind: robot\n", ""), ("kind: robot\nurdf: a.urdf\n", "<robot/>"), ("- 1\n", "")],
+)
+def test_texts_that_are_no_robot(yaml: str, urdf: str) -> None:
+    with pytest.raises(SpecError):
+        stored_robot(WALKER, RobotTexts(yaml, urdf))
+
+
+def test_a_built_in_robot_needs_no_text() -> None:
+    loaded = load_climb(SPECS / "climb_obstacle.yaml")
+    assert robot_texts(loaded.spec.robot, loaded.directory, loaded.robot) == RobotTexts()
+    assert stored_robot(loaded.document, RobotTexts()).robot.name == loaded.robot.name

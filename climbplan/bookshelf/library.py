@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf.dataset_rows import shelf_dataset
+from climbplan.bookshelf.dataset_frame import shelf_dataset
 from climbplan.bookshelf.features import Features
 from climbplan.bookshelf.mirror import Solved, mirrored
 from climbplan.bookshelf.plan import ShelfPlan

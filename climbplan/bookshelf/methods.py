@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from climbplan.bookshelf.exact import ExactLimits, ExactSolver
-from climbplan.bookshelf.scene import Shelf
+from climbplan.bookshelf.method_setting import MethodSetting, convex_solver
 from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf import BookshelfSpec, Meaning, ShelfSolverSpec
 
 if TYPE_CHECKING:
     from climbplan.bookshelf.statement_methods import Budget, Judge
-    from climbplan.solvers.convex import ConvexBackend
 
 
 _TRAINED = ("forest", "boosting", "network", "reduce")
-
-
-@dataclass(frozen=True)
-class MethodSetting:
-    """All that a method is made of; workers of a pool make their own from it."""
-
-    shelf: Shelf
-    meaning: Meaning
-    solver: ShelfSolverSpec
-    directory: Path  # where the spec's files are looked up
-    seed: int = 0
-
-    @classmethod
-    def of(cls, spec: BookshelfSpec, shelf: Shelf, directory: Path) -> MethodSetting:
-        """As written in a spec."""
-        return cls(shelf, spec.meaning, spec.solver, directory, spec.seed)
 
 
 def prepare(setting: MethodSetting, count: int) -> SceneMethod:
@@ -105,14 +85,3 @@ def _exact(setting: MethodSetting) -> ExactSolver:
     solver = setting.solver
     limits = ExactLimits(solver.gap_mm2, solver.gap, solver.time_limit, solver.node_limit)
     return ExactSolver(setting.shelf, limits)
-
-
-def convex_solver(name: str | None) -> ConvexBackend:
-    """A solver of convex programs by name; raises UsageError for another one."""
-    if name in (None, "daqp"):
-        return "daqp"
-    if name == "clarabel":
-        return "clarabel"
-    if name == "osqp":
-        return "osqp"
-    raise UsageError(f"solver {name!r} is none of convex programs: daqp, clarabel, osqp")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.bookshelf.methods import MethodSetting
+from climbplan.bookshelf.method_setting import MethodSetting
 from climbplan.bookshelf.scene import Scene
 
 

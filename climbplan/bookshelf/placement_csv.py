@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TextIO
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import read_shelf_plan
 from climbplan.bookshelf.scene import state_label
-from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.csv_file import write_csv
 
 HEADER = (
     "scene", "status", "objective_mm2", "book", "height_m", "width_m", "before_x_m", "before_y_m",
@@ -28,17 +27,7 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     file that is not a bookshelf plan and UsageError if `out` cannot be written.
     """
     plan = read_shelf_plan(path)
-    if isinstance(out, Path):
-        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
-            _write(plan, stream)
-    else:
-        _write(plan, out)
-
-
-def _write(plan: ShelfPlan, stream: TextIO) -> None:
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows(_rows(plan))
+    write_csv(out, HEADER, _rows(plan))
 
 
 def _rows(plan: ShelfPlan) -> Iterator[list[str | float | int]]:

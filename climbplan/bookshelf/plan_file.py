@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
-from datetime import UTC, datetime
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
-import climbplan
 from climbplan.bookshelf.plan import STATUSES, ShelfPlan, Solutions, Totals
 from climbplan.bookshelf.scene import PublishedTolerances, Scenes, Shelf
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset
+from climbplan.plans.root_attributes import read_root, require_plan, write_root
 
 FORMAT = "climbplan/bookshelf"
 FORMAT_VERSION = 1
@@ -36,7 +34,6 @@ SOLUTION = {
 }
 SOLUTION_TEXTS = {"status": Layout(("S",), kind="text"), "message": Layout(("S",), kind="text")}
 _TEXTS = Layout(("*",), kind="text")
-_OPTIONAL = ("bound", "gap")  # left out where the method gives none
 _MEANINGS = ("contact", "published")
 
 _NOTES = {
@@ -55,11 +52,6 @@ def write_shelf_plan(plan: ShelfPlan, path: Path) -> None:
     An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
     the file cannot be written.
     """
-    plan = replace(
-        plan,
-        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
-        climbplan_version=plan.climbplan_version or climbplan.__version__,
-    )
     with new_store(path) as file:
         _write_header(file, plan)
         _write_shelf(file.create_group("shelf"), plan.shelf)
@@ -89,37 +81,22 @@ def read_as_found(path: Path) -> ShelfPlan:
     """As `read_shelf_plan`, but numbers that are not finite are only listed, for a check."""
     with opened_store(path) as file:
         reader = Reader(path, file)
-        _require_format(reader)
+        require_plan(reader, FORMAT_VERSION, FORMAT)
         return _read(reader)
 
 
 def _write_header(file: h5py.File, plan: ShelfPlan) -> None:
-    texts = {
-        "format": FORMAT,
-        "climbplan_version": plan.climbplan_version,
-        "created": plan.created,
-        "name": plan.name,
-        "title": plan.title,
-        "spec": plan.spec_text,
-        "spec_sha256": plan.spec_sha256,
-        "status": plan.totals.status,
-        "meaning": plan.meaning,
-        "method": plan.method,
-        **_NOTES,
-    }
-    for name, text in texts.items():
-        write_text(file, name, text)
-    file.attrs["format_version"] = FORMAT_VERSION
-    file.attrs["seed"] = plan.seed
-    file.attrs["verified"] = np.bool_(plan.verified)
-    file.attrs["objective"] = float(plan.totals.objective)
-    for name in _OPTIONAL:
-        value = vars(plan.totals)[name]
-        if value is not None:
-            file.attrs[name] = float(value)
-    write_json(file, "timings", plan.timings)
-    write_json(file, "solvers", plan.solvers)
-    write_json(file, "sizes", plan.sizes)
+    totals = plan.totals
+    texts = {"title": plan.title, "meaning": plan.meaning, "method": plan.method}
+    write_root(
+        file,
+        plan,
+        FORMAT,
+        FORMAT_VERSION,
+        texts={"status": totals.status, **texts, **_NOTES},
+        numbers={"objective": totals.objective, "bound": totals.bound, "gap": totals.gap},
+        objects={"timings": plan.timings, "solvers": plan.solvers, "sizes": plan.sizes},
+    )
 
 
 def _write_shelf(group: h5py.Group, shelf: Shelf) -> None:
@@ -144,18 +121,6 @@ def _read_shelf(reader: Reader) -> Shelf:
         raise reader.refuse(str(error)) from error
 
 
-def _require_format(reader: Reader) -> None:
-    if not reader.has_attribute("", "format"):
-        raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
-    found = reader.text("", "format")
-    if found != FORMAT:
-        raise reader.refuse(f"holds {found!r}, expected {FORMAT!r}")
-    version = reader.integer("", "format_version")
-    if version != FORMAT_VERSION:
-        newer = "; a newer climbplan reads it" if version > FORMAT_VERSION else ""
-        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}{newer}")
-
-
 def _read(reader: Reader) -> ShelfPlan:
     reader.group("scenes")
     theta = reader.array("scenes/theta", THETA)
@@ -178,7 +143,7 @@ def _read(reader: Reader) -> ShelfPlan:
         if strange := [word for word in words if word not in known]:
             raise reader.refuse(f"{name} {strange[0]!r}, expected one of {', '.join(known)}")
     return ShelfPlan(
-        name=reader.text("", "name"),
+        **read_root(reader),
         title=reader.text("", "title"),
         shelf=_read_shelf(reader),
         meaning=reader.text("", "meaning"),
@@ -188,30 +153,13 @@ def _read(reader: Reader) -> ShelfPlan:
         totals=Totals(
             reader.text("", "status"),
             reader.number("", "objective"),
-            _optional(reader, "bound"),
-            _optional(reader, "gap"),
+            reader.optional_number("bound"),
+            reader.optional_number("gap"),
         ),
-        spec_text=reader.text("", "spec"),
-        spec_sha256=reader.text("", "spec_sha256"),
-        seed=reader.integer("", "seed"),
-        timings=_mapping(reader, "timings"),
-        solvers=_mapping(reader, "solvers"),
-        sizes=_mapping(reader, "sizes"),
+        timings=reader.mapping("timings"),
+        solvers=reader.mapping("solvers"),
+        sizes=reader.mapping("sizes"),
         warnings=reader.texts("warnings", _TEXTS),
         summary=reader.texts("summary", _TEXTS),
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
         not_finite=tuple(reader.not_finite),
     )
-
-
-def _optional(reader: Reader, name: str) -> float | None:
-    return reader.number("", name) if reader.has_attribute("", name) else None
-
-
-def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.json("", name)
-    if not isinstance(value, dict):
-        raise reader.refuse(f"attribute {name} is not a JSON object")
-    return value

@@ -18,7 +18,8 @@ from climbplan.bookshelf.answer import SceneAnswer, Status
 from climbplan.bookshelf.checker import book_names
 from climbplan.bookshelf.exact import compile_once
 from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
-from climbplan.bookshelf.methods import MethodSetting, prepare
+from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.methods import prepare
 from climbplan.bookshelf.model_file import save_scene_model
 from climbplan.bookshelf.oddities import oddities
 from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of

@@ -9,7 +9,7 @@ from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.envelope_grids import published_partitions
 from climbplan.bookshelf.features import Features, feature_count, feature_map
 from climbplan.bookshelf.learned_methods import Convex, answer_of, check_of
-from climbplan.bookshelf.methods import MethodSetting, convex_solver
+from climbplan.bookshelf.method_setting import MethodSetting, convex_solver
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene
 from climbplan.bookshelf.scene_method import SceneMethod

@@ -12,7 +12,6 @@ from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Sp
 
 if TYPE_CHECKING:
     from climbplan.coupled.envelope_run import EnvelopeRun
-    from climbplan.spec.overrides import Override
 
 ENVELOPES_FILE = "envelopes.h5"
 _CONDITIONS = "   (1) meets  (2) excludes  (3) projects"
@@ -45,11 +44,15 @@ def fit_envelopes(
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
+    from climbplan.cli.spec_options import key_overrides
     from climbplan.spec.envelopes_loading import load_envelopes
     from climbplan.spec.robot_source import load_robot
 
     session = context.ensure_object(Session)
-    loaded = load_envelopes(spec, _overrides(assignments, seed, method))
+    overrides = key_overrides(
+        assignments, ("seed", "--seed", seed), ("fit.method", "--method", method)
+    )
+    loaded = load_envelopes(spec, overrides)
     robot_spec = load_robot(loaded.spec.robot, loaded.directory)
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
@@ -69,18 +72,6 @@ def fit_envelopes(
         print_json(report)
     else:
         print_result(str(target / ENVELOPES_FILE))
-
-
-def _overrides(
-    assignments: list[str] | None, seed: int | None, method: str | None
-) -> list[str | Override]:
-    from climbplan.spec.overrides import Override
-
-    given: list[str | Override] = list(assignments or ())
-    for key, option, value in (("seed", "--seed", seed), ("fit.method", "--method", method)):
-        if value is not None:
-            given.append(Override(key, str(value), f"{option} {value}"))
-    return given
 
 
 def _table(run: EnvelopeRun) -> list[str]:

@@ -43,15 +43,14 @@ def fit_strategy(
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
-    from climbplan.spec.overrides import Override
+    from climbplan.cli.spec_options import key_overrides
     from climbplan.spec.strategy_loading import load_strategy
 
     session = context.ensure_object(Session)
-    given: list[str | Override] = list(assignments or ())
-    for key, option, value in (("seed", "--seed", seed), ("model.kind", "--method", method)):
-        if value is not None:
-            given.append(Override(key, str(value), f"{option} {value}"))
-    loaded = load_strategy(spec, given)
+    overrides = key_overrides(
+        assignments, ("seed", "--seed", seed), ("model.kind", "--method", method)
+    )
+    loaded = load_strategy(spec, overrides)
     if problem is None and loaded.spec.problem is not None:
         raise UsageError(
             f"a spec alone imports no code: name the statement with --problem {loaded.spec.problem}"

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from climbplan.datasets.recipe import Recipe
     from climbplan.program.problem import Problem
     from climbplan.spec.dataset_loading import LoadedDataset
-    from climbplan.spec.overrides import Override
 
 
 def gen_data(
@@ -66,10 +65,17 @@ def gen_data(
     code 4 if no row has an answer, 5 if an answer fails its check.
     """
     from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.spec_options import key_overrides
     from climbplan.spec.dataset_loading import load_dataset
 
     session = context.ensure_object(Session)
-    loaded = load_dataset(spec, _overrides(assignments, seed, time_limit, method))
+    overrides = key_overrides(
+        assignments,
+        ("seed", "--seed", seed),
+        ("problem.solver.time_limit", "--time-limit", time_limit),
+        ("problem.solver.method", "--method", method),
+    )
+    loaded = load_dataset(spec, overrides)
     target = out if out is not None else Path("outputs", loaded.name)
     if resume and not force and _is_complete(target, loaded):
         session.note(f"{target}: complete already")
@@ -109,24 +115,6 @@ def gen_data(
         raise typer.Exit(ExitCode.UNVERIFIED)
     if not data.feasible.any():
         raise typer.Exit(ExitCode.LIMIT)
-
-
-def _overrides(
-    assignments: list[str] | None, seed: int | None, time_limit: float | None, method: str | None
-) -> list[str | Override]:
-    """`--set` and the options that stand for a key, the latter last and so the stronger."""
-    from climbplan.spec.overrides import Override
-
-    given: list[str | Override] = list(assignments or ())
-    for key, option, value in (
-        ("seed", "--seed", seed),
-        ("problem.solver.time_limit", "--time-limit", time_limit),
-        ("problem.solver.method", "--method", method),
-    ):
-        if value is not None:
-            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
-            given.append(Override(key, text, f"{option} {value}"))
-    return given
 
 
 def _is_complete(target: Path, loaded: LoadedDataset) -> bool:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from pathlib import Path
-
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Session
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import (
@@ -25,9 +22,6 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
-from climbplan.cli.plan_path import PLAN_FILE
-from climbplan.cli.verify_line import verify_line
-from climbplan.errors import ExitCode
 
 
 def plan_climb(
@@ -52,8 +46,7 @@ def plan_climb(
     figures/. Exit code 3 if the method finds that no plan exists (the message says at which stage
     and why), 4 if a limit was reached without one, 5 if the plan fails its verification.
     """
-    from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
+    from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.loading import load_climb
 
@@ -61,33 +54,11 @@ def plan_climb(
     overrides = spec_overrides(assignments, seed, time_limit, method, solver)
     loaded = load_climb(spec, overrides)
     check_model_path(save_model)
-    target = out if out is not None else Path("outputs", loaded.name)
-    with OutputDirectory(target, force=force) as directory:
-        # The planner and its solvers take a second to import: not before all paths are good.
+    with plan_run(session, loaded, out, force) as run:
         from climbplan.climb.planner import plan_climb as plan
         from climbplan.plans.climb_file import write_climb
-        from climbplan.plans.verification import verify_and_mark
-        from climbplan.reports.climb_report import report_dict, write_report
 
-        with StageProgress(session) as progress:
-            with placed_mistakes(loaded):
-                found = plan(loaded, report=progress.report, jobs=jobs, save_model=save_model)
-            plan_file = directory.path / PLAN_FILE
-            progress.report("verify", 0.0)  # ends the planner's bar before lines are printed
-            for line in found.summary:
-                session.note(line)
-            for warning in found.warnings:
-                warn(warning)
-            write_climb(found, plan_file)
-            start = time.perf_counter()
-            verification = verify_and_mark(plan_file)
-            session.note(verify_line(verification, time.perf_counter() - start))
-            progress.report("report", 0.0)
-            write_report(plan_file, directory.path, verification)
-        directory.publish()
-    if as_json:
-        print_json(report_dict(target / PLAN_FILE))
-    else:
-        print_result(str(target / PLAN_FILE))
-    if not verification.passed:
-        raise typer.Exit(ExitCode.UNVERIFIED)
+        with placed_mistakes(loaded):
+            found = plan(loaded, report=run.report, jobs=jobs, save_model=save_model)
+        run.finish(found, write_climb, found.warnings)
+    run.hand_over(as_json)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TextIO
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, TextIO
 
 from climbplan.cli.console import warn
 from climbplan.errors import PlanFileError, UsageError
@@ -13,184 +17,88 @@ if TYPE_CHECKING:
     from climbplan.reports.viewer.scene import Scene
 
 
-class PlanKind(Protocol):
-    """What can be done with one kind of plan file."""
+@dataclass(frozen=True)
+class PlanKind:
+    """The modules that read one kind of plan file."""
 
     csv_name: str  # of the exported file
+    verification: str  # with `verify` and `verify_and_mark`
+    report: str  # with `write_report` and `report_dict`
+    csv: str  # with `export_csv`
+    scene_function: str | None  # MODULE:FUNCTION; None for files that have nothing in space
 
     def verify(self, path: Path) -> Verification:
         """Re-check every constraint from the file alone."""
+        return import_module(self.verification).verify(path)
 
-    def write_report(self, path: Path, directory: Path) -> None:
-        """Write page, figures and report.json into a directory."""
+    def verifier(self) -> Callable[[Path], Verification]:
+        """As `verify`, and writes the outcome into the file; imported before it is timed."""
+        return import_module(self.verification).verify_and_mark
+
+    def write_report(
+        self, path: Path, directory: Path, verification: Verification | None = None
+    ) -> None:
+        """Write page, figures and report.json into a directory.
+
+        verification: of this very file if it was made already.
+        """
+        import_module(self.report).write_report(path, directory, verification)
 
     def report_dict(self, path: Path) -> dict[str, object]:
         """The report as plain values."""
+        return import_module(self.report).report_dict(path)
 
     def export_csv(self, path: Path, out: Path | TextIO) -> None:
         """The plan as CSV."""
+        import_module(self.csv).export_csv(path, out)
 
     def scene(self, path: Path) -> Scene:
         """What `view` shows; UsageError for files that have nothing in space."""
+        if self.scene_function is None:
+            raise UsageError(
+                f"{path}: a dataset; `report` draws its statistics, `view` shows plans"
+            )
+        return resolve_name(self.scene_function)(path)
 
 
-class _Climb:
-    csv_name = "trajectory.csv"
-
-    def verify(self, path: Path) -> Verification:
-        from climbplan.plans.verification import verify
-
-        return verify(path)
-
-    def write_report(self, path: Path, directory: Path) -> None:
-        from climbplan.reports.climb_report import write_report
-
-        write_report(path, directory)
-
-    def report_dict(self, path: Path) -> dict[str, object]:
-        from climbplan.reports.climb_report import report_dict
-
-        return report_dict(path)
-
-    def export_csv(self, path: Path, out: Path | TextIO) -> None:
-        from climbplan.plans.trajectory_csv import export_csv
-
-        export_csv(path, out)
-
-    def scene(self, path: Path) -> Scene:
-        from climbplan.reports.viewer.climb_scene import climb_scene
-
-        return climb_scene(path)
-
-
-class _Bookshelf:
-    csv_name = "placements.csv"
-
-    def verify(self, path: Path) -> Verification:
-        from climbplan.bookshelf.verification import verify
-
-        return verify(path)
-
-    def write_report(self, path: Path, directory: Path) -> None:
-        from climbplan.reports.bookshelf_report import write_report
-
-        write_report(path, directory)
-
-    def report_dict(self, path: Path) -> dict[str, object]:
-        from climbplan.reports.bookshelf_report import report_dict
-
-        return report_dict(path)
-
-    def export_csv(self, path: Path, out: Path | TextIO) -> None:
-        from climbplan.bookshelf.placement_csv import export_csv
-
-        export_csv(path, out)
-
-    def scene(self, path: Path) -> Scene:
-        from climbplan.reports.viewer.shelf_scene import shelf_scene
-
-        return shelf_scene(path)
-
-
-class _Walk:
-    csv_name = "walk.csv"
-
-    def verify(self, path: Path) -> Verification:
-        from climbplan.mpc.verification import verify
-
-        return verify(path)
-
-    def write_report(self, path: Path, directory: Path) -> None:
-        from climbplan.reports.walk_report import write_report
-
-        write_report(path, directory)
-
-    def report_dict(self, path: Path) -> dict[str, object]:
-        from climbplan.reports.walk_report import report_dict
-
-        return report_dict(path)
-
-    def export_csv(self, path: Path, out: Path | TextIO) -> None:
-        from climbplan.mpc.trajectory_csv import export_csv
-
-        export_csv(path, out)
-
-    def scene(self, path: Path) -> Scene:
-        from climbplan.reports.viewer.walk_scene import walk_scene
-
-        return walk_scene(path)
-
-
-class _Dataset:
-    csv_name = "dataset.csv"
-
-    def verify(self, path: Path) -> Verification:
-        from climbplan.datasets.verification import verify
-
-        return verify(path)
-
-    def write_report(self, path: Path, directory: Path) -> None:
-        from climbplan.datasets.verification import MEANINGS, verification_of
-        from climbplan.plans.dataset_file import read_dataset_file
-        from climbplan.reports.dataset_report import write_report
-
-        data = read_dataset_file(path)
-        write_report(data, directory, verification_of(data, path), MEANINGS)
-
-    def report_dict(self, path: Path) -> dict[str, object]:
-        from climbplan.datasets.verification import verification_of
-        from climbplan.plans.dataset_file import read_dataset_file
-        from climbplan.reports.dataset_report import report_dict
-
-        data = read_dataset_file(path)
-        return report_dict(data, verification_of(data, path))
-
-    def export_csv(self, path: Path, out: Path | TextIO) -> None:
-        from climbplan.datasets.tables import export_csv
-        from climbplan.plans.dataset_file import read_dataset_file
-
-        export_csv(read_dataset_file(path), out)
-
-    def scene(self, path: Path) -> Scene:
-        raise UsageError(f"{path}: a dataset; `report` draws its statistics, `view` shows plans")
-
-
-class _Limms:
-    csv_name = "motion.csv"
-
-    def verify(self, path: Path) -> Verification:
-        from climbplan.limms.verification import verify
-
-        return verify(path)
-
-    def write_report(self, path: Path, directory: Path) -> None:
-        from climbplan.reports.limms_report import write_report
-
-        write_report(path, directory)
-
-    def report_dict(self, path: Path) -> dict[str, object]:
-        from climbplan.reports.limms_report import report_dict
-
-        return report_dict(path)
-
-    def export_csv(self, path: Path, out: Path | TextIO) -> None:
-        from climbplan.limms.motion_csv import export_csv
-
-        export_csv(path, out)
-
-    def scene(self, path: Path) -> Scene:
-        from climbplan.reports.viewer.limms_scene import limms_scene
-
-        return limms_scene(path)
-
-
-_KINDS: dict[str, PlanKind] = {
-    "climbplan/climb": _Climb(),
-    "climbplan/transition": _Climb(),
-    "climbplan/bookshelf": _Bookshelf(),
-    "climbplan/limms": _Limms(),
-    "climbplan/mpc": _Walk(),
-    "climbplan/dataset": _Dataset(),
+_CLIMB = PlanKind(
+    csv_name="trajectory.csv",
+    verification="climbplan.plans.verification",
+    report="climbplan.reports.climb_report",
+    csv="climbplan.plans.trajectory_csv",
+    scene_function="climbplan.reports.viewer.climb_scene:climb_scene",
+)
+KINDS = {
+    "climbplan/climb": _CLIMB,
+    "climbplan/transition": _CLIMB,
+    "climbplan/bookshelf": PlanKind(
+        csv_name="placements.csv",
+        verification="climbplan.bookshelf.verification",
+        report="climbplan.reports.bookshelf_report",
+        csv="climbplan.bookshelf.placement_csv",
+        scene_function="climbplan.reports.viewer.shelf_scene:shelf_scene",
+    ),
+    "climbplan/limms": PlanKind(
+        csv_name="motion.csv",
+        verification="climbplan.limms.verification",
+        report="climbplan.reports.limms_report",
+        csv="climbplan.limms.motion_csv",
+        scene_function="climbplan.reports.viewer.limms_scene:limms_scene",
+    ),
+    "climbplan/mpc": PlanKind(
+        csv_name="walk.csv",
+        verification="climbplan.mpc.verification",
+        report="climbplan.reports.walk_report",
+        csv="climbplan.mpc.trajectory_csv",
+        scene_function="climbplan.reports.viewer.walk_scene:walk_scene",
+    ),
+    "climbplan/dataset": PlanKind(
+        csv_name="dataset.csv",
+        verification="climbplan.datasets.verification",
+        report="climbplan.cli.dataset_reading",
+        csv="climbplan.cli.dataset_reading",
+        scene_function=None,
+    ),
 }
 
 
@@ -208,10 +116,10 @@ def plan_kind(path: Path) -> PlanKind:
             f"{path}: answers of `climbplan solve`, which only `climbplan verify --problem` reads; "
             "report.json is beside them"
         )
-    if found not in _KINDS:
-        known = ", ".join(repr(name) for name in _KINDS)
+    if found not in KINDS:
+        known = ", ".join(repr(name) for name in KINDS)
         raise PlanFileError(f"{path}: holds {found!r}, expected one of {known}")
-    return _KINDS[found]
+    return KINDS[found]
 
 
 def warn_of_failure(kind: PlanKind, path: Path) -> None:

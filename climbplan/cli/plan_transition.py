@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Session
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import (
     Force,
@@ -22,9 +20,6 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
-from climbplan.cli.plan_path import PLAN_FILE
-from climbplan.cli.verify_line import verify_line
-from climbplan.errors import ExitCode
 
 
 def plan_transition(
@@ -58,8 +53,7 @@ def plan_transition(
     is searched (the message says which contacts slip), 4 if none could be planned to the end, 5 if
     the plan fails its verification.
     """
-    from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
+    from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.overrides import Override
     from climbplan.spec.transition_loading import load_transition
@@ -73,32 +67,11 @@ def plan_transition(
     if sequence is not None:
         overrides.append(Override("task.sequence", f'"{sequence}"', f"--sequence {sequence}"))
     loaded = load_transition(spec, overrides)
-    target = out if out is not None else Path("outputs", loaded.name)
-    with OutputDirectory(target, force=force) as directory:
+    with plan_run(session, loaded, out, force) as run:
         from climbplan.plans.climb_file import write_climb
-        from climbplan.plans.verification import verify_and_mark
-        from climbplan.reports.climb_report import report_dict, write_report
         from climbplan.transition.planner import plan_transition as plan
 
-        with StageProgress(session) as progress:
-            with placed_mistakes(loaded):
-                found = plan(loaded, report=progress.report)
-            plan_file = directory.path / PLAN_FILE
-            progress.report("verify", 0.0)  # ends the planner's bar before lines are printed
-            for line in found.summary:
-                session.note(line)
-            for warning in found.warnings:
-                warn(warning)
-            write_climb(found, plan_file)
-            start = time.perf_counter()
-            verification = verify_and_mark(plan_file)
-            session.note(verify_line(verification, time.perf_counter() - start))
-            progress.report("report", 0.0)
-            write_report(plan_file, directory.path, verification)
-        directory.publish()
-    if as_json:
-        print_json(report_dict(target / PLAN_FILE))
-    else:
-        print_result(str(target / PLAN_FILE))
-    if not verification.passed:
-        raise typer.Exit(ExitCode.UNVERIFIED)
+        with placed_mistakes(loaded):
+            found = plan(loaded, report=run.report)
+        run.finish(found, write_climb, found.warnings)
+    run.hand_over(as_json)

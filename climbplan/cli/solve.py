@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from climbplan.plans.program_plan import ProgramPlan
     from climbplan.plans.verification import Verification
     from climbplan.program.problem import Problem
-    from climbplan.spec.overrides import Override
     from climbplan.spec.program_loading import LoadedProgram
 
 
@@ -61,10 +60,14 @@ def solve(
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
+    from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.program_loading import load_program
 
     session = context.ensure_object(Session)
-    loaded = load_program(spec, _overrides(assignments, seed, time_limit, method, solver))
+    if solver and len(solver) > 1:
+        raise UsageError("--solver: one solver expected, methods here use one")
+    only = solver[0] if solver else None
+    loaded = load_program(spec, spec_overrides(assignments, seed, time_limit, method, solver=only))
     if problem is None:
         named = f"; the spec is written for {loaded.spec.problem}" if loaded.spec.problem else ""
         raise UsageError(
@@ -104,31 +107,6 @@ def solve(
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
-
-
-def _overrides(
-    assignments: list[str] | None,
-    seed: int | None,
-    time_limit: float | None,
-    method: str | None,
-    solvers: list[str] | None,
-) -> list[str | Override]:
-    """`--set` and the options that stand for a key, the latter last and so the stronger."""
-    from climbplan.spec.overrides import Override
-
-    if solvers and len(solvers) > 1:
-        raise UsageError("--solver: one solver expected, methods here use one")
-    given: list[str | Override] = list(assignments or ())
-    for key, option, value in (
-        ("seed", "--seed", seed),
-        ("solver.time_limit", "--time-limit", time_limit),
-        ("solver.method", "--method", method),
-        ("solver.solver", "--solver", solvers[0] if solvers else None),
-    ):
-        if value is not None:
-            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
-            given.append(Override(key, text, f"{option} {value}"))
-    return given
 
 
 def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Session, warn
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
-from climbplan.cli.plan_path import PLAN_FILE
-from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode
 
 
@@ -58,8 +55,7 @@ def solve_bookshelf(
     verification. Of a file of scenes these are rows like others: 3 if all scenes are proved
     infeasible, 4 if one or more have no answer.
     """
-    from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
+    from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.bookshelf_loading import load_shelf
 
@@ -67,34 +63,14 @@ def solve_bookshelf(
     overrides = spec_overrides(assignments, seed, time_limit, method, solver=solver)
     loaded = load_shelf(spec, overrides)
     check_model_path(save_model)
-    target = out if out is not None else Path("outputs", loaded.name)
-    with OutputDirectory(target, force=force) as directory:
-        # Compiled functions and figures take a second to import: not before all paths are good.
+    with plan_run(session, loaded, out, force) as run:
         from climbplan.bookshelf.plan_file import write_shelf_plan
         from climbplan.bookshelf.runs import run_shelf
-        from climbplan.bookshelf.verification import verify_and_mark
-        from climbplan.reports.bookshelf_report import report_dict, write_report
 
-        with StageProgress(session) as progress:
-            with placed_mistakes(loaded):
-                found = run_shelf(loaded, progress.report, jobs, warn, save_model)
-            progress.report("verify", 0.0)  # ends the bar before lines are printed
-            for line in found.summary:
-                session.note(line)
-            plan_file = directory.path / PLAN_FILE
-            write_shelf_plan(found, plan_file)
-            start = time.perf_counter()
-            verification = verify_and_mark(plan_file)
-            session.note(verify_line(verification, time.perf_counter() - start))
-            progress.report("report", 0.0)
-            write_report(plan_file, directory.path, verification)
-        directory.publish()
-    if as_json:
-        print_json(report_dict(target / PLAN_FILE))
-    else:
-        print_result(str(target / PLAN_FILE))
-    if not verification.passed:
-        raise typer.Exit(ExitCode.UNVERIFIED)
+        with placed_mistakes(loaded):
+            found = run_shelf(loaded, run.report, jobs, warn, save_model)
+        run.finish(found, write_shelf_plan)
+    run.hand_over(as_json)
     if found.totals.status == "limit":
         raise typer.Exit(ExitCode.LIMIT)
     if found.totals.status == "infeasible":

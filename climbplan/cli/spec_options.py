@@ -9,6 +9,19 @@ from climbplan.spec.climb import SolverSpec
 from climbplan.spec.fields import nearest, slot_at
 from climbplan.spec.overrides import Override
 
+Given = tuple[str, str, str | float | None]
+"""Key of the spec, option that stands for it, value; None if the option is left out."""
+
+
+def key_overrides(assignments: Sequence[str] | None, *options: Given) -> list[str | Override]:
+    """`--set` and options that stand for a key, the latter last and so the stronger."""
+    overrides: list[str | Override] = list(assignments or ())
+    for key, option, value in options:
+        if value is not None:
+            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
+            overrides.append(Override(key, text, f"{option} {value}"))
+    return overrides
+
 
 def spec_overrides(
     assignments: Sequence[str] | None,
@@ -18,25 +31,23 @@ def spec_overrides(
     solvers: Sequence[str] | None = None,
     solver: str | None = None,
 ) -> list[str | Override]:
-    """`--set` and the options that stand for a key, the latter last and so the stronger.
+    """`key_overrides` of the planning commands.
 
     solvers: of a climb, each for the problem that knows it; solver: of kinds with one problem.
 
     Raises:
         UsageError: a solver that neither the posture nor the force problem knows.
     """
-    overrides: list[str | Override] = list(assignments or ())
-    for key, option, value in (
-        ("seed", "--seed", seed),
-        ("solver.time_limit", "--time-limit", time_limit),
-        ("solver.method", "--method", method),
-        ("solver.solver", "--solver", solver),
-    ):
-        if value is not None:
-            text = f".{value}" if value != value else str(value)  # YAML's NaN is `.nan`
-            overrides.append(Override(key, text, f"{option} {value}"))
-    overrides += [Override(_solver_key(name), name, f"--solver {name}") for name in solvers or ()]
-    return overrides
+    return [
+        *key_overrides(
+            assignments,
+            ("seed", "--seed", seed),
+            ("solver.time_limit", "--time-limit", time_limit),
+            ("solver.method", "--method", method),
+            ("solver.solver", "--solver", solver),
+        ),
+        *(Override(_solver_key(name), name, f"--solver {name}") for name in solvers or ()),
+    ]
 
 
 def _solver_key(name: str) -> str:

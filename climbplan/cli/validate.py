@@ -13,17 +13,7 @@ from climbplan.cli.options import Json, Quiet, Set, Verbose
 from climbplan.errors import ExitCode
 
 if TYPE_CHECKING:
-    from climbplan.spec.bookshelf_loading import LoadedShelf
-    from climbplan.spec.dataset_loading import LoadedDataset
-    from climbplan.spec.envelopes_loading import LoadedEnvelopes
-    from climbplan.spec.limms_loading import LoadedLimms
-    from climbplan.spec.limms_module import ModuleSpec
-    from climbplan.spec.loading import LoadedClimb
-    from climbplan.spec.mpc_loading import LoadedMpc
-    from climbplan.spec.program_loading import LoadedProgram
-    from climbplan.spec.robot_source import AnyRobot
-    from climbplan.spec.strategy_loading import LoadedStrategy
-    from climbplan.spec.transition_loading import LoadedTransition
+    from climbplan.spec.loading import AnyLoaded
 
 
 def validate(
@@ -62,21 +52,7 @@ def validate(
         raise typer.Exit(ExitCode.USAGE)
 
 
-def _kind_looked_into(
-    loaded: (
-        LoadedClimb
-        | LoadedDataset
-        | LoadedEnvelopes
-        | LoadedLimms
-        | LoadedMpc
-        | LoadedProgram
-        | LoadedShelf
-        | LoadedStrategy
-        | LoadedTransition
-        | ModuleSpec
-        | AnyRobot
-    ),
-) -> str:
+def _kind_looked_into(loaded: AnyLoaded) -> str:
     """The kind of a spec whose scene was looked at as its planner does.
 
     Raises:

@@ -6,13 +6,11 @@ instants are the 2 N of a round: after each lift and after each push.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene, load_wrench
-from climbplan.plans.climb_plan import Array, Instants, Rounds
-from climbplan.robots.kinematics import inverse, require_reachable, to_body
+from climbplan.climb.instants import instants_at, joint_angles
+from climbplan.climb.scene import ClimbScene
+from climbplan.plans.climb_plan import Instants, Rounds
 
 
 def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
@@ -21,8 +19,8 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
     Joint angles are those of the planned pose, without sag. Raises ReachFailure naming round,
     limb and missing reach or joint bound.
     """
-    robot, terrain, gait = scene.robot, scene.terrain, np.array(scene.gait)
-    n, m = robot.limb_count, rounds.count
+    gait = np.array(scene.gait)
+    n, m = scene.robot.limb_count, rounds.count
     step = np.arange(n)  # position in the gait order
     rank = np.empty(n, np.int64)
     rank[gait] = step  # (N,) when each limb moves
@@ -43,44 +41,17 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
     toes = np.where(placed[None, :, :, None], new, old)
     region = np.where(placed[None], rounds.region[1:, None], rounds.region[:-1, None])
 
-    shape = (m * 2 * n, n)
-    toes, region = toes.reshape(*shape, 3), region.reshape(shape)
-    lifted = np.tile(lifted, (m, 1))
-    normals = np.empty_like(toes)
-    mu = np.empty(shape)
-    for index, surface in enumerate(terrain.surfaces):
-        here = region == index
-        mu[here] = surface.friction
-        normals[here] = surface.normal_at(toes[here])
-    toes = toes + scene.spec.trajectory.lift * normals * lifted[..., None]
-
-    com, rpy = com.reshape(-1, 3), rpy.reshape(-1, 3)
-    instants = Instants(
-        round=np.repeat(np.arange(1, m + 1), 2 * n),
-        lifted=lifted,
-        contact=~lifted,
-        com=com,
-        rpy=rpy,
-        toes=toes,
-        normal=normals,
-        mu=mu,
-        region=region,
-        joint_angles=np.full((*shape, robot.joint_count), np.nan),
-        external_wrench=load_wrench(scene.spec, robot, rpy),
+    instants = instants_at(
+        scene,
+        np.repeat(np.arange(1, m + 1), 2 * n),
+        com.reshape(-1, 3),
+        rpy.reshape(-1, 3),
+        toes.reshape(-1, n, 3),
+        region.reshape(-1, n),
+        np.tile(lifted, (m, 1)),
     )
-    angles = _joint_angles(scene, instants, toes, "")
     _check_placing(scene, instants)
-    return replace(instants, joint_angles=angles)
-
-
-def _joint_angles(scene: ClimbScene, instants: Instants, toes: Array, doing: str) -> Array:
-    """Joint angles (K, N, J) for toes (K, N, 3) at the instants' poses; raises ReachFailure."""
-    toes_body = to_body(instants.com, instants.rpy, toes)
-    solution = inverse(scene.robot, toes_body)
-    names = scene.robot.limb_names
-    for k in np.flatnonzero(~solution.valid.all(axis=1)):
-        require_reachable(scene.robot, toes_body[k], instants.label(int(k), names) + doing)
-    return solution.best()
+    return instants
 
 
 def _check_placing(scene: ClimbScene, instants: Instants) -> None:
@@ -92,4 +63,4 @@ def _check_placing(scene: ClimbScene, instants: Instants) -> None:
     for point, doing in ((place, " and placed"), (above, ", above its new place")):
         toes = instants.toes.copy()
         toes[lift, limb] = point
-        _joint_angles(scene, instants, toes, doing)
+        joint_angles(scene.robot, instants, toes, doing)

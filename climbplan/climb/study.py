@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from joblib import Parallel, delayed
 
-from climbplan.climb.planner import StageClock, plan_motion, plan_support
+from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError

@@ -11,17 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import climbplan
 from climbplan.coupled.envelope_run import EnvelopeRun, FittedEnvelopes
 from climbplan.coupled.legs import POSITION_SCALE
 from climbplan.learning.envelope_box import Envelope
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json
+from climbplan.plans.root_attributes import Origin, write_root
 from climbplan.spec.envelopes_loading import LoadedEnvelopes
 
 FORMAT = "climbplan/envelopes"
@@ -46,24 +45,21 @@ class StoredEnvelopes:
 def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> None:
     """Write all envelopes of a run; the file appears whole or not at all."""
     with new_store(path) as file:
-        for name, text in {
-            "format": FORMAT,
-            "climbplan_version": climbplan.__version__,
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
-            "name": loaded.name,
-            "spec": loaded.text,
-            "spec_sha256": loaded.sha256,
-            "status": "feasible",
-            "training_fingerprint": run.fingerprint,
-        }.items():
-            write_text(file, name, text)
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["seed"] = loaded.spec.seed
-        file.attrs["verified"] = False  # there is nothing to verify: envelopes are fitted
-        file.attrs["position_scale"] = POSITION_SCALE
-        write_json(file, "timings", run.timings)
-        write_json(file, "limb_names", list(run.limb_names))
-        write_json(file, "drawn", drawn(run))
+        # There is nothing to verify: envelopes are fitted.
+        origin = Origin(loaded.name, loaded.text, loaded.sha256, loaded.spec.seed, verified=False)
+        write_root(
+            file,
+            origin,
+            FORMAT,
+            FORMAT_VERSION,
+            texts={"status": "feasible", "training_fingerprint": run.fingerprint},
+            numbers={"position_scale": POSITION_SCALE},
+            objects={
+                "timings": run.timings,
+                "limb_names": list(run.limb_names),
+                "drawn": drawn(run),
+            },
+        )
         write_dataset(file, "fitness", run.fitness, _FITNESS)
         for fitted in run.fitted:
             for name, envelope in named(fitted).items():

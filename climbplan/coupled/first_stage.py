@@ -18,9 +18,10 @@ from scipy import sparse
 from climbplan.coupled.search import TOLERANCE, least_error
 from climbplan.coupled.statement import PostureStatement
 from climbplan.coupled.terrains import Patches
-from climbplan.program.box import Range, propagated_box
+from climbplan.program.box import propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.ipopt import solve_ipopt
 from climbplan.solvers.linear import LinearProgram, solve_linear

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from climbplan.errors import MissingSolver
 from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.csv_file import write_csv
 from climbplan.plans.dataset import Dataset
 
 FORMATS = ("csv", "parquet")
@@ -44,11 +44,8 @@ def export_csv(data: Dataset, out: Path | TextIO) -> None:
 
     Raises UsageError where it cannot be written.
     """
-    if isinstance(out, Path):
-        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
-            _write_csv(data, stream)
-        return
-    _write_csv(data, out)
+    table = columns(data)
+    write_csv(out, table, _lines(list(table.values())))
 
 
 def export_parquet(data: Dataset, path: Path) -> None:
@@ -79,13 +76,6 @@ def export_parquet(data: Dataset, path: Path) -> None:
     table = arrow.Table.from_arrays(arrays, schema=arrow.schema(fields, metadata=about))
     with written_aside(path) as aside:
         parquet.write_table(table, aside)
-
-
-def _write_csv(data: Dataset, stream: TextIO) -> None:
-    table = columns(data)
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(_lines(list(table.values())))
 
 
 def _lines(values: list[NDArray[Any]]) -> Iterator[list[str]]:

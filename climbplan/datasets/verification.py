@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf import dataset_rows as shelf
+from climbplan.bookshelf import dataset_frame as shelf
 from climbplan.bookshelf.plan_checks import solution_checks
 from climbplan.coupled import dataset_rows as terrains
 from climbplan.coupled.search import TOLERANCE, find_posture

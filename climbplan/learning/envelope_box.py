@@ -35,19 +35,6 @@ class Envelope:
 EnvelopeSet = tuple[Envelope, ...]
 
 
-@dataclass(frozen=True)
-class Rates:
-    """How a first stage agrees with the labels."""
-
-    feasible: float  # share of feasible terrains that it calls feasible
-    infeasible: float  # share of infeasible terrains that it calls infeasible
-
-    @property
-    def product(self) -> float:
-        """Both at once; 0 for a first stage that calls everything the same."""
-        return self.feasible * self.infeasible
-
-
 # Whether the first stage has a solution on given rows, for each of some sets of envelopes: one (n,)
 # a set. With several envelopes in a set, one of them is enough.
 FirstStageLabels = Callable[[Sequence[EnvelopeSet], Index], list[Mask]]

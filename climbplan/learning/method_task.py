@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from climbplan.errors import UsageError
 from climbplan.learning.envelope_rounds import (
@@ -23,21 +22,10 @@ from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.admm import AdmmOptions
 from climbplan.solvers.ipopt import middle
 from climbplan.solvers.result import SolverResult
+from climbplan.spec.program import ProgramMethod, ProgramStart
 
-Method = Literal[
-    "minlp-scip",
-    "minlp-bonmin",
-    "micp",
-    "mpcc",
-    "admm",
-    "pinned",
-    "knn",
-    "forest",
-    "boosting",
-    "network",
-    "reduce",
-]
-Start = Literal["zero", "manual", "knn"]
+Method = ProgramMethod
+Start = ProgramStart
 
 _NEIGHBOURS = {"mpcc": 3}
 _LEAST_SHARE = 0.1  # [s] that a follow-up gets when the time is over

@@ -14,14 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
-import climbplan
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.boosting import Boosting
 from climbplan.learning.forest import Forest
@@ -31,7 +28,8 @@ from climbplan.learning.network import Network
 from climbplan.learning.trees import Trees
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset
+from climbplan.plans.root_attributes import read_root, require_other, write_root
 
 FORMAT = "climbplan/strategy"
 FORMAT_VERSION = 1
@@ -108,25 +106,20 @@ def write_model(stored: ModelFile, path: Path) -> None:
     model = stored.model
     library, frame = model.library, model.library.frame
     with new_store(path) as file:
-        for name, text in {
-            "format": FORMAT,
-            "climbplan_version": stored.climbplan_version or climbplan.__version__,
-            "created": stored.created or datetime.now(UTC).isoformat(timespec="seconds"),
-            "name": stored.name,
-            "title": stored.title,
-            "kind": model.kind,
-            "program": frame.name,
-            "spec": stored.spec_text,
-            "spec_sha256": stored.spec_sha256,
-            "status": "feasible",
-        }.items():
-            write_text(file, name, text)
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["seed"] = stored.seed
-        file.attrs["verified"] = np.bool_(stored.verified)
-        write_json(file, "context", dict(model.context))
-        write_json(file, "fit", dict(stored.fit))
-        write_json(file, "timings", dict(stored.timings))
+        texts = {"title": stored.title, "kind": model.kind, "program": frame.name}
+        write_root(
+            file,
+            stored,
+            FORMAT,
+            FORMAT_VERSION,
+            texts={"status": "feasible", **texts},
+            numbers={},
+            objects={
+                "context": dict(model.context),
+                "fit": dict(stored.fit),
+                "timings": dict(stored.timings),
+            },
+        )
         group = file.create_group("library")
         for name, layout in _FRAME.items():
             write_dataset(group, name, vars(frame)[name], layout)
@@ -181,11 +174,7 @@ def _write_classifier(file: h5py.File, classifier: Forest | Network | Boosting) 
 
 
 def _read(reader: Reader) -> ModelFile:
-    if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
-        raise reader.refuse(f"not a model of `climbplan fit-strategy` ({FORMAT})")
-    version = reader.integer("", "format_version")
-    if version != FORMAT_VERSION:
-        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}")
+    require_other(reader, FORMAT_VERSION, FORMAT, "a model of `climbplan fit-strategy`")
     word = reader.text("", "kind")
     kind = next((known for known in MODEL_KINDS if known == word), None)
     if kind is None:
@@ -215,17 +204,11 @@ def _read(reader: Reader) -> ModelFile:
         context=context,
     )
     return ModelFile(
+        **read_root(reader),
         model=model,
-        name=reader.text("", "name"),
         title=reader.text("", "title"),
-        spec_text=reader.text("", "spec"),
-        spec_sha256=reader.text("", "spec_sha256"),
-        seed=reader.integer("", "seed"),
         fit=figures,
         timings=timings,
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -102,15 +101,6 @@ class PipelineResult:
     def solved(self) -> bool:
         """Whether a checked answer was found."""
         return self.x is not None
-
-    @property
-    def from_fallback(self) -> bool:
-        """Whether no candidate passed and the fallback did."""
-        return self.x is not None and self.winner == FALLBACK
-
-    def endings(self) -> dict[str, int]:
-        """How often candidates ended in which way."""
-        return dict(Counter(t.word for t in self.tried))
 
 
 def exact_check(tolerance: float = 1e-6) -> Check:

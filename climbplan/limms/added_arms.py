@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from climbplan.limms.chain import BRANCHES, Pose, in_range, inverse
 from climbplan.limms.limbs import end_rotation, standing_rotation
-from climbplan.limms.reaching import gaps, rooted
+from climbplan.limms.moving import gaps, rooted
 from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
 from climbplan.limms.timeline import Progress
 

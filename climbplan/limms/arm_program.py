@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,29 +19,26 @@ from climbplan.limms.arm_symbols import arm_function, least_margins
 from climbplan.limms.chain import inverse
 from climbplan.limms.chain_symbols import chain_function
 from climbplan.limms.limbs import limb_frames
+from climbplan.limms.program_answer import solve_unknowns
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
 from climbplan.limms.unknowns import Unknowns
 
-FEASIBLE = 1e-6  # largest violation of an answer that is used
 SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
 FORCE_SHARE = 0.985  # of the limits of latches
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further
 TURNING = 0.2  # weight of squared joint speeds against time
 SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
-_OPTIONS: dict[str, Any] = {
-    "print_time": False,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.tol": 1e-5,
-    "ipopt.constr_viol_tol": 1e-7,
-    "ipopt.acceptable_tol": 1e-3,
-    "ipopt.acceptable_constr_viol_tol": 1e-7,
-    "ipopt.acceptable_iter": 6,
+_SETTINGS = {
+    "tol": 1e-5,
+    "constr_viol_tol": 1e-7,
+    "acceptable_tol": 1e-3,
+    "acceptable_constr_viol_tol": 1e-7,
+    "acceptable_iter": 6,
     # Adaptive barriers took three times as long on random throws, and a start at 0.1 twice as long
-    "ipopt.mu_strategy": "monotone",
-    "ipopt.mu_init": 0.01,
+    "mu_strategy": "monotone",
+    "mu_init": 0.01,
 }
 
 
@@ -61,35 +57,14 @@ def solve_arms(
     for number, trace in enumerate(guess):
         parts.phase(trace, [cut for cut in cuts if cut.phase == number])
     parts.finish()
-    store = parts.store
-    x, g = ca.vertcat(*store.x), ca.vertcat(*store.g)
-    limits = {"ipopt.max_iter": iterations, "ipopt.max_cpu_time": time_limit}
-    solver = ca.nlpsol("arms", "ipopt", {"x": x, "f": parts.cost, "g": g}, {**_OPTIONS, **limits})
-    built = time.perf_counter()
-    low, high = np.concatenate(store.g_low), np.concatenate(store.g_high)
-    answer = solver(
-        x0=np.concatenate(store.start),
-        lbx=np.concatenate(store.low),
-        ubx=np.concatenate(store.high),
-        lbg=low,
-        ubg=high,
+    limits = {"max_iter": iterations, "max_cpu_time": time_limit}
+    answer = solve_unknowns(
+        "arms", parts.store, parts.cost, parts.outputs, {**_SETTINGS, **limits}, began
     )
-    values = np.asarray(answer["g"]).ravel()
-    violation = float(np.maximum(low - values, values - high).max())
-    stats = solver.stats()
-    read = ca.Function("read", [x], parts.outputs)(answer["x"])
     return Outcome(
-        solved=violation <= FEASIBLE,  # whatever the solver says of optimality
-        message=f"{stats['return_status']}, {stats['iter_count']} iterations, "
-        f"violation {violation:.1e}",
-        traces=_traces(scene, limbs, [np.asarray(v) for v in read], guess),
-        violation=violation,
-        objective=float(answer["f"]),
-        seconds=time.perf_counter() - built,
-        build_seconds=built - began,
-        variables=int(x.numel()),
-        constraints=int(g.numel()),
-        optimal=violation <= FEASIBLE and bool(stats["success"]),
+        traces=_traces(scene, limbs, answer.values, guess),
+        optimal=answer.optimal,
+        **answer.figures(),
     )
 
 

@@ -9,19 +9,12 @@ import numpy as np
 from climbplan.limms.bounds import on_ground
 from climbplan.limms.chain import BRANCHES, Pose, in_range, inverse
 from climbplan.limms.limbs import root_on_anchor, standing_rotation
-from climbplan.limms.reaching import (
-    LENGTHS,
-    Blocked,
-    drive,
-    gaps,
-    leave,
-    reach,
-    rooted,
-    straight_in,
-)
-from climbplan.limms.scene import Array, Scene, anchor_frame
+from climbplan.limms.moving import Blocked
+from climbplan.limms.reaching import drive, reach
+from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import ADDED_ARM, ARM, DRIVES, LEG, NOWHERE, Progress
+from climbplan.limms.straight_ways import LENGTHS, leave, straight_in
+from climbplan.limms.timeline import ARM, DRIVES, LEG, NOWHERE, Progress
 
 _RINGS = (0.25, 0.35, 0.45, 0.55, 0.65)
 _SPOKES = 16
@@ -175,18 +168,3 @@ def stand_leg(
     wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi
     ending = np.where(np.abs(wrapped) <= limits, wrapped, angles)
     reach(world, module, root, 0, target, ending, f"{name}: reach", rng)
-
-
-__all__ = [
-    "ADDED_ARM",
-    "DRIVES",
-    "anchor_frame",
-    "gaps",
-    "initial",
-    "latch_arm",
-    "latch_box",
-    "reach_box",
-    "root_pose",
-    "rooted",
-    "stand_leg",
-]

@@ -2,77 +2,28 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import permutations
 
 import numpy as np
 
-from climbplan.errors import LimitReached
 from climbplan.limms.answers import Outcome
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.densify import Follow, add_traces
+from climbplan.limms.branches import delivery, noted, solved_branches
+from climbplan.limms.densify import add_traces
 from climbplan.limms.held import (
-    HeldTask,
     clearance,
-    combinations,
-    path_choices,
-    plan_held,
 )
-from climbplan.limms.leg_solver import LegOutcome
 from climbplan.limms.limbs import arm, root_on_anchor
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import Progress, Stretch
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused
-
-
-@dataclass
-class Attempts:
-    """What was tried and how it went, for the report and for messages."""
-
-    limit: float  # [s] of the whole planning, from now on
-    programs: int = 0
-    solver_seconds: float = 0.0
-    build_seconds: float = 0.0
-    variables: int = 0
-    constraints: int = 0
-    notes: list[str] = field(default_factory=list)
-    end: float = field(init=False)  # `time.monotonic` [s]
-
-    def __post_init__(self) -> None:
-        self.end = time.monotonic() + self.limit
-
-    def left(self, most: float = np.inf) -> float:
-        """Seconds left for what comes next, `most` at most.
-
-        Raises:
-            LimitReached: none are left.
-        """
-        seconds = self.end - time.monotonic()
-        if seconds <= 0:
-            raise LimitReached(f"no plan found within {self.limit:g} s. {self.story()}")
-        return min(seconds, most)
-
-    def story(self) -> str:
-        """What was tried, in words."""
-        tried = "; ".join(dict.fromkeys(self.notes))
-        return f"Tried: {tried}" if tried else "Nothing was tried to its end"
-
-    def count(self, outcome: Outcome | LegOutcome, what: str) -> None:
-        """One more program."""
-        self.programs += 1
-        self.solver_seconds += outcome.seconds
-        self.build_seconds += outcome.build_seconds
-        self.variables, self.constraints = outcome.variables, outcome.constraints
-        if not outcome.solved:
-            self.notes.append(f"{what}: {outcome.message}")
 
 
 def carry(
@@ -84,31 +35,18 @@ def carry(
     given: tuple[int, ...] | None = None,
 ) -> Progress | None:
     """A plan in which arms carry or throw the box, or None; given: the arms' modules."""
-    start = scene.box_start[0]
-    way = ways(centre_blocks(scene), start, scene.goal)
-    if way is None:
-        attempts.notes.append("there is no way for the box")
+    task = delivery(scene, attempts, modes.kind == "throw", scene.arrival_speed)
+    if task is None:
         return None
-    throw = modes.kind == "throw"
-    task = HeldTask(start, scene.goal, way, throw, scene.arrival_speed)
     for owners in _owners(scene, modes.connections) if given is None else (given,):
         limbs = [
             limb_of(scene, module, connection)
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
-        choices = path_choices(scene, limbs, task)
-        if not all(choices):
-            attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
-            continue
-        for combo in combinations(choices, most=4):
-            outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
-            attempts.count(outcome, modes.named(scene))
-            if not outcome.solved:
-                continue
-            try:
-                return whole_carried(scene, combo, modes.connections, outcome, rng)
-            except (Blocked, Follow) as error:
-                attempts.notes.append(f"{modes.named(scene)}: {error}")
+        name = modes.named(scene)
+        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts, left):
+            with noted(attempts, name):
+                return whole_carried(scene, chosen, modes.connections, outcome, rng)
     return None
 
 

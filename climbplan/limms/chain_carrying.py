@@ -17,13 +17,14 @@ from climbplan.limms.assembly import (
     reach_box,
     root_pose,
 )
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
-from climbplan.limms.carrying import Attempts
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.densify import Follow, add_traces
-from climbplan.limms.held import HeldTask, combinations, path_choices, plan_held, way_points
+from climbplan.limms.branches import delivery, noted, solved_branches
+from climbplan.limms.densify import add_traces
+from climbplan.limms.held import HeldTask, way_points
 from climbplan.limms.limbs import arm
-from climbplan.limms.reaching import Blocked, move_joints
+from climbplan.limms.moving import Blocked
+from climbplan.limms.reaching import move_joints
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb, Trace
@@ -48,12 +49,9 @@ def carry_on_chains(
     given: tuple[Chain, ...] | None = None,
 ) -> Progress | None:
     """A plan in which chains of modules carry the box, or None; given: their modules."""
-    start = scene.box_start[0]
-    way = ways(centre_blocks(scene), start, scene.goal)
-    if way is None:
-        attempts.notes.append("there is no way for the box")
+    task = delivery(scene, attempts)
+    if task is None:
         return None
-    task = HeldTask(start, scene.goal, way, False, 0.0)
     for chains in _owners(scene, modes.connections) if given is None else (given,):
         try:
             world, still = _carriers(scene, chains, task, rng)
@@ -66,9 +64,10 @@ def carry_on_chains(
             except Blocked as error:
                 attempts.notes.append(f"{modes.named(scene)}: {error}")
                 continue
-            found = _carried(ready, limbs, task, modes.named(scene), attempts, left, rng)
-            if found is not None:
-                return found
+            name = modes.named(scene)
+            for arms, outcome in solved_branches(scene, limbs, task, name, attempts, left):
+                with noted(attempts, name):
+                    return _whole(ready, arms, outcome.traces, rng)
     return None
 
 
@@ -164,33 +163,6 @@ def _added(
             box_end = 0
         limbs.append(arm(last, chain.connection.side, grip.root, box_end))
     return world, limbs
-
-
-def _carried(
-    world: Progress,
-    limbs: Sequence[Limb],
-    task: HeldTask,
-    name: str,
-    attempts: Attempts,
-    left: float,
-    rng: np.random.Generator,
-) -> Progress | None:
-    """The box from start to goal by arms that are all in place, or None."""
-    scene = world.scene
-    choices = path_choices(scene, limbs, task)
-    if not all(choices):
-        attempts.notes.append(f"{name}: out of reach at the start")
-        return None
-    for combo in combinations(choices, most=4):
-        outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
-        attempts.count(outcome, name)
-        if not outcome.solved:
-            continue
-        try:
-            return _whole(world, combo, outcome.traces, rng)
-        except (Blocked, Follow) as error:
-            attempts.notes.append(f"{name}: {error}")
-    return None
 
 
 def _whole(

@@ -13,7 +13,6 @@ from climbplan.limms.distances import segment_to_block, segment_to_segment
 from climbplan.limms.scene import Array
 
 LINKS = ((0, 2), (2, 3), (3, 5), (5, 7))  # straight pieces between the points of a module
-LINK_NAMES = ("first end", "upper link", "lower link", "last end")
 _OWN_PAIRS = ((0, 2), (0, 3), (1, 3))  # that do not share a joint
 
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from climbplan.limms.chain import Pose, along, inverse
+from climbplan.limms.chain import Pose, inverse
 from climbplan.limms.cubics import box_path, knot_samples
 from climbplan.limms.limbs import limb_frames
-from climbplan.limms.reaching import closest_branch, rates_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
+from climbplan.limms.straight_ways import closest_branch, rates_of
 from climbplan.limms.timeline import (
     FREE,
     MANIPULATED,
     NOWHERE,
-    QUADRUPED,
     Progress,
     Stretch,
     samples,
@@ -25,21 +23,9 @@ from climbplan.limms.timeline import (
 
 _RETREATS = ((12.0, 0.05), (25.0, 0.03), (50.0, 0.02), (100.0, 0.01))  # [m/s^2], [s]
 
-__all__ = ["add_traces", "along", "inverse"]
-
 
 class Follow(Exception):
     """A module cannot follow what the box does after it let go."""
-
-
-def other_ends(trace: Trace, limb: int, is_swinging: bool, time: Array) -> Array:
-    """Other end of a limb (n, 3): fixed, or a foot along a spline through its knots."""
-    feet = trace.feet[:, limb]
-    if not is_swinging:
-        return np.tile(feet[0], (len(time), 1))
-    knots = np.linspace(0, trace.duration, len(feet))
-    path: Array = CubicSpline(knots, feet, axis=0, bc_type="clamped")(time)
-    return path
 
 
 def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) -> None:
@@ -52,24 +38,21 @@ def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) 
         if trace.phase.kind == "flight":
             _add_flight(world, limbs, trace)
         else:
-            _add_phase(world, limbs, trace)
+            _add_held(world, limbs, trace)
 
 
-def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
+def _add_held(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
     scene, phase = world.scene, trace.phase
     time = knot_samples(trace.duration, phase.intervals)
     position, velocity, acceleration = box_path(
         trace.duration, trace.position, trace.velocity, trace.acceleration, time
     )
-    held = phase.kind == "held"
-    world.box_mode = MANIPULATED if held else QUADRUPED
+    world.box_mode = MANIPULATED
     stretch = world.rest(phase.kind, time)
     _move_box(stretch, position, velocity, acceleration)
-    feet = np.stack(
-        [other_ends(trace, i, i in phase.swing, time) for i in range(len(limbs))], axis=1
-    )
+    roots = np.tile(trace.feet[0], (len(time), 1, 1))
     for i, limb in enumerate(limbs):
-        first, last = limb_frames(scene, limb, position, feet[:, i])
+        first, last = limb_frames(scene, limb, position, roots[:, i])
         shape = (len(time), 3, 3)
         first = Pose(first.position, np.broadcast_to(first.rotation, shape))
         last = Pose(last.position, np.broadcast_to(last.rotation, shape))
@@ -77,13 +60,7 @@ def _add_phase(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
         # Whole turns of rolls count on from where they are
         turn = np.round((world.angles[limb.module] - angles[0]) / (2 * np.pi)) * 2 * np.pi
         stretch.place(limb.module, first, angles + turn, rates_of(time, angles))
-        if limb.is_leg:
-            stretch.grounded[limb.module] = NOWHERE if i in phase.swing else 1 - limb.box_end
-    force = (
-        _held_forces(scene, limbs, acceleration)
-        if held
-        else _foot_forces(scene, limbs, trace, time, position, acceleration, feet)
-    )
+    force = _held_forces(scene, limbs, acceleration)
     for i, limb in enumerate(limbs):
         stretch.force[:, limb.side] = force[:, i]
     world.add(stretch)
@@ -100,41 +77,6 @@ def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Ar
     both = needed @ share[: 3 * len(limbs)].T
     forces: Array = both.reshape(len(needed), len(limbs), 3)
     return forces
-
-
-def _foot_forces(
-    scene: Scene,
-    limbs: Sequence[Limb],
-    trace: Trace,
-    time: Array,
-    box: Array,
-    acceleration: Array,
-    feet: Array,
-) -> Array:
-    """Forces (n, limbs, 3) between the knots: straight lines, then the least change that balances
-    forces and moments exactly."""
-    knots = np.linspace(0, trace.duration, len(trace.force))
-    n = len(limbs)
-    force = np.stack(
-        [np.interp(time, knots, trace.force[:, i, axis]) for i in range(n) for axis in range(3)],
-        axis=-1,
-    )
-    standing = [i for i in range(n) if i not in trace.phase.swing]
-    if not standing:
-        return np.zeros((len(time), n, 3))
-    balance = np.zeros((len(time), 6, 3 * n))
-    for i in standing:
-        x, y, z = np.moveaxis(feet[:, i] - box, -1, 0)
-        zero = np.zeros_like(x)
-        balance[:, :3, 3 * i : 3 * i + 3] = np.eye(3)
-        cross = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-        balance[:, 3:, 3 * i : 3 * i + 3] = np.stack([np.stack(r, -1) for r in cross], -2)
-    needed = np.zeros((len(time), 6))
-    needed[:, :3] = scene.box_mass[0] * (acceleration + np.array([0, 0, GRAVITY]))
-    left = needed - (balance @ force[..., None])[..., 0]
-    change = np.linalg.pinv(balance) @ left[..., None]
-    exact: Array = (force + change[..., 0]).reshape(len(time), n, 3)
-    return exact
 
 
 def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:

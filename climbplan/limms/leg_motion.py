@@ -12,9 +12,9 @@ from climbplan.limms.cubics import BoxPath, box_path, knot_samples
 from climbplan.limms.joint_splines import spline_rates, spline_weights
 from climbplan.limms.leg_statement import LegTrace
 from climbplan.limms.limbs import limb_frames, limb_points
-from climbplan.limms.reaching import rates_of
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
+from climbplan.limms.straight_ways import rates_of
 
 
 @dataclass(frozen=True)

@@ -247,7 +247,7 @@ class LegProgram:
             rows.append(row)
         return rows
 
-    def traces(self, read: list[Array], guess: Sequence[LegTrace]) -> tuple[LegTrace, ...]:
+    def traces(self, read: Sequence[Array], guess: Sequence[LegTrace]) -> tuple[LegTrace, ...]:
         """The answer, phase by phase."""
         n = len(self.limbs)
         found = []

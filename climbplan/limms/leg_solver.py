@@ -7,16 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import casadi as ca
-import numpy as np
-
 from climbplan.limms.leg_program import LegProgram
 from climbplan.limms.leg_statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
+from climbplan.limms.program_answer import solve_unknowns
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
-from climbplan.solvers.interruption import Deadline, interruptible
-
-FEASIBLE = 1e-6  # largest violation of an answer that is used
 
 
 @dataclass(frozen=True)
@@ -63,53 +58,26 @@ def solve_legs(
             ends,
         )
     program.finish(ends)
-    store = program.store
-    x, g = ca.vertcat(*store.x), ca.vertcat(*store.g)
-    deadline = Deadline(x.numel(), g.numel(), 0)
-    deadline.at = effort.deadline
-    options: dict[str, Any] = {
-        "ipopt.print_level": 0,
-        "print_time": False,
-        "expand": True,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt.sb": "yes",
-        "ipopt.max_iter": effort.iterations,
-        "ipopt.tol": 1e-4,
-        "ipopt.constr_viol_tol": 1e-7,
-        "ipopt.acceptable_tol": 1e-2,
-        "ipopt.acceptable_constr_viol_tol": 1e-7,
-        "ipopt.acceptable_iter": 4,
-        "ipopt.mu_strategy": "adaptive",
-        "ipopt.mumps_mem_percent": 200,
+    settings: dict[str, Any] = {
+        "max_iter": effort.iterations,
+        "tol": 1e-4,
+        "constr_viol_tol": 1e-7,
+        "acceptable_tol": 1e-2,
+        "acceptable_constr_viol_tol": 1e-7,
+        "acceptable_iter": 4,
+        "mu_strategy": "adaptive",
+        "mumps_mem_percent": 200,
     }
     if effort.warm:
-        options |= {"ipopt.mu_init": 1e-3, "ipopt.bound_push": 1e-5, "ipopt.bound_frac": 1e-5}
-    problem = {"x": x, "f": program.cost, "g": g}
-    solver = ca.nlpsol("legs", "ipopt", problem, options)
-    built = time.perf_counter()
-    low, high = np.concatenate(store.g_low), np.concatenate(store.g_high)
-    with interruptible(deadline.stop):
-        answer = solver(
-            x0=np.concatenate(store.start),
-            lbx=np.concatenate(store.low),
-            ubx=np.concatenate(store.high),
-            lbg=low,
-            ubg=high,
-        )
-    values = np.asarray(answer["g"]).ravel()
-    violation = float(np.maximum(low - values, values - high).max())
-    stats = solver.stats()
-    read = ca.Function("read", [x], program.outputs)(answer["x"])
-    status = f"{stats['return_status']}, {stats['iter_count']} iterations"
-    return LegOutcome(
-        solved=violation <= FEASIBLE,  # whatever the solver says of optimality
-        message=f"{status}, violation {violation:.1e}",
-        traces=program.traces([np.asarray(v) for v in read], guess),
-        violation=violation,
-        objective=float(answer["f"]),
-        seconds=time.perf_counter() - built,
-        build_seconds=built - began,
-        variables=int(x.numel()),
-        constraints=int(g.numel()),
+        settings |= {"mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5}
+    answer = solve_unknowns(
+        "legs",
+        program.store,
+        program.cost,
+        program.outputs,
+        settings,
+        began,
+        effort.deadline,
+        expand=True,
     )
+    return LegOutcome(traces=program.traces(answer.values, guess), **answer.figures())

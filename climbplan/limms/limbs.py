@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.chain import Points, Pose, along, forward, inverse
+from climbplan.limms.chain import Points, Pose, along, forward
 from climbplan.limms.scene import FLIP, SIDE_NORMALS, Array, Scene, anchor_frame
 from climbplan.limms.statement import Limb
 
@@ -94,18 +94,3 @@ def limb_points(scene: Scene, limb: Limb, box: Array, other: Array, angles: Arra
     first, _ = limb_frames(scene, limb, box, other)
     base = Pose(first.position, np.broadcast_to(first.rotation, (len(box), 3, 3)))
     return forward(scene.module, base, angles)
-
-
-__all__ = [
-    "arm",
-    "end_rotation",
-    "inverse",
-    "joined_rotation",
-    "leg",
-    "limb_angles",
-    "limb_frames",
-    "limb_points",
-    "root_on_anchor",
-    "side_pose",
-    "standing_rotation",
-]

@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
-from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.csv_file import write_csv
 
 
-def export_csv(plan_path: Path, out: Path | TextIO) -> None:
+def export_csv(path: Path, out: Path | TextIO) -> None:
     """Write time, box and joint angles of every sample; times of events stand there twice.
 
     Raises PlanFileError for a damaged plan, UsageError where nothing can be written.
     """
-    plan = read_limms_plan(plan_path)
-    if isinstance(out, Path):
-        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
-            _write(plan, stream)
-    else:
-        _write(plan, out)
-
-
-def _write(plan: LimmsPlan, stream: TextIO) -> None:
-    motion = plan.motion
+    plan = read_limms_plan(path)
     head = ["time_s", "box_mode", "box_x_m", "box_y_m", "box_z_m"]
     for name in plan.module_names:
         head += [f"{name}_mode", *(f"{name}_joint{j}_rad" for j in range(1, 7))]
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(head)
+    write_csv(out, head, _rows(plan))
+
+
+def _rows(plan: LimmsPlan) -> Iterator[list[str]]:
+    motion = plan.motion
     for k in range(len(motion.time)):
         row = [f"{motion.time[k]:.6f}", str(motion.box_mode[k, 0])]
         row += [f"{value:.9g}" for value in motion.box_position[k, 0]]
         for m in range(len(plan.module_names)):
             row.append(str(motion.mode[k, m]))
             row += [f"{angle:.9g}" for angle in motion.joint_angles[k, m]]
-        writer.writerow(row)
+        yield row

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
-import climbplan
 from climbplan.errors import PlanFileError
 from climbplan.limms.convergence import RESIDUALS, Convergence
 from climbplan.limms.plan import LimmsPlan, Motion
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.plans.root_attributes import read_root, require_plan, write_root
 
 FORMAT = "climbplan/limms"
 FORMAT_VERSION = 1
@@ -83,11 +80,6 @@ def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
     An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
     the file cannot be written.
     """
-    plan = replace(
-        plan,
-        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
-        climbplan_version=plan.climbplan_version or climbplan.__version__,
-    )
     with new_store(path) as file:
         _write_header(file, plan)
         for name in ("box", "limms", "anchors", "terrain"):
@@ -127,52 +119,35 @@ def read_as_found(path: Path) -> LimmsPlan:
     """As `read_limms_plan`, but numbers that are not finite are only listed, for a check."""
     with opened_store(path) as file:
         reader = Reader(path, file)
-        _require_format(reader)
+        require_plan(reader, FORMAT_VERSION, FORMAT)
         return _read(reader)
 
 
 def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
-    texts = {
-        "format": FORMAT,
-        "climbplan_version": plan.climbplan_version,
-        "created": plan.created,
-        "name": plan.name,
-        "title": plan.title,
-        "spec": plan.spec_text,
-        "spec_sha256": plan.spec_sha256,
-        "status": plan.status,
-        "method": plan.method,
-        "sequence": plan.sequence,
-        **_NOTES,
-    }
-    for name, text in texts.items():
-        write_text(file, name, text)
-    file.attrs["format_version"] = FORMAT_VERSION
-    file.attrs["seed"] = plan.seed
-    file.attrs["verified"] = np.bool_(plan.verified)
-    file.attrs["objective"] = float(plan.objective)
-    file.attrs["arrival_speed"] = float(plan.arrival_speed)
-    file.attrs["friction"] = float(plan.friction)
-    file.attrs["force_limit"] = float(plan.module["max_force"])
-    for name in ("timings", "solvers", "sizes", "module", "stages"):
-        write_json(file, name, vars(plan)[name])
-
-
-def _require_format(reader: Reader) -> None:
-    if not reader.has_attribute("", "format"):
-        raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
-    found = reader.text("", "format")
-    if found != FORMAT:
-        raise reader.refuse(f"holds {found!r}, expected {FORMAT!r}")
-    version = reader.integer("", "format_version")
-    if version != FORMAT_VERSION:
-        newer = "; a newer climbplan reads it" if version > FORMAT_VERSION else ""
-        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}{newer}")
+    texts = {"title": plan.title, "method": plan.method, "sequence": plan.sequence}
+    write_root(
+        file,
+        plan,
+        FORMAT,
+        FORMAT_VERSION,
+        texts={"status": plan.status, **texts, **_NOTES},
+        numbers={
+            "objective": plan.objective,
+            "arrival_speed": plan.arrival_speed,
+            "friction": plan.friction,
+            "force_limit": plan.module["max_force"],
+        },
+        objects={
+            name: vars(plan)[name] for name in ("timings", "solvers", "sizes", "module", "stages")
+        },
+    )
 
 
 def _read(reader: Reader) -> LimmsPlan:
     motion = Motion(**{key: reader.array(name, layout) for key, (name, layout) in MOTION.items()})
-    still = {key: reader.array(name, layout) for key, (name, layout) in STILL.items()}
+    still: dict[str, Any] = {
+        key: reader.array(name, layout) for key, (name, layout) in STILL.items()
+    }
     convergence = None
     if reader.has("convergence"):
         values = {key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()}
@@ -181,7 +156,7 @@ def _read(reader: Reader) -> LimmsPlan:
         raise reader.refuse("no samples")
     if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
         raise reader.refuse("fewer anchors than four on each box")
-    module = _mapping(reader, "module")
+    module = reader.mapping("module")
     copies = {
         "limms/link_lengths": (reader.array("limms/link_lengths", _LINKS).tolist(), "link_lengths"),
         "force_limit": (reader.number("", "force_limit"), "max_force"),
@@ -191,7 +166,7 @@ def _read(reader: Reader) -> LimmsPlan:
     if status not in STATUSES:
         raise reader.refuse(f"status {status!r}, expected one of {', '.join(STATUSES)}")
     return LimmsPlan(
-        name=reader.text("", "name"),
+        **read_root(reader),
         title=reader.text("", "title"),
         method=reader.text("", "method"),
         status=status,
@@ -205,29 +180,16 @@ def _read(reader: Reader) -> LimmsPlan:
         friction=reader.number("", "friction"),
         stages=_stages(reader),
         sequence=reader.text("", "sequence"),
-        spec_text=reader.text("", "spec"),
-        spec_sha256=reader.text("", "spec_sha256"),
-        seed=reader.integer("", "seed"),
         objective=reader.number("", "objective"),
-        timings=_mapping(reader, "timings"),
-        solvers=_mapping(reader, "solvers"),
-        sizes=_mapping(reader, "sizes"),
+        timings=reader.mapping("timings"),
+        solvers=reader.mapping("solvers"),
+        sizes=reader.mapping("sizes"),
         warnings=reader.texts("warnings", _TEXTS),
         summary=reader.texts("summary", _TEXTS),
         convergence=convergence,
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
         not_finite=tuple(reader.not_finite),
         **still,
     )
-
-
-def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.json("", name)
-    if not isinstance(value, dict):
-        raise reader.refuse(f"attribute {name} is not a JSON object")
-    return value
 
 
 def _stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.limms.carrying import Attempts
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.plan import LimmsPlan, Motion, motion_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
-from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.carrying import carry
 from climbplan.limms.chain_carrying import carry_on_chains
 from climbplan.limms.consensus.planner import plan_by_consensus
 from climbplan.limms.plan import LimmsPlan

@@ -19,10 +19,8 @@ from climbplan.limms.scene import Array
 from climbplan.limms.straight_ways import (
     LENGTHS,
     SPEED_SHARE,
-    closest_branch,
     follow,
     leave,
-    rates_of,
     straight_in,
 )
 from climbplan.limms.timeline import Progress, samples
@@ -30,22 +28,6 @@ from climbplan.limms.timeline import Progress, samples
 MARGIN = 0.004  # [m] kept on the way
 _STEP = 0.06  # [rad] between the poses that are looked at
 _TURN = np.pi  # [rad] of a roll that trees look through
-
-__all__ = [
-    "LENGTHS",
-    "Blocked",
-    "add_motion",
-    "closest_branch",
-    "drive",
-    "follow",
-    "gaps",
-    "leave",
-    "move_joints",
-    "rates_of",
-    "reach",
-    "rooted",
-    "straight_in",
-]
 
 
 def _smooth(corners: Array, most: float) -> tuple[Array, Array, Array]:

@@ -17,22 +17,20 @@ from climbplan.limms.assembly import (
     latch_from_ground,
     reach_box,
 )
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, on_ground
-from climbplan.limms.carrying import Attempts
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.densify import Follow, add_traces
+from climbplan.limms.branches import delivery, noted, solved_branches
+from climbplan.limms.densify import add_traces
 from climbplan.limms.held import (
-    HeldTask,
     branch_choices,
-    combinations,
-    path_choices,
-    plan_held,
 )
 from climbplan.limms.limbs import arm, limb_angles, root_on_anchor, side_pose
-from climbplan.limms.reaching import Blocked, leave, reach
+from climbplan.limms.moving import Blocked
+from climbplan.limms.reaching import reach
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
+from climbplan.limms.straight_ways import leave
 from climbplan.limms.stretch_clearance import require_clear_of_all
 from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, Progress, samples
 
@@ -42,12 +40,9 @@ def relatch(
 ) -> Progress | None:
     """A plan in which a module comes to its anchor over the box and then carries it, or None."""
     connection = modes.connections[0]
-    start = scene.box_start[0]
-    way = ways(centre_blocks(scene), start, scene.goal)
-    if way is None:
-        attempts.notes.append("there is no way for the box")
+    task = delivery(scene, attempts)
+    if task is None:
         return None
-    task = HeldTask(start, scene.goal, way, False, 0.0)
     for module in _owners(scene, connection):
         try:
             world = on_box(scene, module, connection.side, modes.lets_go, rng)
@@ -57,19 +52,10 @@ def relatch(
         box_end = 0 if world.base_anchor[module] == connection.side else 1
         root = root_on_anchor(scene, connection.root, 1 - box_end)
         limb = arm(module, connection.side, root, box_end)
-        choices = path_choices(scene, [limb], task)
-        if not all(choices):
-            attempts.notes.append(f"{modes.named(scene)}: out of reach at the start")
-            continue
-        for combo in combinations(choices, most=4):
-            outcome = plan_held(scene, combo, task, attempts.left(min(left, 20.0)))
-            attempts.count(outcome, modes.named(scene))
-            if not outcome.solved:
-                continue
-            try:
-                return _from_box(world, combo[0], connection, outcome, rng)
-            except (Blocked, Follow) as error:
-                attempts.notes.append(f"{modes.named(scene)}: {error}")
+        name = modes.named(scene)
+        for arms, outcome in solved_branches(scene, [limb], task, name, attempts, left):
+            with noted(attempts, name):
+                return _from_box(world, arms[0], connection, outcome, rng)
     return None
 
 

@@ -7,7 +7,7 @@ between the knots.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,16 +30,14 @@ class Limb:
 
 @dataclass(frozen=True)
 class Phase:
-    """Constant modes: how the box moves, which feet are in the air, where its centre may be."""
+    """Constant modes: how the box moves, and where its centre may be."""
 
-    kind: str  # "held", "quadruped", "flight"
+    kind: str  # "held", "flight"
     lower: Array  # (3,) least centre of the box [m]
     upper: Array  # (3,)
     intervals: int
     shortest: float  # [s]
     longest: float  # [s]
-    swing: tuple[int, ...] = ()  # limbs whose feet are in the air
-    patches: dict[int, int] = field(default_factory=dict)  # limb -> patch it stands on after swing
 
 
 @dataclass(frozen=True)
@@ -52,8 +50,8 @@ class Trace:
     velocity: Array  # (K + 1, 3) [m/s]
     acceleration: Array  # (K + 1, 3) [m/s^2]
     angles: Array  # (K + 1, limbs, 6) [rad]
-    feet: Array  # (K + 1, limbs, 3) other ends of the limbs [m]
-    force: Array  # (K + 1, limbs, 3) at feet or latches [N]
+    feet: Array  # (K + 1, limbs, 3) other ends of the limbs, which are fixed [m]
+    force: Array  # (K + 1, limbs, 3) at latches [N]
 
 
 def held_forces(offsets: Array, force_limit: float, moment_limit: float) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.limms.chain import Pose, forward
 from climbplan.limms.contact import gap_between, gap_to_blocks, gap_within, link_segments
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.timeline import Stretch
 

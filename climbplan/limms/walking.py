@@ -10,14 +10,14 @@ from itertools import permutations
 import numpy as np
 
 from climbplan.limms.assembly import initial, latch_box, stand_leg
-from climbplan.limms.carrying import Attempts
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.gaits import gaits
 from climbplan.limms.leg_motion import leg_motion
 from climbplan.limms.leg_statement import LegEnds, LegTrace
 from climbplan.limms.leg_stretches import add_leg_traces
+from climbplan.limms.moving import Blocked
 from climbplan.limms.quadruped import solve_sound, starts
-from climbplan.limms.reaching import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import Progress

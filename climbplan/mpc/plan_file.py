@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-import climbplan
 from climbplan.errors import PlanFileError
 from climbplan.mpc.answer import Improvement
 from climbplan.mpc.plan import STATUSES, LoopRecord, WalkPlan
@@ -27,7 +24,8 @@ from climbplan.mpc.task import (
 )
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.plans.root_attributes import read_root, require_plan, write_root
 
 FORMAT = "climbplan/mpc"
 FORMAT_VERSION = 1
@@ -75,11 +73,6 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
     An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
     the file cannot be written.
     """
-    plan = replace(
-        plan,
-        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
-        climbplan_version=plan.climbplan_version or climbplan.__version__,
-    )
     task, found = plan.task, plan.trajectory
     with new_store(path) as file:
         _write_header(file, plan)
@@ -133,13 +126,7 @@ def read_as_found(path: Path) -> WalkPlan:
     """As `read_walk_plan`, but numbers that are not finite are only listed, for a check."""
     with opened_store(path) as file:
         reader = Reader(path, file)
-        if not reader.has_attribute("", "format"):
-            raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
-        if (found := reader.text("", "format")) != FORMAT:
-            raise reader.refuse(f"holds {found!r}, expected {FORMAT!r}")
-        if (version := reader.integer("", "format_version")) != FORMAT_VERSION:
-            newer = "; a newer climbplan reads it" if version > FORMAT_VERSION else ""
-            raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}{newer}")
+        require_plan(reader, FORMAT_VERSION, FORMAT)
         return _read(reader)
 
 
@@ -149,35 +136,30 @@ def _repeated(values: Any) -> Any:
 
 
 def _write_header(file: h5py.File, plan: WalkPlan) -> None:
-    texts = {
-        "format": FORMAT,
-        "climbplan_version": plan.climbplan_version,
-        "created": plan.created,
-        "name": plan.name,
-        "title": plan.title,
-        "spec": plan.spec_text,
-        "spec_sha256": plan.spec_sha256,
-        "status": plan.status,
-        "method": plan.method,
-        "integrator": plan.task.integrator,
-        **_NOTES,
-    }
-    for name, text in texts.items():
-        write_text(file, name, text)
-    file.attrs["format_version"] = FORMAT_VERSION
-    file.attrs["seed"] = plan.seed
-    file.attrs["verified"] = np.bool_(plan.verified)
-    file.attrs["objective"] = float(plan.objective)
-    for name in ("bound", "gap"):
-        if (value := vars(plan)[name]) is not None:
-            file.attrs[name] = float(value)
-    file.attrs["step"] = plan.task.step
-    file.attrs["lift"] = plan.task.lift
-    file.attrs["least_contacts"] = plan.task.least_contacts
-    file.attrs["whole_stance"] = np.bool_(plan.task.whole_stance)
-    for name in ("timings", "solvers", "sizes"):
-        write_json(file, name, vars(plan)[name])
-    write_json(file, "terms", dict(plan.terms))
+    task = plan.task
+    texts = {"title": plan.title, "method": plan.method, "integrator": task.integrator}
+    write_root(
+        file,
+        plan,
+        FORMAT,
+        FORMAT_VERSION,
+        texts={"status": plan.status, **texts, **_NOTES},
+        numbers={
+            "objective": plan.objective,
+            "bound": plan.bound,
+            "gap": plan.gap,
+            "step": task.step,
+            "lift": task.lift,
+        },
+        objects={
+            "timings": plan.timings,
+            "solvers": plan.solvers,
+            "sizes": plan.sizes,
+            "terms": dict(plan.terms),
+        },
+    )
+    file.attrs["least_contacts"] = task.least_contacts
+    file.attrs["whole_stance"] = np.bool_(task.whole_stance)
 
 
 def _read(reader: Reader) -> WalkPlan:
@@ -203,36 +185,30 @@ def _read(reader: Reader) -> WalkPlan:
     if status not in STATUSES:
         raise reader.refuse(f"status {status!r}, expected one of {', '.join(STATUSES)}")
     return WalkPlan(
-        name=reader.text("", "name"),
+        **read_root(reader),
         title=reader.text("", "title"),
         method=reader.text("", "method"),
         status=status,
         task=task,
         trajectory=trajectory,
         objective=reader.number("", "objective"),
-        terms=_mapping(reader, "terms"),
-        spec_text=reader.text("", "spec"),
+        terms=reader.mapping("terms"),
         robot_text=reader.text("robot", "source")
         if reader.has_attribute("robot", "source")
         else "",
-        spec_sha256=reader.text("", "spec_sha256"),
-        seed=reader.integer("", "seed"),
-        timings=_mapping(reader, "timings"),
-        solvers=_mapping(reader, "solvers"),
-        sizes=_mapping(reader, "sizes"),
+        timings=reader.mapping("timings"),
+        solvers=reader.mapping("solvers"),
+        sizes=reader.mapping("sizes"),
         history=tuple(
             Improvement(*(float(history[name][k]) for name in HISTORY))
             for k in range(len(history["seconds"]))
         ),
         loop=_read_loop(reader) if task.integrator == "rk4" else None,
         begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
-        bound=_optional(reader, "bound"),
-        gap=_optional(reader, "gap"),
+        bound=reader.optional_number("bound"),
+        gap=reader.optional_number("gap"),
         warnings=reader.texts("warnings", _TEXTS),
         summary=reader.texts("summary", _TEXTS),
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
         not_finite=tuple(reader.not_finite),
     )
 
@@ -240,14 +216,3 @@ def _read(reader: Reader) -> WalkPlan:
 def _read_loop(reader: Reader) -> LoopRecord:
     parts = {name: reader.array(name, layout) for name, layout in LOOP.items()}
     return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), **parts)
-
-
-def _optional(reader: Reader, name: str) -> float | None:
-    return reader.number("", name) if reader.has_attribute("", name) else None
-
-
-def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.json("", name)
-    if not isinstance(value, dict):
-        raise reader.refuse(f"attribute {name} is not a JSON object")
-    return value

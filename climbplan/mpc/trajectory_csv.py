@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
 from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.plan_file import read_walk_plan
-from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.csv_file import write_csv
 
 _BODY = (
     *(f"com_{a}_m" for a in "xyz"),
@@ -27,20 +26,11 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     an MPC plan and UsageError if `out` cannot be written.
     """
     plan = read_walk_plan(path)
-    if isinstance(out, Path):
-        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
-            _write(plan, stream)
-    else:
-        _write(plan, out)
-
-
-def _write(plan: WalkPlan, stream: TextIO) -> None:
-    writer = csv.writer(stream, lineterminator="\n")
     names = plan.task.body.leg_names
     toes = [f"{leg}_toe_{a}_m" for leg in names for a in "xyz"]
     forces = [f"{leg}_force_{a}_N" for leg in names for a in "xyz"]
-    writer.writerow(["time_s", *_BODY, *toes, *forces, *(f"{leg}_contact" for leg in names)])
-    writer.writerows(_rows(plan))
+    header = ["time_s", *_BODY, *toes, *forces, *(f"{leg}_contact" for leg in names)]
+    write_csv(out, header, _rows(plan))
 
 
 def _rows(plan: WalkPlan) -> Iterator[list[float | int]]:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
-import climbplan
 from climbplan.errors import PlanFileError
 from climbplan.plans import climb_layout as layout
 from climbplan.plans.climb_plan import (
@@ -27,11 +24,10 @@ from climbplan.plans.climb_plan import (
 from climbplan.plans.grip_store import read_grips, write_grips
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset
 from climbplan.plans.robot_store import read_robot, read_robot_texts, write_robot
+from climbplan.plans.root_attributes import read_root, require_plan, write_root
 from climbplan.plans.terrain_store import read_terrain, write_terrain
-
-_HEADER_NUMBERS = ("bound", "gap")  # left out where the method gives none
 
 
 def write_climb(plan: ClimbPlan, path: Path) -> None:
@@ -40,11 +36,6 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
     An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
     the file cannot be written.
     """
-    plan = replace(
-        plan,
-        created=plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
-        climbplan_version=plan.climbplan_version or climbplan.__version__,
-    )
     with new_store(path) as file:
         _write_header(file, plan)
         write_robot(file.create_group("robot"), plan.robot, plan.robot_texts)
@@ -97,36 +88,24 @@ def read_as_found(path: Path) -> Reading:
     """As `read_climb`, but NaN and infinities are only listed, so that a check can report them."""
     with opened_store(path) as file:
         reader = Reader(path, file)
-        _require_format(reader)
+        require_plan(reader, layout.FORMAT_VERSION, *layout.FORMATS.values())
         plan = _read(reader)
         return Reading(plan, tuple(reader.not_finite))
 
 
 def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
-    texts = {
-        "format": layout.FORMATS[plan.kind],
-        "climbplan_version": plan.climbplan_version,
-        "created": plan.created,
-        "name": plan.name,
-        "spec": plan.spec_text,
-        "spec_sha256": plan.spec_sha256,
-        "status": plan.status,
-    }
+    texts = {"status": plan.status}
     if plan.kind == "transition":
         texts["contact_sequence"] = plan.contact_sequence
-    for name, text in texts.items():
-        write_text(file, name, text)
-    file.attrs["format_version"] = layout.FORMAT_VERSION
-    file.attrs["seed"] = plan.seed
-    file.attrs["verified"] = np.bool_(plan.verified)
-    file.attrs["objective"] = float(plan.objective)
-    for name in _HEADER_NUMBERS:
-        value = vars(plan)[name]
-        if value is not None:
-            file.attrs[name] = float(value)
-    write_json(file, "timings", plan.timings)
-    write_json(file, "solvers", plan.solvers)
-    write_json(file, "sizes", plan.sizes)
+    write_root(
+        file,
+        plan,
+        layout.FORMATS[plan.kind],
+        layout.FORMAT_VERSION,
+        texts=texts,
+        numbers={"objective": plan.objective, "bound": plan.bound, "gap": plan.gap},
+        objects={"timings": plan.timings, "solvers": plan.solvers, "sizes": plan.sizes},
+    )
 
 
 def _write_fields(group: h5py.Group, source: Any, layouts: Mapping[str, Layout]) -> None:
@@ -142,19 +121,6 @@ def _write_study(group: h5py.Group, study: Study) -> None:
     write_dataset(group, "detail", study.detail, layout.TEXTS)
     for index, values in enumerate(study.values):
         write_dataset(group, f"values_{index}", values, layout.STUDY_VALUES)
-
-
-def _require_format(reader: Reader) -> None:
-    if not reader.has_attribute("", "format"):
-        raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
-    found = reader.text("", "format")
-    if found not in layout.FORMATS.values():
-        expected = " or ".join(repr(name) for name in layout.FORMATS.values())
-        raise reader.refuse(f"holds {found!r}, expected {expected}")
-    version = reader.integer("", "format_version")
-    if version != layout.FORMAT_VERSION:
-        newer = "; a newer climbplan reads it" if version > layout.FORMAT_VERSION else ""
-        raise reader.refuse(f"format version {version}, expected {layout.FORMAT_VERSION}{newer}")
 
 
 def _read(reader: Reader) -> ClimbPlan:
@@ -183,7 +149,7 @@ def _read(reader: Reader) -> ClimbPlan:
     if status not in layout.STATUSES:
         raise reader.refuse(f"status {status!r}, expected one of {', '.join(layout.STATUSES)}")
     return ClimbPlan(
-        name=reader.text("", "name"),
+        **read_root(reader),
         robot=robot,
         terrain=terrain,
         rounds=rounds,
@@ -193,19 +159,13 @@ def _read(reader: Reader) -> ClimbPlan:
         limits=limits,
         status=status,
         objective=reader.number("", "objective"),
-        bound=_optional(reader, "bound"),
-        gap=_optional(reader, "gap"),
-        spec_text=reader.text("", "spec"),
-        spec_sha256=reader.text("", "spec_sha256"),
-        seed=reader.integer("", "seed"),
-        timings=_mapping(reader, "timings"),
-        solvers=_mapping(reader, "solvers"),
-        sizes=_mapping(reader, "sizes"),
+        bound=reader.optional_number("bound"),
+        gap=reader.optional_number("gap"),
+        timings=reader.mapping("timings"),
+        solvers=reader.mapping("solvers"),
+        sizes=reader.mapping("sizes"),
         warnings=reader.texts("warnings", layout.TEXTS),
         study=_read_study(reader) if reader.has("study") else None,
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
         summary=reader.texts("summary", layout.TEXTS),
         kind=kind,
         sequences=_read_sequences(reader) if reader.has("sequences") else None,
@@ -266,14 +226,3 @@ def _read_study(reader: Reader) -> Study:
     if label.size and not (label.min() >= 0 and label.max() < len(Study.LABELS)):
         raise reader.refuse(f"study/label leaves the range 0 to {len(Study.LABELS) - 1}")
     return Study(keys=keys, values=values, label=label, detail=detail)
-
-
-def _optional(reader: Reader, name: str) -> float | None:
-    return reader.number("", name) if reader.has_attribute("", name) else None
-
-
-def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.json("", name)
-    if not isinstance(value, dict):
-        raise reader.refuse(f"attribute {name} is not a JSON object")
-    return value

@@ -11,17 +11,16 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import climbplan
 from climbplan.plans.dataset import ANSWERED, STATUSES, Dataset, DatasetFrame, solution_layout
 from climbplan.plans.hdf5_layout import Kind, Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset
+from climbplan.plans.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/dataset"
 FORMAT_VERSION = 1
@@ -52,25 +51,6 @@ def write_dataset_file(data: Dataset, path: Path) -> None:
     """Write a dataset; the file appears whole or not at all. Raises UsageError if it cannot."""
     frame = data.frame
     with new_store(path) as file:
-        for name, text in {
-            "format": FORMAT,
-            "climbplan_version": data.climbplan_version or climbplan.__version__,
-            "created": data.created or datetime.now(UTC).isoformat(timespec="seconds"),
-            "name": data.name,
-            "title": data.title,
-            "kind": frame.kind,
-            "problem": frame.problem,
-            "spec": data.spec_text,
-            "spec_sha256": data.spec_sha256,
-            "status": data.overall,
-        }.items():
-            write_text(file, name, text)
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["seed"] = data.base_seed
-        file.attrs["verified"] = np.bool_(data.verified)
-        write_json(file, "facts", dict(frame.facts))
-        write_json(file, "timings", dict(data.timings))
-        write_json(file, "solvers", dict(data.solvers))
         layouts = {
             name: {
                 "shape": list(layout.shape[1:]),
@@ -80,7 +60,30 @@ def write_dataset_file(data: Dataset, path: Path) -> None:
             }
             for name, layout in frame.layouts.items()
         }
-        write_json(file, "solution_layout", layouts)
+        texts = {"title": data.title, "kind": frame.kind, "problem": frame.problem}
+        origin = Origin(
+            data.name,
+            data.spec_text,
+            data.spec_sha256,
+            data.base_seed,
+            data.verified,
+            data.created,
+            data.climbplan_version,
+        )
+        write_root(
+            file,
+            origin,
+            FORMAT,
+            FORMAT_VERSION,
+            texts={"status": data.overall, **texts},
+            numbers={},
+            objects={
+                "facts": dict(frame.facts),
+                "timings": dict(data.timings),
+                "solvers": dict(data.solvers),
+                "solution_layout": layouts,
+            },
+        )
         for name, layout in _ARRAYS.items():
             unit = frame.objective_unit if name in ("objective", "bound") else layout.units
             write_dataset(file, name, vars(data)[name], replace(layout, units=unit))
@@ -108,11 +111,9 @@ def read_dataset_file(path: Path) -> Dataset:
 
 
 def _read(reader: Reader) -> Dataset:
-    if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
-        raise reader.refuse(f"not a dataset ({FORMAT})")
-    version = reader.integer("", "format_version")
-    if version != FORMAT_VERSION:
-        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}")
+    require_other(reader, FORMAT_VERSION, FORMAT, "a dataset")
+    root = read_root(reader)
+    root["base_seed"] = root.pop("seed")  # rows have seeds of their own
     arrays: dict[str, Any] = {name: reader.array(name, layout) for name, layout in _ARRAYS.items()}
     texts: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _TEXTS.items()}
     names: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _NAMES.items()}
@@ -133,21 +134,15 @@ def _read(reader: Reader) -> Dataset:
         **names,
     )
     data = Dataset(
+        **root,
         frame=frame,
         solution=solution,
         **arrays,
         **texts,
         **masks,
-        name=reader.text("", "name"),
         title=reader.text("", "title"),
-        spec_text=reader.text("", "spec"),
-        spec_sha256=reader.text("", "spec_sha256"),
-        base_seed=reader.integer("", "seed"),
         timings=_mapping(reader, "timings"),
         solvers=_mapping(reader, "solvers"),
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
     )
     _require_sound(reader, data)
     return data
@@ -213,9 +208,7 @@ def _layouts(reader: Reader) -> dict[str, Layout]:
 
 
 def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.json("", name)
-    if not isinstance(value, dict):
-        raise reader.refuse(f"attribute {name} is not a JSON object")
+    value = reader.mapping(name)
     try:
         json.dumps(value, allow_nan=False)  # what could not be written again
     except ValueError as error:

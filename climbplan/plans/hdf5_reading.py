@@ -168,6 +168,17 @@ class Reader:
         except (ValueError, RecursionError) as error:
             raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
 
+    def mapping(self, name: str) -> dict[str, Any]:
+        """A JSON object of the file itself."""
+        value = self.json("", name)
+        if not isinstance(value, dict):
+            raise self.refuse(f"attribute {name} is not a JSON object")
+        return value
+
+    def optional_number(self, name: str) -> float | None:
+        """A number of the file itself, None where there is none."""
+        return self.number("", name) if self.has_attribute("", name) else None
+
     def has_attribute(self, holder: str, name: str) -> bool:
         """Whether an attribute is there."""
         try:

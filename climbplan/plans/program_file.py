@@ -10,17 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import climbplan
-from climbplan.errors import PlanFileError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json, write_text
+from climbplan.plans.hdf5_writing import new_store, write_dataset
 from climbplan.plans.program_plan import (
     Layouts,
     ParameterBlock,
@@ -28,6 +25,7 @@ from climbplan.plans.program_plan import (
     ProgramTotals,
     VariableBlock,
 )
+from climbplan.plans.root_attributes import read_root, require_other, write_root
 
 FORMAT = "climbplan/program"
 FORMAT_VERSION = 1
@@ -58,30 +56,24 @@ def write_program(plan: ProgramPlan, path: Path) -> None:
     """Write answers; the file appears whole or not at all. Raises UsageError if it cannot."""
     fields = vars(plan)
     with new_store(path) as file:
-        for name, text in {
-            "format": FORMAT,
-            "climbplan_version": plan.climbplan_version or climbplan.__version__,
-            "created": plan.created or datetime.now(UTC).isoformat(timespec="seconds"),
-            "name": plan.name,
-            "problem": plan.problem,
-            "spec": plan.spec_text,
-            "spec_sha256": plan.spec_sha256,
-            "status": plan.overall,
-        }.items():
-            write_text(file, name, text)
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["seed"] = plan.seed
-        file.attrs["verified"] = np.bool_(plan.verified)
-        file.attrs["tolerance"] = plan.tolerance
-        for name in _OPTIONAL:
-            value = vars(plan.totals)[name]
-            if value is not None:
-                file.attrs[name] = value
-        write_json(file, "timings", dict(plan.timings))
-        write_json(file, "solvers", dict(plan.solvers))
-        write_json(file, "sizes", dict(plan.sizes))
-        write_json(file, "parameter_blocks", [asdict(b) for b in plan.layouts.parameters])
-        write_json(file, "variable_blocks", [asdict(b) for b in plan.layouts.variables])
+        write_root(
+            file,
+            plan,
+            FORMAT,
+            FORMAT_VERSION,
+            texts={"problem": plan.problem, "status": plan.overall},
+            numbers={
+                "tolerance": plan.tolerance,
+                **{name: vars(plan.totals)[name] for name in _OPTIONAL},
+            },
+            objects={
+                "timings": dict(plan.timings),
+                "solvers": dict(plan.solvers),
+                "sizes": dict(plan.sizes),
+                "parameter_blocks": [asdict(b) for b in plan.layouts.parameters],
+                "variable_blocks": [asdict(b) for b in plan.layouts.variables],
+            },
+        )
         for name, layout in (_ARRAYS | _TEXTS).items():
             write_dataset(file, name, fields[name], layout)
         for name, layout in _BOUNDS.items():
@@ -99,11 +91,7 @@ def read_program(path: Path) -> ProgramPlan:
 
 
 def _read(reader: Reader) -> ProgramPlan:
-    if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
-        raise reader.refuse(f"not a plan file of `climbplan solve` ({FORMAT})")
-    version = reader.integer("", "format_version")
-    if version != FORMAT_VERSION:
-        raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}")
+    require_other(reader, FORMAT_VERSION, FORMAT, "a plan file of `climbplan solve`")
     arrays: dict[str, Any] = {name: reader.array(name, layout) for name, layout in _ARRAYS.items()}
     bounds = {name: reader.array(name, layout) for name, layout in _BOUNDS.items()}
     texts: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _TEXTS.items()}
@@ -122,21 +110,15 @@ def _read(reader: Reader) -> ProgramPlan:
         raise reader.refuse(f"row {row}: status {texts['status'][row]!r} and `found` disagree")
     layouts = Layouts(_parameters(reader), _variables(reader), bounds["lower"], bounds["upper"])
     return ProgramPlan(
+        **read_root(reader),
         problem=reader.text("", "problem"),
         layouts=layouts,
         **arrays,
         **texts,
-        name=reader.text("", "name"),
-        spec_text=reader.text("", "spec"),
-        spec_sha256=reader.text("", "spec_sha256"),
-        seed=reader.integer("", "seed"),
         tolerance=reader.number("", "tolerance"),
-        timings=_mapping(reader, "timings"),
-        solvers=_mapping(reader, "solvers"),
-        sizes=_mapping(reader, "sizes"),
-        verified=reader.flag("", "verified"),
-        created=reader.text("", "created"),
-        climbplan_version=reader.text("", "climbplan_version"),
+        timings=reader.mapping("timings"),
+        solvers=reader.mapping("solvers"),
+        sizes=reader.mapping("sizes"),
         stored_totals=_totals(reader),
     )
 
@@ -205,10 +187,3 @@ def _shape(reader: Reader, entry: dict[str, Any]) -> tuple[int, ...]:
     if not isinstance(shape, list) or not all(type(k) is int and 0 <= k < 2**31 for k in shape):
         raise reader.refuse(f"a block's shape is {shape!r}, expected whole numbers")
     return tuple(shape)
-
-
-def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.json("", name)
-    if not isinstance(value, dict):
-        raise PlanFileError(f"{reader.path}: attribute {name} is not a JSON object")
-    return value

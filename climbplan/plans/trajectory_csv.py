@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
-from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.climb_file import read_climb
 from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.plans.csv_file import write_csv
 from climbplan.robots.model import Robot
 
 _BODY = ("com_x_m", "com_y_m", "com_z_m", "roll_rad", "pitch_rad", "yaw_rad")
@@ -24,17 +23,7 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     and UsageError if `out` cannot be written.
     """
     plan = read_climb(path)
-    if isinstance(out, Path):
-        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
-            _write(plan, stream)
-    else:
-        _write(plan, out)
-
-
-def _write(plan: ClimbPlan, stream: TextIO) -> None:
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(_header(plan.robot))
-    writer.writerows(_rows(plan))
+    write_csv(out, _header(plan.robot), _rows(plan))
 
 
 def _header(robot: Robot) -> list[str]:

@@ -9,20 +9,10 @@ from scipy import sparse
 
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range, RowPropagation
 
 _ROUNDS = 40
-_PROGRESS = 1e-3  # a round that moves no bound by more than this share is the last
-_WEAK = 1e-7  # entries below this share of a row's largest bound no variable
-_ROUNDING = 1e-9
 _INTEGRALITY = 1e-6
-
-
-@dataclass(frozen=True)
-class Range:
-    """lower <= value <= upper, elementwise."""
-
-    lower: Array
-    upper: Array
 
 
 @dataclass(frozen=True)
@@ -87,14 +77,8 @@ def propagated_box(instance: Instance) -> Box:
 def _propagate(
     rows: sparse.csr_matrix, row_lower: Array, row_upper: Array, instance: Instance, n: int
 ) -> Box:
-    """Bound every variable by every row, given the bounds of the row's other variables."""
-    rows.eliminate_zeros()
-    entry = rows.tocoo()
-    i, j, a = entry.row, entry.col, entry.data
-    m = rows.shape[0]
-    largest = np.zeros(m)
-    np.maximum.at(largest, i, np.abs(a))
-    strong = np.abs(a) > _WEAK * largest[i]  # division by a weak entry would amplify rounding
+    """Rounds over rows of variables and products, whose bounds follow from each other."""
+    propagation = RowPropagation(rows, row_lower, row_upper)
     count = instance.products.count
     first, second = instance.products.first, instance.products.second
     low = np.concatenate([instance.lower, np.full(count, -np.inf)])
@@ -104,21 +88,12 @@ def _propagate(
         implied = product_range(low[:n], high[:n], first, second)
         low[n:] = np.maximum(low[n:], implied.lower)
         high[n:] = np.minimum(high[n:], implied.upper)
-        # A row's parts without an entry's own bound what is left for the entry.
-        rest_low = _rest(np.where(a > 0, a * low[j], a * high[j]), i, m)
-        rest_high = _rest(np.where(a > 0, a * high[j], a * low[j]), i, m)
-        one, other = (row_lower[i] - rest_high) / a, (row_upper[i] - rest_low) / a
-        new_low, new_high = low.copy(), high.copy()
-        np.maximum.at(new_low, j[strong], np.minimum(one, other)[strong] - _ROUNDING)
-        np.minimum.at(new_high, j[strong], np.maximum(one, other)[strong] + _ROUNDING)
-        new_low[integer] = np.ceil(new_low[integer] - _INTEGRALITY)
-        new_high[integer] = np.floor(new_high[integer] + _INTEGRALITY)
-        opened = np.isinf(low) & np.isfinite(new_low) | np.isinf(high) & np.isfinite(new_high)
-        with np.errstate(invalid="ignore"):
-            moved = np.nan_to_num(np.maximum(new_low - low, high - new_high), nan=0.0)
-        width = np.maximum(new_high - new_low, _ROUNDING)
-        low, high = new_low, new_high
-        if not (opened | (moved > _PROGRESS * width)).any() or (low > high).any():
+        before = Range(low, high)
+        after = propagation.tightened(before)
+        low, high = after.lower, after.upper
+        low[integer] = np.ceil(low[integer] - _INTEGRALITY)
+        high[integer] = np.floor(high[integer] + _INTEGRALITY)
+        if not before.moved_to(after) or (low > high).any():
             break
     implied = product_range(low[:n], high[:n], first, second)
     products = Range(np.maximum(low[n:], implied.lower), np.minimum(high[n:], implied.upper))
@@ -136,13 +111,3 @@ def _interval(rows: sparse.csr_matrix, low: Array, high: Array) -> tuple[Array, 
     positive.eliminate_zeros()
     negative.eliminate_zeros()
     return positive @ low + negative @ high, positive @ high + negative @ low
-
-
-def _rest(part: Array, row: Index, m: int) -> Array:
-    """Sum of a row's parts without each entry's own; infinite if another part is."""
-    infinite = np.isinf(part)
-    total = np.bincount(row, np.where(infinite, 0.0, part), m)[row]
-    others = np.bincount(row, infinite, m)[row] - infinite
-    sign = np.sign(np.bincount(row, np.where(infinite, np.sign(part), 0.0), m)[row])
-    rest = total - np.where(infinite, 0.0, part)
-    return np.where(others > 0, np.where(sign < 0, -np.inf, np.inf), rest)

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.program.blocks import Blocks
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -29,3 +37,84 @@ class CheckReport:
     def passed(self, tolerance: float) -> bool:
         """Whether no block is violated by more than the tolerance."""
         return all(b.residual <= tolerance for b in self.blocks)
+
+
+def check_blocks(
+    blocks: Blocks, instance: Instance, x: Array, assignment: NDArray[np.int64] | None = None
+) -> CheckReport:
+    """Residual of every block of the statement that an instance was made of, at x (n,).
+
+    assignment: chosen alternative of each choice in order of statement; the least violated one
+    if left out.
+    """
+    chosen = instance.assignment(x) if assignment is None else assignment
+    found = (
+        *_bounds(blocks, x),
+        *_rows(blocks, instance, x),
+        *_balls(blocks, instance, x),
+        *_implications(blocks, instance, x),
+        *_choices(blocks, instance, x, chosen),
+    )
+    return CheckReport(found, instance.objective(x))
+
+
+def _bounds(blocks: Blocks, x: Array) -> Iterator[BlockResidual]:
+    for v in blocks.variables:
+        values = x[v.start : v.stop].reshape(v.shape)
+        yield _worst(f"bounds.{v.name}", _outside(values, v.lower, v.upper), v.unit)
+        if v.integer:
+            fraction = np.abs(values - np.round(values))
+            yield _worst(f"integrality.{v.name}", fraction, v.unit)
+
+
+def _rows(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    row = instance.A @ x + instance.Q @ instance.products.values(x)
+    start = 0
+    for rows in blocks.rows:
+        here = slice(start, start + len(rows.expression))
+        start = here.stop
+        outside = _outside(row[here], instance.row_lower[here], instance.row_upper[here])
+        yield _worst(rows.name, outside.reshape(rows.shape), rows.unit)
+
+
+def _balls(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    for block, balls in zip(blocks.balls, instance.balls, strict=True):
+        excess = np.maximum(balls.excess(x), 0.0).reshape(block.shape)
+        yield _worst(block.name, excess, block.unit)
+
+
+def _implications(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    failed = instance.implications.violations(x, instance.products.values(x))
+    start = 0
+    for implied in blocks.implications:
+        here = slice(start, start + len(implied.expression))
+        start = here.stop
+        yield _worst(implied.name, failed[here].reshape(implied.shape), implied.unit)
+
+
+def _choices(
+    blocks: Blocks, instance: Instance, x: Array, chosen: NDArray[np.int64]
+) -> Iterator[BlockResidual]:
+    start = 0
+    for group in blocks.choices:
+        here = slice(start, start + len(group.alternatives))
+        start = here.stop
+        violation = np.array(
+            [
+                c.alternatives[k].violation(c.point(x))
+                for c, k in zip(instance.choices[here], chosen[here], strict=True)
+            ]
+        )
+        yield _worst(group.name, violation.reshape(group.shape), group.unit)
+
+
+def _outside(value: Array, lower: Array, upper: Array) -> Array:
+    return np.maximum(np.maximum(lower - value, value - upper), 0.0)
+
+
+def _worst(name: str, residual: Array, unit: str) -> BlockResidual:
+    if residual.size == 0:
+        return BlockResidual(name, 0.0, unit, ())
+    flat = int(np.argmax(residual))
+    index = tuple(int(i) for i in np.unravel_index(flat, residual.shape))
+    return BlockResidual(name, float(residual.ravel()[flat]), unit, index)

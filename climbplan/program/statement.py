@@ -27,7 +27,7 @@ from climbplan.program.blocks import (
 from climbplan.program.compilation import CompiledProgram, compile_program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array, Polytope
-from climbplan.program.residuals import BlockResidual, CheckReport
+from climbplan.program.residuals import CheckReport, check_blocks
 
 Expression = NDArray[np.object_]  # CasADi scalars, any shape
 
@@ -243,46 +243,7 @@ class Program:
         assignment: chosen alternative of each choice in order of statement; the least violated one
         if left out.
         """
-        instance = self.at(theta)
-        out = []
-        for v in self.variables.values():
-            values = x[v.start : v.stop].reshape(v.shape)
-            out.append(_worst(f"bounds.{v.name}", _outside(values, v.lower, v.upper), v.unit))
-            if v.integer:
-                fraction = np.abs(values - np.round(values))
-                out.append(_worst(f"integrality.{v.name}", fraction, v.unit))
-        w = instance.products.values(x)
-        row = instance.A @ x + instance.Q @ w
-        start = 0
-        for rows in self._rows:
-            here = slice(start, start + len(rows.expression))
-            start = here.stop
-            low, high = instance.row_lower[here], instance.row_upper[here]
-            out.append(
-                _worst(rows.name, _outside(row[here], low, high).reshape(rows.shape), rows.unit)
-            )
-        for block, balls in zip(self._balls, instance.balls, strict=True):
-            excess = np.maximum(balls.excess(x), 0.0).reshape(block.shape)
-            out.append(_worst(block.name, excess, block.unit))
-        failed = instance.implications.violations(x, w)
-        start = 0
-        for implied in self._implications:
-            here = slice(start, start + len(implied.expression))
-            start = here.stop
-            out.append(_worst(implied.name, failed[here].reshape(implied.shape), implied.unit))
-        chosen = instance.assignment(x) if assignment is None else assignment
-        start = 0
-        for group in self._choices:
-            here = slice(start, start + len(group.alternatives))
-            start = here.stop
-            violation = np.array(
-                [
-                    c.alternatives[k].violation(c.point(x))
-                    for c, k in zip(instance.choices[here], chosen[here], strict=True)
-                ]
-            )
-            out.append(_worst(group.name, violation.reshape(group.shape), group.unit))
-        return CheckReport(tuple(out), instance.objective(x))
+        return check_blocks(self.blocks, self.at(theta), x, assignment)
 
     # ---- internals
 
@@ -315,15 +276,3 @@ def _as_array(expression: Any) -> Expression:
     scalar = np.empty((), dtype=object)
     scalar[()] = expression
     return scalar
-
-
-def _outside(value: Array, lower: Array, upper: Array) -> Array:
-    return np.maximum(np.maximum(lower - value, value - upper), 0.0)
-
-
-def _worst(name: str, residual: Array, unit: str) -> BlockResidual:
-    if residual.size == 0:
-        return BlockResidual(name, 0.0, unit, ())
-    flat = int(np.argmax(residual))
-    index = tuple(int(i) for i in np.unravel_index(flat, residual.shape))
-    return BlockResidual(name, float(residual.ravel()[flat]), unit, index)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
@@ -20,13 +19,3 @@ class Reformulated:
     def invert(self, x: Array) -> Array:
         """The statement's variables in a solution (n',) of the reformulated instance."""
         return x[: self.original_size].copy()
-
-
-class Reformulation(Protocol):
-    """A change of form: `apply` needs `accepts`."""
-
-    def accepts(self, instance: Instance) -> bool:
-        """Whether the instance has only what this reformulation can change or pass on."""
-
-    def apply(self, instance: Instance) -> Reformulated:
-        """The instance in its new form."""

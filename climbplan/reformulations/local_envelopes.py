@@ -12,9 +12,9 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.program.box import Range
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.base import Reformulated
 from climbplan.reformulations.envelopes import Squares, halfspaces
 from climbplan.reformulations.mccormick import McCormick

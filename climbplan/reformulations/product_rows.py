@@ -8,8 +8,9 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.program.box import Range, propagated_box
+from climbplan.program.box import propagated_box
 from climbplan.program.instance import Index, Instance, Products
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.envelopes import Squares, halfspaces
 from climbplan.reformulations.extension import Extension, RowStack, extended
 from climbplan.reformulations.grids import Partition

@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from string import Template
 from typing import Any
 
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_checks import LIMITS, MEANINGS
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    check_rows,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    style,
-    verdict,
+from climbplan.reports.page_parts import Card, escape
+from climbplan.reports.page_template import (
+    fill,
+    number_table,
+    origin_rows,
+    plan_tables,
+    report_fields,
+    run_fields,
+    verification_fields,
 )
 
 
@@ -34,47 +31,22 @@ class _Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-def build_page(plan: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """The page as text.
 
     report: as `report_dict` gives it. images: PNG files by name.
     """
     table = _books(report) if "books" in report else _scenes(report)
-    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
-    about = [
-        ("Method", report["method"]),
-        ("Meaning", report["meaning"]),
-        ("Created", report["created"]),
-        ("climbplan", report["climbplan_version"]),
-        ("Seed", report["seed"]),
-        ("Spec SHA-256", report["spec_sha256"]),
-    ]
+    origin = origin_rows(report, {"Method": report["method"], "Meaning": report["meaning"]})
     meanings = {**{name: limit.meaning for name, limit in LIMITS.items()}, **MEANINGS}
-    template = Template(PARTS.joinpath("shelf.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        policy=policy([]),
-        style=style(),
-        title=escape(report["title"] or report["name"]),
-        name=escape(report["name"]),
-        status=escape(report["status"]),
-        badge="verified" if report["verified"] else "not verified",
-        badge_class="good" if report["verified"] else "bad",
-        cards="".join(card.html() for card in _cards(report)),
-        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
-        figures=figures(images),
+    return fill(
+        "shelf.html",
+        **report_fields(report, "bookshelf", _cards(report), images, report["status"]),
+        **verification_fields(report, meanings),
+        **run_fields(report, plan_tables(report, origin)),
         table_title=escape(table.title),
         table_note=escape(table.note),
-        table_head="".join(f"<th>{escape(name)}</th>" for name in table.head),
-        table_rows="".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table.rows
-        ),
-        checks=check_rows(report, meanings),
-        verdict=verdict(report),
-        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
-        sizes=pairs((k, plain_words(v)) for k, v in report["sizes"].items()),
-        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
-        about=pairs((k, str(v)) for k, v in about),
-        spec=escape(plan.spec_text),
+        table=number_table(table.head, table.rows),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -15,33 +14,8 @@ from climbplan.plans.verification import Verification
 from climbplan.reports.bookshelf_figures import UNITS, key_figures
 from climbplan.reports.bookshelf_page import build_page
 from climbplan.reports.figure_shelf import gallery_pages, statistics, the_scene
-from climbplan.reports.report_files import finite, write_files
-from climbplan.reports.sheet import png
-
-
-def report_dict(plan_path: Path) -> dict[str, object]:
-    """The report of a plan file as JSON-ready values.
-
-    The root attributes of the file, the verification made anew, timings, sizes, times and costs
-    over the scenes, the costliest of them, and those without a placement; units are listed under
-    "units". Raises PlanFileError for a damaged file.
-    """
-    return _report(read_shelf_plan(plan_path), verify(plan_path))
-
-
-def write_report(
-    plan_path: Path, directory: Path, verification: Verification | None = None
-) -> None:
-    """Write report.json, report.html and figures/*.png of a plan file into a directory.
-
-    verification: of this very file if it was made already. Each file is written aside and renamed.
-    Raises PlanFileError for a damaged plan and UsageError where the directory cannot be written
-    to.
-    """
-    plan = read_shelf_plan(plan_path)
-    report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in figure_functions(plan).items()}
-    write_files(directory, report, build_page(plan, report, images), images)
+from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.report_files import finite
 
 
 def figure_functions(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
@@ -51,7 +25,8 @@ def figure_functions(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figu
     return {"statistics": statistics, **gallery_pages(plan)}
 
 
-def _report(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
+def _values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, and the scenes that matter most."""
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -80,3 +55,8 @@ def _report(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
     }
     whole: dict[str, Any] = finite(report)
     return whole
+
+
+_REPORT = PlanReport(read_shelf_plan, verify, _values, figure_functions, build_page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report

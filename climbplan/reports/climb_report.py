@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -13,6 +12,7 @@ from climbplan.plans.climb_layout import FORMAT_VERSION, FORMATS
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import Verification, verify
 from climbplan.reports.climb_figures import UNITS, key_figures
+from climbplan.reports.climb_page import build_page
 from climbplan.reports.figure_forces import forces
 from climbplan.reports.figure_grips import grips
 from climbplan.reports.figure_postures import postures
@@ -22,10 +22,9 @@ from climbplan.reports.figure_schedule import schedule
 from climbplan.reports.figure_series import friction, torque
 from climbplan.reports.grip_figures import UNITS as GRIP_UNITS
 from climbplan.reports.grip_figures import grip_figures
-from climbplan.reports.page import build_page
+from climbplan.reports.plan_report import PlanReport
 from climbplan.reports.plan_spec import plan_spec
-from climbplan.reports.report_files import finite, write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.report_files import finite
 
 FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
     "postures": postures,
@@ -34,36 +33,6 @@ FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
     "safety": safety,
     "forces": forces,
 }
-
-
-def report_dict(plan_path: Path) -> dict[str, object]:
-    """The report of a plan file as JSON-ready values.
-
-    The root attributes of the file, the verification made anew, timings, sizes and the key figures
-    of a climb; SI units, listed under "units". Raises PlanFileError for a damaged file.
-    """
-    return _report(read_climb(plan_path), verify(plan_path))
-
-
-def write_report(
-    plan_path: Path, directory: Path, verification: Verification | None = None
-) -> None:
-    """Write report.json, report.html and figures/*.png of a plan file into a directory.
-
-    verification: of this very file if it was made already. Each file is written aside and renamed.
-    Raises PlanFileError for a damaged plan and UsageError where the directory cannot be written
-    to.
-    """
-    plan = read_climb(plan_path)
-    report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in figure_functions(plan).items()}
-    shown = {
-        name.capitalize(): images[name]
-        for name in ("schedule", "postures", "grips")
-        if name in images
-    }
-    page = build_page(plan, report, shown)
-    write_files(directory, report, page, images)
 
 
 def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
@@ -81,7 +50,8 @@ def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]
     return {**FIGURES, **own}
 
 
-def _report(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
+def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, and the key figures of a climb."""
     spec = plan_spec(plan)
     return {
         "format": FORMATS[plan.kind],
@@ -134,3 +104,15 @@ def _transition(plan: ClimbPlan) -> dict[str, Any]:
                 }
             )
     return {"contact_sequence": plan.contact_sequence, "sequences": listed}
+
+
+def _page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """The page draws what is missing here itself."""
+    pictures = ("schedule", "postures", "grips")
+    shown = {name.capitalize(): images[name] for name in pictures if name in images}
+    return build_page(plan, report, shown)
+
+
+_REPORT = PlanReport(read_climb, verify, _values, figure_functions, _page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -17,22 +16,20 @@ from climbplan.plans.dataset_file import FORMAT, FORMAT_VERSION
 from climbplan.plans.dataset_statistics import statistics
 from climbplan.plans.verification import Verification
 from climbplan.reports.figure_dataset import figure_functions
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    check_rows,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    style,
-    verdict,
+from climbplan.reports.page_parts import Card, Rows, escape
+from climbplan.reports.page_template import (
+    fill,
+    number_table,
+    origin_rows,
+    report_fields,
+    run_fields,
+    verification_fields,
 )
 from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
 
 _LISTED = 40  # rows without an answer, and the costliest
+_ORIGIN = ("Problem", "Parameters", "Integers")
 
 
 def report_dict(data: Dataset, verification: Verification) -> dict[str, Any]:
@@ -88,42 +85,25 @@ def _page(
     report: Mapping[str, Any], images: Mapping[str, bytes], meanings: Mapping[str, str]
 ) -> str:
     known = {**{name: limit.meaning for name, limit in LIMITS.items()}, **PLACEMENTS, **meanings}
-    about = [
-        ("Problem", report["problem"]),
-        ("Parameters", report["parameters"]),
-        ("Integers", report["integers"]),
-        ("Created", report["created"]),
-        ("climbplan", report["climbplan_version"]),
-        ("Seed", report["seed"]),
-        ("Spec SHA-256", report["spec_sha256"]),
-    ]
+    origin = origin_rows(report, {name: report[name.lower()] for name in _ORIGIN})
     unit = report["units"]["cost.*"]
     head = ("Row", "Status", f"Cost{f' [{unit}]' if unit else ''}", "Time [ms]", "Remark")
     listed = [*report["without_answer"], *report["costliest"]]
-    template = Template(PARTS.joinpath("dataset.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        policy=policy([]),
-        style=style(),
-        title=escape(report["title"] or report["name"]),
-        name=escape(report["name"]),
-        status=escape(report["status"]),
-        badge="verified" if report["verified"] else "not verified",
-        badge_class="good" if report["verified"] else "bad",
-        cards="".join(card.html() for card in _cards(report)),
-        warnings="",
+    tables: dict[str, Rows] = {
+        "Solvers": [(name, str(version)) for name, version in report["solvers"].items()],
+        "Reasons of rows without an answer": [
+            (reason, f"{rows} rows") for reason, rows in report["reasons"].items()
+        ],
+        "Dataset": origin,
+    }
+    return fill(
+        "dataset.html",
+        **report_fields(report, "dataset", _cards(report), images, report["status"]),
+        **verification_fields(report, known, "Everything is computed again from the stored rows."),
+        **run_fields(report, tables, "this dataset was made from"),
         pictures_note=escape("Outcomes, times and costs of all rows; then the costliest."),
-        figures=figures(images),
         table_note=escape("Those without an answer, then the costliest; all are in the file."),
-        table_head="".join(f"<th>{escape(name)}</th>" for name in head),
-        table_rows="".join(_table_row(entry) for entry in listed),
-        checks=check_rows(report, known),
-        checks_note=escape("Everything is computed again from the stored rows."),
-        verdict=verdict(report),
-        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
-        reasons=pairs((k, f"{v} rows") for k, v in report["reasons"].items()),
-        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
-        about=pairs((k, str(v)) for k, v in about),
-        spec=escape(report["spec"]),
+        table=number_table(head, (_cells(entry) for entry in listed)),
     )
 
 
@@ -144,16 +124,10 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Different strategies", str(strategies["distinct"]), once)
 
 
-def _table_row(entry: Mapping[str, Any]) -> str:
+def _cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
     cost = "" if entry["objective"] is None else f"{entry['objective']:.4g}"
-    cells = (
-        str(entry["row"]),
-        entry["status"],
-        cost,
-        f"{1e3 * entry['time']:.2f}",
-        entry["message"],
-    )
-    return f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+    time = f"{1e3 * entry['time']:.2f}"
+    return (str(entry["row"]), entry["status"], cost, time, entry["message"])
 
 
 def _costliest(data: Dataset) -> list[int]:

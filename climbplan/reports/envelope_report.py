@@ -5,23 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import climbplan
 from climbplan.coupled.envelope_file import FORMAT, FORMAT_VERSION, drawn
 from climbplan.coupled.envelope_run import EnvelopeRun
 from climbplan.reports.figure_envelopes import boxes, fitness
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    style,
-)
+from climbplan.reports.page_parts import Card, escape, plain_words
+from climbplan.reports.page_template import fill, frame_fields, number_table, run_fields
 from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
 from climbplan.spec.envelopes_loading import LoadedEnvelopes
@@ -79,7 +70,7 @@ def write_report(run: EnvelopeRun, loaded: LoadedEnvelopes, directory: Path) -> 
 
 def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     counts = next(iter(report["validation"].values()))
-    about = [
+    origin = [
         ("Limbs", ", ".join(report["limb_names"])),
         ("climbplan", report["climbplan_version"]),
         ("Seed", str(report["seed"])),
@@ -91,13 +82,19 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         for data, numbers in report["drawn"].items()
         for what, number in numbers.items()
     ]
-    return Template(PARTS.joinpath("envelopes.html").read_text(encoding="utf-8")).substitute(
-        policy=policy([]),
-        style=style(),
-        title=escape(report["title"] or report["name"]),
-        name=escape(report["name"]),
-        cards="".join(card.html() for card in _cards(report)),
-        figures=figures(images),
+    return fill(
+        "envelopes.html",
+        **frame_fields(
+            title=report["title"] or report["name"],
+            kicker=(report["name"], "envelopes"),
+            badges=(),
+            good=True,
+            cards=_cards(report),
+            images=images,
+        ),
+        **run_fields(
+            report, {"Terrains": sizes, "Fit": origin}, "these envelopes were fitted from"
+        ),
         table_note=escape(
             f"On {counts['feasible_count']} feasible and {counts['infeasible_count']} infeasible "
             "held-out terrains. P1 to P2: share of the feasible ones. The theorem's conditions: "
@@ -105,15 +102,7 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
             "ones without a point of P but for its bilinear rows there; (3) share of P1's points "
             "whose toes carry balanced forces."
         ),
-        table_head="".join(f"<th>{escape(name)}</th>" for name in _HEAD),
-        table_rows="".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>"
-            for row in _rows(report)
-        ),
-        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
-        sizes=pairs(sizes),
-        about=pairs(about),
-        spec=escape(report["spec"]),
+        table=number_table(_HEAD, _rows(report)),
     )
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from climbplan.bookshelf.dataset_rows import KIND, shelf_dataset
+from climbplan.bookshelf.dataset_frame import KIND, shelf_dataset
 from climbplan.bookshelf.pictures import states_before
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.scene import State

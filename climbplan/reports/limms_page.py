@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -13,17 +11,15 @@ from climbplan.limms.limits import LIMITS
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.scene import ground_patches
 from climbplan.reports import palette
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    check_rows,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    style,
-    verdict,
+from climbplan.reports.page_parts import Card, escape, read_part
+from climbplan.reports.page_template import (
+    data_element,
+    fill,
+    origin_rows,
+    plan_tables,
+    report_fields,
+    run_fields,
+    verification_fields,
 )
 from climbplan.reports.replay import key_frames
 from climbplan.spec.kinds import validate
@@ -39,29 +35,21 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
 
     report: as `report_dict` gives it. images: PNG files by name.
     """
-    script = PARTS.joinpath("limms.js").read_text(encoding="utf-8")
-    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
     limits = report["limits"]
-    about = [
-        ("Method", report["method"]),
-        ("Modes", report["sequence"]),
-        ("Created", report["created"]),
-        ("climbplan", report["climbplan_version"]),
-        ("Seed", report["seed"]),
-        ("Spec SHA-256", report["spec_sha256"]),
-    ]
-    template = Template(PARTS.joinpath("limms.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        policy=policy([script]),
-        style=style(),
-        title=escape(report["title"] or report["name"]),
-        name=escape(report["name"]),
-        status=escape(report["status"]),
-        badge="verified" if report["verified"] else "not verified",
-        badge_class="good" if report["verified"] else "bad",
-        cards="".join(card.html() for card in _cards(report)),
-        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
-        figures=figures(images),
+    origin = origin_rows(report, {"Method": report["method"], "Modes": report["sequence"]})
+    return fill(
+        "limms.html",
+        **report_fields(
+            report,
+            "limms",
+            _cards(report),
+            images,
+            report["status"],
+            (read_part("limms.js"),),
+            data_element("replay-data", _replay(plan)),
+        ),
+        **verification_fields(report, {name: limit.meaning for name, limit in LIMITS.items()}),
+        **run_fields(report, plan_tables(report, origin)),
         stages="".join(
             f"<tr><td>{escape(s['name'])}</td><td>{s['begin']:.2f}</td><td>{s['end']:.2f}</td></tr>"
             for s in report["stages"]
@@ -76,15 +64,6 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
             f"{limits['torque']:.0f} N m. Modules have no mass in the plan: held level, straight, "
             f"one needs {limits['own_weight_torque']:.1f} N m for itself."
         ),
-        checks=check_rows(report, {name: limit.meaning for name, limit in LIMITS.items()}),
-        verdict=verdict(report),
-        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
-        sizes=pairs((k, plain_words(v)) for k, v in report["sizes"].items()),
-        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
-        about=pairs((k, str(v)) for k, v in about),
-        spec=escape(plan.spec_text),
-        data=_data(plan).replace("<", "\\u003c"),
-        script=script,
     )
 
 
@@ -107,8 +86,8 @@ def _modes(story: Sequence[tuple[str, float]]) -> str:
     return ", ".join(f"{escape(name)} {seconds:.1f} s" for name, seconds in story)
 
 
-def _data(plan: LimmsPlan) -> str:
-    """Frames and scene as JSON, rounded to 0.1 mm."""
+def _replay(plan: LimmsPlan) -> dict[str, object]:
+    """Frames and scene as JSON-ready values, rounded to 0.1 mm."""
     motion = plan.motion
     count = len(motion.time)
     values = np.column_stack([motion.box_position[:, 0], motion.joint_position.reshape(count, -1)])
@@ -123,7 +102,7 @@ def _data(plan: LimmsPlan) -> str:
     half = plan.box_size / 2
     fixed = motion.anchor_position[0, 4 * len(plan.box_size) :]
     everything = np.vstack([motion.joint_position.reshape(-1, 3), plan.goal, fixed])
-    data = {
+    return {
         "time": motion.time[frames].round(4).tolist(),
         "box": motion.box_position[frames, 0].round(4).tolist(),
         "joints": motion.joint_position[frames].round(4).tolist(),
@@ -147,4 +126,3 @@ def _data(plan: LimmsPlan) -> str:
         "lower": everything.min(axis=0).tolist(),
         "upper": everything.max(axis=0).tolist(),
     }
-    return json.dumps(data, allow_nan=False, separators=(",", ":"))

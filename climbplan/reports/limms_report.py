@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from climbplan.reports.figure_loads import loads_over_time
 from climbplan.reports.figure_modes import mode_timeline
 from climbplan.reports.figure_modules import key_poses
 from climbplan.reports.limms_page import build_page
-from climbplan.reports.report_files import finite, write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.report_files import finite
 
 UNITS = {
     "objective": "m",
@@ -48,31 +47,6 @@ UNITS = {
 }
 
 
-def report_dict(plan_path: Path) -> dict[str, object]:
-    """The report of a plan file as JSON-ready values.
-
-    The root attributes of the file, the verification made anew, timings, sizes, stages, and forces
-    and torques of each module; units are listed under "units". Raises PlanFileError for a damaged
-    file.
-    """
-    return _report(read_limms_plan(plan_path), verify(plan_path))
-
-
-def write_report(
-    plan_path: Path, directory: Path, verification: Verification | None = None
-) -> None:
-    """Write report.json, report.html and figures/*.png of a plan file into a directory.
-
-    verification: of this very file if it was made already. Each file is written aside and renamed.
-    Raises PlanFileError for a damaged plan and UsageError where the directory cannot be written
-    to.
-    """
-    plan = read_limms_plan(plan_path)
-    report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in figures_of(plan).items()}
-    write_files(directory, report, build_page(plan, report, images), images)
-
-
 FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
     "modes": mode_timeline,
     "poses": key_poses,
@@ -87,7 +61,8 @@ def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
     return {**FIGURES, "convergence": convergence}
 
 
-def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
+def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, stages, and loads of each module."""
     loads = loads_of(plan)
     report = {
         "format": FORMAT,
@@ -139,3 +114,8 @@ def _report(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
         report["convergence"] = {key: values.tolist() for key, values in record.items()}
     whole: dict[str, Any] = finite(report)
     return whole
+
+
+_REPORT = PlanReport(read_limms_plan, verify, _values, figures_of, build_page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report

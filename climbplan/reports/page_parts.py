@@ -12,9 +12,12 @@ from typing import Any
 
 from climbplan.reports import palette
 
-PARTS = files("climbplan.reports").joinpath("page")
-
 Rows = Iterable[tuple[str, str]]
+
+
+def read_part(name: str) -> str:
+    """The text of a file in page/."""
+    return files("climbplan.reports").joinpath("page").joinpath(name).read_text(encoding="utf-8")
 
 
 def escape(value: object) -> str:
@@ -136,4 +139,4 @@ def style() -> str:
         "obstacle": palette.OBSTACLE,
     }
     own = "".join(f"--{name}:{color};" for name, color in colors.items())
-    return f":root{{{own}}}\n" + PARTS.joinpath("style.css").read_text(encoding="utf-8")
+    return f":root{{{own}}}\n" + read_part("style.css")

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from climbplan.learning.evaluation import FIRST
 from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
 from climbplan.program.instance import Index
 from climbplan.reports.figure_strategy import ranks, spaces
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    style,
+from climbplan.reports.page_parts import Card, escape, plain_words
+from climbplan.reports.page_template import (
+    fill,
+    number_table,
+    origin_rows,
+    report_fields,
+    run_fields,
 )
 from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
@@ -72,36 +69,15 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     told = "Read back from its file, the model names the same candidates."
     if not report["verified"]:
         told = "Read back from its file, the model names other candidates."
-    about = [
-        ("Kind", report["kind"]),
-        ("Program", report["program"]),
-        ("Created", report["created"]),
-        ("climbplan", report["climbplan_version"]),
-        ("Seed", str(report["seed"])),
-        ("Spec SHA-256", report["spec_sha256"]),
-    ]
+    origin = origin_rows(report, {"Kind": report["kind"], "Program": report["program"]})
     sizes = [(k.replace("_", " "), plain_words(v)) for k, v in fit.items() if k != "evaluation"]
-    rows = list(_rows(evaluation)) if evaluation else []
-    return Template(PARTS.joinpath("strategy.html").read_text(encoding="utf-8")).substitute(
-        policy=policy([]),
-        style=style(),
-        title=escape(report["title"] or report["name"]),
-        name=escape(report["name"]),
-        status=escape(report["kind"]),
-        badge="verified" if report["verified"] else "not verified",
-        badge_class="good" if report["verified"] else "bad",
+    return fill(
+        "strategy.html",
+        **report_fields(report, "strategy", _cards(fit), images, report["kind"]),
+        **run_fields(report, {"Sizes": sizes, "Model": origin}, "this model was trained from"),
         verdict=escape(told),
-        cards="".join(card.html() for card in _cards(fit)),
-        figures=figures(images),
         rank_note=escape(_note(fit)),
-        table_head="".join(f"<th>{escape(name)}</th>" for name in _HEAD),
-        table_rows="".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
-        ),
-        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
-        sizes=pairs(sizes),
-        about=pairs(about),
-        spec=escape(report["spec"]),
+        table=number_table(_HEAD, _rows(evaluation) if evaluation else ()),
     )
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -21,20 +19,17 @@ from climbplan.mpc.verification import verify
 from climbplan.plans.verification import Verification
 from climbplan.reports.figure_loop import loop_gait
 from climbplan.reports.figure_walk import convergence, gait, snapshots, tracking
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    check_rows,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    style,
-    verdict,
+from climbplan.reports.page_parts import Card, pairs, plain_words
+from climbplan.reports.page_template import (
+    fill,
+    origin_rows,
+    plan_tables,
+    report_fields,
+    run_fields,
+    verification_fields,
 )
-from climbplan.reports.report_files import finite, write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.report_files import finite
 
 _LOOP_NOTE = (
     " About the first push their numbers are the lengths of steps, red ones lead backward; the "
@@ -56,29 +51,8 @@ def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
     return {**FIGURES, "convergence": convergence} if bounded else FIGURES
 
 
-def report_dict(plan_path: Path) -> dict[str, object]:
-    """The report of a plan file as JSON-ready values, the verification made anew.
-
-    Raises PlanFileError for a damaged file.
-    """
-    return _report(read_walk_plan(plan_path), verify(plan_path))
-
-
-def write_report(
-    plan_path: Path, directory: Path, verification: Verification | None = None
-) -> None:
-    """Write report.json, report.html and figures/*.png of a plan file into a directory.
-
-    verification: of this very file if it was made already. Raises PlanFileError for a damaged plan
-    and UsageError where the directory cannot be written to.
-    """
-    plan = read_walk_plan(plan_path)
-    report = _report(plan, verification or verify(plan_path))
-    images = {name: png(draw(plan)) for name, draw in drawn_figures(plan).items()}
-    write_files(directory, report, _page(plan, report, images), images)
-
-
-def _report(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
+def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, tracking, gait and ticks."""
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -175,39 +149,17 @@ def _tracking(plan: WalkPlan) -> dict[str, Any]:
 
 
 def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
-    about = [
-        ("Method", report["method"]),
-        ("Integrator", report["integrator"]),
-        ("Created", report["created"]),
-        ("climbplan", report["climbplan_version"]),
-        ("Seed", report["seed"]),
-        ("Spec SHA-256", report["spec_sha256"]),
-    ]
     meanings = {name: limit.meaning for name, limit in (LIMITS | LOOP_LIMITS | FILE_LIMITS).items()}
-    template = Template(PARTS.joinpath("walk.html").read_text(encoding="utf-8"))
+    origin = origin_rows(report, {"Method": report["method"], "Integrator": report["integrator"]})
     history = report["history"][-12:]
-    return template.substitute(
-        policy=policy([]),
-        style=style(),
-        title=escape(report["title"] or report["name"]),
-        name=escape(report["name"]),
-        status=escape(report["status"]),
-        badge="verified" if report["verified"] else "not verified",
-        badge_class="good" if report["verified"] else "bad",
-        cards="".join(card.html() for card in _cards(report)),
-        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
-        figures=figures(images),
+    return fill(
+        "walk.html",
+        **report_fields(report, "mpc", _cards(report), images, report["status"]),
+        **verification_fields(report, meanings),
+        **run_fields(report, plan_tables(report, origin)),
         loop_note=_LOOP_NOTE if plan.loop is not None else "",
         terms=pairs((k, f"{v:.4g}") for k, v in report["terms"].items()),
         history=pairs((f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history),
-        checks=check_rows(report, meanings),
-        verdict=verdict(report),
-        timings=pairs((k, f"{plain_words(v)} s") for k, v in report["timings"].items()),
-        sizes=pairs((k, plain_words(v)) for k, v in report["sizes"].items()),
-        solvers=pairs((k, str(v)) for k, v in report["solvers"].items()),
-        about=pairs((k, str(v)) for k, v in about),
-        spec=escape(plan.spec_text),
     )
 
 
@@ -231,3 +183,8 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card(
         "Time", f"{report['timings']['method']:.2f} s", f"{report['sizes']['gaits tried']} gaits"
     )
+
+
+_REPORT = PlanReport(read_walk_plan, verify, _values, drawn_figures, _page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report

@@ -101,6 +101,3 @@ class Camera:
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-
-Watch = Callable[[int, Any, Any], None]

@@ -69,7 +69,6 @@ class Run:
     touching: Mask  # (S, N)
     bumped: Mask  # (S,) a link or the body touches something
     fallen: bool
-    settled_shift: Array  # (3,) of the body while it settled [m]
     rest_com: Array  # (K, 3) body at each instant if commands stayed there, NaN if not reached [m]
     rest_toes: Array  # (K, N, 3) toes likewise [m]
 
@@ -136,9 +135,7 @@ class _Player:
     ) -> Run:
         moving, conditions = self.plan.trajectory, self.conditions
         self._stand()
-        start = self.data.qpos[:3].copy()
         self._hold(self.command[0], SETTLE)
-        settled = self.data.qpos[:3] - start
         planned = rotation_world_body(moving.rpy)
         wrench = self._loads()
         at = instant_samples(self.plan)
@@ -166,7 +163,6 @@ class _Player:
             conditions=conditions,
             time=moving.time[: len(rows)],
             fallen=fallen,
-            settled_shift=settled,
             rest_com=still[:, 0],
             rest_toes=still[:, 1:],
             **stacked,

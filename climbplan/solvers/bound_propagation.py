@@ -9,13 +9,10 @@ from scipy import sparse
 
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range, RowPropagation
 from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
-from climbplan.solvers.result import Indices
 
 _ROUNDS = 64
-_PROGRESS = 1e-3  # a round that moves no bound by more than this share is the last
-_WEAK = 1e-7  # entries below this share of a row's largest bound no variable
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -69,7 +66,13 @@ def propagated_box(instance: Instance, tables: list[ChoiceTable]) -> Box:
         lower.append(np.where(low <= -UNBOUNDED, -np.inf, low - offset))
         upper.append(np.where(high >= UNBOUNDED, np.inf, high - offset))
     stacked = sparse.vstack(rows).tocsr()
-    return _propagate(stacked, np.concatenate(lower), np.concatenate(upper), instance)
+    propagation = RowPropagation(stacked, np.concatenate(lower), np.concatenate(upper))
+    bounds = Range(instance.lower.astype(float), instance.upper.astype(float))
+    for _ in range(_ROUNDS):
+        before, bounds = bounds, propagation.tightened(bounds)
+        if not before.moved_to(bounds):
+            break
+    return Box(bounds.lower, bounds.upper)
 
 
 def largest_cost(instance: Instance, box: Box) -> float:
@@ -79,43 +82,3 @@ def largest_cost(instance: Instance, box: Box) -> float:
         return np.inf
     curved = 0.5 * size @ (abs(instance.P) @ size)
     return float(curved + np.abs(instance.q) @ size + instance.constant)
-
-
-def _propagate(
-    rows: sparse.csr_matrix, row_lower: Array, row_upper: Array, instance: Instance
-) -> Box:
-    """Bound every variable by every row, given the bounds of the row's other variables."""
-    rows.eliminate_zeros()
-    entry = rows.tocoo()
-    i, j, a = entry.row, entry.col, entry.data
-    m = rows.shape[0]
-    largest = np.zeros(m)
-    np.maximum.at(largest, i, np.abs(a))
-    strong = np.abs(a) > _WEAK * largest[i]  # division by a weak entry would only amplify rounding
-    low, high = instance.lower.astype(float).copy(), instance.upper.astype(float).copy()
-    for _ in range(_ROUNDS):
-        # A row's parts without an entry's own bound what is left for the entry.
-        rest_low = _rest(np.where(a > 0, a * low[j], a * high[j]), i, m)
-        rest_high = _rest(np.where(a > 0, a * high[j], a * low[j]), i, m)
-        one, other = (row_lower[i] - rest_high) / a, (row_upper[i] - rest_low) / a
-        new_low, new_high = low.copy(), high.copy()
-        np.maximum.at(new_low, j[strong], np.minimum(one, other)[strong] - _ROUNDING)
-        np.minimum.at(new_high, j[strong], np.maximum(one, other)[strong] + _ROUNDING)
-        first = np.isinf(low) & np.isfinite(new_low) | np.isinf(high) & np.isfinite(new_high)
-        with np.errstate(invalid="ignore"):
-            moved = np.nan_to_num(np.maximum(new_low - low, high - new_high), nan=0.0)
-        width = np.maximum(new_high - new_low, _ROUNDING)
-        low, high = new_low, new_high
-        if not (first | (moved > _PROGRESS * width)).any():
-            break
-    return Box(low, high)
-
-
-def _rest(part: Array, row: Indices, m: int) -> Array:
-    """Sum of a row's parts without each entry's own; infinite if another part is."""
-    infinite = np.isinf(part)
-    total = np.bincount(row, np.where(infinite, 0.0, part), m)[row]
-    others = np.bincount(row, infinite, m)[row] - infinite
-    sign = np.sign(np.bincount(row, np.where(infinite, np.sign(part), 0.0), m)[row])
-    rest = total - np.where(infinite, 0.0, part)
-    return np.where(others > 0, np.where(sign < 0, -np.inf, np.inf), rest)

@@ -11,8 +11,8 @@ from scipy import sparse
 
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.convex import weak_dual
 from climbplan.solvers.result import Answer
+from climbplan.solvers.weak_duality import weak_dual
 
 _ACCURACY = 1e-10
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)

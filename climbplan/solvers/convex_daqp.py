@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.convex import weak_dual
 from climbplan.solvers.convex_clarabel import ClarabelSession
 from climbplan.solvers.result import Answer
+from climbplan.solvers.weak_duality import weak_dual
 
 _UNBOUNDED = 1e30  # no bound, in DAQP's terms
 _EQUAL, _INEQUALITY = 5, 0

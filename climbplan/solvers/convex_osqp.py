@@ -12,8 +12,8 @@ from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.convex import weak_dual
 from climbplan.solvers.result import Answer
+from climbplan.solvers.weak_duality import weak_dual
 
 _ITERATIONS = 10_000
 _TOLERANCE = 1e-7  # before polishing

@@ -22,10 +22,11 @@ from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.convex import solve_convex, weak_dual
+from climbplan.solvers.convex import solve_convex
 from climbplan.solvers.highs_model import highs, linear_model, quadratic_model
 from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
+from climbplan.solvers.weak_duality import weak_dual
 
 NAME = "highs"
 TOLERANCE = 2e-6

@@ -7,18 +7,16 @@ instance.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
-from climbplan.solvers.interruption import Deadline, interruptible
+from climbplan.solvers.ipopt_program import IpoptProgram, NlpPoint
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 NAME = "ipopt"
@@ -26,42 +24,16 @@ TOLERANCE = 1e-6  # largest violation of an incumbent, in the unit of the rows
 ITERATIONS = 300  # infeasible programs would use up IPOPT's own 3000
 
 
-@dataclass(frozen=True)
-class NlpPoint:
-    """Where IPOPT stopped, whatever it says about it."""
-
-    v: Array  # (N,)
-    row_multipliers: Array  # (M,)
-    bound_multipliers: Array  # (N,)
-    iterations: int
-    word: str  # IPOPT's return status
-
-
-@dataclass(frozen=True)
-class _Compiled:
-    solver: Any
-    deadline: Deadline
-
-
 @lru_cache(maxsize=32)
-def _compiled(form: NlpForm, iterations: int) -> _Compiled:
-    deadline = Deadline(form.size, form.g.numel(), form.p.numel())
-    options: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "max_iter": iterations,
-            "tol": 1e-8,
-            "constr_viol_tol": 1e-8,
-            "mu_strategy": "adaptive",
-        },
-    }
+def _compiled(form: NlpForm, iterations: int) -> IpoptProgram:
     problem = {"x": form.v, "p": form.p, "f": form.f, "g": form.g}
-    return _Compiled(ca.nlpsol("nlp", "ipopt", problem, options), deadline)
+    settings = {
+        "max_iter": iterations,
+        "tol": 1e-8,
+        "constr_viol_tol": 1e-8,
+        "mu_strategy": "adaptive",
+    }
+    return IpoptProgram("nlp", problem, settings)
 
 
 def minimise(
@@ -73,27 +45,10 @@ def minimise(
     iterations: int = ITERATIONS,
 ) -> NlpPoint:
     """Run IPOPT on a form from a start (N,); deadline in `time.monotonic` seconds."""
-    compiled = _compiled(form, iterations)
-    compiled.deadline.at = deadline
-    with interruptible(compiled.deadline.stop):
-        answer = compiled.solver(
-            x0=np.clip(start, bounds.lower, bounds.upper),
-            p=numbers,
-            lbx=bounds.lower,
-            ubx=bounds.upper,
-            lbg=bounds.row_lower,
-            ubg=bounds.row_upper,
-        )
-    stats = compiled.solver.stats()
+    inside = np.clip(start, bounds.lower, bounds.upper)
+    point = _compiled(form, iterations).solve(inside, numbers, bounds, deadline)
     # IPOPT widens bounds by 1e-8; its point is brought back into them.
-    v = np.clip(np.array(answer["x"]).ravel(), bounds.lower, bounds.upper)
-    return NlpPoint(
-        v=v,
-        row_multipliers=np.array(answer["lam_g"]).ravel(),
-        bound_multipliers=np.array(answer["lam_x"]).ravel(),
-        iterations=int(stats.get("iter_count", 0)),
-        word=str(stats["return_status"]),
-    )
+    return replace(point, v=np.clip(point.v, bounds.lower, bounds.upper))
 
 
 def solve_pinned(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import highspy
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from climbplan.errors import LimitReached
@@ -32,6 +34,19 @@ class LinearProgram:
     row_lower: Array  # (m,)
     row_upper: Array  # (m,)
 
+    def model(self, integer: NDArray[np.bool_]) -> Any:
+        """For HiGHS; integer: (n,) which of x are whole."""
+        return linear_model(
+            self.cost,
+            0.0,
+            self.lower,
+            self.upper,
+            integer,
+            self.A,
+            self.row_lower,
+            self.row_upper,
+        )
+
 
 @dataclass(frozen=True)
 class LinearAnswer:
@@ -47,19 +62,7 @@ def solve_linear(program: LinearProgram) -> LinearAnswer:
     Raises LimitReached if HiGHS ends with neither.
     """
     solver = highs()
-    none = np.zeros(len(program.cost), bool)
-    solver.passModel(
-        linear_model(
-            program.cost,
-            0.0,
-            program.lower,
-            program.upper,
-            none,
-            program.A,
-            program.row_lower,
-            program.row_upper,
-        )
-    )
+    solver.passModel(program.model(np.zeros(len(program.cost), bool)))
     for way in _WAYS:
         solver.clearSolver()  # or a try starts from the basis that the last one broke
         for option, value in way.items():

@@ -7,24 +7,18 @@ from dataclasses import dataclass
 import highspy
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from climbplan.program.polytope import Array
-from climbplan.solvers.highs_model import highs, linear_model
+from climbplan.solvers.highs_model import highs
+from climbplan.solvers.linear import LinearProgram
 
 _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
 
 
 @dataclass(frozen=True)
-class MixedLinearProgram:
+class MixedLinearProgram(LinearProgram):
     """min cost'x over bounds and rows, some of x whole."""
 
-    cost: Array  # (n,)
-    lower: Array  # (n,)
-    upper: Array  # (n,)
-    A: sparse.csr_matrix  # (m, n)
-    row_lower: Array  # (m,)
-    row_upper: Array  # (m,)
     integer: NDArray[np.bool_]  # (n,)
 
 
@@ -53,18 +47,7 @@ def solve_mixed_linear(
 ) -> MixedLinearAnswer:
     """The best point found in time [s]; start: (n,) a point to begin with."""
     solver = highs(time_limit, gap)
-    solver.passModel(
-        linear_model(
-            program.cost,
-            0.0,
-            program.lower,
-            program.upper,
-            program.integer,
-            program.A,
-            program.row_lower,
-            program.row_upper,
-        )
-    )
+    solver.passModel(program.model(program.integer))
     if start is not None:
         point = highspy.HighsSolution()
         point.col_value = list(start)

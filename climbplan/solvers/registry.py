@@ -33,7 +33,6 @@ class Backend:
     distribution: str  # as `pip install` knows it
     install: str
     accepts: frozenset[str]  # features of instances (`Instance.features`) it can hold
-    unbounded_choices: bool  # alternatives without vertices, variables without bounds
     load: Callable[[], Solve]
     purpose: str  # what it is used for
     proves: bool = True  # bounds and infeasibility; a local method has neither
@@ -133,7 +132,6 @@ BACKENDS = {
             distribution="daqp",
             install="pip install daqp",
             accepts=_DISJUNCTIVE,
-            unbounded_choices=True,
             load=_branch_and_bound,
             purpose="postures: own tree over regions with DAQP nodes",
         ),
@@ -143,7 +141,6 @@ BACKENDS = {
             distribution="PySCIPOpt",
             install="pip install PySCIPOpt",
             accepts=_DISJUNCTIVE,
-            unbounded_choices=False,
             load=_scip,
             purpose="independent oracle of convex programs with choices",
         ),
@@ -153,7 +150,6 @@ BACKENDS = {
             distribution="gurobipy",
             install="pip install 'climbplan[gurobi]'",
             accepts=_DISJUNCTIVE | {"integers"},
-            unbounded_choices=False,
             load=_gurobi,
             purpose="optional, of convex programs with choices or binaries, micp and admm",
         ),
@@ -163,7 +159,6 @@ BACKENDS = {
             distribution="highspy",
             install="pip install highspy",
             accepts=frozenset({"balls", "integers"}),
-            unbounded_choices=False,
             load=_highs,
             purpose="micp and admm; quadratic costs by outer approximation",
         ),
@@ -173,7 +168,6 @@ BACKENDS = {
             distribution="PySCIPOpt",
             install="pip install PySCIPOpt",
             accepts=_EVERYTHING,
-            unbounded_choices=False,
             load=_minlp_scip,
             purpose="whole statements, products branched on in space; fallback of knn",
         ),
@@ -183,7 +177,6 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=_EVERYTHING,
-            unbounded_choices=True,
             load=_mpcc,
             purpose="whole statements by complementarity and IPOPT, fast",
             proves=False,
@@ -194,7 +187,6 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=_EVERYTHING,
-            unbounded_choices=False,
             load=_admm,
             purpose="whole statements between HiGHS and IPOPT",
             proves=False,
@@ -205,7 +197,6 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=_EVERYTHING,
-            unbounded_choices=False,
             load=_bonmin,
             purpose="whole statements by nonlinear branch and bound: a baseline",
             proves=False,
@@ -216,7 +207,6 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=frozenset({"balls", "products"}),
-            unbounded_choices=True,
             load=_ipopt,
             purpose="what is left when integers are pinned, products included",
             proves=False,
@@ -227,7 +217,6 @@ BACKENDS = {
             distribution="clarabel",
             install="pip install clarabel",
             accepts=frozenset({"balls"}),
-            unbounded_choices=True,
             load=_convex("clarabel"),
             purpose="convex programs with exact cones, pinned programs",
         ),
@@ -237,7 +226,6 @@ BACKENDS = {
             distribution="daqp",
             install="pip install daqp",
             accepts=frozenset(),
-            unbounded_choices=True,
             load=_convex("daqp"),
             purpose="small dense quadratic programs, re-solved warm",
         ),
@@ -247,7 +235,6 @@ BACKENDS = {
             distribution="osqp",
             install="pip install osqp",
             accepts=frozenset(),
-            unbounded_choices=True,
             load=_convex("osqp"),
             purpose="quadratic programs, the published choice",
         ),

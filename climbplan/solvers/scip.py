@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,24 +12,13 @@ import numpy as np
 
 from climbplan.program.instance import Instance
 from climbplan.solvers.mending import mended
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import SolverResult, judged
 from climbplan.solvers.scip_model import scip_model
+from climbplan.solvers.scip_run import claim, run_model, values
 
 NAME = "scip"
-STATUS = {  # SCIP's word -> whether it claims infeasibility
-    "optimal": False,
-    "gaplimit": False,
-    "timelimit": False,
-    "userinterrupt": False,
-    "nodelimit": False,
-    "memlimit": False,
-    "infeasible": True,
-    "inforunbd": False,
-    "unbounded": False,
-}
 TOLERANCE = 2e-6  # SCIP works to 1e-6 in each row; asked for less, it stalls
 _OWN_ERROR = 1e-4  # relative: how far SCIP's objective may be off through its row tolerance
-_GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
 
 
 @contextmanager
@@ -64,33 +52,9 @@ def solve_scip(
     """
     begin = time.perf_counter()
     built = scip_model(instance)
-    model = built.model
-    model.setParam("parallel/maxnthreads", 1)
-    model.setParam("limits/gap", max(gap - _OWN_ERROR, 0.5 * gap))
-    guard: threading.Timer | None = None
-    if np.isfinite(time_limit):
-        model.setParam("limits/time", float(time_limit))
-        guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
-        guard.start()
     with _lp_warnings_dropped():
-        model.optimizeNogil()
-    if guard is not None:
-        guard.cancel()
-    status = model.getStatus()
-    if status == "userinterrupt" and time.perf_counter() - begin < time_limit:
-        raise KeyboardInterrupt  # Ctrl-C, which SCIP takes for itself, and not the guard
+        run_model(built.model, gap, _OWN_ERROR, time_limit)
     x = None
-    if model.getNSols() > 0:
-        best = model.getBestSol()
-        x = mended(instance, np.array([model.getSolVal(best, v) for v in built.x]))
-    bound = float(model.getDualbound())
-    answer = Answer(
-        x=x,
-        bound=bound if abs(bound) < model.infinity() else -np.inf,
-        infeasible=STATUS.get(status, False) and x is None,
-        nodes=int(model.getNTotalNodes()),
-        time=time.perf_counter() - begin,
-        solver=NAME,
-        log=(f"SCIP {model.version()}: {status}",),
-    )
-    return judged(instance, answer, gap, tolerance)
+    if built.model.getNSols() > 0:
+        x = mended(instance, values(built.model, built.x))
+    return judged(instance, claim(built.model, NAME, begin, x), gap, tolerance)

@@ -7,7 +7,6 @@ problem, up to its row tolerance.
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,15 +21,14 @@ from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mending import mended
-from climbplan.solvers.result import Answer, SolverResult, judged
-from climbplan.solvers.scip import STATUS
+from climbplan.solvers.result import SolverResult, judged
+from climbplan.solvers.scip_run import claim, run_model, values
 from climbplan.solvers.separable_cost import separable_cost
 
 NAME = "minlp-scip"
 TOLERANCE = 2e-6
 _OWN_ERROR = 1e-5  # relative: how far SCIP's objective may be off through its row tolerance
 _THICKNESS = 1e-6  # of rows, in their unit: SCIP's own tolerance
-_GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
 
 
 @dataclass(frozen=True)
@@ -57,41 +55,15 @@ def solve_minlp_scip(
     """
     begin = time.perf_counter()
     built = bilinear_model(_thickened(instance) if instance.products.count else instance)
-    model = built.model
-    model.setParam("parallel/maxnthreads", 1)
-    model.setParam("limits/gap", max(gap - _OWN_ERROR, 0.5 * gap))
     if start is not None:
         _give(built, instance, start)
-    guard: threading.Timer | None = None
-    if np.isfinite(time_limit):
-        model.setParam("limits/time", float(time_limit))
-        guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
-        guard.start()
-    model.optimizeNogil()
-    if guard is not None:
-        guard.cancel()
-    status = model.getStatus()
+    run_model(built.model, gap, _OWN_ERROR, time_limit)
     x = assignment = None
-    if model.getNSols() > 0:
-        best = model.getBestSol()
-        x = np.array([model.getSolVal(best, v) for v in built.x])
-        chosen = [
-            int(np.argmax([model.getSolVal(best, v) for v in group])) for group in built.binaries
-        ]
+    if built.model.getNSols() > 0:
+        chosen = [int(np.argmax(values(built.model, group))) for group in built.binaries]
         assignment = np.array(chosen, np.int64)
-        x = mended(instance, x, assignment)
-    bound = float(model.getDualbound())
-    answer = Answer(
-        x=x,
-        bound=bound if abs(bound) < model.infinity() else -np.inf,
-        infeasible=STATUS.get(status, False) and x is None,
-        nodes=int(model.getNTotalNodes()),
-        time=time.perf_counter() - begin,
-        solver=NAME,
-        log=(f"SCIP {model.version()}: {status}",),
-        assignment=assignment,
-    )
-    return judged(instance, answer, gap, tolerance)
+        x = mended(instance, values(built.model, built.x), assignment)
+    return judged(instance, claim(built.model, NAME, begin, x, assignment), gap, tolerance)
 
 
 def _thickened(instance: Instance) -> Instance:

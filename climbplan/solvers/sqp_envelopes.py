@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.program.box import Range
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex import ConvexBackend, session
@@ -40,7 +40,7 @@ class EnvelopeSolver:
     def __init__(
         self, instance: Instance, backend: ConvexBackend = "daqp", pieces: int = PIECES
     ) -> None:
-        self._instance, self._pieces = instance, pieces
+        self._pieces = pieces
         self._pinned = PinnedForm.of(instance)
         self._session = session(backend)
         products = instance.products

@@ -49,7 +49,6 @@ class TreeSearch:
         self.blocks = blocks(form, self.relaxation.pool)
         self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
         self.nodes = 0
-        self.block_nodes = 0
         self.log: list[str] = []
         self.closed = np.inf  # least bound of nodes that were left without being infeasible
         self._open: list[tuple[float, int, Node]] = []
@@ -207,7 +206,6 @@ class TreeSearch:
                 before = block.minimum(
                     price, node.lower, node.upper, node.allowed, slack, limit, self.deadline, hint
                 )
-                self.block_nodes += before.nodes
             minima.append(before)
             gains[i] = max(0.0, before.bound - block.relaxed(point, lower, upper))
         return minima, gains

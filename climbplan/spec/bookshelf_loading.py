@@ -13,8 +13,8 @@ from typing import Any
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf import BookshelfSpec
-from climbplan.spec.document import Document, Finding, KeyPath
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.document import Document, KeyPath
+from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
@@ -51,13 +51,8 @@ def shelf_of_document(document: Document, text: SourceText) -> LoadedShelf:
     Raises:
         SpecError: with every mistake in it.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="bookshelf")
-    if isinstance(kind, Finding):
-        findings.append(kind)
     root_paths(document, _PATHS)
-    spec, found = validate(document, BookshelfSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "bookshelf", BookshelfSpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return LoadedShelf(spec=spec, **origin_of(document, text))

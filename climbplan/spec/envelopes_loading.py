@@ -8,9 +8,9 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf_loading import root_paths
-from climbplan.spec.document import Document, Finding
+from climbplan.spec.document import Document
 from climbplan.spec.envelopes import EnvelopesSpec
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.motion_loading import robot_of_document
 from climbplan.spec.overrides import Override, apply_overrides
@@ -41,13 +41,8 @@ def envelopes_of(document: Document, text: SourceText) -> LoadedEnvelopes:
     Raises:
         SpecError: with every mistake in it.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="envelopes")
     root_paths(document, (("data", "dataset"),))
-    if isinstance(kind, Finding):
-        findings.append(kind)
-    spec, found = validate(document, EnvelopesSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "envelopes", EnvelopesSpec)
     _, robot_mistakes = robot_of_document(document, text.directory)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or mistakes:

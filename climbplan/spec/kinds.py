@@ -79,3 +79,17 @@ def validate(document: Document, model: type[Model]) -> tuple[Model | None, list
             if not any(f.path[: len(path)] == path for path in broken)
         ]
     return (None if findings else result), findings
+
+
+def validate_kind(
+    document: Document, kind: str, model: type[Model]
+) -> tuple[Model | None, list[Finding]]:
+    """As `validate`, of a document that has to be of a kind.
+
+    Raises:
+        SpecError: as `find_kind`.
+    """
+    found = find_kind(document, wanted=kind)
+    wrong = [found] if isinstance(found, Finding) else []
+    spec, findings = validate(document, model)
+    return spec, [*wrong, *(finding for finding in findings if finding.path != ("kind",))]

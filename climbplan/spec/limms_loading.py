@@ -11,7 +11,7 @@ from typing import Any
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.kinds import validate, validate_kind
 from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.limms_placing import placing_findings
@@ -46,12 +46,7 @@ def limms_of(document: Document, text: SourceText) -> LoadedLimms:
     Raises:
         SpecError: with every mistake in it and in the module file.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="limms")
-    if isinstance(kind, Finding):
-        findings.append(kind)
-    spec, found = validate(document, LimmsSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "limms", LimmsSpec)
     module, module_text, module_mistakes = _module(document, text.directory)
     if spec is not None and module is not None and not findings:
         findings += placing_findings(spec, module)
@@ -78,9 +73,7 @@ def stored_limms(text: str, module_text: str, module: Mapping[str, Any]) -> Stor
     SpecError with every mistake in the texts.
     """
     document = parse_yaml(text, "spec")
-    findings: list[Finding] = []
-    spec, found = validate(document, LimmsSpec)
-    findings += found
+    spec, findings = validate(document, LimmsSpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     taken = ""
@@ -112,12 +105,7 @@ def module_of(document: Document) -> ModuleSpec:
     Raises:
         SpecError: with every mistake in it.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="module")
-    if isinstance(kind, Finding):
-        findings.append(kind)
-    module, found = validate(document, ModuleSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    module, findings = validate_kind(document, "module", ModuleSpec)
     if module is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return module

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, Task
 from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.kinds import find_kind, validate_kind
 from climbplan.spec.limms_loading import LoadedLimms, limms_of, module_of
 from climbplan.spec.limms_module import ModuleSpec
 from climbplan.spec.loaded import LoadedSpec, origin_of
@@ -64,21 +64,7 @@ def load_climb(
     return _load(text, overrides)
 
 
-def load_spec(
-    source: str | Path, overrides: Sequence[str | Override] = ()
-) -> (
-    LoadedClimb
-    | LoadedDataset
-    | LoadedEnvelopes
-    | LoadedLimms
-    | LoadedMpc
-    | LoadedProgram
-    | LoadedShelf
-    | LoadedStrategy
-    | LoadedTransition
-    | ModuleSpec
-    | AnyRobot
-):
+def load_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> AnyLoaded:
     """Read, override and check a spec of any kind.
 
     Raises:
@@ -89,25 +75,7 @@ def load_spec(
     kind = find_kind(document)
     if isinstance(kind, Finding):
         raise SpecError(text.shown, document.mistakes([kind, *document.findings]))
-    if kind == "robot":
-        return robot_of(document, text.directory)
-    if kind == "module":
-        return module_of(document)
-    if kind == "limms":
-        return limms_of(document, text)
-    if kind == "envelopes":
-        return envelopes_of(document, text)
-    if kind == "program":
-        return program_of(document, text)
-    if kind == "dataset":
-        return dataset_of(document, text)
-    if kind == "mpc":
-        return mpc_of(document, text)
-    if kind == "strategy":
-        return strategy_of(document, text)
-    if kind == "transition":
-        return transition_of_document(document, text)
-    return shelf_of_document(document, text) if kind == "bookshelf" else _loaded(document, text)
+    return _READERS[kind](document, text)
 
 
 def load_text(text: str, name: str, overrides: Sequence[str | Override] = ()) -> LoadedClimb:
@@ -129,13 +97,8 @@ def _loaded(document: Document, text: SourceText) -> LoadedClimb:
 
 
 def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot]:
-    findings: list[Finding] = []
     root_paths(document, [("task", "start", "plan")])
-    kind = find_kind(document, wanted="climb")
-    if isinstance(kind, Finding):
-        findings.append(kind)
-    spec, found = validate(document, ClimbSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "climb", ClimbSpec)
     robot, robot_mistakes = any_robot_of_document(document, text.directory)
     findings += check_parts(_parts(document, robot))
     if spec is not None:
@@ -154,3 +117,31 @@ def _parts(document: Document, robot: AnyRobot | None) -> ClimbParts:
         solver=part_of(document, "solver", SolverSpec),
         robot=robot,
     )
+
+
+AnyLoaded = (
+    LoadedClimb
+    | LoadedDataset
+    | LoadedEnvelopes
+    | LoadedLimms
+    | LoadedMpc
+    | LoadedProgram
+    | LoadedShelf
+    | LoadedStrategy
+    | LoadedTransition
+    | ModuleSpec
+    | AnyRobot
+)
+_READERS: dict[str, Callable[[Document, SourceText], AnyLoaded]] = {
+    "climb": _loaded,
+    "transition": transition_of_document,
+    "bookshelf": shelf_of_document,
+    "limms": limms_of,
+    "mpc": mpc_of,
+    "envelopes": envelopes_of,
+    "program": program_of,
+    "dataset": dataset_of,
+    "strategy": strategy_of,
+    "robot": lambda document, text: robot_of(document, text.directory),
+    "module": lambda document, _: module_of(document),
+}

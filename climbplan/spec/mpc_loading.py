@@ -13,7 +13,7 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.bookshelf_loading import root_paths
 from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.kinds import validate, validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loop import WalkLoopSpec
@@ -50,14 +50,10 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     Raises:
         SpecError: with every mistake in it and in its robot file.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="mpc")
-    if isinstance(kind, Finding):
-        findings.append(kind)
-    robot_path = _is_path(document.value.get("robot"))
+    value = document.value
+    robot_path = isinstance(value, dict) and _is_path(value.get("robot"))
     root_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
-    spec, found = validate(document, MpcSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "mpc", MpcSpec)
     robot, robot_mistakes = body_of_document(document, text.directory)
     findings += _legs(document, robot)
     mistakes = [*document.mistakes(findings), *robot_mistakes]

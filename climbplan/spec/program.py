@@ -73,22 +73,26 @@ class EnvelopeSpec(SpecModel):
     )
 
 
+ProgramMethod = Literal[
+    "minlp-scip",
+    "minlp-bonmin",
+    "micp",
+    "mpcc",
+    "admm",
+    "pinned",
+    "knn",
+    "forest",
+    "boosting",
+    "network",
+    "reduce",
+]
+ProgramStart = Literal["zero", "manual", "knn"]
+
+
 class ProgramSolverSpec(SpecModel):
     """Which method, and when to stop."""
 
-    method: Literal[
-        "minlp-scip",
-        "minlp-bonmin",
-        "micp",
-        "mpcc",
-        "admm",
-        "pinned",
-        "knn",
-        "forest",
-        "boosting",
-        "network",
-        "reduce",
-    ] = Field(
+    method: ProgramMethod = Field(
         default="micp",
         description="`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
         "envelopes, then the exact program at its integers; `mpcc`: complementarity; `admm`: "
@@ -103,7 +107,7 @@ class ProgramSolverSpec(SpecModel):
         description="of `micp`, `admm`, `reduce`: highs (default), scip, gurobi; of the rest: "
         "clarabel (default without products), sqp (default with products), ipopt, daqp, osqp",
     )
-    start: Literal["zero", "manual", "knn"] | None = Field(
+    start: ProgramStart | None = Field(
         default=None,
         description="where `mpcc` starts: `zero` (the middle of the bounds), `manual` (the "
         "problem's own guess; default if it states one) or `knn` (neighbours in the library)",

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf_loading import root_paths
-from climbplan.spec.document import Document, Finding
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.document import Document
+from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program import ProgramSpec
@@ -55,13 +55,8 @@ def program_of(document: Document, text: SourceText) -> LoadedProgram:
     Raises:
         SpecError: with every mistake in it.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="program")
-    if isinstance(kind, Finding):
-        findings.append(kind)
     root_paths(document, [("solver", "model", "file")])
-    spec, found = validate(document, ProgramSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "program", ProgramSpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return LoadedProgram(spec=spec, **origin_of(document, text))

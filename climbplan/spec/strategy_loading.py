@@ -8,8 +8,8 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf_loading import root_paths
-from climbplan.spec.document import Document, Finding
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.document import Document
+from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
@@ -45,13 +45,8 @@ def strategy_of(document: Document, text: SourceText) -> LoadedStrategy:
     Raises:
         SpecError: with every mistake in it.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="strategy")
-    if isinstance(kind, Finding):
-        findings.append(kind)
     root_paths(document, [("data", "files")])
-    spec, found = validate(document, StrategySpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "strategy", StrategySpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return LoadedStrategy(spec=spec, **origin_of(document, text))

@@ -9,7 +9,7 @@ from pathlib import Path
 from climbplan.errors import SpecError
 from climbplan.spec.checks import ClimbParts, check_parts
 from climbplan.spec.document import Document, Finding
-from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.motion_loading import part_of, robot_of_document
 from climbplan.spec.overrides import Override, apply_overrides
@@ -53,12 +53,7 @@ def transition_of_document(document: Document, text: SourceText) -> LoadedTransi
     Raises:
         SpecError: with every mistake in it.
     """
-    findings: list[Finding] = []
-    kind = find_kind(document, wanted="transition")
-    if isinstance(kind, Finding):
-        findings.append(kind)
-    spec, found = validate(document, TransitionSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, findings = validate_kind(document, "transition", TransitionSpec)
     robot, robot_mistakes = robot_of_document(document, text.directory)
     task = part_of(document, "task", TransitionTaskSpec)
     terrain = part_of(document, "terrain", TerrainSpec)

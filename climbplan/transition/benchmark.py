@@ -10,7 +10,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.planner import StageClock
+from climbplan.climb.motion import StageClock
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.verification import verify
 from climbplan.spec.examples import example_text
@@ -26,8 +26,9 @@ from climbplan.transition.planner import (
     carry_through,
     plan_transition,
 )
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.scene import build_transition
-from climbplan.transition.search import Search, Sequence
+from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
 
 _STARTS, _QUICK = 50, 6

@@ -30,7 +30,7 @@ from typing import Any
 import casadi as ca
 
 from climbplan.climb.postures.nlp_statement import rotation
-from climbplan.solvers.interruption import Deadline
+from climbplan.solvers.ipopt_program import IpoptProgram
 from climbplan.transition.limb_expressions import limb_expression, torques
 from climbplan.transition.motion_statement import COST_SCALE, Layout
 
@@ -62,8 +62,7 @@ class ComplementarityProgram:
     variables: Layout  # of one round
     numbers: Layout
     kinds: tuple[tuple[str, int], ...]  # of one round: name and number of rows
-    solver: Any
-    deadline: Deadline
+    solver: IpoptProgram
     products: Any  # function (v, p) -> (products of all pairs, rows)
 
 
@@ -131,31 +130,20 @@ def complementarity_program(shape: Shape) -> ComplementarityProgram:
         _, at, r, k = variables.names[1]
         old = own[at : at + r * k]
     g, gaps = ca.vertcat(*rows), ca.vertcat(*products)
-    deadline = Deadline(v.numel(), g.numel(), p.numel())
-    options: dict[str, Any] = {
-        "print_time": False,
-        "expand": True,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "max_iter": _ITERATIONS,
-            "tol": 1e-5,
-            "constr_viol_tol": 1e-6,
-            "acceptable_tol": 1e-3,
-            "mu_strategy": "adaptive",
-        },
-    }
     problem = {"x": v, "p": p, "f": COST_SCALE * cost + c["penalty"] * ca.sum1(gaps), "g": g}
+    settings = {
+        "max_iter": _ITERATIONS,
+        "tol": 1e-5,
+        "constr_viol_tol": 1e-6,
+        "acceptable_tol": 1e-3,
+        "mu_strategy": "adaptive",
+    }
     return ComplementarityProgram(
         shape,
         variables,
         numbers,
         kinds,
-        ca.nlpsol("complementarity", "ipopt", problem, options),
-        deadline,
+        IpoptProgram("complementarity", problem, settings, expand=True),
         ca.Function("products", [v, p], [gaps, g]),
     )
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.plans.climb_plan import Array, Index, Mask
-from climbplan.solvers.interruption import interruptible
+from climbplan.reformulations.nlp_form import Bounds
 from climbplan.transition.complementarity import (
     ComplementarityProgram,
     Shape,
@@ -38,8 +38,9 @@ from climbplan.transition.footholds import (
     footholds_of,
     reach_of,
 )
+from climbplan.transition.pose_ways import Sequence, State
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Sequence, State, toe_step_limits
+from climbplan.transition.search import toe_step_limits
 from climbplan.transition.stances import Laboratory
 
 PENALTIES = (0.3, 3.0, 30.0)  # weights of the products; the last two from where limbs were moved
@@ -74,10 +75,7 @@ class _Problem:
     program: ComplementarityProgram
     surfaces: Index  # (N, S)
     numbers: Array  # the last one is the penalty
-    lower: Array
-    upper: Array
-    row_lower: Array
-    row_upper: Array
+    bounds: Bounds
     holds: Footholds  # that moved limbs are put on
 
     @property
@@ -99,16 +97,15 @@ def run_start(scene: TransitionScene, seed: int, carry: Carry, deadline: float =
     begin = time.perf_counter()
     problem = _problem_of(scene)
     rng = np.random.default_rng(seed)
-    v = np.clip(_random_start(problem, rng), problem.lower, problem.upper)
+    v = np.clip(_random_start(problem, rng), problem.bounds.lower, problem.bounds.upper)
     drawn: set[bytes] = set()
     carried: set[bytes] = set()
     iterations = complemented = tries = 0
     reason = "no point found at which all pairs complement each other"
     penalties: tuple[float, ...] = PENALTIES
-    problem.program.deadline.at = deadline
     while tries < _TRIES and time.monotonic() < deadline:
         tries += 1
-        v, used, complements = _homotopy(problem, v, penalties)
+        v, used, complements = _homotopy(problem, v, penalties, deadline)
         iterations += used
         if complements:
             complemented += 1
@@ -133,26 +130,20 @@ def _problem_of(scene: TransitionScene) -> _Problem:
     rows = row_bounds(scene, program, surfaces)
     numbers = numbers_of(scene, program, surfaces)
     holds = footholds_of(scene)
-    return _Problem(scene, program, surfaces, numbers, lower, upper, *rows, holds)
+    return _Problem(scene, program, surfaces, numbers, Bounds(lower, upper, *rows), holds)
 
 
-def _homotopy(problem: _Problem, v: Array, penalties: tuple[float, ...]) -> tuple[Array, int, bool]:
+def _homotopy(
+    problem: _Problem, v: Array, penalties: tuple[float, ...], deadline: float
+) -> tuple[Array, int, bool]:
     """The point where a homotopy ends, IPOPT's iterations, and whether all pairs complement."""
     program, iterations = problem.program, 0
     for penalty in penalties:
-        with interruptible(program.deadline.stop):
-            answer = program.solver(
-                x0=v,
-                p=problem.at(penalty),
-                lbx=problem.lower,
-                ubx=problem.upper,
-                lbg=problem.row_lower,
-                ubg=problem.row_upper,
-            )
-        v = np.clip(np.array(answer["x"]).ravel(), problem.lower, problem.upper)
-        iterations += int(program.solver.stats().get("iter_count", 0))
+        point = program.solver.solve(v, problem.at(penalty), problem.bounds, deadline)
+        v = np.clip(point.v, problem.bounds.lower, problem.bounds.upper)
+        iterations += point.iterations
     products, rows = (np.array(x).ravel() for x in program.products(v, problem.at(0.0)))
-    off = np.maximum(problem.row_lower - rows, rows - problem.row_upper).max()
+    off = np.maximum(problem.bounds.row_lower - rows, rows - problem.bounds.row_upper).max()
     # NaN is no agreement either.
     return v, iterations, bool(off <= _HOLDS and products.max() <= _COMPLEMENTS)
 
@@ -207,7 +198,7 @@ def _moved_elsewhere(
         if _admissible(scene, moved) and moved.tobytes() not in known:
             break
     known.add(moved.tobytes())
-    return np.clip(_along(problem, parts, drawn, moved), problem.lower, problem.upper)
+    return np.clip(_along(problem, parts, drawn, moved), problem.bounds.lower, problem.bounds.upper)
 
 
 def _too_far(problem: _Problem, path: Index) -> Index:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene, Stance, build_scene
 from climbplan.errors import Infeasible
 from climbplan.plans.climb_plan import Instants, Rounds

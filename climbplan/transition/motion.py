@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.plans.climb_plan import Array, Rounds
-from climbplan.solvers.interruption import interruptible
+from climbplan.reformulations.nlp_form import Bounds
 from climbplan.terrain.surfaces import Region
 from climbplan.transition.motion_numbers import motion_numbers, open_footholds, toes_of
 from climbplan.transition.motion_statement import MotionProgram, Shape, motion_program
-from climbplan.transition.search import Sequence
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.stances import Laboratory
 
 ACCEPTED = 1e-5  # largest violation of a row; the force planner and the verification are stricter
@@ -48,18 +48,10 @@ def plan_motion(lab: Laboratory, sequence: Sequence, safety_torque: float | None
     program = motion_program(shape)
     least = scene.spec.force.safety_torque if safety_torque is None else safety_torque
     numbers = motion_numbers(lab, program, sequence, least)
-    program.deadline.at = time.monotonic() + scene.spec.solver.time_limit
-    with interruptible(program.deadline.stop):
-        answer = program.solver(
-            x0=numbers.start,
-            p=numbers.parameters,
-            lbx=numbers.lower,
-            ubx=numbers.upper,
-            lbg=numbers.row_lower,
-            ubg=numbers.row_upper,
-        )
-    stats = program.solver.stats()
-    v = np.clip(np.array(answer["x"]).ravel(), numbers.lower, numbers.upper)
+    bounds = Bounds(numbers.lower, numbers.upper, numbers.row_lower, numbers.row_upper)
+    until = time.monotonic() + scene.spec.solver.time_limit
+    point = program.solver.solve(numbers.start, numbers.parameters, bounds, until)
+    v = np.clip(point.v, numbers.lower, numbers.upper)
     rows = np.array(program.rows(v, numbers.parameters)[0]).ravel()
     off = np.maximum(numbers.row_lower - rows, rows - numbers.row_upper)
     off = np.where(np.isnan(rows), np.inf, off)
@@ -68,9 +60,9 @@ def plan_motion(lab: Laboratory, sequence: Sequence, safety_torque: float | None
         rounds=_rounds(lab, program, sequence, v),
         violation=float(off[worst]),
         block=_block(program, worst),
-        iterations=int(stats.get("iter_count", 0)),
+        iterations=point.iterations,
         seconds=time.perf_counter() - begin,
-        word=str(stats["return_status"]),
+        word=point.word,
     )
 
 

@@ -14,8 +14,9 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Region
 from climbplan.transition.footholds import GOAL, START
 from climbplan.transition.motion_statement import MotionProgram
+from climbplan.transition.pose_ways import Sequence, stance_of_move
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Sequence, stance_of_move, toe_step_limits
+from climbplan.transition.search import toe_step_limits
 from climbplan.transition.stances import Laboratory, stance_forces
 
 _JOINT_ROOM = 2e-3  # [rad] off joint bounds, so that motions between instants have room

@@ -33,7 +33,7 @@ from typing import Any
 import casadi as ca
 
 from climbplan.climb.postures.nlp_statement import rotation
-from climbplan.solvers.interruption import Deadline
+from climbplan.solvers.ipopt_program import IpoptProgram
 from climbplan.transition.limb_expressions import LimbExpression, limb_expression, torques
 
 CORNERS = 8
@@ -128,8 +128,7 @@ class MotionProgram:
     numbers: Layout  # likewise, after the common ones
     common: Layout
     blocks: tuple[tuple[str, int], ...]  # of one round: name and number of rows
-    solver: Any
-    deadline: Deadline
+    solver: IpoptProgram
     rows: Any  # function (v, p) -> rows, for the exact check
 
 
@@ -159,33 +158,22 @@ def motion_program(shape: Shape) -> MotionProgram:
         _, at, r, c = variables.names[1]
         old = own[at : at + r * c]
     g = ca.vertcat(*rows)
-    deadline = Deadline(v.numel(), g.numel(), p.numel())
-    options: dict[str, Any] = {
-        "print_time": False,
-        "expand": True,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "max_iter": ITERATIONS,
-            "tol": 1e-6,
-            "constr_viol_tol": 1e-8,
-            "mu_init": 1e-2,
-            "mu_strategy": "monotone",
-            "bound_relax_factor": 0.0,
-        },
-    }
     problem = {"x": v, "p": p, "f": COST_SCALE * cost, "g": g}
+    settings = {
+        "max_iter": ITERATIONS,
+        "tol": 1e-6,
+        "constr_viol_tol": 1e-8,
+        "mu_init": 1e-2,
+        "mu_strategy": "monotone",
+        "bound_relax_factor": 0.0,
+    }
     return MotionProgram(
         shape,
         variables,
         numbers,
         common,
         one.blocks,
-        ca.nlpsol("transition", "ipopt", problem, options),
-        deadline,
+        IpoptProgram("transition", problem, settings, expand=True),
         ca.Function("rows", [v, p], [g, cost]),
     )
 

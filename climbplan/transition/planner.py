@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.planner import Progress, StageClock, deflection_warnings, step_limits
+from climbplan.climb.motion import Progress, StageClock
+from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
@@ -29,9 +30,10 @@ from climbplan.transition.gait import plan_instants
 from climbplan.transition.homotopy import run_start
 from climbplan.transition.mission import Tail, climb_after, joined_instants, joined_rounds
 from climbplan.transition.motion import plan_motion
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.refusal import no_sequence
 from climbplan.transition.scene import TransitionScene, build_transition
-from climbplan.transition.search import Search, Sequence
+from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
 from climbplan.transition.summary import summary_lines
 

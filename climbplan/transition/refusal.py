@@ -10,8 +10,9 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.errors import Conflict, Infeasible
 from climbplan.plans.climb_plan import Index, sequence_name
 from climbplan.transition.footholds import GOAL, START
+from climbplan.transition.pose_ways import Sequence, State, stance_of_move
 from climbplan.transition.scene import TransitionScene
-from climbplan.transition.search import Search, Sequence, State, stance_of_move, toe_step_limits
+from climbplan.transition.search import Search, toe_step_limits
 from climbplan.transition.stances import (
     Laboratory,
     balances,

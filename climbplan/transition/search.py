@@ -3,9 +3,7 @@
 A state is a foothold for every limb. In a round some limbs move to their next foothold while the
 others hold the body, which stands still at a pose; then the body goes to its next pose. A round
 is possible at a pose if every limb reaches its old and new footholds from there and the limbs that
-stay find admissible forces. Poses of neighbouring rounds only depend on each other by the length
-of the step between them, so that the best way through the poses of a sequence, and the largest
-safety factors it allows, are dynamic programs.
+stay find admissible forces. The best ways of a sequence through the poses: `pose_ways.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from climbplan.errors import LimitReached
-from climbplan.plans.climb_plan import Array, Index, Mask, sequence_name
+from climbplan.plans.climb_plan import Array, Mask, sequence_name
 from climbplan.transition.footholds import (
     GOAL,
     START,
@@ -26,33 +24,17 @@ from climbplan.transition.footholds import (
     poses_of,
     reach_of,
 )
-from climbplan.transition.scene import TransitionScene
-from climbplan.transition.stances import (
-    LIFTED,
-    Laboratory,
-    largest_friction_factor,
-    stance_forces,
+from climbplan.transition.pose_ways import (
+    Sequence,
+    State,
+    cheapest_way,
+    stance_of_move,
+    with_friction,
 )
+from climbplan.transition.scene import TransitionScene
+from climbplan.transition.stances import Laboratory, stance_forces
 
 _BATCH = 5000  # force problems between two looks at the clock
-State = tuple[int, ...]  # a foothold number for every limb
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """One contact sequence with its best way through the poses searched."""
-
-    states: tuple[State, ...]  # (M + 1)
-    poses: tuple[int, ...]  # (M + 1) of least cost
-    cost: float
-    safety_torque: float  # the largest S_tau it allows, through poses of its own
-    safety_friction: float = 0.0  # the largest S_mu it allows at the poses of either way
-    firm_poses: tuple[int, ...] = ()  # (M + 1) of the largest S_tau
-
-    @property
-    def moved(self) -> Mask:
-        """(M, N) limbs of each round."""
-        return np.diff(np.array(self.states), axis=0) != 0
 
 
 @dataclass
@@ -103,7 +85,8 @@ class Search:
             if number == most or self.tally.late:
                 self.tally.truncated = True
                 break
-            found = self._through_poses(states)
+            uses = [self.uses(j, a, b) for j, (a, b) in enumerate(itertools.pairwise(states))]
+            found = cheapest_way(self.lab, states, uses, self.step_cost)
             if found is None:
                 continue
             key = found.moved.tobytes()
@@ -112,7 +95,7 @@ class Search:
         listed = sorted(best.values(), key=lambda s: s.cost)[: self.scene.spec.search.most]
         self.tally.truncated |= len(best) > len(listed)
         if self.forces:
-            listed = self._with_friction(listed)
+            listed = with_friction(self.lab, listed)
         rank = self.scene.spec.search.rank
         if rank == "torque":
             listed.sort(key=lambda s: -s.safety_torque)
@@ -279,74 +262,8 @@ class Search:
         if first in useful[0]:
             yield from onward((first,))
 
-    def _through_poses(self, states: tuple[State, ...]) -> Sequence | None:
-        """The cheapest way and the one of the largest S_tau; None if steps are too long."""
-        uses = [self.uses(j, a, b) for j, (a, b) in enumerate(itertools.pairwise(states))]
-        weights = self.scene.spec.posture.weights
-        last = self.lab.poses.count - 1
-        cost, back = np.where(np.arange(last + 1) == 0, 0.0, np.inf), []
-        firm, firm_back = np.where(np.arange(last + 1) == 0, 0.0, np.inf), []
-        allowed = np.where(np.isfinite(self.step_cost), 0.0, np.inf)
-        for use in uses:
-            ways = (cost + weights.effort * use)[:, None] + self.step_cost
-            back.append(ways.argmin(axis=0))
-            cost = ways.min(axis=0)
-            worst = np.maximum(np.maximum(firm, use)[:, None], allowed)
-            firm_back.append(worst.argmin(axis=0))
-            firm = worst.min(axis=0)
-        if not np.isfinite(cost[last]):
-            return None
-        limb = np.arange(len(states[0]))
-        toes = self.lab.footholds.toe[limb, np.array(states)]
-        moved = weights.toe * np.sum(np.diff(toes, axis=0) ** 2)
-        return Sequence(
-            states=states,
-            poses=_traced(back, last),
-            cost=float(cost[last] + moved),
-            safety_torque=float(1 / firm[last]) if firm[last] > 0 else np.inf,
-            firm_poses=_traced(firm_back, last),
-        )
-
-    def _with_friction(self, found: list[Sequence]) -> list[Sequence]:
-        """The sequences with the largest S_mu they allow, at the poses of either way."""
-        cells: dict[tuple[State, int], int] = {}
-        for sequence in found:
-            for cell in itertools.chain.from_iterable(_cells(sequence)):
-                cells.setdefault(cell, len(cells))
-        if not cells:
-            return found
-        stances = np.array([stance for stance, _ in cells], np.int64)
-        poses = np.array([b for _, b in cells], np.int64)
-        factor = largest_friction_factor(self.lab, stances, poses)
-        out = []
-        for sequence in found:
-            ways = [min(factor[cells[cell]] for cell in way) for way in _cells(sequence)]
-            out.append(Sequence(**(vars(sequence) | {"safety_friction": float(max(ways))})))
-        return out
-
-
-def _cells(sequence: Sequence) -> list[list[tuple[State, int]]]:
-    """Stances and poses of every round, along the cheapest way and along the firmest."""
-    stances = [stance_of_move(a, b) for a, b in itertools.pairwise(sequence.states)]
-    return [
-        list(zip(stances, way[:-1], strict=True)) for way in (sequence.poses, sequence.firm_poses)
-    ]
-
 
 def toe_step_limits(scene: TransitionScene) -> Array:
     """(N,) largest toe steps [m]."""
     task, most = scene.spec.task, scene.spec.posture.steps.toe_max
     return np.array([min(task.step_max.get(name, most), most) for name in scene.robot.limb_names])
-
-
-def stance_of_move(state: State, after: State) -> State:
-    """The limbs that hold the body while the others move."""
-    return tuple(a if a == b else LIFTED for a, b in zip(state, after, strict=True))
-
-
-def _traced(back: list[Index], last: int) -> tuple[int, ...]:
-    """The poses that lead to the last one."""
-    way = [last]
-    for previous in reversed(back):
-        way.append(int(previous[way[-1]]))
-    return tuple(reversed(way))

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.methods import MethodSetting, prepare
+from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.methods import prepare
 from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import checked, run_shelf
 from climbplan.bookshelf.scene import Scenes, Shelf

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bookshelf_scenes import PUBLISHED
 
-from climbplan.bookshelf.dataset_rows import frame_of
+from climbplan.bookshelf.dataset_frame import frame_of
 from climbplan.bookshelf.scene import Scenes, Shelf
 from climbplan.bookshelf.scene_file import read_scenes, write_scenes
 from climbplan.errors import PlanFileError, UsageError

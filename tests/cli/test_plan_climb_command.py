@@ -67,6 +67,9 @@ class Stages:
     def write_climb(self, plan: FakePlan, path: Path) -> None:
         path.write_text("plan")
 
+    def plan_format(self, path: Path) -> str:
+        return "climbplan/climb"
+
     def verify_and_mark(self, path: Path) -> FakeVerification:
         assert path.read_text() == "plan"
         return FakeVerification(self.passed)
@@ -88,6 +91,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     for module, names in {
         "climbplan.climb.planner": ["plan_climb"],
         "climbplan.plans.climb_file": ["write_climb"],
+        "climbplan.plans.plan_format": ["plan_format"],
         "climbplan.plans.verification": ["verify_and_mark"],
         "climbplan.reports.climb_report": ["write_report", "report_dict"],
     }.items():

@@ -214,7 +214,7 @@ def fake_verify(path: Path) -> FakeVerification:
     return FakeVerification()
 
 
-def fake_report(plan: Path, directory: Path) -> None:
+def fake_report(plan: Path, directory: Path, verification: FakeVerification | None = None) -> None:
     if plan.read_text() == "broken":
         raise PlanFileError(f"{plan}: broken")
     (directory / "report.html").write_text("new page")

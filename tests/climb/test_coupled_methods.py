@@ -16,7 +16,7 @@ from climbplan.climb.coupled.tightening import tightened
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.learning.envelope_box import Envelope
-from climbplan.program.box import Range
+from climbplan.program.row_propagation import Range
 from climbplan.solvers.registry import solve
 from climbplan.spec.loading import load_climb
 

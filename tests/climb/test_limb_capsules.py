@@ -18,7 +18,8 @@ from climbplan.climb.limb_clearance import (
     link_distances,
     standing_room,
 )
-from climbplan.climb.planner import StageClock, plan_climb, plan_motion
+from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.planner import plan_climb
 from climbplan.climb.postures import statement
 from climbplan.climb.postures.limb_shape import limb_shape
 from climbplan.climb.postures.statement import LinearRotation, limb_polytopes

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from climbplan.climb.forces.explanation import NoForces
-from climbplan.climb.planner import StageClock, plan_climb, plan_motion, plan_support
+from climbplan.climb.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.verification import verify

@@ -16,7 +16,7 @@ from climbplan.coupled.first_stage import FirstStage
 from climbplan.coupled.rows import Rows
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Program
-from climbplan.program.box import Range
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 
 GRID = np.linspace(-1, 1, 801)

@@ -10,8 +10,8 @@ from bilinear_programs import bilinear, scanned
 
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.program.box import Range
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import halfspaces
 from climbplan.reformulations.grids import Partition, code, each, pieces, together, uniform

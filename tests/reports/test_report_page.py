@@ -15,8 +15,8 @@ from headless_chromium import Browser, chromium_path
 
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.reports.climb_page import build_page
 from climbplan.reports.climb_report import report_dict
-from climbplan.reports.page import build_page
 
 MakePlan = Callable[..., ClimbPlan]
 ATTACK = "<script>window.broken=1</script><img src=x onerror=window.broken=1>\"'&$title"

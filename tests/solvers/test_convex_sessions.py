@@ -9,8 +9,9 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.solvers.convex import ConvexBackend, session, solve_convex, weak_dual
+from climbplan.solvers.convex import ConvexBackend, session, solve_convex
 from climbplan.solvers.highs import solve_highs
+from climbplan.solvers.weak_duality import weak_dual
 
 BACKENDS: tuple[ConvexBackend, ...] = ("daqp", "clarabel", "osqp")
 TOLERANCE = {"daqp": 1e-7, "clarabel": 1e-7, "osqp": 1e-5}

@@ -22,8 +22,8 @@ from climbplan.transition.complementarity_numbers import (
 )
 from climbplan.transition.homotopy import run_start
 from climbplan.transition.planner import plan_transition
+from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.scene import TransitionScene, build_transition
-from climbplan.transition.search import Sequence
 from climbplan.transition.stances import Laboratory
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -16,8 +16,9 @@ from climbplan.robots.rotations import skew
 from climbplan.spec.transition_loading import load_transition
 from climbplan.transition.footholds import GOAL, START
 from climbplan.transition.planner import plan_transition
+from climbplan.transition.pose_ways import stance_of_move
 from climbplan.transition.scene import build_transition
-from climbplan.transition.search import Search, stance_of_move
+from climbplan.transition.search import Search
 from climbplan.transition.stances import (
     LIFTED,
     Laboratory,

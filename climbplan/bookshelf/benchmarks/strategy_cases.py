@@ -20,7 +20,7 @@ from climbplan.bookshelf.library import (
     placed_scenes,
     solved_scenes,
 )
-from climbplan.bookshelf.methods import MethodSetting
+from climbplan.bookshelf.method_setting import MethodSetting
 from climbplan.bookshelf.mirror import Solved
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene, Shelf

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from climbplan.program.blocks import Variable
-from climbplan.program.box import Range
 from climbplan.program.instance import Instance
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 
 

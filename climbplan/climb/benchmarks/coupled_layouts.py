@@ -7,7 +7,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.planner import StageClock, plan_motion, plan_support
+from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure
 from climbplan.spec.climb import ClimbSpec

@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from climbplan.climb.planner import StageClock, plan_motion
+from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.climb.postures.statement import posture_program
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.program import Instance

@@ -10,7 +10,7 @@ from typing import TextIO
 from climbplan.climb.benchmarks.coupled import bench_coupled
 from climbplan.climb.benchmarks.force import bench_force
 from climbplan.climb.benchmarks.posture import bench_growth, bench_posture
-from climbplan.climb.planner import StageClock, plan_motion, plan_support
+from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import UsageError

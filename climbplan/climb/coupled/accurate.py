@@ -20,9 +20,9 @@ from climbplan.climb.coupled.stages import TOLERANCE, Candidate, whole
 from climbplan.climb.coupled.statement import envelope_range
 from climbplan.climb.coupled.tightening import factors, tightened
 from climbplan.learning.envelope_box import Envelope
-from climbplan.program.box import Range
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.grids import uniform
 from climbplan.reformulations.mccormick import McCormick

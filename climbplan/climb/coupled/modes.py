@@ -16,9 +16,9 @@ from climbplan.climb.coupled.envelopes import NamedEnvelope
 from climbplan.climb.coupled.preparation import Prepared
 from climbplan.climb.coupled.stages import Candidate
 from climbplan.climb.coupled.statement import envelope_range
-from climbplan.program.box import Range
 from climbplan.program.instance import Choice, Index, Instance
 from climbplan.program.polytope import Polytope
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.registry import solve
 

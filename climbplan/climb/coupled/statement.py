@@ -27,9 +27,9 @@ from climbplan.coupled.statement import cone_rows, cross
 from climbplan.errors import Infeasible
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program
-from climbplan.program.box import Range
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.program.statement import Expression
 from climbplan.solvers.linear import LinearProgram, solve_linear
 from climbplan.terrain.surfaces import Region

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.box import Range, propagated_box
+from climbplan.program.box import propagated_box
 from climbplan.program.instance import Balls, Index, Instance
 from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.convex import session, solve_convex
 from climbplan.solvers.separable_cost import separable_cost

@@ -33,8 +33,8 @@ from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Infeasible, LimitReached, ReachFailure
 from climbplan.plans.climb_plan import Rounds
+from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import require_reachable, to_body
-from climbplan.solvers.interruption import interruptible
 
 ITERATIONS = 150  # per start; those that converge need 5 to 60
 # [rad] off every joint bound at the moments that are constrained. The second holds the joints at
@@ -110,21 +110,14 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
     """IPOPT from one start, and the exact check of what it returns."""
     begin = time.monotonic()
     program = posture_nlp(shape_of(scene), ITERATIONS)
-    program.deadline.at = deadline
     iterations = 0
     for margin in JOINT_MARGINS:
         box = variable_bounds(scene, margin)
-        with interruptible(program.deadline.stop):
-            answer = program.solver(
-                x0=first_iterate(scene, guess, box),
-                p=parameters(scene, guess),
-                lbx=box.lower,
-                ubx=box.upper,
-                lbg=program.lower,
-                ubg=program.upper,
-            )
-        iterations += int(program.solver.stats()["iter_count"])
-        rounds = to_rounds(scene, guess, np.asarray(answer["x"]).ravel())
+        first = first_iterate(scene, guess, box)
+        bounds = Bounds(box.lower, box.upper, program.lower, program.upper)
+        point = program.solver.solve(first, parameters(scene, guess), bounds, deadline)
+        iterations += point.iterations
+        rounds = to_rounds(scene, guess, point.v)
         violations = tuple(v for v in check_postures(scene, rounds) if not v.holds)
         if not violations or any(v.name not in BETWEEN for v in violations):
             break
@@ -216,7 +209,7 @@ def _goal_trouble(scene: ClimbScene) -> str:
 
 def _sizes(program: PostureNlp, attempts: list[Attempt], best: Attempt) -> dict[str, object]:
     return {
-        "variables": int(program.solver.size1_in("x0")),
+        "variables": program.solver.size,
         "constraints": len(program.lower),
         "starts": len(attempts),
         "accepted": sum(attempt.accepted for attempt in attempts),

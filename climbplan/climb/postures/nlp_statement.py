@@ -31,7 +31,7 @@ from climbplan.climb.postures.nlp_layout import (
 )
 from climbplan.climb.postures.nlp_links import link_points
 from climbplan.robots.rotations import Array
-from climbplan.solvers.interruption import Deadline
+from climbplan.solvers.ipopt_program import IpoptProgram
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
 
@@ -214,11 +214,10 @@ class PostureNlp:
     """The built program. Vector of variables: round after round."""
 
     shape: Shape
-    solver: Any
+    solver: IpoptProgram
     lower: Array  # constraint bounds
     upper: Array
     blocks: dict[str, int]  # rows by name
-    deadline: Deadline
 
 
 @lru_cache(maxsize=8)
@@ -246,11 +245,7 @@ def posture_nlp(shape: Shape, iterations: int) -> PostureNlp:
     blocks = {name: count * m for name, count, _ in each.blocks} | {
         "posture.goal": goal_rows.numel()
     }
-    deadline = Deadline(size * m, g.numel(), p.numel())
-    ipopt = {
-        "print_level": 0,
-        "sb": "yes",
-        "linear_solver": "mumps",
+    settings = {
         "max_iter": iterations,
         # Lower step bounds need 5 times fewer iterations with these two, the rest a few less.
         "mu_strategy": "adaptive",
@@ -261,12 +256,6 @@ def posture_nlp(shape: Shape, iterations: int) -> PostureNlp:
         "acceptable_constr_viol_tol": 1e-8,
         "bound_relax_factor": 0.0,
     }
-    options: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt": ipopt,
-    }
     problem = {"x": x, "p": p, "f": ca.sum2(cost) + goal_cost, "g": g}
-    solver = ca.nlpsol("posture", "ipopt", problem, options)
-    return PostureNlp(shape, solver, lower, np.zeros(len(lower)), blocks, deadline)
+    solver = IpoptProgram("posture", problem, settings)
+    return PostureNlp(shape, solver, lower, np.zeros(len(lower)), blocks)

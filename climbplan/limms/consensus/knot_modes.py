@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.limms.consensus.copies import Modes
-from climbplan.limms.consensus.module_rows import AHEAD, MARGIN
+from climbplan.limms.consensus.module_rows import MARGIN
 from climbplan.limms.consensus.setting import Setting
 from climbplan.limms.limbs import end_rotation, standing_rotation
 from climbplan.limms.scene import SIDE_NORMALS, Array
@@ -101,6 +101,3 @@ def patch_bounds(setting: Setting, patch: int) -> tuple[Array, Array]:
     low = np.array([*(ground.lower + MARGIN), ground.height])
     high = np.array([*(ground.upper - MARGIN), ground.height])
     return low, high
-
-
-__all__ = ["AHEAD", "End", "Hands", "hands_at", "patch_bounds"]

@@ -289,6 +289,3 @@ def _block_bounds(setting: Setting, blocks: Array) -> tuple[Array, Array]:
             low[:, point] = np.maximum(low[:, point], blocks[:, i, 0] + margin)
             high[:, point] = np.minimum(high[:, point], blocks[:, i, 1] - margin)
     return low, high
-
-
-__all__ = ["KnotPrograms", "Plane", "Pose", "Solved"]

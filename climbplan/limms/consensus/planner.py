@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
-from climbplan.limms.carrying import Attempts
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.consensus.conflicts import conflicts_of
 from climbplan.limms.consensus.copies import Found
 from climbplan.limms.consensus.iteration import Agreement, Parameters, agree

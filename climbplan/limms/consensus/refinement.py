@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 
+from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection
-from climbplan.limms.carrying import Attempts, carry
+from climbplan.limms.carrying import carry
 from climbplan.limms.chain_carrying import Chain, carry_on_chains
 from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.iteration import Iterate

@@ -16,7 +16,6 @@ from climbplan.limms.scene import Array, Index, Scene
 from climbplan.spec.limms_module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
-BOX_WORDS = ("stable", "free", "manipulated", "quadruped", "quadruped in the air")
 SECONDS = (2.0, 0.12, 0.6, 0.3, 0.12)  # [s] of an interval in each
 POINTS = 5  # ends of a module's straight links: points 0, 2, 3, 5 and 7 of its chain
 CHAIN_POINTS = (0, 2, 3, 5, 7)

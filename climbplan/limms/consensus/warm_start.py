@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.limms.carrying import Attempts, limb_of, whole_carried
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.carrying import limb_of, whole_carried
 from climbplan.limms.chain import BRANCHES
 from climbplan.limms.chain_carrying import Chain
 from climbplan.limms.consensus.iteration import Iterate
@@ -16,7 +17,7 @@ from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow
 from climbplan.limms.held import KNOTS, HeldTask, Piece, plan_held, traces_along
 from climbplan.limms.limbs import limb_angles
-from climbplan.limms.reaching import Blocked
+from climbplan.limms.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb

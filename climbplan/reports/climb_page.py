@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
-from string import Template
 from typing import Any
 
 from climbplan.plans.checks.check import LIMITS
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports.page_data import page_data
-from climbplan.reports.page_parts import (
-    PARTS,
-    Card,
-    check_rows,
-    escape,
-    figures,
-    pairs,
-    plain_words,
-    policy,
-    sequence_section,
-    style,
-    verdict,
+from climbplan.reports.page_parts import Card, read_part, sequence_section
+from climbplan.reports.page_template import (
+    data_element,
+    fill,
+    origin_rows,
+    plan_tables,
+    report_fields,
+    run_fields,
+    verification_fields,
 )
 
 _SCRIPTS = ("scene.js", "charts.js", "main.js")
-
-
-def _script_json(value: object) -> str:
-    """JSON that cannot end the element it stands in."""
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _millimetres(span: Mapping[str, float | None]) -> str:
@@ -84,44 +74,23 @@ def build_page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, 
 
     report: as `report_dict` gives it. images: PNG files by name that the page shows as they are.
     """
-    library = plotly_script()
-    script = "\n".join(PARTS.joinpath(name).read_text(encoding="utf-8") for name in _SCRIPTS)
-    title = report["title"] or report["name"]
-    warnings = "".join(f"<li>{escape(text)}</li>" for text in report["warnings"])
-    counts = [(stage, plain_words(size)) for stage, size in report["sizes"].items()]
-    timings = [(stage, f"{plain_words(seconds)} s") for stage, seconds in report["timings"].items()]
-    about = [
-        ("Robot", report["robot"]["name"]),
-        ("Created", report["created"]),
-        ("climbplan", report["climbplan_version"]),
-        ("Seed", report["seed"]),
-        ("Spec SHA-256", report["spec_sha256"]),
-    ]
-    template = Template(PARTS.joinpath("page.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        policy=policy([library, script]),
-        style=style(),
-        title=escape(title),
-        name=escape(report["name"]),
-        robot=escape(report["robot"]["name"]),
-        status=escape(report["status"]),
-        badge="verified" if report["verified"] else "not verified",
-        badge_class="good" if report["verified"] else "bad",
-        cards="".join(card.html() for card in _cards(report)),
-        warnings=f'<ul class="warnings">{warnings}</ul>' if warnings else "",
-        checks=check_rows(report, {name: limit.meaning for name, limit in LIMITS.items()}),
-        verdict=verdict(report),
-        figures=figures(images),
+    scripts = (plotly_script(), "\n".join(read_part(name) for name in _SCRIPTS))
+    origin = origin_rows(report, {"Robot": report["robot"]["name"]})
+    return fill(
+        "climb.html",
+        **report_fields(
+            report,
+            report["robot"]["name"],
+            _cards(report),
+            images,
+            report["status"],
+            scripts,
+            data_element("plan-data", page_data(plan)),
+        ),
+        **verification_fields(report, {name: limit.meaning for name, limit in LIMITS.items()}),
+        **run_fields(report, plan_tables(report, origin)),
         sequences=sequence_section(report),
         study="" if plan.study is not None else "hidden",
-        timings=pairs(timings),
-        sizes=pairs(counts),
-        solvers=pairs(report["solvers"].items()),
-        about=pairs((k, str(v)) for k, v in about),
-        spec=escape(plan.spec_text),
-        data=_script_json(page_data(plan)),
-        library=library,
-        script=script,
     )
 
 

@@ -1,0 +1,95 @@
+"""What all plan commands share: the output directory, and how a run ends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.output_directory import OutputDirectory
+from climbplan.cli.plan_kinds import plan_kind
+from climbplan.cli.plan_path import PLAN_FILE
+from climbplan.cli.progress import StageProgress
+from climbplan.cli.verify_line import verify_line
+from climbplan.errors import ExitCode
+
+if TYPE_CHECKING:
+    from climbplan.spec.loaded import LoadedSpec
+
+
+class Planned(Protocol):
+    """What a planner found."""
+
+    @property
+    def summary(self) -> Sequence[str]:
+        """Lines about the run."""
+
+
+Found = TypeVar("Found", bound=Planned)
+
+
+@dataclass
+class PlanRun:
+    """A run whose files stand in a hidden directory until they are whole."""
+
+    session: Session
+    target: Path  # where they appear
+    directory: Path  # where they are written
+    report: Callable[[str, float], None]  # progress: stage, share that is done
+    _passed: bool = field(default=False, init=False)
+
+    def finish(
+        self, found: Found, write: Callable[[Found, Path], None], warnings: Sequence[str] = ()
+    ) -> None:
+        """Print the summary; write the plan, verify it, write its report."""
+        self.report("verify", 0.0)  # ends the planner's bar before lines are printed
+        for line in found.summary:
+            self.session.note(line)
+        for warning in warnings:
+            warn(warning)
+        plan_file = self.directory / PLAN_FILE
+        write(found, plan_file)
+        kind = plan_kind(plan_file)
+        verify_and_mark = kind.verifier()
+        start = time.perf_counter()
+        verification = verify_and_mark(plan_file)
+        self.session.note(verify_line(verification, time.perf_counter() - start))
+        self.report("report", 0.0)
+        kind.write_report(plan_file, self.directory, verification)
+        self._passed = verification.passed
+
+    def hand_over(self, as_json: bool) -> None:
+        """Print the plan's path, or its report.
+
+        Raises:
+            typer.Exit: the plan failed its verification.
+        """
+        plan_file = self.target / PLAN_FILE
+        if as_json:
+            print_json(plan_kind(plan_file).report_dict(plan_file))
+        else:
+            print_result(str(plan_file))
+        if not self._passed:
+            raise typer.Exit(ExitCode.UNVERIFIED)
+
+
+@contextmanager
+def plan_run(
+    session: Session, loaded: LoadedSpec, out: Path | None, force: bool
+) -> Iterator[PlanRun]:
+    """Context that plans and calls `finish`; the output directory appears when it ends well.
+
+    out: the directory; below outputs/, named after the spec, if left out. Planners and solvers take
+    a second to import: callers import them inside, when all paths are known to be good.
+    """
+    target = out if out is not None else Path("outputs", loaded.name)
+    with OutputDirectory(target, force=force) as directory:
+        with StageProgress(session) as progress:
+            yield PlanRun(session, target, directory.path, progress.report)
+        directory.publish()

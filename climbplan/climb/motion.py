@@ -1,0 +1,238 @@
+"""Postures, instants and forces that pass the exact checks: planned again, tighter, where not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.climb.clearance import body_shortfall
+from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
+from climbplan.climb.forces.explanation import NoForces
+from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.gait import plan_instants
+from climbplan.climb.grips.plan import require_wrists
+from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
+from climbplan.climb.postures.nlp import plan_postures_nlp
+from climbplan.climb.postures.planner import PostureResult, plan_postures
+from climbplan.climb.postures.statement import PostureMargins
+from climbplan.climb.scene import ClimbScene
+from climbplan.climb.swing import SwingBlocked, swing_paths
+from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
+from climbplan.plans.climb_plan import Forces, Instants, Rounds
+from climbplan.robots.rotations import Array
+
+Progress = Callable[[str, float], None]
+
+_TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
+_LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
+_STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
+_STEADYINGS = 3  # times postures are planned nearer to the stance for a body that is not stable
+
+
+@dataclass
+class StageClock:
+    """Seconds by stage, adding up repeated stages."""
+
+    report: Progress
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time a stage."""
+        self.report(name, 0.0)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            self.report(name, 1.0)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Postures and instants that passed the exact kinematic and clearance checks."""
+
+    posture: PostureResult
+    instants: Instants
+    tightenings: tuple[str, ...]
+    swings: tuple[Array, ...] | None  # way points of every limb move, if they were looked for
+
+
+def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = None) -> Motion:
+    """Postures whose every instant can be reached and whose body and limbs keep clear.
+
+    The convex statement knows workspaces as balls, rotations and knees to first order. Where the
+    exact check finds a joint bound or clearance missed, or a limb cannot swing past an obstacle,
+    the limb's ball or the clearance is tightened and the postures are planned again. Raises
+    Infeasible if the statement is, SwingBlocked if a swing stays blocked, and LimitReached if
+    tightening does not lead to a plan.
+    """
+    if save_model is not None and scene.spec.solver.method != "micp":
+        raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
+    margins = PostureMargins()
+    bound: float | None = None
+    notes: list[str] = []
+    failure: ReachFailure | SwingBlocked | None = None
+    for _ in range(_TIGHTENINGS):
+        with clock.stage("posture"):
+            if scene.spec.solver.method == "nlp":
+                posture = plan_postures_nlp(scene, clock.report)
+            else:
+                try:
+                    posture = _convex_postures(scene, margins, save_model)
+                except Infeasible as error:
+                    if not notes:
+                        raise
+                    raise _not_found(scene, notes, failure) from error  # no proof: it was tightened
+        # Tightening only adds constraints: the first bound is the one of the statement.
+        bound = posture.bound if bound is None else bound
+        with clock.stage("kinematics"):
+            shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
+            if shortfall > 1e-9 and scene.spec.solver.method != "nlp":
+                margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
+                notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
+                continue
+            try:
+                instants = plan_instants(scene, posture.rounds)
+                require_wrists(scene, instants)
+            except ReachFailure as error:
+                failure = error
+                if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
+                    raise
+                margins = _shrunk(scene, margins, error)
+                notes.append(f"workspace of {error.limb} tightened: {error}")
+                continue
+            try:
+                swings = _clear_of_obstacles(scene, posture.rounds, instants)
+            except _LimbsTooNear as near:
+                if scene.spec.solver.method == "nlp":  # its own exact check is the same
+                    raise near.blocked or LimitReached(f"posture planner: {near}") from None
+                failure = near.blocked
+                margins, wider = _widened(margins, near)
+                notes.append(f"{wider}: {near}")
+                continue
+        return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
+    raise _not_found(scene, notes, failure)
+
+
+def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:
+    """More room for the knees, or for the whole limb where its first link comes too close."""
+    more = max(1.2 * near.short.missing, _LEAST_WIDENING)
+    if near.short.link == 0:
+        margins = replace(margins, limbs=margins.limbs + more)
+        return margins, f"limb clearance asked {1e3 * margins.limbs:.1f} mm wider"
+    margins = replace(margins, knees=margins.knees + more)
+    return margins, f"knee clearance asked {1e3 * margins.knees:.1f} mm wider"
+
+
+class _LimbsTooNear(Exception):
+    """Links closer to an obstacle than they are thick, standing or on every way of a swing."""
+
+    def __init__(self, words: str, short: LimbShortfall, blocked: SwingBlocked | None) -> None:
+        self.short = short
+        self.blocked = blocked
+        super().__init__(words)
+
+
+def _clear_of_obstacles(
+    scene: ClimbScene, rounds: Rounds, instants: Instants
+) -> tuple[Array, ...] | None:
+    """Swing paths past the obstacles, None where there are none; raises _LimbsTooNear."""
+    standing = limb_shortfall(scene, rounds, instants)
+    if standing is None:
+        return None
+    if standing.missing > 1e-9:
+        words = f"{standing.where}, {standing.words(scene)}"
+        raise _LimbsTooNear(words, standing, None)
+    try:
+        return swing_paths(scene, rounds, instants)
+    except SwingBlocked as blocked:
+        short = blocked.shortfall
+        words = f"{short.where}, swinging, {short.words(scene)}"
+        raise _LimbsTooNear(words, short, blocked) from blocked
+
+
+def _convex_postures(
+    scene: ClimbScene, margins: PostureMargins, save_model: Path | None
+) -> PostureResult:
+    """Postures alone, or together with forces."""
+    if scene.spec.solver.method in COUPLED_METHODS:
+        return plan_coupled(scene, margins)
+    return plan_postures(scene, margins, save_model)
+
+
+def _not_found(
+    scene: ClimbScene, notes: list[str], failure: ReachFailure | SwingBlocked | None
+) -> NoPlanFound:
+    """What to raise when tightening did not lead to a plan, which proves nothing."""
+    if isinstance(failure, SwingBlocked):
+        return failure
+    last = str(failure) if failure is not None else notes[-1]
+    return LimitReached(
+        f"method {scene.spec.solver.method} found no postures that pass the exact checks "
+        f"({len(notes)} tightenings); "
+        f"last: {last}; --method nlp plans with joint bounds"
+    )
+
+
+def _bounded_by(posture: PostureResult, bound: float | None, scene: ClimbScene) -> PostureResult:
+    """The result with the bound of the statement that was not tightened, and what that proves."""
+    if bound is None:
+        return posture
+    gap = max(posture.objective - bound, 0.0) / max(abs(posture.objective), 1e-9)
+    proved = gap <= scene.spec.solver.gap
+    return replace(posture, bound=bound, gap=gap, status="optimal" if proved else "feasible")
+
+
+def _shrunk(scene: ClimbScene, margins: PostureMargins, failure: ReachFailure) -> PostureMargins:
+    radius = margins.stance_radius
+    if radius is None:
+        radius = np.full(scene.robot.limb_count, scene.robot.stance_radius)
+    radius = radius.copy()
+    radius[scene.robot.limb_names.index(failure.limb)] *= _STANCE_SHRINK
+    return replace(margins, stance_radius=radius)
+
+
+@dataclass(frozen=True)
+class SupportedMotion:
+    """A motion with contact forces that carry it at every instant."""
+
+    motion: Motion
+    forces: Forces
+
+
+def plan_support(scene: ClimbScene, motion: Motion, clock: StageClock) -> SupportedMotion:
+    """Forces for a motion; where the braced body would buckle, for one nearer to the stance.
+
+    Postures are planned without regard to stability. Limbs nearer to their stance are stiffer
+    against the body's sway, so that where stability is part of all that stands against the forces,
+    postures are planned again with smaller stance workspaces. The motion keeps the bound of the
+    first. Raises Infeasible and LimitReached of `plan_forces`, about the first motion.
+    """
+    try:
+        with clock.stage("force"):
+            return SupportedMotion(motion, plan_forces(scene, motion.instants))
+    except NoForces as error:
+        if not (error.unsteady and scene.spec.posture.stance_workspace):
+            raise
+        first = error
+    for number in range(1, _STEADYINGS + 1):
+        radius = scene.robot.stance_radius * _STANCE_SHRINK**number
+        near = replace(scene, robot=replace(scene.robot, stance_radius=radius))
+        try:
+            steadier = plan_motion(near, clock)
+            with clock.stage("force"):
+                forces = plan_forces(scene, steadier.instants)
+        except (NoPlanFound, ReachFailure):
+            continue
+        reason = str(first.conflicts[0]).split(";", maxsplit=1)[0]
+        note = f"stance workspaces tightened to {1e3 * radius:.0f} mm: {reason}"
+        posture = _bounded_by(steadier.posture, motion.posture.bound, scene)
+        notes = (*steadier.tightenings, note)
+        return SupportedMotion(replace(steadier, posture=posture, tightenings=notes), forces)
+    raise first

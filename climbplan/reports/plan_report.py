@@ -1,0 +1,48 @@
+"""How a plan file of any kind becomes report.json, report.html and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from matplotlib.figure import Figure
+
+from climbplan.plans.verification import Verification
+from climbplan.reports.report_files import write_files
+from climbplan.reports.sheet import png
+
+Plan = TypeVar("Plan")
+
+
+@dataclass(frozen=True)
+class PlanReport(Generic[Plan]):
+    """What reports one kind of plan file."""
+
+    read: Callable[[Path], Plan]
+    verify: Callable[[Path], Verification]
+    values: Callable[[Plan, Verification], dict[str, Any]]  # JSON-ready
+    figures: Callable[[Plan], Mapping[str, Callable[[Plan], Figure]]]  # by file name
+    page: Callable[[Plan, Mapping[str, Any], Mapping[str, bytes]], str]  # of values and PNG files
+
+    def report_dict(self, path: Path) -> dict[str, Any]:
+        """The report of a plan file as JSON-ready values, the verification made anew.
+
+        Raises PlanFileError for a damaged file.
+        """
+        return self.values(self.read(path), self.verify(path))
+
+    def write_report(
+        self, path: Path, directory: Path, verification: Verification | None = None
+    ) -> None:
+        """Write report.json, report.html and figures/*.png of a plan file into a directory.
+
+        verification: of this very file if it was made already. Each file is written aside and
+        renamed. Raises PlanFileError for a damaged plan and UsageError where the directory cannot
+        be written to.
+        """
+        plan = self.read(path)
+        report = self.values(plan, verification or self.verify(path))
+        images = {name: png(draw(plan)) for name, draw in self.figures(plan).items()}
+        write_files(directory, report, self.page(plan, report, images), images)

@@ -1,0 +1,76 @@
+"""IPOPT on a program that is compiled once: numbers change, and it can be stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from climbplan.program.polytope import Array
+from climbplan.reformulations.nlp_form import Bounds
+from climbplan.solvers.interruption import Deadline, interruptible
+
+
+@dataclass(frozen=True)
+class NlpPoint:
+    """Where IPOPT stopped, whatever it says about it."""
+
+    v: Array  # (N,)
+    objective: float
+    rows: Array  # (M,)
+    iterations: int
+    word: str  # IPOPT's return status
+    success: bool  # as IPOPT sees it
+
+
+class IpoptProgram:
+    """A program in CasADi's form: variables `x`, numbers `p`, cost `f` and rows `g`."""
+
+    def __init__(
+        self,
+        name: str,
+        problem: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        expand: bool = False,
+    ) -> None:
+        """settings: IPOPT's own. expand: one expression graph instead of calls of functions."""
+        self.size = int(problem["x"].numel())
+        self._deadline = Deadline(*(problem[key].numel() for key in ("x", "g", "p")))
+        options: dict[str, Any] = {
+            "print_time": False,
+            "error_on_fail": False,
+            "iteration_callback": self._deadline,
+            "ipopt": {"print_level": 0, "sb": "yes", "linear_solver": "mumps", **settings},
+        }
+        if expand:
+            options["expand"] = True
+        self._solver = ca.nlpsol(name, "ipopt", dict(problem), options)
+
+    def solve(self, start: Array, numbers: Any, bounds: Bounds, deadline: float) -> NlpPoint:
+        """Run from a start (N,), until `deadline` in `time.monotonic` seconds.
+
+        The point may be off bounds by the 1e-8 that IPOPT widens them by. Ctrl-C and SIGTERM stop
+        IPOPT and are passed on.
+        """
+        self._deadline.at = deadline
+        with interruptible(self._deadline.stop):
+            answer = self._solver(
+                x0=start,
+                p=numbers,
+                lbx=bounds.lower,
+                ubx=bounds.upper,
+                lbg=bounds.row_lower,
+                ubg=bounds.row_upper,
+            )
+        stats = self._solver.stats()
+        return NlpPoint(
+            v=np.array(answer["x"]).ravel(),
+            objective=float(answer["f"]),
+            rows=np.array(answer["g"]).ravel(),
+            iterations=int(stats.get("iter_count", 0)),
+            word=str(stats["return_status"]),
+            success=bool(stats["success"]),
+        )

@@ -1,0 +1,68 @@
+"""A SCIP model solved on one thread until a gap or a time is reached, and what it then claims."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from climbplan.program.polytope import Array
+from climbplan.solvers.result import Answer, Indices
+
+_CLAIMS = {  # SCIP's word -> whether it claims infeasibility
+    "optimal": False,
+    "gaplimit": False,
+    "timelimit": False,
+    "userinterrupt": False,
+    "nodelimit": False,
+    "memlimit": False,
+    "infeasible": True,
+    "inforunbd": False,
+    "unbounded": False,
+}
+_GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
+
+
+def run_model(model: Any, gap: float, own_error: float, time_limit: float) -> None:
+    """Solve to a relative gap, of which SCIP's own error is a part; time_limit: [s].
+
+    Raises KeyboardInterrupt for Ctrl-C, which SCIP takes for itself.
+    """
+    begin = time.perf_counter()
+    model.setParam("parallel/maxnthreads", 1)
+    model.setParam("limits/gap", max(gap - own_error, 0.5 * gap))
+    guard: threading.Timer | None = None
+    if np.isfinite(time_limit):
+        model.setParam("limits/time", float(time_limit))
+        guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
+        guard.start()
+    model.optimizeNogil()
+    if guard is not None:
+        guard.cancel()
+    if model.getStatus() == "userinterrupt" and time.perf_counter() - begin < time_limit:
+        raise KeyboardInterrupt  # and not the guard
+
+
+def values(model: Any, variables: list[Any]) -> Array:
+    """Their values in the best solution, of which there is one."""
+    best = model.getBestSol()
+    return np.array([model.getSolVal(best, v) for v in variables])
+
+
+def claim(
+    model: Any, name: str, begin: float, x: Array | None, assignment: Indices | None = None
+) -> Answer:
+    """What SCIP says, with a point (n,) that was read from it; begin: of all, by `perf_counter`."""
+    status, bound = model.getStatus(), float(model.getDualbound())
+    return Answer(
+        x=x,
+        bound=bound if abs(bound) < model.infinity() else -np.inf,
+        infeasible=_CLAIMS.get(status, False) and x is None,
+        nodes=int(model.getNTotalNodes()),
+        time=time.perf_counter() - begin,
+        solver=name,
+        log=(f"SCIP {model.version()}: {status}",),
+        assignment=assignment,
+    )

@@ -1,0 +1,30 @@
+"""Lower bounds by weak duality, whatever a solver's multipliers are worth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+
+_NEGLIGIBLE = 1e-7  # relative: a gradient left over along a direction without bounds
+
+
+def weak_dual(instance: Instance, x: Array, multipliers: Array) -> float:
+    """A lower bound on an instance without balls from multipliers (m,) of its rows.
+
+    With r = P x + q + A'y, the Lagrangian is at least -1/2 x'Px + r'x' - sup(y'row) for every x',
+    whatever x and y are, so its least value over the variables' bounds is valid.
+    """
+    y = np.where(np.isfinite(instance.row_upper), multipliers, np.minimum(multipliers, 0.0))
+    y = np.where(np.isfinite(instance.row_lower), y, np.maximum(y, 0.0))
+    edge = np.where(y > 0, instance.row_upper, instance.row_lower)
+    support = float(np.sum(y[y != 0] * edge[y != 0]))
+    curvature = instance.P @ x
+    r = curvature + instance.q + instance.A.T @ y
+    end = np.where(r > 0, instance.lower, instance.upper)
+    open_ended = ~np.isfinite(end)
+    if (np.abs(r[open_ended]) > _NEGLIGIBLE * (1.0 + np.abs(instance.q).max(initial=0.0))).any():
+        return -np.inf
+    least = float(np.sum(r[~open_ended] * end[~open_ended]) + r[open_ended] @ x[open_ended])
+    return instance.constant - 0.5 * float(x @ curvature) - support + least

@@ -12,7 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-PAGES = [ROOT / "README.md", *sorted((ROOT / "climbplan").rglob("README.md"))]
+SCENES = ROOT / "specs" / "README.md"
+PAGES = [ROOT / "README.md", SCENES, *sorted((ROOT / "climbplan").rglob("README.md"))]
 
 
 def shell_lines(page: str) -> list[str]:
@@ -104,7 +105,7 @@ def test_python_block_runs() -> None:
 
 
 def test_specs_of_the_table_exist() -> None:
-    named = re.findall(r"^\| `(\w+\.yaml)`", README, re.MULTILINE)
+    named = re.findall(r"^\| `(\w+\.yaml)`", SCENES.read_text(), re.MULTILINE)
     assert sorted(named) == sorted(p.name for p in (ROOT / "specs").glob("*.yaml"))
 
 

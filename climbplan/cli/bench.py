@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any
 
 import typer
 
+from climbplan.cli.bench_scenes import bench_scenes, comparison
 from climbplan.cli.bench_walks import bench_walks
-from climbplan.cli.console import Session, print_json, print_result, standard_output
+from climbplan.cli.console import Session, print_result, standard_output
 from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
 
@@ -21,7 +19,7 @@ BENCHMARKS = {
     "plan": "the whole decoupled plan: postures, joint angles, forces, checks",
     "coupled": "positions and forces together: against CVXPY, and on random slippery bands",
     "transition": "complementarity from random starts against the search over stance sets",
-    "mpc": "walking: search and NLP on the shipped tasks and random starts, accuracy of envelopes",
+    "mpc": "walking: offline methods, accuracy of envelopes, ticks online, recovery from pushes",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
@@ -236,7 +234,7 @@ def bench(
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
         if chosen in _QUICK:
             wanted = {**(_QUICK[chosen] if quick else {}), **given, "seed": seed}
-            _bench_scenes(session, _comparison(chosen, wanted), out, force, as_json)
+            bench_scenes(session, comparison(chosen, wanted), out, force, as_json)
             continue
         if chosen == "mpc":
             bench_walks(session, {**given, "seed": seed, "quick": quick}, out, force, as_json)
@@ -257,66 +255,3 @@ def _option(key: str) -> str:
     """The option that gives a key."""
     others = {"seconds": "time-limit", "assignments": "set"}
     return f"--{others.get(key, key).replace('_', '-')}"
-
-
-@dataclass(frozen=True)
-class _Comparison:
-    """A comparison of methods on the same scenes, ready to run and to be told."""
-
-    run: Callable[[Callable[[str, float], None]], Any]
-    plain: Callable[[Any], dict[str, Any]]
-    write_files: Callable[[Any, Path], None]
-    write_text: Callable[[Any, TextIO], None]
-
-
-def _comparison(name: str, given: dict[str, Any]) -> _Comparison:
-    if name == "bookshelf":
-        from climbplan.bookshelf.benchmarks import run as of_methods
-
-        methods = of_methods.BenchOptions(**given)
-        return _Comparison(
-            lambda report: of_methods.bench_bookshelf(methods, report),
-            lambda result: of_methods.as_json(result, methods),
-            lambda result, path: of_methods.write_files(result, methods, path),
-            of_methods.write_text,
-        )
-    if name == "limms":
-        from climbplan.limms.benchmarks import run as of_modules
-
-        limms = of_modules.LimmsOptions(**given)
-        return _Comparison(
-            lambda report: of_modules.bench_limms(limms, report),
-            lambda result: of_modules.as_json(result, limms),
-            lambda result, path: of_modules.write_files(result, limms, path),
-            of_modules.write_text,
-        )
-    from climbplan.bookshelf.benchmarks import strategies, strategy_tables
-
-    options = strategies.StrategyOptions(**given)
-    return _Comparison(
-        lambda report: strategies.bench_strategies(options, report),
-        lambda result: strategies.as_json(result, options),
-        lambda result, path: strategy_tables.write_files(result, options, path),
-        strategy_tables.write_text,
-    )
-
-
-def _bench_scenes(
-    session: Session, chosen: _Comparison, out: Path | None, force: bool, as_json: bool
-) -> None:
-    """Run it; a directory that is taken is refused before."""
-    from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
-
-    with ExitStack() as stack:
-        directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
-        with StageProgress(session) as progress:
-            result = chosen.run(progress.report)
-        if directory is not None:
-            chosen.write_files(result, directory.path)
-            directory.publish()
-    if as_json:
-        print_json(chosen.plain(result))
-        return
-    with standard_output() as stream:
-        chosen.write_text(result, stream)

@@ -26,6 +26,7 @@ class Regulated(StrEnum):
 
     nothing = "nothing"
     attitude = "attitude"
+    joints = "joints"
     pose = "pose"
 
 
@@ -92,7 +93,7 @@ def simulate(
         typer.Option(
             "--regulate",
             help="What of the body's pose standing limbs are told to correct: its attitude (an "
-            "inertial sensor's), or its place as well.",
+            "inertial sensor's), or its place as well: by the joints' own sensors, or as it is.",
         ),
     ] = Regulated.nothing,
     jobs: Jobs = 1,

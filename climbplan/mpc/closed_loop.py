@@ -36,6 +36,7 @@ from climbplan.mpc.task import (
 )
 
 SUBSTEPS = 16  # Runge-Kutta steps in a knot: 5 ms at 80 ms
+RECOVERED = 0.25  # [m/s] off the reference at most
 FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell
 
 
@@ -281,16 +282,16 @@ def sampled_task(task: WalkTask, samples: int) -> WalkTask:
     )
 
 
-def recovered(loop: Loop, task: WalkTask, within: float = 0.25) -> bool:
+def recovered(loop: Loop, task: WalkTask, within: float = RECOVERED) -> bool:
     """Whether the body kept up, and its mean velocity over the last 0.48 s is the reference's."""
     if loop.fell is not None:
         return False
-    off = mean_speed_at_end(loop, task) - task.reference.velocity[-1]
+    off = mean_speed(loop.trajectory, task.step / SUBSTEPS) - task.reference.velocity[-1]
     return bool(np.linalg.norm(off[:2]) < within)
 
 
-def mean_speed_at_end(loop: Loop, task: WalkTask) -> Array:
-    """(3,) mean velocity over the last 0.48 s."""
-    last = round(0.48 * SUBSTEPS / task.step)
-    mean: Array = loop.trajectory.state[-last:, VELOCITY].mean(axis=0)
+def mean_speed(walk: WalkTrajectory, dt: float) -> Array:
+    """(3,) mean velocity over the last 0.48 s of samples that are dt apart."""
+    last = max(1, round(0.48 / dt))
+    mean: Array = walk.state[-last:, VELOCITY].mean(axis=0)
     return mean

@@ -16,9 +16,11 @@ import numpy as np
 
 from climbplan.mpc.attempt import Attempt, Budget, GaitTrials
 from climbplan.mpc.candidates import continued, flat_gait, reachable, usable
+from climbplan.mpc.compiled_body import PARTS, moved
 from climbplan.mpc.cost import objective
 from climbplan.mpc.features import features_of
 from climbplan.mpc.gaits import cycle
+from climbplan.mpc.legs import landed
 from climbplan.mpc.library import SECTION, Library
 from climbplan.mpc.measurement import Situation, fault_of
 from climbplan.mpc.pinned import Iterate
@@ -99,8 +101,9 @@ class OnlineController:
         self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
         self._trials = GaitTrials(self.task, settings.margin, settings.beside)
         self._last: WalkTrajectory | None = None
-        self._good = task.start  # the last measurement that could be one
+        self._expected = task.start  # at the next tick, if nothing is measured then
         self._doubted = np.zeros(LEGS, np.int64)  # ticks for which a leg is not stood on
+        self._inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self._warm_up()
 
     def tick(self, situation: Situation) -> Command:
@@ -109,9 +112,8 @@ class OnlineController:
         self._doubted = np.maximum(self._doubted - 1, 0)
         self._doubted[list(situation.unfelt)] = _DOUBTED
         if fault := fault_of(situation, self.task.body):
-            return self._safe(choice, fault)
+            return self._safe(choice, fault, self._expected)
         task = replace(self.task, start=Start(situation.state, situation.toes))
-        self._good = task.start
         able = reachable(task) & (self._doubted == 0)
         seen: set[bytes] = set()
         for candidate in self._candidates(task, situation, choice):
@@ -143,10 +145,11 @@ class OnlineController:
         if taken is None:
             words.append(f"none of {choice.tried} gaits holds")
             if choice.nearest is None or (choice.nearest[0] >= _BEARABLE and not self._published):
-                return self._safe(choice, ", and ".join(words))
+                return self._safe(choice, ", and ".join(words), task.start)
             taken = choice.nearest
             words[-1] += ", the nearest is taken"
         self._last = taken[1]
+        self._expected = _after(task, taken[1], taken[1].state[1])
         return choice.command(taken[1], taken[2], ", and ".join(words))
 
     @property
@@ -209,11 +212,26 @@ class OnlineController:
         iterations = _ELASTIC_QPS if elastic else self.settings.iterations
         return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
 
-    def _safe(self, choice: _Choice, word: str) -> Command:
-        """Legs down, against motion and tilt."""
+    def _safe(self, choice: _Choice, word: str, start: Start) -> Command:
+        """Legs down, against motion and tilt, of the measured state or the expected one."""
         self._last = None
-        task = replace(self.task, start=self._good)
-        return choice.command(safe_stance(task), SAFE, f"safe stance: {word}")
+        task = replace(self.task, start=start)
+        walk, body = safe_stance(task), task.body
+        # Without a measurement the stance goes on from where it leads: a brake must come to an end.
+        after = moved(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            PARTS,
+            start.state,
+            start.toes,
+            walk.force[0],
+        )
+        if np.isfinite(after).all():
+            self._expected = _after(task, walk, after)
+        return choice.command(walk, SAFE, f"safe stance: {word}")
 
 
 @dataclass
@@ -251,6 +269,13 @@ class _Choice:
         solving = min(share, 1.0) * spent
         held = self.best is not None
         return Command(walk, winner, self.tried, spent, solving, warning, self.budget.qps, held)
+
+
+def _after(task: WalkTask, walk: WalkTrajectory, state: Array) -> Start:
+    """Where a plan's first knot leads: standing toes stay, others come down."""
+    down = landed(task, state, walk.toes[1])
+    toes = np.where(walk.gait.contact[0][:, None], walk.toes[0], down)
+    return Start(state, toes * [1.0, 1.0, 0.0])
 
 
 def horizon_of(task: WalkTask) -> WalkTask:

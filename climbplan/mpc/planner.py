@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
 
-import numpy as np
-
 from climbplan.errors import LimitReached
 from climbplan.mpc.answer import WalkAnswer
 from climbplan.mpc.checker import check_trajectory, failures
@@ -91,18 +89,10 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
 
         return solve_nlp(task, solver.guess, solver.time_limit)
     if solver.method == "micp":
-        from climbplan.mpc.micp.method import MicpLimits, solve_micp
+        from climbplan.mpc.micp.method import limits_of, solve_micp
 
         warm = solve_task(task, solver.model_copy(update={"method": solver.warm}), seed)
-        limits = MicpLimits(
-            solver.time_limit,
-            solver.gap,
-            solver.arm_pieces,
-            solver.height_pieces,
-            tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
-            solver.tube.spin,
-        )
-        return solve_micp(task, limits, warm)
+        return solve_micp(task, limits_of(solver), warm)
     from climbplan.mpc.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits

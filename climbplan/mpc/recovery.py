@@ -14,7 +14,7 @@ from climbplan.mpc.closed_loop import (
     LoopWorld,
     Push,
     collected_before,
-    mean_speed_at_end,
+    mean_speed,
     recovered,
     run_loop,
 )
@@ -98,7 +98,7 @@ def judged(loop: Loop, task: WalkTask, at: float) -> Trial:
     sample = round(at * SUBSTEPS / task.step)
     speed = loop.trajectory.state[sample:, VELOCITY]
     words = [command.warning for command in after if command.warning]
-    off = mean_speed_at_end(loop, task) - task.reference.velocity[-1]
+    off = mean_speed(loop.trajectory, task.step / SUBSTEPS) - task.reference.velocity[-1]
     return Trial(
         recovered=recovered(loop, task),
         fell=None if loop.fell is None else loop.fell - at,

@@ -26,7 +26,8 @@ from climbplan.mpc.truth import toes_in_body
 from climbplan.robots.rotations import rotation_world_body
 
 _SLACK = 0.02  # [m] out of its box that a toe may be told to stand
-_FEWEST = 2  # legs; with fewer in reach all are put down
+_FEWEST = 2  # legs
+_DIAGONALS = ([0, 3], [1, 2])
 _FRICTION = 0.8  # share of the friction coefficient that is made use of
 _FACETS = 8
 _BRAKE = 0.1  # [s] in which the body is to come to rest
@@ -59,10 +60,20 @@ def safe_stance(task: WalkTask) -> WalkTrajectory:
 
 
 def _standing(task: WalkTask) -> Flags:
-    """(4,) legs whose toes are in reach."""
-    off = toes_in_body(task.start.state, task.start.toes) - task.body.toe_center
-    reached: Flags = (np.abs(off) - task.body.toe_half).max(axis=1) <= _SLACK
-    return reached if reached.sum() >= _FEWEST else np.ones(LEGS, bool)
+    """(4,) legs whose toes stay in reach while the body moves on, or the diagonal that does most.
+
+    The others step.
+    """
+    moved = task.start.state.copy()
+    beyond = np.zeros(LEGS)
+    for share in (0.0, 1.0):
+        moved[POSITION] = task.start.state[POSITION] + share * task.step * moved[VELOCITY]
+        off = np.abs(toes_in_body(moved, task.start.toes) - task.body.toe_center)
+        beyond = np.maximum(beyond, (off - task.body.toe_half).max(axis=1))
+    reached: Flags = beyond <= _SLACK
+    if reached.sum() < _FEWEST:
+        reached[min(_DIAGONALS, key=lambda pair: beyond[pair].max())] = True
+    return reached
 
 
 def _forces(task: WalkTask, stands: Flags) -> Array:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 
+from climbplan.mpc.closed_loop import SUBSTEPS
 from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import ANGLES, LEGS, VELOCITY, Array
+from climbplan.mpc.task import ANGLES, LEGS, VELOCITY, Array, Whole
 from climbplan.reports import palette
+from climbplan.reports.figure_loop import even_runs, mark_pushes, push_times
 from climbplan.reports.sheet import (
     foot_legend,
     heading,
@@ -27,6 +27,7 @@ _VELOCITY = "#B01E8C"
 _FORCE = palette.FAILURE
 _BEGUN = palette.LIMBS[1]
 _SHOTS = 5
+_ABOUT = (-0.5, 0.5, 1.5, 2.5, 4.5)  # knots from a push at which a closed loop is shown
 _LONGEST = 0.22  # [m] arrow of the force limit
 _AHEAD = 0.12  # [s] that arrows of the velocity lead ahead
 
@@ -56,6 +57,7 @@ def tracking(plan: WalkPlan) -> Figure:
                 before = begun[line][:, k] if line == 0 else np.rad2deg(begun[line][:, k])
                 ax.plot(time, before, color=_BEGUN, lw=1.4, marker=_marker(plan), ms=2.5)
             ax.plot(time, values[:, k], color=color, lw=1.8, marker=_marker(plan), ms=3.5)
+            mark_pushes(ax, plan)
             style_axes(ax)
             panel_title(ax, f"{word} {names[k]}".strip(), f"[{unit}]")
             _room(ax, 0.05 if unit == "m/s" else 1.0)
@@ -65,12 +67,17 @@ def tracking(plan: WalkPlan) -> Figure:
         Line2D([], [], color=color, lw=1.8),
         Line2D([], [], color=palette.INK, lw=1.2, ls="--"),
     ]
-    words = ["plan", "reference"]
+    words = ["plan" if plan.loop is None else "walked", "reference"]
     if begun is not None:
         handles.append(Line2D([], [], color=_BEGUN, lw=1.4))
         words.append("trajectory that it started from")
+    if push_times(plan):
+        handles.append(Line2D([], [], color=_FORCE, lw=1.4, ls=":"))
+        words.append("push")
     foot_legend(figure, handles, words)
-    heading(figure, _title(plan), f"{plan.method}, cost {plan.objective:.4g}")
+    # A closed loop is tracked at its samples: their sum compares with no plan's cost.
+    cost = f", cost {plan.objective:.4g}" if plan.loop is None else ""
+    heading(figure, _title(plan), f"{plan.method}{cost}")
     return figure
 
 
@@ -107,7 +114,7 @@ def gait(plan: WalkPlan) -> Figure:
     most = max(float(push.max()), 1e-9)
     for leg in range(LEGS):
         color = palette.limb_color(leg)
-        for first, last in _even(np.where(found.gait.contact[:-1, leg], push[:, leg], -1.0)):
+        for first, last in even_runs(np.where(found.gait.contact[:-1, leg], push[:, leg], -1.0)):
             if found.gait.contact[first, leg]:
                 shade = 0.25 + 0.75 * push[first, leg] / most
                 bar = (task.step * first, LEGS - 1 - leg - 0.36)
@@ -126,18 +133,12 @@ def gait(plan: WalkPlan) -> Figure:
     return figure
 
 
-def _even(values: Array) -> list[tuple[int, int]]:
-    """Runs [first, last) of equal values."""
-    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
-    return list(pairwise(edges))
-
-
 def snapshots(plan: WalkPlan) -> Figure:
     """The body, its legs and its forces from the side and from above."""
     task = plan.task
     figure = new_figure(5.4, entries=9)
     axes = figure.subplots(2, _SHOTS, height_ratios=(0.52, 0.84))
-    moments = np.unique(np.linspace(0, task.knots - 1, _SHOTS).round().astype(int))
+    moments = _moments(plan)
     heights = plan.trajectory.state[moments, 2]
     for column in range(_SHOTS):
         for row, (x, y) in enumerate(((0, 2), (0, 1))):
@@ -168,6 +169,16 @@ def snapshots(plan: WalkPlan) -> Figure:
     foot_legend(figure, handles, [*words, *(plain(name, 10) for name in task.body.leg_names)])
     heading(figure, f"{_title(plan)}: snapshots", "from the side, from above")
     return figure
+
+
+def _moments(plan: WalkPlan) -> Whole:
+    """Samples to show: evenly over the horizon, or a closed loop's knots about its first push."""
+    task, pushes = plan.task, push_times(plan)
+    moments = np.linspace(0, task.knots - 1, _SHOTS)
+    if pushes:
+        moments = pushes[0] / task.step + SUBSTEPS * np.array(_ABOUT)
+    shown: Whole = np.unique(np.clip(moments, 0, task.knots - 1).round().astype(np.int64))
+    return shown
 
 
 def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from climbplan.mpc.checker import LIMITS, LOOP_LIMITS
-from climbplan.mpc.closed_loop import SUBSTEPS
+from climbplan.mpc.closed_loop import RECOVERED, SUBSTEPS, fallen, mean_speed
 from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.mpc.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
@@ -17,6 +17,7 @@ from climbplan.mpc.summary import gait_words
 from climbplan.mpc.task import ANGLES, VELOCITY
 from climbplan.mpc.verification import verify
 from climbplan.plans.verification import Verification
+from climbplan.reports.figure_loop import loop_gait
 from climbplan.reports.figure_walk import convergence, gait, snapshots, tracking
 from climbplan.reports.page_parts import Card, pairs, plain_words
 from climbplan.reports.page_template import (
@@ -30,6 +31,11 @@ from climbplan.reports.page_template import (
 from climbplan.reports.plan_report import PlanReport
 from climbplan.reports.report_files import finite
 
+_LOOP_NOTE = (
+    " About the first push their numbers are the lengths of steps, red ones lead backward; the "
+    "strip below the speed tells what each tick took: the plan of the tick before, a neighbour in "
+    "the library, a gait by name, or where none holds a safe stance."
+)
 FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
     "tracking": tracking,
     "gait": gait,
@@ -38,7 +44,9 @@ FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
 
 
 def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
-    """The figures of a plan; of one with a bound also how that came about."""
+    """The figures of a plan; of one with a bound also how that came about, of a loop its pushes."""
+    if plan.loop is not None:
+        return {**FIGURES, "gait": loop_gait}
     bounded = any(np.isfinite(step.bound) for step in plan.history)
     return {**FIGURES, "convergence": convergence} if bounded else FIGURES
 
@@ -93,8 +101,11 @@ def _online(plan: WalkPlan) -> dict[str, Any] | None:
         return None
     loop, every = plan.loop, slice(0, max(len(plan.loop.winner) - 1, 1), SUBSTEPS)
     winner, times = loop.winner[every], loop.tick_time[every]
+    off = mean_speed(plan.trajectory, plan.task.step) - plan.task.reference.velocity[-1]
     return {
         "ticks": len(winner),
+        "ended": _ended(plan, float(np.hypot(*off[:2]))),
+        "off_at_end": float(np.hypot(*off[:2])),
         "tick_time": {
             "median": float(np.median(times)),
             "most99": float(np.percentile(times, 99)),
@@ -116,6 +127,15 @@ def _online(plan: WalkPlan) -> dict[str, Any] | None:
     }
 
 
+def _ended(plan: WalkPlan, off: float) -> str:
+    """How a closed loop ended, by its own samples."""
+    if fallen(plan.trajectory.state[-1]):
+        return "fell"
+    if plan.status == "limit":
+        return "cut short"
+    return "recovered" if off < RECOVERED else "not recovered"
+
+
 def _tracking(plan: WalkPlan) -> dict[str, Any]:
     """How far from the references, over the horizon and at its end."""
     state, reference = plan.trajectory.state[1:], plan.task.reference
@@ -128,7 +148,7 @@ def _tracking(plan: WalkPlan) -> dict[str, Any]:
     }
 
 
-def _page(_: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     meanings = {name: limit.meaning for name, limit in (LIMITS | LOOP_LIMITS | FILE_LIMITS).items()}
     origin = origin_rows(report, {"Method": report["method"], "Integrator": report["integrator"]})
     history = report["history"][-12:]
@@ -137,6 +157,7 @@ def _page(_: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -
         **report_fields(report, "mpc", _cards(report), images, report["status"]),
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),
+        loop_note=_LOOP_NOTE if plan.loop is not None else "",
         terms=pairs((k, f"{v:.4g}") for k, v in report["terms"].items()),
         history=pairs((f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history),
     )
@@ -155,6 +176,8 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
         yield Card("Tick", f"{1e3 * tick['median']:.2f} ms", shown)
         won = report["online"]["winners"]
         yield Card("Ticks", str(report["online"]["ticks"]), plain_words(won))
+        off = f"{report['online']['off_at_end']:.2f} m/s off over its last 0.48 s"
+        yield Card("Walk", report["online"]["ended"], off)
         return
     yield Card("Standing legs", report["gait"]["standing"], "interval by interval")
     yield Card(

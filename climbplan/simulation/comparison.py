@@ -14,12 +14,14 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
+from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.replay import Run
 
 SLIP = 0.005  # [m] that a standing toe slides from where it was set down
 LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors
 LEAST_SAG = 1e-3  # [m] predicted sags below are left out of relative errors
 LOST = 0.5  # [s] that a toe may be without contact, as when it touches down a little late
+LEAST_HELD = 3.0  # [N] of planned pressure below which a toe before its lift is let go of
 LEAST_PRESSED = 1.0  # [N] planned pressure that must be seen
 _WINDOW = 3  # samples up to an instant over which its values are taken (median)
 
@@ -135,9 +137,12 @@ def _with_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:
 
 
 def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
-    """Toes that slid by more than SLIP while they should stand."""
+    """Toes that slid by more than SLIP while they should stand.
+
+    A toe that is let go of, planned to press by less than LEAST_HELD until it is lifted, may slide.
+    """
     instant = sample_instants(plan)[: run.samples]
-    contact = plan.trajectory.contact[: run.samples]
+    contact = _held(plan)[: run.samples]
     found: list[Slip] = []
     for limb in range(plan.robot.limb_count):
         for first, last in spans_of(contact[:, limb]):
@@ -153,6 +158,19 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
                     Slip(limb, float(run.time[when]), int(instant[when]), float(slid.max()))
                 )
     return tuple(sorted(found, key=lambda s: s.time))
+
+
+def _held(plan: ClimbPlan) -> Mask:
+    """(T, N) toes on their surfaces but for those that are let go of."""
+    contact = plan.trajectory.contact.copy()
+    pressed = planned_pressure(plan) >= LEAST_HELD
+    for limb in range(contact.shape[1]):
+        for first, last in spans_of(contact[:, limb]):
+            until = first + int(np.flatnonzero(pressed[first:last, limb]).max(initial=-1)) + 1
+            # A toe that never presses is as good as one that stands: told if it slides.
+            if first < until and last < len(contact):
+                contact[until:last, limb] = False
+    return contact
 
 
 def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:

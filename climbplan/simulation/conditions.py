@@ -8,7 +8,7 @@ from typing import Literal
 
 from climbplan.errors import UsageError
 
-Regulated = Literal["nothing", "attitude", "pose"]
+Regulated = Literal["nothing", "attitude", "joints", "pose"]
 
 # Robot data say that the mass acts at the body's origin, so links weigh next to nothing. (Half of
 # a SiLVIA is limbs: 18 links of 0.3 kg beside a body of 5 kg in its authors' walking code.)

@@ -26,6 +26,7 @@ from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import TIME_STEP, build_mjcf, motor_stiffness
+from climbplan.simulation.odometry import JointOdometry
 from climbplan.simulation.regulator import Regulator
 
 REST = 1.0  # [s] for which commands are held to see where the body comes to rest
@@ -120,7 +121,8 @@ class _Player:
         self.body = model.body("body").id
         self.regulator = None
         if conditions.regulator != "nothing":
-            self.regulator = Regulator(plan, place=conditions.regulator == "pose")
+            self.regulator = Regulator(plan, place=conditions.regulator != "attitude")
+        self.odometry = JointOdometry(plan) if conditions.regulator == "joints" else None
         self.command = plan.trajectory.joint_command
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
@@ -197,7 +199,8 @@ class _Player:
             command = (1 - share) * before + share * after
             if self.regulator is not None:
                 now = sample - 1 + share
-                command = command + self.regulator.correction(now, span / pieces, self._pose())
+                pose = self._pose(sample)
+                command = command + self.regulator.correction(now, span / pieces, pose)
             data.ctrl[:] = command.ravel()
             self.mujoco.mj_step(self.model, data, nstep=steps)
 
@@ -208,7 +211,11 @@ class _Player:
         self.mujoco.mj_step(self.model, copy, nstep=round(REST / TIME_STEP))
         return np.vstack([copy.qpos[:3], copy.geom_xpos[self.toe_geom]])
 
-    def _pose(self) -> tuple[Array, Array]:
+    def _pose(self, sample: int) -> tuple[Array, Array]:
+        """Where the body is, or where its joints say it is."""
+        if self.odometry is not None:
+            angles = self.data.qpos[self.address].reshape(self.plan.robot.limb_count, -1)
+            return self.odometry.pose(sample, angles)
         return self.data.qpos[:3].copy(), self.data.xmat[self.body].reshape(3, 3).copy()
 
     def _lose_contacts(self, now: float) -> None:

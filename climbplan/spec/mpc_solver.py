@@ -12,8 +12,8 @@ from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantit
 class WalkTubeSpec(SpecModel):
     """Room about the attitude of the trajectory that `micp` starts from, and references near it."""
 
-    angles_deg: Vector = quantity("deg", "of roll, pitch, yaw either way", default=(6, 12, 6))
-    spin: Vector = quantity("rad/s", "of the angular velocity either way", default=(1.5, 3, 1.5))
+    angles_deg: Vector = quantity("deg", "of roll, pitch, yaw either way", default=(2, 4, 2))
+    spin: Vector = quantity("rad/s", "of the angular velocity either way", default=(0.5, 1, 0.5))
 
     @model_validator(mode="after")
     def _sensible(self) -> Self:
@@ -62,7 +62,7 @@ class WalkSolverSpec(SpecModel):
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
     ] = Field(default="trot", description="gait that `nlp` starts from")
     warm: Literal["nlp", "search"] = Field(
-        default="nlp",
+        default="search",
         description="what `micp` starts from: its cost bounds ranges, its gait is a partial start",
     )
     gap: Number = quantity(
@@ -73,10 +73,14 @@ class WalkSolverSpec(SpecModel):
         lt=1,
     )
     arm_pieces: Count = quantity(
-        "", "parts of each leg's arm in `micp`, with a binary each", default=2, ge=1, le=8
+        "",
+        "parts of each leg's arm that `micp` begins with, a binary each; doubled once it is solved",
+        default=1,
+        ge=1,
+        le=8,
     )
     height_pieces: Count = quantity(
-        "", "parts of the body's height in `micp`", default=2, ge=1, le=16
+        "", "parts of the body's height in `micp`, as those of arms", default=1, ge=1, le=16
     )
     tube: WalkTubeSpec = WalkTubeSpec()
     """Where attitudes may be in the statement that `micp` bounds."""

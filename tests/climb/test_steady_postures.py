@@ -20,6 +20,7 @@ _LITTLE_STABILITY = (
     "task.gait=[RF, RM, RR, LR, LM, LF]",
     "posture.weights.toe=0.01",
     "force.stiffness_left=0.02",
+    "force.least_pressure=0",
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from climbplan.mpc.checker import check_loop, failures
 from climbplan.mpc.closed_loop import Loop, LoopWorld, Lost, Push, recovered, run_loop, sampled_task
 from climbplan.mpc.estimation import SensorQuality
 from climbplan.mpc.library import Library, build_library
-from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
+from climbplan.mpc.measurement import Situation
+from climbplan.mpc.online import SAFE, Command, OnlineController, OnlineSettings
 from climbplan.mpc.online_run import world_of
 from climbplan.mpc.perception import Noise
 from climbplan.mpc.task import LEGS, VELOCITY
@@ -192,3 +194,26 @@ def test_what_comes_after_the_end_is_a_mistake(
     assert mistake.key == key
     assert mistake.line is not None
     assert "before the end at 2 s" in mistake.message
+
+
+class Blind(OnlineController):
+    """From a tick on measurements are no numbers."""
+
+    ticks = 0
+
+    def tick(self, situation: Situation) -> Command:
+        self.ticks += 1
+        if self.ticks > 8:
+            situation = replace(situation, state=np.full(12, np.nan))
+        return super().tick(situation)
+
+
+def test_without_measurements_the_body_comes_to_rest(library: Library) -> None:
+    """Where it would be is reckoned on: a brake that never ended would turn it back and over."""
+    loop = run_loop(Blind(TASK, library, OnlineSettings()), TASK, 2.0)
+    assert loop.fell is None
+    assert all("not a number" in command.warning for command in loop.commands[8:])
+    speed = loop.trajectory.state[:, VELOCITY]
+    assert speed[130, 0] > 1.6
+    assert np.abs(speed[-60:, :2]).max() < 0.2
+    assert np.abs(loop.trajectory.state[-1, 6:8]).max() < 0.3

@@ -18,7 +18,7 @@ from climbplan.mpc.micp.statement import relaxation
 from climbplan.mpc.micp.tube import Tube, tube_about, turning
 from climbplan.mpc.search import SearchLimits, search
 from climbplan.mpc.task import WalkTask
-from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs_model import highs
 
 ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
@@ -103,6 +103,35 @@ def test_bound_and_incumbent_enclose_what_is_best() -> None:
     assert "within" in found.word
 
 
+def test_shares_of_a_square_are_its_perspective() -> None:
+    model = LinearModel()
+    x, share = model.variable(-2.0, 2.0), model.variable(0.0, 1.0)
+    epigraph = model.square(3.0, x, (-2.0, 2.0), 1.2, share)
+    for value, part in ((1.0, 1.0), (0.5, 0.5), (-0.3, 0.25), (0.0, 0.0)):
+        at = {x.column: value, share.column: part}
+        lowest = max(
+            low - sum(f * at.get(c, 0.0) for c, f in terms.items()) for terms, low, _ in model.rows
+        )
+        true = 3.0 * value**2 / part if part else 0.0
+        assert 0.95 * true <= lowest + 1e-12
+        assert lowest <= true + 1e-12
+        assert all(terms[epigraph.column] == 1.0 for terms, _, _ in model.rows)
+
+
+def test_mixtures_of_contacts_cost_what_they_do() -> None:
+    # Half of each leg on the ground all the time is no gait: it would cost next to nothing.
+    task = shorter(stairs_task(), 6)
+    answer = known(task, 150)
+    assert answer.trajectory is not None
+    tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
+    program = relaxation(task, tube, answer.objective, 1, 1, 1.5)
+    solver = highs(30.0)
+    solver.passModel(program.model.lp(whole=False))
+    solver.run()
+    assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
+    assert solver.getInfo().objective_function_value > 0.15 * answer.objective
+
+
 def test_nothing_to_start_from() -> None:
     task = shorter(walk_task((0.5, 0, 0)), 3)
     found = solve_micp(task, MicpLimits(1.0), WalkAnswer(None, np.inf, 0.0, "no gait"))
@@ -117,14 +146,18 @@ def test_what_turns_stays_within_its_bounds() -> None:
     tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
     t = turning(task, tube, 2)
     rng = np.random.default_rng(0)
-    inertia, arm = task.body.inertia, task.body.toe_center[0]
+    inertia = task.body.inertia
     for _ in range(300):
         angles = middle + half * rng.uniform(-1, 1, 3)
         omega = spin + spin_half * rng.uniform(-1, 1, 3)
         R = rotation_world_body(angles)
         assert (np.abs(R - t.R) <= t.R_off + 1e-12).all()
-        linear = t.R + np.einsum("j,jab->ab", angles - middle, t.slopes)
-        assert (np.abs((R - linear) @ arm) <= t.second_order(arm) + 1e-12).all()
+        turn = t.axes @ (angles - middle)
+        assert (np.abs(turn) <= t.turn_half + 1e-12).all()
+        beyond = R.T @ t.R - (np.eye(3) - skew(turn))
+        assert (beyond >= t.seen_low - 1e-12).all()
+        assert (beyond <= t.seen_high + 1e-12).all()
+        assert (np.abs(t.R.T @ R - np.eye(3)) <= t.off + 1e-12).all()
         inverse = R @ np.linalg.inv(inertia) @ R.T
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
         world = R @ inertia @ R.T
@@ -135,7 +168,7 @@ def test_what_turns_stays_within_its_bounds() -> None:
 def test_tangents_are_below_their_square() -> None:
     model = LinearModel()
     x = model.variable(-2.0, 2.0)
-    model.square(3.0, x - 0.5, 2.5, 1.4)
+    model.square(3.0, x - 0.5, (-2.5, 1.5), 1.4)
     for value in np.linspace(-2, 2, 41):
         lowest = max(
             (low - terms.get(x.column, 0.0) * value) / terms[1] for terms, low, _ in model.rows

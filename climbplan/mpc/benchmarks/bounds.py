@@ -6,7 +6,7 @@ import time
 from typing import TextIO
 
 from climbplan.mpc.benchmarks.shipped_tasks import TASKS, shipped
-from climbplan.mpc.micp.method import MicpLimits, solve_micp
+from climbplan.mpc.micp.method import limits_of, solve_micp
 from climbplan.mpc.nlp import solve_nlp
 from climbplan.mpc.problem import build_task
 from climbplan.mpc.search import SearchLimits, search
@@ -31,10 +31,11 @@ def bound_table(seed: int, quick: bool, stream: TextIO) -> None:
         begin = time.process_time()
         found = search(task, SearchLimits(_LONGEST, seed=seed, qps=loaded.spec.solver.qps))
         searched = time.process_time() - begin
-        # Regions multiply the pieces: one part each is what HiGHS can still branch on.
-        pieces = 2 if len(task.ground.height) == 1 else 1
-        limits = MicpLimits(seconds, arm_pieces=pieces)
-        improved, proved = (solve_micp(task, limits, start) for start in (known, found))
+        solver = loaded.spec.solver.model_copy(update={"time_limit": seconds})
+        improved, proved = (
+            solve_micp(task, limits_of(solver.model_copy(update={"warm": warm})), start)
+            for warm, start in (("nlp", known), ("search", found))
+        )
         print(
             f"{name:<16} {known.objective:6.1f}  {improved.objective:6.1f}  {improved.bound:5.1f}  "
             f"{_gap(improved.objective, improved.bound):4.0f} % | {found.objective:6.1f}  "

@@ -40,7 +40,9 @@ class OnlineOptions:
     @property
     def trials(self) -> int:
         """Of each push."""
-        return self.count or (_QUICK_TRIALS if self.quick else _TRIALS)
+        if self.count is not None:
+            return self.count
+        return _QUICK_TRIALS if self.quick else _TRIALS
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ def online_inputs(options: OnlineOptions, report: Callable[[str, float], None]) 
     spec = loaded.spec
     if spec.solver.method != "online":
         raise UsageError(f"bench mpc walks {SPEC} online, not by {spec.solver.method!r}")
+    if options.trials < 1:
+        raise UsageError("bench mpc: --count asks for no walk at all")
     task = build_task(spec, loaded.robot, loaded.source)
     given = spec.loop.pushes != shipped(SPEC).spec.loop.pushes
     pushes = [push.velocity for push in spec.loop.pushes] if given else PUSHES

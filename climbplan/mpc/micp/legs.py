@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.mpc.micp.frame import Frame
 from climbplan.mpc.micp.model import Lin, total
 from climbplan.mpc.micp.pieces import Piece
-from climbplan.mpc.task import POSITION, Array
+from climbplan.mpc.task import LEGS, POSITION, Array
 
 FACETS = 8  # of friction cones, around them
 
@@ -22,7 +22,6 @@ class Legs(Frame):
         task, model = self.task, self.model
         first = n == 0
         level, t = task.ground.height, self.turns[n]
-        box, half = task.body.toe_center[leg], task.body.toe_half
         held = task.start.toes[leg] - task.start.state[POSITION]
         if first:
             region = int(task.ground.nearest(task.start.toes[leg, :2]))
@@ -53,22 +52,55 @@ class Legs(Frame):
         toe = model.variable(level.min(), clear[1])
         model.add(toe - height + standing * clear[0], clear[0], np.inf)
         model.add(toe - height + standing * clear[1], -np.inf, clear[1])
-        spot = [arm[0], arm[1], toe - self.p[n][2]]
-        middle = self.tube.angles[n]
-        for k in range(3):
-            turned = total(
-                (self.angles[n][j] - float(middle[j])) * float(t.slopes[j][k] @ box)
-                for j in range(3)
-            )
-            spot[k] = spot[k] - turned
-        off = t.R_off @ half + t.second_order(box)
-        for k in range(3):
-            seen = total(spot[j] * float(t.R[j, k]) for j in range(3))
-            room = float(half[k] + np.abs(t.R[:, k]) @ off)
-            model.add(seen, float(box[k]) - room, float(box[k]) + room)
+        self.workspace(n, leg, (arm[0], arm[1], toe - self.p[n][2]))
         for q in pieces:
             self.in_region(n, q, arm)
         return pieces
+
+    def workspace(self, n: int, leg: int, arm: tuple[Lin, Lin, Lin]) -> None:
+        """The toe in its box, seen from the body: R^T r = r' - w x r' + what is of second order.
+
+        r' is the arm seen from the middle of the tube and w the small turn from there.
+        """
+        model, t = self.model, self.turns[n]
+        box, half = self.task.body.toe_center[leg], self.task.body.toe_half
+        room = half + t.off @ (np.abs(box) + half)
+        low, high = box - room, box + room
+        ends = [self.extent(r) for r in arm]
+        seen = [total(arm[j] * float(t.R[j, k]) for j in range(3)) for k in range(3)]
+        for k in range(3):
+            corners = [sorted(float(t.R[j, k]) * e for e in ends[j]) for j in range(3)]
+            low[k] = max(low[k], sum(c[0] for c in corners))
+            high[k] = min(high[k], sum(c[1] for c in corners))
+            model.add(seen[k], low[k], high[k])
+        middle = self.tube.angles[n]
+        turn = [
+            total((self.angles[n][j] - float(middle[j])) * float(t.axes[i, j]) for j in range(3))
+            for i in range(3)
+        ]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            across = self.envelope(turn[i], t.turn_half[i], seen[j], low[j], high[j])
+            across = across - self.envelope(turn[j], t.turn_half[j], seen[i], low[i], high[i])
+            least = np.minimum(t.seen_low[k] * low, t.seen_low[k] * high)
+            least = np.minimum(least, np.minimum(t.seen_high[k] * low, t.seen_high[k] * high))
+            most = np.maximum(t.seen_low[k] * low, t.seen_low[k] * high)
+            most = np.maximum(most, np.maximum(t.seen_high[k] * low, t.seen_high[k] * high))
+            model.add(
+                seen[k] - across, box[k] - half[k] - most.sum(), box[k] + half[k] - least.sum()
+            )
+
+    def envelope(self, x: Lin, half: float, y: Lin, low: float, high: float) -> Lin:
+        """x y with |x| <= half and y in [low, high], by its four McCormick rows."""
+        if half < 1e-9:
+            return Lin()
+        if high - low < 1e-12:
+            return x * low
+        w = self.model.variable(-np.inf, np.inf)
+        for side in (1.0, -1.0):
+            self.model.least((w - x * low) * side + (y - low) * half)
+            self.model.least((x * high - w) * side + (high - y) * half)
+        return w
 
     def piece(self, region: int, low: Array, high: Array) -> Piece:
         model, most = self.model, self.most
@@ -145,3 +177,22 @@ class Legs(Frame):
             model.least(other - (1.0 - through) * low)
             model.least((1.0 - through) * high - other)
             model.add(arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
+
+    def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
+        """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
+        knots, dt, held = self.task.knots, self.task.step, self.task.start
+        reach = [[self.arm_range(self.turns[n], leg) for leg in range(LEGS)] for n in range(knots)]
+        for leg in range(LEGS):
+            there = held.toes[leg] - held.state[POSITION]
+            reach[0][leg] = (there, there)
+            standing = [total(q.chosen for q in pieces[n][leg]) for n in range(knots)]
+            for n in range(knots):
+                for last in range(n + 1, knots):
+                    slow = dt * self.v_low[n:last, :2].sum(axis=0)
+                    fast = dt * self.v_high[n:last, :2].sum(axis=0)
+                    # The arm changes by minus the way of the body.
+                    least = reach[n][leg][0][:2] - reach[last][leg][1][:2]
+                    most = reach[n][leg][1][:2] - reach[last][leg][0][:2]
+                    if (slow > most + 1e-9).any() or (fast < least - 1e-9).any():
+                        self.model.add(total(standing[n : last + 1]), -np.inf, float(last - n))
+                        break

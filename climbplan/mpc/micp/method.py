@@ -8,7 +8,7 @@ trajectories are answers. Its bound holds for every motion within the tube.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import highspy
@@ -25,6 +25,7 @@ from climbplan.mpc.sqp import iterate_of, solve_gait
 from climbplan.mpc.task import Array, WalkTask, WalkTrajectory
 from climbplan.solvers.highs_model import highs
 from climbplan.solvers.interruption import interruptible
+from climbplan.spec.mpc_solver import WalkSolverSpec
 
 _TOLERANCE = 1e-7  # of rows
 _SHRINKS = 1  # rounds of drawing tube and ranges closer
@@ -36,6 +37,7 @@ _SAG = 1e-4  # of the cost that a square may be too small, then
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
+_HEURISTICS = 0.05  # HiGHS's own share, where the start is far from good
 
 
 @dataclass(frozen=True)
@@ -44,10 +46,24 @@ class MicpLimits:
 
     seconds: float = 150.0
     gap: float = 0.1
-    arm_pieces: int = 2
-    height_pieces: int = 2
-    angles: tuple[float, float, float] = (0.1, 0.2, 0.1)  # [rad] half widths of the tube
-    spin: tuple[float, float, float] = (1.5, 3.0, 1.5)  # [rad/s]
+    arm_pieces: int = 1  # at first
+    height_pieces: int = 1
+    angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
+    spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
+    heuristics: float = 0.0  # of HiGHS; after a search time is for the bound
+
+
+def limits_of(solver: WalkSolverSpec) -> MicpLimits:
+    """The limits that a spec sets."""
+    return MicpLimits(
+        solver.time_limit,
+        solver.gap,
+        solver.arm_pieces,
+        solver.height_pieces,
+        tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
+        solver.tube.spin,
+        0.0 if solver.warm == "search" else _HEURISTICS,
+    )
 
 
 def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnswer:
@@ -59,10 +75,11 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
     if known is None:
         return WalkAnswer(None, np.inf, warm.seconds, f"nothing to start from: {warm.word}")
     run = _Run(task, limits, known, warm.objective, time.perf_counter())
-    tube = tube_about(task, known.state, np.array(limits.angles), np.array(limits.spin))
-    # A much better incumbent is worth a new start: ranges depend on its cost.
     while run.left > 0 and not run.closed:
-        run.attempt(tube, known)
+        tube = tube_about(task, run.best.state, np.array(limits.angles), np.array(limits.spin))
+        run.begin_tube()
+        run.bounded(tube)
+        # A much better incumbent is worth a new start: ranges depend on its cost, the tube on it.
         if not run.again:
             break
     width = np.rad2deg(limits.angles)
@@ -93,6 +110,7 @@ class _Run:
     bound: float = 0.0  # squares cost nothing less
     word: str = "time limit"
     again: bool = False
+    solved: bool = False
     seen: set[bytes] = field(default_factory=set)
     history: list[Improvement] = field(default_factory=list)
 
@@ -108,13 +126,28 @@ class _Run:
     def closed(self) -> bool:
         return self.objective - self.bound <= self.limits.gap * self.objective * (1 + 1e-9)
 
+    def begin_tube(self) -> None:
+        """What was proved of another tube counts no more."""
+        self.bound = 0.0
+        self.history = [replace(step, bound=0.0) for step in self.history]
+
     def note(self) -> None:
         """Keep incumbent and bound of this moment."""
         self.history.append(Improvement(self.seconds, self.objective, self.bound))
 
-    def attempt(self, tube: Tube, known: WalkTrajectory) -> None:
+    def bounded(self, tube: Tube) -> None:
+        """Programs of ever more parts: one that is solved leaves what its envelopes leave."""
+        parts, about = 1, self.best
+        while self.left > 0 and not self.closed:
+            self.attempt(tube, about, parts)
+            if self.again or not self.solved:
+                return
+            parts *= 2
+
+    def attempt(self, tube: Tube, known: WalkTrajectory, parts: int) -> None:
         """The program of motions that are cheaper by the gap: if there are none, it is closed."""
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
+        self.solved = False
         within: tuple[Array, Array] | None = None
         closer = tube
         for k in range(_SHRINKS + 1):
@@ -122,8 +155,8 @@ class _Run:
                 self.task,
                 closer,
                 most,
-                limits.arm_pieces,
-                limits.height_pieces,
+                parts * limits.arm_pieces,
+                parts * limits.height_pieces,
                 _TANGENTS,
                 within,
             )
@@ -136,7 +169,12 @@ class _Run:
                     self.word = "no motion is cheaper by the gap, by linear programs alone"
                     return
                 within, closer = (box.low, box.high), box.tube(tube)
-        self.branch(program, known, most)
+        # What is solved may owe its cost to squares that tangents leave too small.
+        x = self.branch(program, known, most)
+        while x is not None and not self.closed and self.left > 0:
+            if not program.model.refine(x, _SAG * self.objective):
+                return
+            x = self.branch(program, known, most)
 
     def tighten(self, program: Relaxation, most: float) -> bool:
         """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
@@ -165,11 +203,12 @@ class _Run:
                 self.consider(program, x, share)
         return True
 
-    def branch(self, program: Relaxation, known: WalkTrajectory, most: float) -> None:
-        """The program with binaries, with the known gait as a partial start."""
+    def branch(self, program: Relaxation, known: WalkTrajectory, most: float) -> Array | None:
+        """The program with binaries, the known gait as a partial start; a point if it is solved."""
         model, basis = program.model, self.objective
         solver = _quiet(self.left)
         solver.setOptionValue("mip_rel_gap", 0.0)
+        solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
         solver.passModel(model.lp(whole=True))
         start = program.integers(known)
         columns = np.array(list(start), np.int32)
@@ -203,14 +242,17 @@ class _Run:
             f"{info.mip_node_count} nodes, {len(model.lower)} variables, {len(model.binaries)} "
             f"binaries, {len(model.rows)} rows"
         )
+        self.solved = status == highspy.HighsModelStatus.kOptimal
         if status == highspy.HighsModelStatus.kInfeasible:
             self.raise_bound(most, most)
         else:
             self.raise_bound(float(info.mip_dual_bound), most)
         solution = solver.getSolution()
-        if solution.value_valid:
-            self.consider(program, np.array(solution.col_value))
+        x = np.array(solution.col_value) if solution.value_valid else None
+        if x is not None:
+            self.consider(program, x)
         self.note()
+        return x if self.solved else None
 
     def raise_bound(self, bound: float, most: float) -> None:
         """A bound on motions that cost no more than so much: the others cost more than that."""

@@ -12,6 +12,8 @@ from scipy import sparse
 from climbplan.mpc.task import Array, Whole
 from climbplan.solvers.highs_model import linear_model
 
+_LEAST_SHARE = 1e-4  # of a square that tangents are added to
+
 
 class Lin:
     """A linear expression: coefficients by column, and a constant."""
@@ -74,10 +76,11 @@ def total(parts: Iterable[Lin]) -> Lin:
 
 @dataclass
 class Square:
-    """weight (value)^2 in the cost, from below by tangents."""
+    """weight value^2 / share from below by tangents; the value vanishes with its share."""
 
     weight: float
     value: Lin
+    share: Lin
     column: int  # of its epigraph
 
 
@@ -110,37 +113,57 @@ class LinearModel:
         """expression >= 0."""
         self.add(expression, 0.0, np.inf)
 
-    def square(self, weight: float, value: Lin, reach: float, ratio: float) -> None:
-        """Add weight value^2 to the cost; tangents up to a reach, each ratio times the one before.
+    def square(
+        self,
+        weight: float,
+        value: Lin,
+        ends: tuple[float, float],
+        ratio: float,
+        share: Lin | None = None,
+        cost: float = 1.0,
+    ) -> Lin:
+        """weight value^2 / share; tangents within ends, each ratio times nearer to 0 than the last.
+
+        ends: least and largest value for a share of 1. Returns what the square is, from below.
 
         Between two tangents the relative error is ((ratio - 1) / (ratio + 1))^2 at most.
         """
+        if share is None and not value.terms:
+            square = weight * value.constant**2
+            self.constant += cost * square
+            return Lin(constant=square)
         if weight == 0.0:
-            return
-        if not value.terms:
-            self.constant += weight * value.constant**2
-            return
-        epigraph = self.variable(0.0, np.inf, cost=1.0)
-        column = next(iter(epigraph.terms))
-        self.squares.append(Square(weight, value, column))
-        at = reach
-        while at > 0.02 * reach:
-            for side in (at, -at):
-                self.tangent(self.squares[-1], side)
+            return Lin()
+        epigraph = self.variable(0.0, np.inf, cost=cost)
+        whole = share if share is not None else Lin(constant=1.0)
+        self.squares.append(Square(weight, value, whole, epigraph.column))
+        low, high = ends
+        least, at = 0.02 * max(abs(low), abs(high)), max(abs(low), abs(high))
+        points = []
+        while at > least:
+            points += [side for side in (at, -at) if low <= side <= high]
             at /= ratio
+        points += [end for end in ends if least < abs(end) and end not in points]
+        for point in points:
+            self.tangent(self.squares[-1], point)
+        return epigraph
 
     def tangent(self, square: Square, at: float) -> None:
-        """One more tangent, at a value."""
+        """One more tangent, at a value that belongs to a share of 1."""
         slope = 2.0 * at * square.weight
-        self.least(Lin({square.column: 1.0}) - (square.value * slope) + square.weight * at * at)
+        below = square.value * slope - square.share * (square.weight * at * at)
+        self.least(Lin({square.column: 1.0}) - below)
 
     def refine(self, x: Array, tolerance: float) -> int:
         """Tangents where a point has squares too small; how many."""
         before = len(self.rows)
         for square in self.squares:
+            share = square.share.at(x)
+            if share < _LEAST_SHARE:
+                continue
             value = square.value.at(x)
-            if square.weight * value**2 - x[square.column] > tolerance:
-                self.tangent(square, value)
+            if square.weight * value**2 / share - x[square.column] > tolerance:
+                self.tangent(square, value / share)
         return len(self.rows) - before
 
     @property

@@ -6,13 +6,13 @@ import itertools
 
 import numpy as np
 
-from climbplan.mpc.micp.legs import Legs
+from climbplan.mpc.micp.counts import Count, Counts
 from climbplan.mpc.micp.model import Lin, total
 from climbplan.mpc.micp.pieces import Height, Piece
-from climbplan.mpc.task import LEGS
+from climbplan.mpc.task import LEGS, VELOCITY
 
 
-class Motion(Legs):
+class Motion(Counts):
     """Rows of the body from each knot to the next, and the squares of the cost."""
 
     def height(self, n: int, force: list[Lin]) -> tuple[Height, tuple[Lin, Lin]]:
@@ -99,43 +99,16 @@ class Motion(Legs):
             model.least(slack - change)
 
     # Objective, eq. (8.30)
-    def costs(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
-        task, model, w = self.task, self.model, self.task.weights
-        reference = task.reference
-        motion = w.motion * task.step**2
-        for n in range(task.knots + 1):
+    def costs(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> list[tuple[Count, ...]]:
+        task, w = self.task, self.task.weights
+        step = task.start.state[VELOCITY] * task.step
+        self.model.constant += w.motion * float(step @ step)
+        counts = [self.counts(n, legs) for n, legs in enumerate(pieces)]
+        for n, legs in enumerate(pieces):
+            self.tracking(n + 1, counts[n], counts[n + 1] if n + 1 < task.knots else ())
+            self.differences(legs, counts[n])
             for k in range(3):
-                track = float(w.velocity[k]) if n > 0 else 0.0
-                move = motion if n < task.knots else 0.0
-                if track + move == 0.0:
-                    continue
-                wanted = float(reference.velocity[n - 1, k]) if n > 0 else 0.0
-                middle = track * wanted / (track + move)
-                model.constant += track * wanted**2 - (track + move) * middle**2
-                self.square(track + move, self.v[n][k] - middle)
-            if n == 0:
-                continue
-            for k in range(3):
-                off = self.angles[n][k] - float(reference.euler[n - 1, k])
+                off = self.angles[n + 1][k] - float(task.reference.euler[n, k])
                 self.square(float(w.angles[k]), off)
-            self.square(w.height, self.p[n][2] - float(reference.height[n - 1]))
-        # Ordered pairs of four legs: eight times the squares of three orthogonal contrasts
-        signs = ((1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
-        for legs in pieces:
-            for k in range(3):
-                forces = [total(q.force[k] for q in leg) for leg in legs]
-                for sign in signs:
-                    contrast = total(f * (0.5 * s) for f, s in zip(forces, sign, strict=True))
-                    weight = 8.0 * w.force_difference * self.unit**2
-                    self.square(weight, contrast)
-
-    def square(self, weight: float, value: Lin) -> None:
-        fixed = all(self.model.lower[c] == self.model.upper[c] for c in value.terms)
-        if fixed:
-            at = np.zeros(len(self.model.lower))
-            for c in value.terms:
-                at[c] = self.model.lower[c]
-            value = Lin(constant=value.at(at))
-        low, high = self.extent(value)
-        reach = min(max(abs(low), abs(high)), float(np.sqrt(self.cost / max(weight, 1e-12))))
-        self.model.square(weight, value, reach, self.ratio)
+            self.square(w.height, self.p[n + 1][2] - float(task.reference.height[n]))
+        return counts

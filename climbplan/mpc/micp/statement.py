@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.mpc.micp.counts import Count
 from climbplan.mpc.micp.model import Lin, LinearModel, total
 from climbplan.mpc.micp.motion import Motion
 from climbplan.mpc.micp.pieces import Height, Piece
@@ -28,6 +29,7 @@ class Relaxation:
     model: LinearModel
     pieces: tuple[tuple[tuple[Piece, ...], ...], ...]  # by knot and leg
     heights: tuple[Height, ...]
+    counts: tuple[tuple[Count, ...], ...]  # by knot
     unit: float  # [N] of forces
     states: tuple[tuple[Lin, ...], ...]  # (N + 1) of 12 columns
 
@@ -46,6 +48,8 @@ class Relaxation:
             part = int(np.argmax((parts.high >= height - 1e-9) | (parts.high == parts.high[-1])))
             for k, one in enumerate(parts.chosen):
                 values[one.column] = float(k == part)
+            for count in self.counts[n]:
+                values[count.chosen.column] = float(found.gait.contact[n].sum() == count.legs)
         return values
 
     def point(self, found: WalkTrajectory) -> dict[int, float]:
@@ -105,12 +109,15 @@ class _Statement(Motion):
             if task.least_contacts:
                 standing = total(q.chosen for leg in pieces[n] for q in leg)
                 self.model.add(standing, task.least_contacts, LEGS)
+        self.endurance(pieces)
         for n in range(knots - 1):
             for leg in range(LEGS):
                 self.no_slip(n, pieces[n][leg], pieces[n + 1][leg])
-        self.costs(pieces)
+        counts = self.costs(pieces)
         # Nothing dearer than what is known
-        squares = total(Lin({square.column: 1.0}) for square in self.model.squares)
-        self.model.add(squares, 0.0, self.cost - self.model.constant)
+        priced = {c: cost for c, cost in enumerate(self.model.cost) if cost}
+        self.model.add(Lin(priced), 0.0, self.cost - self.model.constant)
         states = [(*p[n], *v[n], *angles[n], *spin[n]) for n in range(knots + 1)]
-        return Relaxation(self.model, tuple(pieces), tuple(heights), self.unit, tuple(states))
+        return Relaxation(
+            self.model, tuple(pieces), tuple(heights), tuple(counts), self.unit, tuple(states)
+        )

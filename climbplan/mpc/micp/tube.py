@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.mpc.task import ANGLES, SPIN, Array, WalkTask
 from climbplan.mpc.truth import euler_rates, knot_step
-from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.rotations import rotation_world_body, skew
 
 _GRID = 21  # points an angle
 _NEAR = 0.5  # [rad] a reference that near is part of the tube
@@ -62,7 +62,6 @@ class Turning:
     """Rotation, rates and inverse inertia at a knot of a tube, and how far off they are at most."""
 
     R: Array  # (3, 3) at the middle
-    slopes: Array  # (3, 3, 3) of R by each angle
     R_off: Array  # (3, 3)
     rates: Array  # (3, 3) Euler rates by the angular velocity
     rates_off: Array  # (3, 3)
@@ -70,13 +69,11 @@ class Turning:
     inverse_off: Array  # (3, 3)
     gyro: Array  # (3,) angular acceleration by gyroscopic moments
     gyro_off: Array  # (3,)
-    _turns: Array  # (G, 3, 3) R less its linearisation, on the grid
-    _between: float  # how much more it may be between grid points, per metre
-
-    def second_order(self, arm: Array) -> Array:
-        """How far (3,) a turned arm (3,) is from its linearisation at most."""
-        worst: Array = np.abs(self._turns @ arm).max(axis=0)
-        return worst + self._between * float(np.linalg.norm(arm))
+    axes: Array  # (3, 3) small turn about the body's axes at the middle, by each angle
+    turn_half: Array  # (3,) of that turn at most
+    seen_low: Array  # (3, 3) R^T R_middle less its linearisation, from
+    seen_high: Array  # to
+    off: Array  # (3, 3) R_middle^T R less the identity, at most
 
 
 def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
@@ -90,7 +87,6 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = rotation_world_body(grid)
     R = rotation_world_body(middle)
-    slopes = _slopes(middle)
     inertia = task.body.inertia
     body_inverse = np.linalg.inv(inertia)
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
@@ -100,11 +96,14 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     steep = 1.0 / np.cos(np.abs(middle[1]) + half[1]) ** 2 if half.any() else 0.0
     beside = 0.5 * apart  # an entry of R changes by at most the turn
     R_off = np.abs(turns - R).max(axis=0) + beside
-    linear = R + np.einsum("gj,jab->gab", grid - middle, slopes)
+    turned = np.einsum("ba,jbc->jac", R, _slopes(middle))  # skew: what a rotation is to first order
+    turns_by = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
+    seen = np.swapaxes(turns, -1, -2) @ R
+    second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
+    between = beside * float(half.sum())  # second derivatives are those of R: 1 at most
     gyro, gyro_off = _gyroscopic(inertia, R, R_off, tube.spin[n], tube.spin_half[n])
     return Turning(
         R,
-        slopes,
         R_off,
         rates,
         np.abs(_rates(grid) - rates).max(axis=0) + steep * beside,
@@ -112,8 +111,11 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         np.abs(inverses - inverse).max(axis=0) + spread * beside,
         gyro,
         gyro_off,
-        turns - linear,
-        beside * float(half.sum()),
+        turns_by,
+        np.abs(turns_by) @ half,
+        second.min(axis=0) - between,
+        second.max(axis=0) + between,
+        np.abs(seen - np.eye(3)).max(axis=0).T + beside,
     )
 
 

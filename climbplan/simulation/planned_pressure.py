@@ -1,0 +1,28 @@
+"""With what the plan presses each toe on its surface, at every sample of its motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.mechanics.stiffness import joint_softness
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.rotations import Array
+
+
+def planned_pressure(plan: ClimbPlan) -> Array:
+    """(T, N) along the surface's normal, of what commands bend joints, zero in the air [N].
+
+    Forces are the least squares of tau = J^T f: exact but near singular postures.
+    """
+    moving, robot = plan.trajectory, plan.robot
+    instant = sample_instants(plan)
+    angles = true_angles(plan, instant)
+    torque = (angles - moving.joint_command) / joint_softness(robot)
+    jacobian = jacobian_world(robot, moving.rpy, angles)  # (T, N, 3, J)
+    inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
+    force = (inverse @ torque[..., None])[..., 0]
+    normal = plan.instants.normal[np.maximum(instant, 0)]
+    pressure: Array = np.einsum("tni,tni->tn", force, normal) * moving.contact
+    return pressure

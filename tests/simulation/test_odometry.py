@@ -1,0 +1,57 @@
+"""The body's pose by the joints' own sensors, and a regulator that knows no more than that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.odometry import JointOdometry, fitted
+from climbplan.simulation.replay import simulate
+
+Planned = Callable[..., ClimbPlan]
+
+
+def test_fit_finds_the_motion_that_was_made() -> None:
+    rng = np.random.default_rng(0)
+    points, moved = rng.normal(size=(4, 3)), np.array([0.3, -0.2, 0.1])
+    turn = rotation_world_body(np.array([0.2, -0.1, 0.4]))
+    com, rotation = fitted(points, points @ turn.T + moved)
+    np.testing.assert_allclose(rotation, turn, atol=1e-12)
+    np.testing.assert_allclose(com, moved, atol=1e-12)
+
+
+def test_planned_angles_tell_the_planned_pose(planned: Planned) -> None:
+    plan = planned()
+    odometry, moving = JointOdometry(plan), plan.trajectory
+    angles = true_angles(plan, sample_instants(plan))
+    for sample in range(len(moving.time)):
+        com, rotation = odometry.pose(sample, angles[sample])
+        assert np.abs(com - moving.com[sample]).max() < 1e-3
+    assert np.abs(rotation - rotation_world_body(moving.rpy[-1])).max() < 2e-3
+
+
+def test_a_body_that_sank_is_seen_to_have_sunk(planned: Planned) -> None:
+    plan = planned()
+    com, rpy = plan.rounds.com[0] + [0.0, 0.01, -0.02], plan.rounds.rpy[0]
+    angles = inverse(plan.robot, to_body(com, rpy, plan.rounds.toes[0])).best()
+    seen, _ = JointOdometry(plan).pose(0, angles)
+    np.testing.assert_allclose(seen, com, atol=1e-9)
+
+
+def test_regulator_by_joints_keeps_the_place_that_soft_motors_lose(planned: Planned) -> None:
+    plan = planned()
+    off = {}
+    for what in ("nothing", "joints"):
+        run = simulate(plan, Conditions(gain=0.9, regulator=what))  # type: ignore[arg-type]
+        assert not run.fallen
+        off[what] = float(np.linalg.norm(run.com[-1] - plan.trajectory.com[-1]))
+    assert off["nothing"] > 0.005
+    assert off["joints"] < 0.4 * off["nothing"]
+    assert off["joints"] == pytest.approx(0.0, abs=0.004)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
+from climbplan.robots.rotations import Array, rotation_world_body
 
 
 def with_stance(robot: Robot, stance: Mapping[str, tuple[float, float, float]]) -> Robot:
@@ -30,7 +29,7 @@ def standing_as(robot: Robot, com: Array, rpy: Array, toes: Array, kept: Collect
 
     Limbs named in `kept` keep their nominal toes.
     """
-    stance = to_body(com, rpy, toes)
+    stance: Array = (toes - com) @ rotation_world_body(rpy)
     for name in kept:
         limb = robot.limb_names.index(name)
         stance[limb] = robot.stance_body[limb]

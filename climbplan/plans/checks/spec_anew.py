@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from climbplan.errors import ClimbplanError, MissingSolver, SpecError
-from climbplan.mechanics.gripper_model import load_model
 from climbplan.plans.checks.check import Check, judge
 from climbplan.plans.checks.differences import Difference, largest, parts_apart
 from climbplan.plans.climb_plan import ClimbPlan
@@ -81,6 +80,9 @@ def _spines_check(
     plan: ClimbPlan, grips: GripPlan, spec: ClimbSpec, given: AnyRobot | None
 ) -> Check:
     """The model that spines were counted on by is the one that spec or robot name."""
+    # Its file, and nothing else of what planning uses: only plans that grip need it.
+    from climbplan.mechanics.gripper_model import load_model
+
     named = spec.gripper.model
     if named is None and isinstance(given, RobotSpec) and given.gripper is not None:
         named = given.gripper.model

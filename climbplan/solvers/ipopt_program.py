@@ -74,3 +74,7 @@ class IpoptProgram:
             word=str(stats["return_status"]),
             success=bool(stats["success"]),
         )
+
+    def rows(self, x: Array, numbers: Any) -> Array:
+        """Values (M,) of the rows at a point (N,), as IPOPT sees them."""
+        return np.array(self._solver.get_function("nlp_g")(x, numbers)).ravel()

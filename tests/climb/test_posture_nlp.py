@@ -269,14 +269,13 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
     for scene in (walls, shipped("climb_tube"), shipped("climb_obstacle", "solver.method=nlp")):
         program = posture_nlp(shape_of(scene), 150)
         box = variable_bounds(scene, 0.0)
-        rows = program.solver.get_function("nlp_g")
         guess = straight_guess(scene, 0, 0.0)
         good = solve_from(scene, guess, FOREVER)
         assert good.accepted
         good_guess = replace(guess, rounds=good.rounds)
         x = first_iterate(scene, good_guess, box)
         numbers = parameters(scene, good_guess)
-        values = np.asarray(rows(x, numbers)).ravel()
+        values = program.solver.rows(x, numbers)
         over = np.maximum(values - program.upper, program.lower - values)
         assert over.max() < 1e-6
 
@@ -287,7 +286,7 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
             layout = variable_layout(scene.robot.limb_count)
             j = int(rng.integers(scene.spec.task.rounds))
             moved[j * layout.size : j * layout.size + 3] += rng.normal(0.0, 0.3, 3)
-            values = np.asarray(rows(moved, numbers)).ravel()
+            values = program.solver.rows(moved, numbers)
             assert np.maximum(values - program.upper, program.lower - values).max() > 1e-3
             found = check_postures(scene, to_rounds(scene, good_guess, moved))
             assert any(violation.amount > 1e-3 for violation in found)

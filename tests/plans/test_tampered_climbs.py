@@ -451,8 +451,8 @@ def test_absurd_numbers_fail_quietly(name: str, value: float, plan_file: Path) -
     with h5py.File(plan_file, "r+") as file:
         dataset = file[name]
         dataset[(-1,) * dataset.ndim] = value
-    harmless = {"robot/joint_upper", "robot/max_joint_speed"}
-    passes = value > 0 and name in harmless
+    # This robot is its plan's own: with wider joints it is another one, as good.
+    passes = name == "robot/joint_upper" and value > 0
     passes |= name == "robot/joint_lower" and value < 0
     passes |= name == "robot/stance_body"  # a hint for planning that nothing depends on
     assert verify(plan_file).passed == passes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,10 @@ from climbplan.limms.convergence import Convergence
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.verification import verification_of
-from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.spec.limms_loading import LoadedLimms, limms_of
+from climbplan.spec.overrides import apply_overrides
+from climbplan.spec.source import SourceText
+from climbplan.spec.yaml_source import parse_yaml
 
 METHODS: tuple[Literal["modes", "admm"], ...] = ("modes", "admm")
 
@@ -53,8 +56,10 @@ class Trial:
 
 def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: float) -> Trial:
     """Plan and verify; seconds: the time limit of planning."""
-    solver = loaded.spec.solver.model_copy(update={"method": method, "time_limit": seconds})
-    given = replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
+    # Into the text: verification reads the method there.
+    assignments = (f"solver.method={method}", f"solver.time_limit={seconds}")
+    text = SourceText(loaded.source, loaded.name, loaded.directory, loaded.text)
+    given = limms_of(apply_overrides(parse_yaml(loaded.text, loaded.source), assignments), text)
     clock, wall = time.process_time(), time.perf_counter()
     plan: LimmsPlan | None = None
     outcome, reason = "verified", ""

@@ -23,7 +23,7 @@ from climbplan.mpc.task import (
     WalkTrajectory,
 )
 from climbplan.mpc.truth import toes_in_body
-from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.rotations import rotation_world_body, skew
 
 _SLACK = 0.02  # [m] out of its box that a toe may be told to stand
 _FEWEST = 2  # legs
@@ -93,7 +93,7 @@ def _forces(task: WalkTask, stands: Flags) -> Array:
     brake = brake * min(1.0, room / max(float(np.hypot(*brake)), 1e-9))
     wanted = np.array([*brake, upward, *moment / _LENGTH]) / weight
     # Unknowns: forces in units of the weight
-    net = np.hstack([np.vstack([np.eye(3), _cross(arm) / _LENGTH]) for arm in arms])
+    net = np.hstack([np.vstack([np.eye(3), skew(arm) / _LENGTH]) for arm in arms])
     moments, vertical, sideways = _IMPORTANCE
     scale = np.array([sideways, sideways, vertical, moments, moments, moments])
     hessian = net.T @ (scale[:, None] * net) + _RIDGE * np.eye(3 * len(legs))
@@ -111,9 +111,3 @@ def _forces(task: WalkTask, stands: Flags) -> Array:
     force = np.zeros((LEGS, 3))
     force[legs] = weight * share.reshape(-1, 3)
     return force
-
-
-def _cross(arm: Array) -> Array:
-    """Moment (3, 3) of a force at an arm (3,)."""
-    x, y, z = arm.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

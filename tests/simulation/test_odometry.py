@@ -11,7 +11,7 @@ from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, Regulated
 from climbplan.simulation.odometry import JointOdometry, fitted
 from climbplan.simulation.replay import simulate
 
@@ -48,8 +48,9 @@ def test_a_body_that_sank_is_seen_to_have_sunk(planned: Planned) -> None:
 def test_regulator_by_joints_keeps_the_place_that_soft_motors_lose(planned: Planned) -> None:
     plan = planned()
     off = {}
-    for what in ("nothing", "joints"):
-        run = simulate(plan, Conditions(gain=0.9, regulator=what))  # type: ignore[arg-type]
+    regulators: tuple[Regulated, ...] = ("nothing", "joints")
+    for what in regulators:
+        run = simulate(plan, Conditions(gain=0.9, regulator=what))
         assert not run.fallen
         off[what] = float(np.linalg.norm(run.com[-1] - plan.trajectory.com[-1]))
     assert off["nothing"] > 0.005

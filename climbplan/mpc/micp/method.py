@@ -82,9 +82,9 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
         # A much better incumbent is worth a new start: ranges depend on its cost, the tube on it.
         if not run.again:
             break
-    width = np.rad2deg(limits.angles)
+    width = np.rad2deg(limits.angles).round(3)
     word = (
-        f"bound of motions within {width[0]:.0f}, {width[1]:.0f}, {width[2]:.0f} degrees and "
+        f"bound of motions within {width[0]:g}, {width[1]:g}, {width[2]:g} degrees and "
         f"{limits.spin[0]:g}, {limits.spin[1]:g}, {limits.spin[2]:g} rad/s of the start's attitude "
         f"or the reference; {run.word}"
     )

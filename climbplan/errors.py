@@ -5,6 +5,7 @@ Each carries the exit code that the command line gives it (see the README's tabl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -72,12 +73,46 @@ class MissingSolver(UsageError):
 
 
 @dataclass(frozen=True)
+class Remedy:
+    """One change that is enough to make a refused problem feasible, as far as its stage can tell.
+
+    Where a key of the spec stands for it, `--set key=value` makes the change.
+    """
+
+    words: str  # "mu >= 0.83"
+    key: str = ""  # dotted key of the spec, "" where none stands for the change (more motors)
+    value: float | int | str | tuple[float, ...] | None = None
+
+    def __str__(self) -> str:
+        return f"{self.words} ({self.option})" if self.key else self.words
+
+    @property
+    def option(self) -> str:
+        """The change as an option of the command line, "" where no key stands for it."""
+        if not self.key:
+            return ""
+        if isinstance(self.value, tuple):
+            text = f"{self.key}=[{', '.join(_number(v) for v in self.value)}]"
+            return f"--set '{text}'"
+        return f"--set {self.key}={_number(self.value)}"
+
+    def as_dict(self) -> dict[str, object]:
+        """For `--json`."""
+        value = list(self.value) if isinstance(self.value, tuple) else self.value
+        return {"key": self.key, "value": value, "words": self.words}
+
+
+def _number(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
 class Conflict:
     """Constraints that cannot hold together, in the robot's terms."""
 
     where: str  # "round 3, LM lifted"
     constraints: tuple[str, ...]  # ("friction at RF", "torque of LR femur")
-    remedies: tuple[str, ...] = ()  # ("mu >= 0.83", "payload <= 1.2 kg")
+    remedies: tuple[Remedy, ...] = ()  # each enough on its own
     in_words: bool = False  # the constraints already say how they fail
 
     def __str__(self) -> str:
@@ -85,34 +120,79 @@ class Conflict:
         verb = " conflict" if len(self.constraints) > 1 else " cannot be met"
         if self.in_words:
             verb = ""
-        cure = f"; feasible with {' or '.join(self.remedies)}" if self.remedies else ""
+        cure = f"; feasible with {' or '.join(map(str, self.remedies))}" if self.remedies else ""
         return f"{self.where}: {what}{verb}{cure}"
 
 
 class NoPlanFound(ClimbplanError):
-    """No plan exists or none was found within the limits."""
+    """No plan exists or none was found within the limits.
 
-    exit_code = ExitCode.INFEASIBLE
+    stage: where it ended ("posture", "force", ...). remedies: beside those of the conflicts.
+    """
+
+    exit_code = ExitCode.LIMIT
+    status = "limit"  # as `--json` reports it
+
+    def __init__(
+        self,
+        message: str,
+        conflicts: Sequence[Conflict] | None = None,
+        *,
+        stage: str = "",
+        remedies: Sequence[Remedy] = (),
+    ) -> None:
+        self.message = message
+        self.conflicts = list(conflicts or [])
+        self.stage = stage
+        self._remedies = tuple(remedies)
+        super().__init__("\n".join([message, *(str(c) for c in self.conflicts)]))
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """All that are known, without repetition."""
+        every = [*self._remedies, *(r for c in self.conflicts for r in c.remedies)]
+        return tuple(dict.fromkeys(every))
 
 
 class Infeasible(NoPlanFound):
-    """The problem is proved to have no solution; names the conflicting constraints."""
+    """The problem that the user stated is proved to have no solution; names what conflicts."""
 
-    def __init__(self, message: str, conflicts: list[Conflict] | None = None) -> None:
-        self.conflicts = conflicts or []
-        super().__init__("\n".join([message, *(str(c) for c in self.conflicts)]))
+    exit_code = ExitCode.INFEASIBLE
+    status = "infeasible"
+
+
+class NotProved(NoPlanFound):
+    """A method found no plan within restrictions of its own, which proves nothing.
+
+    because: the restrictions, for people ("rotations linearised, workspaces as balls").
+    """
+
+    status = "not_proved"
+
+    def __init__(
+        self,
+        message: str,
+        conflicts: Sequence[Conflict] | None = None,
+        *,
+        because: str,
+        stage: str = "",
+        remedies: Sequence[Remedy] = (),
+    ) -> None:
+        super().__init__(message, conflicts, stage=stage, remedies=remedies)
+        self.because = because
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}\nnot proved: {self.because}"
 
 
 class LimitReached(NoPlanFound):
     """A time or iteration limit was hit before any plan was found."""
 
-    exit_code = ExitCode.LIMIT
 
+class ReachFailure(NoPlanFound):
+    """A toe that a limb cannot reach within its joint bounds, in a posture that somebody chose."""
 
-class ReachFailure(ClimbplanError):
-    """A toe that a limb cannot reach within its joint bounds."""
-
-    exit_code = ExitCode.INFEASIBLE
+    status = "not_proved"
 
     def __init__(self, limb: str, reason: str, missing: float = 0.0, where: str = "") -> None:
         self.limb = limb
@@ -121,4 +201,5 @@ class ReachFailure(ClimbplanError):
         self.where = where  # "round 3, LM lifted"
         prefix = f"{where}: " if where else ""
         gap = f" by {1e3 * missing:.1f} mm" if missing > 0 else ""
-        super().__init__(f"{prefix}{limb} cannot reach its toe: {reason}{gap}")
+        text = f"{prefix}{limb} cannot reach its toe: {reason}{gap}"
+        super().__init__(text, stage="kinematics")

@@ -27,7 +27,7 @@ from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 from climbplan.bookshelf.summary import summary_lines
-from climbplan.errors import Conflict, Infeasible, LimitReached
+from climbplan.errors import Conflict, Infeasible, LimitReached, Remedy
 from climbplan.spec.bookshelf_loading import LoadedShelf
 
 Progress = Callable[[str, float], None]
@@ -217,6 +217,12 @@ def _require_placement(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> None:
         raise LimitReached(f"no placement found: {why}")
 
 
+def _at_least(key: str, value: float) -> Remedy:
+    """A key of the shelf [mm] and the hundredth that is enough."""
+    enough = math.ceil(100 * value - 1e-6) / 100
+    return Remedy(f"{key} >= {enough:.2f}", f"shelf.{key}", enough)
+
+
 def _conflict(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> Conflict:
     """What the shelf misses, and what would be enough."""
     shortage = answer.shortage
@@ -229,12 +235,12 @@ def _conflict(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> Conflict:
             for name, side in zip(book_names(scene.count), least, strict=True)
             if side > shelf.height
         ]
-        needed = f"height_mm >= {1e3 * least.max():.2f}"
+        needed = _at_least("height_mm", 1e3 * float(least.max()))
         words = f"{shortage} ({' and '.join(books)})"
         return Conflict(f"clear height of {1e3 * shelf.height:.2f} mm", (words,), (needed,), True)
     tall, thick = 1e3 * scene.inserted
     words = f"{shortage} for {scene.count} stored books and one of {tall:g} x {thick:g} mm"
-    needed = f"right_mm >= {1e3 * (shelf.right + shortage.width):.2f}"
+    needed = _at_least("right_mm", 1e3 * (shelf.right + shortage.width))
     return Conflict(f"width of {1e3 * shelf.width:.2f} mm", (words,), (needed,), in_words=True)
 
 

@@ -18,7 +18,7 @@ from climbplan.climb.grips.solving import solve_grips
 from climbplan.climb.grips.statement import state_grips
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import together
-from climbplan.errors import Infeasible
+from climbplan.errors import Infeasible, NoPlanFound
 from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import deflections_for_forces, rigid_motion
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds
@@ -64,7 +64,7 @@ def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
     standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
     try:
         forces = plan_forces(scene, standing)
-    except Infeasible as error:
+    except NoPlanFound as error:
         conflicts = [replace(c, where="start posture") for c in error.conflicts]
         raise Infeasible("the start posture cannot hold itself", conflicts) from error
     return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]

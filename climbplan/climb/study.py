@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
+from climbplan.errors import NoPlanFound, UsageError
 from climbplan.plans.climb_plan import Study
 from climbplan.spec.loading import LoadedClimb
 
@@ -27,14 +27,14 @@ def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
     clock = StageClock(lambda stage, fraction: None)
     try:
         motion = plan_motion(scene, clock)
-    except (ReachFailure, Infeasible, LimitReached) as error:
+    except NoPlanFound as error:
         return _NO_POSTURE, str(error).splitlines()[0]
     try:
         supported = plan_support(scene, motion, clock)
         motion, forces = supported.motion, supported.forces
         plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
-    except (Infeasible, ReachFailure, LimitReached) as error:
-        conflicts = error.conflicts if isinstance(error, Infeasible) else []
+    except NoPlanFound as error:
+        conflicts = error.conflicts
         return _NO_FORCE, str(conflicts[0]) if conflicts else str(error)
     return _FEASIBLE, ""
 

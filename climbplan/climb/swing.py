@@ -16,7 +16,7 @@ import numpy as np
 
 from climbplan.climb.limb_clearance import LimbShortfall, closest_link, least_room
 from climbplan.climb.scene import MotionScene
-from climbplan.errors import Conflict, Infeasible
+from climbplan.errors import Conflict, NotProved
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.model import Robot
@@ -46,13 +46,16 @@ class Swing:
     where: str  # "round 3, LM lifted"
 
 
-class SwingBlocked(Infeasible):
+WAYS = "some ways of a limb are looked at, between postures that the planner chose"
+
+
+class SwingBlocked(NotProved):
     """No way was found on which a limb misses the obstacles; says what is missing at least."""
 
     def __init__(self, shortfall: LimbShortfall, words: str) -> None:
         self.shortfall = shortfall
         conflict = Conflict(shortfall.where, (words,), in_words=True)
-        super().__init__("no clear swing path", [conflict])
+        super().__init__("no clear swing path", [conflict], because=WAYS, stage="swing")
 
 
 def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
@@ -122,9 +125,11 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} on the clearest of {tried} ways")
     name = f"past {blocker.name!r}" if blocker is not None else "within the limb's reach"
-    raise Infeasible(
+    raise NotProved(
         "no clear swing path",
         [Conflict(swing.where, (f"swing path of the toe {name}",))],
+        because=WAYS,
+        stage="swing",
     )
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
-from math import comb, perm
+from math import comb, floor, perm
 
-from climbplan.errors import Conflict
+from climbplan.errors import Conflict, Remedy
 from climbplan.limms.bounds import (
     Connection,
     access,
@@ -81,7 +81,15 @@ def search(scene: Scene) -> Search:
     count = 0
     if ways(centre_blocks(scene), scene.box_start[0], scene.goal) is None:
         what = "free space holds no way for the box from its start to its goal"
-        return Search((), (Conflict("box", (what,), ("box.size", "box.goal"), True),), 0)
+        return Search(
+            (),
+            (
+                Conflict(
+                    "box", (what,), (Remedy("another box.size"), Remedy("another box.goal")), True
+                ),
+            ),
+            0,
+        )
     if "arms" in scene.allow:
         every = list(_arm_sets(scene))
         count += _configurations(scene)
@@ -144,7 +152,8 @@ def _possible_arms(
             f"{most} arms hold {strength:.1f} N at most, the box weighs {scene.weight:.1f} N: "
             f"{short:.1f} N short"
         )
-        cures = (f"box.mass <= {strength / GRAVITY:.2f} kg",)
+        heaviest = floor(1e2 * strength / GRAVITY) / 1e2
+        cures = (Remedy(f"box.mass <= {heaviest:.2f} kg", "box.mass", heaviest),)
         conflicts.append(Conflict("arms", (what,), cures, True))
         return []
     found: list[Sequence] = []
@@ -208,7 +217,8 @@ def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequenc
             f"4 legs push {strength:.1f} N at most, the box weighs {scene.weight:.1f} N: "
             f"{scene.weight - strength:.1f} N short"
         )
-        cures = (f"box.mass <= {strength / GRAVITY:.2f} kg",)
+        heaviest = floor(1e2 * strength / GRAVITY) / 1e2
+        cures = (Remedy(f"box.mass <= {heaviest:.2f} kg", "box.mass", heaviest),)
         conflicts.append(Conflict("quadruped", (what,), cures, True))
         return []
     return [Sequence("quadruped")]

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.errors import Conflict, Infeasible
+from climbplan.errors import Conflict, Infeasible, Remedy
 from climbplan.plans.climb_plan import Index, sequence_name
 from climbplan.transition.footholds import GOAL, START
 from climbplan.transition.pose_ways import Sequence, State, stance_of_move
@@ -78,7 +78,7 @@ def _unreached(search: Search) -> list[Conflict]:
             conflicts.append(Conflict("search", (text,), in_words=True))
     if not conflicts:
         text = "limbs reach their footholds, but not in so few rounds or from the same poses"
-        conflicts.append(Conflict("search", (text,), ("more rounds",), in_words=True))
+        conflicts.append(Conflict("search", (text,), (Remedy("more rounds"),), in_words=True))
     return conflicts
 
 
@@ -152,6 +152,8 @@ def _refusal(
             f"{names[slip.limb]} slips on {surface!r}: it needs mu {slip.needed:.2f}, "
             f"and has {slip.available:.2f} / S_mu {asked:g} = {slip.available / asked:.2f}"
         )
-    remedy: tuple[str, ...] = (f"S_mu <= {factor:.3g}",) if factor >= 1 else ()
-    remedy += (f"friction {asked / factor:.2f} times as high",)
+    remedy: tuple[Remedy, ...] = ()
+    if factor >= 1:
+        remedy = (Remedy(f"S_mu <= {factor:.3g}", "force.safety_friction", factor),)
+    remedy += (Remedy(f"friction {asked / factor:.2f} times as high"),)
     return Conflict(where, tuple(words) or ("friction",), remedy, in_words=bool(words))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.scene import MotionScene, Stance, stance_of
-from climbplan.errors import Conflict, Infeasible, ReachFailure, SpecError, SpecMistake
+from climbplan.errors import Conflict, Infeasible, ReachFailure, Remedy, SpecError, SpecMistake
 from climbplan.plans.climb_plan import Array
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
@@ -96,7 +96,10 @@ def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
         walls = scene.spec.terrain.walls
         hint = f"; the walls are {walls.gap:g} m apart" if walls is not None else ""
         shortest = _widest_gap(scene, stance)
-        cure = (f"walls at most {shortest:.3f} m apart",) if walls is not None and shortest else ()
+        cure: tuple[Remedy, ...] = ()
+        if walls is not None and shortest:
+            words = f"walls at most {shortest:.3f} m apart"
+            cure = (Remedy(words, "terrain.walls.gap", round(shortest, 3)),)
         raise Infeasible(
             f"{error}{hint}", [Conflict(name, (f"reach of {error.limb}",), cure)]
         ) from (error)

@@ -19,7 +19,7 @@ from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.scene import MotionScene
-from climbplan.errors import Conflict, Infeasible, LimitReached
+from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.plans.climb_plan import Instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
@@ -27,6 +27,12 @@ from climbplan.robots.rotations import rotation_world_body
 LISTED = 5  # instants described one by one
 _NAMED = 3  # constraints of one kind named before "and 2 more"
 _SAFE = 1e-4  # relative distance from the exact amount before it is rounded
+
+
+CHOSEN = (
+    "these are the forces of postures that the planner chose without regard to forces; others may "
+    "hold"
+)
 
 
 @dataclass(frozen=True)
@@ -40,12 +46,12 @@ class Amounts:
     masses: Interval | None
 
 
-class NoForces(Infeasible):
-    """Instants without admissible contact forces."""
+class NoForces(NotProved):
+    """Instants of postures that the planner chose have no admissible contact forces."""
 
     def __init__(self, message: str, conflicts: list[Conflict], unsteady: bool) -> None:
         self.unsteady = unsteady  # the stability of the braced body takes part in every conflict
-        super().__init__(message, conflicts)
+        super().__init__(message, conflicts, because=CHOSEN, stage="force")
 
 
 def explain(
@@ -92,10 +98,16 @@ def explain(
     count = len(infeasible) + len(unbalanced)
     message = f"{count} of {instants.count} instants have no admissible contact forces"
     if count > 1 and worst is not None and (cures := _remedies(scene, statement, worst)):
-        message += f"; all have with {' or '.join(cures)}"
+        message += f"; all have with {' or '.join(map(str, cures))}"
     if count > len(conflicts[:LISTED]):
         message += f"; the first {LISTED}:"
     return NoForces(message, conflicts[:LISTED], unsteady)
+
+
+def _one_friction(scene: MotionScene) -> bool:
+    """Whether every surface has the terrain's own coefficient, so that its key changes all."""
+    friction = scene.spec.terrain.friction
+    return all(surface.friction == friction for surface in scene.terrain.surfaces)
 
 
 def _load(
@@ -159,38 +171,47 @@ def _down(value: float) -> float:
     return float(np.floor(value * (1 - _SAFE) / step) * step)
 
 
-def _remedies(scene: MotionScene, statement: ForceStatement, amounts: Amounts) -> tuple[str, ...]:
-    """Remedies in words, each sufficient on its own."""
-    out: list[str] = []
+def _remedies(
+    scene: MotionScene, statement: ForceStatement, amounts: Amounts
+) -> tuple[Remedy, ...]:
+    """What helps, each sufficient on its own."""
+    out: list[Remedy] = []
     mu = statement.mu[statement.contact]
     factor = amounts.friction_factor
     if factor is not None:
         same = np.ptp(mu) <= 1e-12 * mu.max()
-        out.append(
-            f"mu >= {_up(factor * float(mu[0])):.4g}"
-            if same
-            else f"friction coefficients {_up(factor):.4g} times as high"
-        )
+        if same:
+            least = _up(factor * float(mu[0]))
+            key = "terrain.friction" if _one_friction(scene) else ""
+            out.append(Remedy(f"mu >= {least:.4g}", key, least))
+        else:
+            out.append(Remedy(f"friction coefficients {_up(factor):.4g} times as high"))
     if amounts.masses is not None:
         low, high = amounts.masses.low, amounts.masses.high
+        key = "task.payload.mass" if amounts.load_name == "payload" else ""
+        words = None
         if low <= 1e-6 * high:
-            out.append(f"{amounts.load_name} <= {_down(high):.4g} kg")
+            words = f"{amounts.load_name} <= {_down(high):.4g} kg"
         elif _up(low) < _down(high):
-            out.append(f"{amounts.load_name} from {_up(low):.4g} to {_down(high):.4g} kg")
+            words = f"{amounts.load_name} from {_up(low):.4g} to {_down(high):.4g} kg"
+        if words is not None:
+            out.append(Remedy(words, key, _down(high)))
     if amounts.torque_factor is not None:
         limit = scene.robot.max_torque
         factor_up = amounts.torque_factor
         out.append(
-            f"torque limit >= {_up(factor_up * float(limit[0, 0])):.4g} N m"
+            Remedy(f"torque limit >= {_up(factor_up * float(limit[0, 0])):.4g} N m")
             if np.ptp(limit) <= 1e-12 * limit.max()
-            else f"torque limits {_up(factor_up):.4g} times as high"
+            else Remedy(f"torque limits {_up(factor_up):.4g} times as high")
         )
         if (safety := statement.least_safety_torque / factor_up) * (1 - _SAFE) >= 1:
-            out.append(f"S_tau <= {_down(safety):.4g}")
+            out.append(
+                Remedy(f"S_tau <= {_down(safety):.4g}", "force.safety_torque", _down(safety))
+            )
     if amounts.stiffness_factor is not None:
-        out.append(f"{_up(amounts.stiffness_factor):.4g} times the joint stiffness")
+        out.append(Remedy(f"{_up(amounts.stiffness_factor):.4g} times the joint stiffness"))
     if factor is not None and (safety := statement.safety_friction / factor) * (1 - _SAFE) >= 1:
-        out.append(f"S_mu <= {_down(safety):.4g}")
+        out.append(Remedy(f"S_mu <= {_down(safety):.4g}", "force.safety_friction", _down(safety)))
     return tuple(out)
 
 

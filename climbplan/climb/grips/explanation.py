@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.forces.cones import ConicAnswer, ConicProgram
+from climbplan.climb.forces.explanation import CHOSEN
 from climbplan.climb.grips.program import GripInstant, conic_program, grip_instant
 from climbplan.climb.grips.statement import GripStatement
 from climbplan.climb.scene import MotionScene
-from climbplan.errors import Conflict, Infeasible, LimitReached
+from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.plans.climb_plan import Array, Index, Instants
 from climbplan.robots.rotations import rotation_world_body
 
@@ -29,7 +30,7 @@ _BISECTIONS = 30
 
 def explain_grips(
     scene: MotionScene, instants: Instants, statement: GripStatement, missing: Index
-) -> Infeasible:
+) -> NotProved:
     """The error that says what is missing at instants without admissible forces.
 
     Raises LimitReached if an instant turns out feasible after all.
@@ -47,13 +48,13 @@ def explain_grips(
         worst = remedies if worst is None else worst.and_also(remedies)
         if len(conflicts) < LISTED:
             said = _pull_words(instant, pull, statement.unit, names)
-            conflicts.append(Conflict(where, (said,), remedies.words(statement), in_words=True))
+            conflicts.append(Conflict(where, (said,), remedies.remedies(), in_words=True))
     message = f"{len(missing)} of {instants.count} instants have no admissible grips"
-    if len(missing) > 1 and worst is not None and (cures := worst.words(statement)):
-        message += f"; all have with {' or '.join(cures)}"
+    if len(missing) > 1 and worst is not None and (cures := worst.remedies()):
+        message += f"; all have with {' or '.join(map(str, cures))}"
     if len(missing) > LISTED:
         message += f"; the first {LISTED}:"
-    return Infeasible(message, conflicts)
+    return NotProved(message, conflicts, because=CHOSEN, stage="force")
 
 
 def _pull_words(
@@ -154,17 +155,20 @@ class _Remedies:
             both(self.friction, other.friction, min),
         )
 
-    def words(self, statement: GripStatement) -> tuple[str, ...]:
-        """In words, with three digits to the safe side."""
+    def remedies(self) -> tuple[Remedy, ...]:
+        """As remedies, with three digits to the safe side."""
         out = []
         if self.grip is not None:
-            out.append(f"gripping force >= {_rounded(self.grip, np.ceil):.4g} N a finger")
+            out.append(Remedy(f"gripping force >= {_rounded(self.grip, np.ceil):.4g} N a finger"))
         if self.mass is not None:
-            out.append(f"{self.mass_name} <= {_rounded(self.mass, np.floor):.4g} kg")
+            most = _rounded(self.mass, np.floor)
+            key = "task.payload.mass" if self.mass_name == "payload" else ""
+            out.append(Remedy(f"{self.mass_name} <= {most:.4g} kg", key, most))
         if self.torque is not None:
-            out.append(f"all motors {_rounded(self.torque, np.ceil):.4g} times as strong")
+            out.append(Remedy(f"all motors {_rounded(self.torque, np.ceil):.4g} times as strong"))
         if self.friction is not None:
-            out.append(f"S_mu <= {_rounded(self.friction, np.floor):.4g}")
+            most = _rounded(self.friction, np.floor)
+            out.append(Remedy(f"S_mu <= {most:.4g}", "force.safety_friction", most))
         return tuple(out)
 
 

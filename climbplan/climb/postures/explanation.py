@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.climb.scene import ClimbScene, Stance
-from climbplan.errors import Conflict, Infeasible, ReachFailure
+from climbplan.errors import Conflict, Infeasible, ReachFailure, Remedy
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
@@ -102,7 +102,7 @@ def _distances(scene: ClimbScene) -> Iterator[Conflict]:
             yield Conflict(
                 f"{rounds} rounds",
                 (f"{what}, {unit} in steps of at most {largest}, is too long",),
-                (f"rounds >= {needed}",),
+                (Remedy(f"rounds >= {needed}", "task.rounds", needed),),
                 in_words=True,
             )
 

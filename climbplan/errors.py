@@ -91,10 +91,15 @@ class Remedy:
         """The change as an option of the command line, "" where no key stands for it."""
         if not self.key:
             return ""
+        text = f"{self.key}={self.yaml}"
+        return f"--set '{text}'" if isinstance(self.value, tuple) else f"--set {text}"
+
+    @property
+    def yaml(self) -> str:
+        """The value as a spec has it."""
         if isinstance(self.value, tuple):
-            text = f"{self.key}=[{', '.join(_number(v) for v in self.value)}]"
-            return f"--set '{text}'"
-        return f"--set {self.key}={_number(self.value)}"
+            return f"[{', '.join(_number(v) for v in self.value)}]"
+        return _number(self.value)
 
     def as_dict(self) -> dict[str, object]:
         """For `--json`."""

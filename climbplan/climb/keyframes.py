@@ -18,7 +18,7 @@ from climbplan.climb.grips.solving import solve_grips
 from climbplan.climb.grips.statement import state_grips
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import together
-from climbplan.errors import Infeasible, NoPlanFound
+from climbplan.errors import NoPlanFound, NotProved
 from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import deflections_for_forces, rigid_motion
 from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds
@@ -58,7 +58,7 @@ class Keyframes:
 def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
     """Forces of the start posture with all limbs on the surface.
 
-    Raises Infeasible if the start posture cannot hold itself.
+    Raises NotProved if the start posture cannot hold itself.
     """
     first = np.zeros(1, np.int64)
     standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
@@ -66,7 +66,12 @@ def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
         forces = plan_forces(scene, standing)
     except NoPlanFound as error:
         conflicts = [replace(c, where="start posture") for c in error.conflicts]
-        raise Infeasible("the start posture cannot hold itself", conflicts) from error
+        raise NotProved(
+            "the start posture cannot hold itself",
+            conflicts,
+            because="toes and factors that the spec leaves out are our own",
+            stage="trajectory",
+        ) from error
     return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]
 
 

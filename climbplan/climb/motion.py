@@ -17,12 +17,13 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.grips.plan import require_wrists
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
+from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import SwingBlocked, swing_paths
-from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure, UsageError
+from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.plans.climb_plan import Forces, Instants, Rounds
 from climbplan.robots.rotations import Array
 
@@ -31,6 +32,7 @@ Progress = Callable[[str, float], None]
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
+_LEAST_TIME = 0.05  # [s] that a solver is given at least
 _STEADYINGS = 3  # times postures are planned nearer to the stance for a body that is not stable
 
 
@@ -63,32 +65,53 @@ class Motion:
     swings: tuple[Array, ...] | None  # way points of every limb move, if they were looked for
 
 
-def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = None) -> Motion:
+def within(scene: ClimbScene, seconds: float) -> ClimbScene:
+    """The scene with that much time for the posture planner [s]."""
+    solver = scene.spec.solver.model_copy(update={"time_limit": max(seconds, _LEAST_TIME)})
+    return replace(scene, spec=scene.spec.model_copy(update={"solver": solver}))
+
+
+def plan_motion(
+    scene: ClimbScene,
+    clock: StageClock,
+    save_model: Path | None = None,
+    deadline: float | None = None,
+) -> Motion:
     """Postures whose every instant can be reached and whose body and limbs keep clear.
 
     The convex statement knows workspaces as balls, rotations and knees to first order. Where the
     exact check finds a joint bound or clearance missed, or a limb cannot swing past an obstacle,
-    the limb's ball or the clearance is tightened and the postures are planned again. Raises
-    Infeasible if the statement is, SwingBlocked if a swing stays blocked, and LimitReached if
-    tightening does not lead to a plan.
+    the limb's ball or the clearance is tightened and the postures are planned again. All of it
+    ends at `deadline` (`time.monotonic` [s]), by default as long after the call as the spec allows.
+    Raises NoPostures if the statement has no solution, SwingBlocked if a swing stays blocked,
+    NotProved if tightening does not lead to a plan and LimitReached if there is no time for it.
     """
-    if save_model is not None and scene.spec.solver.method != "micp":
+    if deadline is None:
+        deadline = time.monotonic() + scene.spec.solver.time_limit
+    if save_model is not None and _method(scene) != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     bound: float | None = None
     notes: list[str] = []
     failure: ReachFailure | SwingBlocked | None = None
     for _ in range(_TIGHTENINGS):
+        left = deadline - time.monotonic()
+        if left <= 0:
+            raise _out_of_time(scene, notes)
         with clock.stage("posture"):
             if scene.spec.solver.method == "nlp":
-                posture = plan_postures_nlp(scene, clock.report)
+                posture = plan_postures_nlp(within(scene, left), clock.report)
             else:
                 try:
-                    posture = _convex_postures(scene, margins, save_model)
-                except Infeasible as error:
+                    posture = _convex_postures(within(scene, left), margins, save_model)
+                except NoPostures as error:
                     if not notes:
                         raise
-                    raise _not_found(scene, notes, failure) from error  # no proof: it was tightened
+                    raise _not_found(scene, notes, failure) from error
+                except LimitReached as error:
+                    if not notes:
+                        raise
+                    raise _out_of_time(scene, notes) from error
         # Tightening only adds constraints: the first bound is the one of the statement.
         bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
@@ -111,13 +134,22 @@ def plan_motion(scene: ClimbScene, clock: StageClock, save_model: Path | None = 
                 swings = _clear_of_obstacles(scene, posture.rounds, instants)
             except _LimbsTooNear as near:
                 if scene.spec.solver.method == "nlp":  # its own exact check is the same
-                    raise near.blocked or LimitReached(f"posture planner: {near}") from None
+                    words = f"posture planner: {near}"
+                    raise near.blocked or NotProved(
+                        words, because="method nlp is local", stage="posture"
+                    ) from None
                 failure = near.blocked
                 margins, wider = _widened(margins, near)
                 notes.append(f"{wider}: {near}")
                 continue
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
     raise _not_found(scene, notes, failure)
+
+
+def _method(scene: ClimbScene) -> str:
+    """The method of postures; on its own, without trials of others, `auto` is its first."""
+    method = scene.spec.solver.method
+    return "micp" if method == "auto" else str(method)
 
 
 def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:
@@ -173,10 +205,21 @@ def _not_found(
     if isinstance(failure, SwingBlocked):
         return failure
     last = str(failure) if failure is not None else notes[-1]
+    method = _method(scene)
+    return NotProved(
+        f"method {method} found no postures that pass the exact checks ({len(notes)} tightenings); "
+        f"last: {last}",
+        because=f"method {method} knows workspaces as balls, and rotations and knees to first "
+        "order; it was tightened after each check that failed",
+        stage="kinematics",
+    )
+
+
+def _out_of_time(scene: ClimbScene, notes: list[str]) -> LimitReached:
+    after = f" after {len(notes)} tightenings; last: {notes[-1]}" if notes else ""
     return LimitReached(
-        f"method {scene.spec.solver.method} found no postures that pass the exact checks "
-        f"({len(notes)} tightenings); "
-        f"last: {last}; --method nlp plans with joint bounds"
+        f"method {_method(scene)}: no time left for postures that pass the exact checks{after}",
+        stage="posture",
     )
 
 
@@ -206,13 +249,16 @@ class SupportedMotion:
     forces: Forces
 
 
-def plan_support(scene: ClimbScene, motion: Motion, clock: StageClock) -> SupportedMotion:
+def plan_support(
+    scene: ClimbScene, motion: Motion, clock: StageClock, deadline: float | None = None
+) -> SupportedMotion:
     """Forces for a motion; where the braced body would buckle, for one nearer to the stance.
 
     Postures are planned without regard to stability. Limbs nearer to their stance are stiffer
     against the body's sway, so that where stability is part of all that stands against the forces,
     postures are planned again with smaller stance workspaces. The motion keeps the bound of the
-    first. Raises Infeasible and LimitReached of `plan_forces`, about the first motion.
+    first. Raises NoForces and LimitReached of `plan_forces`, about the first motion. deadline: of
+    planning again, as that of `plan_motion`.
     """
     try:
         with clock.stage("force"):
@@ -221,14 +267,18 @@ def plan_support(scene: ClimbScene, motion: Motion, clock: StageClock) -> Suppor
         if not (error.unsteady and scene.spec.posture.stance_workspace):
             raise
         first = error
+    if deadline is None:
+        deadline = time.monotonic() + scene.spec.solver.time_limit
     for number in range(1, _STEADYINGS + 1):
+        if time.monotonic() > deadline:
+            break
         radius = scene.robot.stance_radius * _STANCE_SHRINK**number
         near = replace(scene, robot=replace(scene.robot, stance_radius=radius))
         try:
-            steadier = plan_motion(near, clock)
+            steadier = plan_motion(near, clock, deadline=deadline)
             with clock.stage("force"):
                 forces = plan_forces(scene, steadier.instants)
-        except (NoPlanFound, ReachFailure):
+        except NoPlanFound:
             continue
         reason = str(first.conflicts[0]).split(";", maxsplit=1)[0]
         note = f"stance workspaces tightened to {1e3 * radius:.0f} mm: {reason}"

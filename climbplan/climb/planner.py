@@ -1,23 +1,30 @@
-"""The decoupled planner: postures, instants, forces, trajectory (chapter 5.1)."""
+"""The climb planner: postures, instants, forces, trajectory (chapter 5.1)."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
 from climbplan.climb.motion import Progress, StageClock, plan_motion, plan_support
-from climbplan.climb.scene import MotionScene, build_scene
+from climbplan.climb.proof import proof_of_infeasibility
+from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
 from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
+from climbplan.errors import NoPlanFound
 from climbplan.plans.climb_plan import ClimbPlan, Forces, StepLimits
 from climbplan.robots.any_robot import assumptions
+from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.stored_robot import robot_texts
+
+_FOR_PROOF = 0.08  # share of the time limit that a proof may use on top
 
 
 def plan_climb(
@@ -26,25 +33,64 @@ def plan_climb(
     jobs: int = 1,
     save_model: Path | None = None,
 ) -> ClimbPlan:
-    """A climb plan for a loaded spec, not yet verified.
+    """A climb plan for a loaded spec, by its method; that of `auto` is verified in memory.
 
     report: called with stage name and fraction done. jobs: worker processes of a study.
-    Raises Infeasible, ReachFailure or LimitReached in the robot's terms.
+    Raises Infeasible where it is proved that the stated climb has no plan, and NotProved,
+    ReachFailure or LimitReached where none was found, all in the robot's terms.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
+    begin = time.monotonic()
     loaded = started(loaded)
+
+    tried: list[LoadedClimb] = []
+
+    def scene_of(spec: ClimbSpec) -> ClimbScene:
+        return build_scene(spec, loaded.robot, loaded.source, loaded.directory)
+
+    def by_method(given: LoadedClimb, deadline: float) -> ClimbPlan:
+        # Other methods than the first of `auto` have no mixed-integer program to write
+        saved = save_model if loaded.spec.solver.method != "auto" or not tried else None
+        tried.append(given)
+        return plan_by_method(given, clock, deadline, saved)
+
+    limit = loaded.spec.solver.time_limit
+    try:
+        if loaded.spec.solver.method == "auto":
+            plan = plan_automatically(loaded, scene_of, by_method)
+        else:
+            plan = by_method(loaded, begin + limit)
+    except NoPlanFound as error:
+        # What a method cannot do proves nothing; what is proved is worth more than what it said
+        end = time.monotonic() + _FOR_PROOF * limit
+        proof = proof_of_infeasibility(scene_of(loaded.spec), end)
+        if proof is None:
+            raise
+        raise proof from error
+    if loaded.spec.study is not None:
+        with clock.stage("study"):
+            plan = replace(plan, study=run_study(loaded, jobs, clock.report))
+    plan = replace(plan, timings=dict(clock.seconds))
+    return replace(plan, summary=summary_lines(plan))
+
+
+def plan_by_method(
+    loaded: LoadedClimb, clock: StageClock, deadline: float, save_model: Path | None = None
+) -> ClimbPlan:
+    """A climb plan by the method of the spec, not yet verified.
+
+    deadline: `time.monotonic` [s] at which the search for postures ends. Raises NotProved,
+    ReachFailure or LimitReached.
+    """
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
     assumed = assumptions(loaded.robot, scene.robot)
-    supported = plan_support(scene, plan_motion(scene, clock, save_model), clock)
+    motion = plan_motion(scene, clock, save_model, deadline)
+    supported = plan_support(scene, motion, clock, deadline)
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
     with clock.stage("trajectory"):
         trajectory = plan_trajectory(scene, rounds, instants, forces, motion.swings)
-    study = None
-    if spec.study is not None:
-        with clock.stage("study"):
-            study = run_study(loaded, jobs, clock.report)
     plan = ClimbPlan(
         name=loaded.name,
         robot=scene.robot,
@@ -62,7 +108,11 @@ def plan_climb(
         spec_sha256=loaded.sha256,
         seed=spec.seed,
         timings=dict(clock.seconds),
-        solvers={"posture": motion.posture.solver, "force": spec.solver.force},
+        solvers={
+            "method": spec.solver.method,
+            "posture": motion.posture.solver,
+            "force": spec.solver.force,
+        },
         sizes={
             "posture": {**motion.posture.sizes, "nodes": motion.posture.nodes},
             "force": {"instants": instants.count},
@@ -74,7 +124,6 @@ def plan_climb(
             *assumed,
             *grip_warnings(scene, instants),
         ),
-        study=study,
         grips=grip_plan(scene, instants, forces, trajectory),
         robot_texts=robot_texts(spec.robot, loaded.directory, loaded.robot),
     )

@@ -21,7 +21,11 @@ _FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
 
 
 def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
-    """Label and message of one grid point: feasible exactly where `plan-climb` finds a plan."""
+    """Label and message of one grid point: feasible where `plan-climb` finds a plan.
+
+    By one method: `auto` would spend its whole time limit on every point without a plan, and is
+    here its first, `micp`.
+    """
     here = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
     scene = build_scene(here.spec, here.robot, here.source, here.directory)
     clock = StageClock(lambda stage, fraction: None)

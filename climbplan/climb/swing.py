@@ -93,7 +93,7 @@ def swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple
 def swing_path(scene: MotionScene, swing: Swing) -> Array:
     """Way points (P, 3) from above the old contact to above the new one [m].
 
-    Raises SwingBlocked where the limb's links cannot miss the obstacles, and Infeasible naming
+    Raises SwingBlocked where the limb's links cannot miss the obstacles, and NotProved naming
     what blocks the toe.
     """
     solids = scene.terrain.solids

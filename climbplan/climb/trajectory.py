@@ -49,7 +49,7 @@ def plan_trajectory(
     The mean speed of the body is the spec's unless joint speeds ask for more time. Every segment
     takes a whole number of samples, so that the samples meet every instant. swings: way points of
     every limb move, looked for if not given. Raises ReachFailure
-    where a limb cannot follow or its command leaves the joint bounds, Infeasible where a swing is
+    where a limb cannot follow or its command leaves the joint bounds, NotProved where a swing is
     blocked, and UsageError for a motion of more samples than a plan holds.
     """
     robot = scene.robot

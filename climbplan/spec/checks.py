@@ -117,6 +117,8 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
     """
     if parts.solver is None:
         return []
+    if parts.solver.method == "auto":
+        return _without_method(parts)
     if parts.solver.method != "micp":
         if isinstance(parts.robot, UrdfRobot):
             message = (
@@ -128,7 +130,9 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
         else:
             return []
         return [Finding(("solver", "method"), message)]
-    cure = "which `micp` cannot state; use `--method nlp`"
+    cure = "which `micp` cannot state"
+    if not _only_micp(parts.robot):
+        cure += "; use `--method nlp`"
     found = []
     if parts.terrain is not None and parts.terrain.tube is not None:
         found.append(Finding(("terrain", "tube"), f"a curved surface, {cure}"))
@@ -140,6 +144,29 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
             if least > 0:
                 message = f"a least step size (here {least:g} m) is not convex, {cure}"
                 found.append(Finding(("posture", "steps", name), message))
+    return found
+
+
+def _only_micp(robot: AnyRobot | None) -> bool:
+    """Whether the robot's limbs or grippers are beyond all other methods."""
+    return isinstance(robot, UrdfRobot) or (robot is not None and robot.gripper is not None)
+
+
+def _without_method(parts: ClimbParts) -> list[Finding]:
+    """What `micp` cannot state, by robots that no other method knows."""
+    if not _only_micp(parts.robot):
+        return []
+    only = "a robot from a URDF or with grippers is planned by `micp`, which has flat terrain and"
+    found = []
+    if parts.terrain is not None and parts.terrain.tube is not None:
+        found.append(Finding(("terrain", "tube"), f"{only} no curved surface"))
+    if parts.posture is not None:
+        steps = parts.posture.steps
+        found += [
+            Finding(("posture", "steps", name), f"{only} no least step size")
+            for name, least in (("com_min", steps.com_min), ("toe_min", steps.toe_min))
+            if least > 0
+        ]
     return found
 
 

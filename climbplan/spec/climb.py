@@ -190,11 +190,13 @@ class SolverSpec(SpecModel):
     """Which method and solver, and when to stop."""
 
     method: Literal[
-        "micp", "nlp", "coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial"
+        "auto", "micp", "nlp", "coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial"
     ] = Field(
-        default="micp",
-        description="`micp`: globally optimal postures, small rotations; `nlp`: exact rotations, "
-        "curved terrain. Postures and contact forces together: `coupled`, moments by a learned "
+        default="auto",
+        description="`auto`: `micp` first, then what its failure suggests: other methods, and "
+        "other choices of what the spec leaves open (lift, gait, the goal's angles). `micp`: "
+        "globally optimal postures, small rotations; `nlp`: exact rotations, curved terrain. "
+        "Postures and contact forces together: `coupled`, moments by a learned "
         "envelope and then put right; `coupled-modes`, one of several envelopes in each round; "
         "`coupled-micp`, moments by envelopes on a grid, with a bound; `coupled-nlp`, one "
         "nonlinear program; `spatial`, SCIP on everything, for a round or two",

@@ -76,6 +76,10 @@ class MotionPosture(Protocol):
         """Step bounds."""
 
     @property
+    def rotation_limit_deg(self) -> float:
+        """Largest rotation of the body [deg]."""
+
+    @property
     def body_clearance(self) -> float:
         """Distance the body hull keeps from solids [m]."""
 

@@ -13,13 +13,15 @@ import numpy as np
 
 from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene, Stance, build_scene
-from climbplan.errors import Infeasible
+from climbplan.errors import NoPlanFound, NotProved
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import to_body
 from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, StartSpec, TaskSpec
 from climbplan.spec.transition import TransitionPostureSpec, TransitionSpec
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.scene import TransitionScene
+
+CLIMB_METHOD = "its postures are planned by method micp alone"
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,16 @@ def climb_after(loaded: LoadedTransition, scene: TransitionScene, clock: StageCl
     climb = _climb_scene(loaded, scene)
     try:
         motion = plan_motion(climb, clock)
-    except Infeasible as error:
+    except NoPlanFound as error:
         named = [replace(c, where=f"climb, {c.where}") for c in error.conflicts]
         message = str(error).partition("\n")[0]
-        raise Infeasible(f"the climb after the transition: {message}", named) from error
+        raise NotProved(
+            f"the climb after the transition: {message}",
+            named,
+            because=f"{CLIMB_METHOD}; the transition's end is given",
+            stage=error.stage,
+            remedies=error.remedies,
+        ) from error
     instants = replace(motion.instants, round=motion.instants.round + scene.spec.task.rounds)
     return Tail(motion.posture.rounds, instants, climb.goal)
 

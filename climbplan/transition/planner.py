@@ -12,7 +12,7 @@ from climbplan.climb.motion import Progress, StageClock
 from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import Infeasible, LimitReached, ReachFailure, UsageError
+from climbplan.errors import NoPlanFound, NotProved, UsageError
 from climbplan.plans.climb_file import Reading
 from climbplan.plans.climb_plan import (
     ClimbPlan,
@@ -128,7 +128,7 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
             continue
         try:
             done = complete(run, motion.rounds, sequence.moved)
-        except (Infeasible, ReachFailure, LimitReached) as error:
+        except NoPlanFound as error:
             reason = " ".join(str(error).split())
             continue
         with clock.stage("check"):
@@ -153,7 +153,7 @@ class Found:
 def plan_transition(loaded: LoadedTransition, report: Progress | None = None) -> ClimbPlan:
     """A transition plan for a loaded spec.
 
-    Raises Infeasible where no sequence exists on the poses searched, saying which contacts slip,
+    Raises NotProved where no sequence exists on the poses searched, saying which contacts slip,
     and LimitReached where none of the sequences or starts tried led to a plan. Every plan was
     verified as it stands in memory; the file is verified on its own.
     """
@@ -231,7 +231,11 @@ def _by_search(run: Run) -> Found:
             break
     if done is None:
         refused = [f"{search.name(s)}: {o}" for s, o in zip(found, outcome, strict=True) if o]
-        raise LimitReached("\n".join(["no sequence could be planned to the end", *refused[:5]]))
+        raise NotProved(
+            "\n".join(["no sequence could be planned to the end", *refused[:5]]),
+            because="the motion of a sequence is found by a local method, for the sequences tried",
+            stage="motion",
+        )
     sizes = {
         "search": {
             "sequences": len(found),
@@ -280,7 +284,11 @@ def _by_complementarity(run: Run) -> Found:
         iterations += start.iterations
         reasons += [start.reason] if start.reason else []
     if not found:
-        raise LimitReached("\n".join(["no start of complementarity led to a plan", *reasons[:5]]))
+        raise NotProved(
+            "\n".join(["no start of complementarity led to a plan", *reasons[:5]]),
+            because="method complementarity is local",
+            stage="homotopy",
+        )
     best = min(found, key=lambda done: transition_cost(scene, done.rounds, done.forces))
     return Found(best, {"homotopy": {"iterations": iterations, "starts that hold": len(found)}})
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.errors import Conflict, Infeasible, Remedy
+from climbplan.errors import Conflict, NotProved, Remedy
 from climbplan.plans.climb_plan import Index, sequence_name
 from climbplan.transition.footholds import GOAL, START
 from climbplan.transition.pose_ways import Sequence, State, stance_of_move
@@ -25,27 +25,34 @@ _LISTED = 3  # sequences whose refusal is told
 _LOOKED_INTO = 400  # kinematic sequences whose forces are asked for
 
 
-def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> Infeasible:
-    """The error that says why the search found nothing.
+SEARCHED = "the search looks at some footholds and poses between start and goal (`search`)"
 
-    Its proof is that of the search: over the footholds and poses that it looks at.
-    """
+
+def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:
+    """The error that says why the search found nothing on the footholds and poses it looks at."""
     kinematic = Search(scene, forces=False, deadline=deadline)
     found = kinematic.sequences()
     task = scene.spec.task
     asked = f"{task.rounds} rounds" + (f" as {task.sequence}" if task.sequence else "")
     if not found:
-        return Infeasible(f"no contact sequence of {asked}", _unreached(kinematic))
+        return NotProved(
+            f"no contact sequence of {asked}",
+            _unreached(kinematic),
+            because=SEARCHED,
+            stage="search",
+        )
     _standing(kinematic.lab, scene)
-    return Infeasible(
+    return NotProved(
         f"no contact sequence of {asked}: {len(found)} are within reach, none finds admissible "
         "forces at the poses searched; nearest:",
         _refusals(kinematic, found[:_LOOKED_INTO]),
+        because=SEARCHED,
+        stage="search",
     )
 
 
 def _standing(lab: Laboratory, scene: TransitionScene) -> None:
-    """Raises Infeasible in words if the robot cannot even stand at its start or goal."""
+    """Raises NoForces in words if the robot cannot even stand at its start or goal."""
     n = scene.robot.limb_count
     for number, pose in ((START, 0), (GOAL, lab.poses.count - 1)):
         row = np.full((1, n), number, np.int64)

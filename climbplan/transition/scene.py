@@ -6,8 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.proof import no_support, out_of_reach
 from climbplan.climb.scene import MotionScene, Stance, stance_of
-from climbplan.errors import Conflict, Infeasible, ReachFailure, Remedy, SpecError, SpecMistake
+from climbplan.errors import (
+    Conflict,
+    Infeasible,
+    NotProved,
+    ReachFailure,
+    Remedy,
+    SpecError,
+    SpecMistake,
+)
 from climbplan.plans.climb_plan import Array
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
@@ -31,8 +40,9 @@ class TransitionScene(MotionScene):
 def build_transition(loaded: LoadedTransition) -> TransitionScene:
     """Numbers of a validated spec.
 
-    Raises SpecError for toes off their surfaces or inside a box, Infeasible for a body that has
-    no room at the start or the goal, and for goal toes out of reach.
+    Raises SpecError for toes off their surfaces or inside a box, NotProved for a body that has
+    no room at the start or the goal, and for goal toes out of reach; Infeasible where that is
+    proved.
     """
     spec = loaded.spec
     robot = with_stance(Robot.from_spec(loaded.robot), spec.task.stance)
@@ -75,7 +85,25 @@ def _require_room(scene: TransitionScene, name: str, stance: Stance) -> None:
             what = (
                 f"the body {1e3 * asked:.0f} mm clear of {solid.name!r} (it has {1e3 * room:.0f})"
             )
-            raise Infeasible(f"the {name} has no room", [Conflict(name, (what,))])
+            conflict = Conflict(name, (what,))
+            if float(solid.face_distance(stance.com)) < 0:
+                raise Infeasible(f"the {name} has no room", [conflict], stage="scene")
+            raise NotProved(
+                f"the {name} has no room",
+                [conflict],
+                because="the room is measured by the solid's faces, at posture.body_clearance",
+                stage="scene",
+                remedies=_narrower(asked, room),
+            )
+
+
+def _narrower(asked: float, room: float) -> tuple[Remedy, ...]:
+    """The clearance that there is room for."""
+    if room < 0:
+        return ()
+    value = np.floor(1e3 * room) / 1e3
+    words = f"body clearance of {1e3 * value:.0f} mm"
+    return (Remedy(words, "posture.body_clearance", float(value)),)
 
 
 def hull_room(hull: Array, solid: Solid) -> float:
@@ -88,6 +116,8 @@ def hull_room(hull: Array, solid: Solid) -> float:
 
 def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
     toes = to_body(stance.com, stance.rpy, stance.toes)
+    if proofs := [*out_of_reach(scene), *no_support(scene)]:
+        raise Infeasible("no plan exists", proofs, stage="scene")
     try:
         require_reachable(scene.robot, toes, name)
     except ReachFailure as error:
@@ -100,9 +130,12 @@ def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
         if walls is not None and shortest:
             words = f"walls at most {shortest:.3f} m apart"
             cure = (Remedy(words, "terrain.walls.gap", round(shortest, 3)),)
-        raise Infeasible(
-            f"{error}{hint}", [Conflict(name, (f"reach of {error.limb}",), cure)]
-        ) from (error)
+        raise NotProved(
+            f"{error}{hint}",
+            [Conflict(name, (f"reach of {error.limb}",), cure)],
+            because="toes that the spec leaves out are put nearest to the stance",
+            stage="scene",
+        ) from error
 
 
 def _widest_gap(scene: TransitionScene, stance: Stance) -> float | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
-from climbplan.errors import Infeasible, LimitReached, NoPlanFound, ReachFailure
+from climbplan.errors import NoPlanFound
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.robot_source import load_robot
 
@@ -74,7 +74,7 @@ def solves(spec: ClimbSpec) -> bool:
     try:
         clock = StageClock(lambda stage, fraction: None)
         plan_support(scene, plan_motion(scene, clock), clock)
-    except (Infeasible, ReachFailure, LimitReached, NoPlanFound):
+    except NoPlanFound:
         return False
     return True
 

@@ -22,7 +22,7 @@ from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import ForceStatement, objective_of, state_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.errors import Infeasible, LimitReached, MissingSolver, ReachFailure
+from climbplan.errors import LimitReached, MissingSolver, NoPlanFound
 from climbplan.plans.climb_plan import Array, Instants, Rounds
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.robot_source import load_robot
@@ -62,7 +62,7 @@ def bench_climb(seed: int) -> BenchClimb:
             scene = _shifted_scene(rng)
             instants = plan_instants(scene, straight_rounds(scene))
             plan_forces(scene, instants, "clarabel")
-        except (ReachFailure, Infeasible):
+        except NoPlanFound:
             continue
         return BenchClimb(scene, instants)
     raise LimitReached(f"no feasible bench instance in {_DRAWS} draws of seed {seed}")

@@ -21,6 +21,7 @@ from climbplan.climb.coupled.envelopes import NamedEnvelope, chosen_envelopes
 from climbplan.climb.coupled.modes import first_stage_with_modes
 from climbplan.climb.coupled.preparation import Prepared, prepare
 from climbplan.climb.coupled.stages import Candidate, put_right, two_stages
+from climbplan.climb.postures.explanation import BOUND_SCOPE
 from climbplan.climb.postures.planner import (
     PostureResult,
     refuse_unsuitable,
@@ -29,7 +30,7 @@ from climbplan.climb.postures.planner import (
 )
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible, LimitReached
+from climbplan.errors import NotProved
 from climbplan.solvers.result import SolverResult, relative_gap
 from climbplan.solvers.scip_bilinear import solve_minlp_scip
 
@@ -56,8 +57,8 @@ class Answer:
 def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> PostureResult:
     """Postures whose forces balance, by the method of the spec.
 
-    Raises Infeasible where postures alone have no solution (or where the method proves that P has
-    none), and LimitReached where it finds none, which proves nothing.
+    Raises NotProved where postures alone have no solution, or P has none, or the method finds none,
+    and LimitReached where its time is over.
     """
     refuse_unsuitable(scene)
     start = time.monotonic()
@@ -99,9 +100,13 @@ def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> Po
     )
 
 
-def _not_found(prepared: Prepared, why: str) -> LimitReached:
+def _not_found(prepared: Prepared, why: str) -> NotProved:
     method = prepared.scene.spec.solver.method
-    return LimitReached(f"method {method}: {why}, which proves nothing")
+    return NotProved(
+        f"method {method}: {why}",
+        because=f"method {method} searches from one envelope or start",
+        stage="posture",
+    )
 
 
 def told(*envelopes: NamedEnvelope) -> dict[str, Any]:
@@ -160,9 +165,11 @@ def _accurate(prepared: Prepared) -> Answer:
         options.time_limit,
     )
     if found.infeasible and envelope is None:
-        raise Infeasible(
+        raise NotProved(
             f"no postures with forces that balance: the mixed-integer relaxation on "
-            f"{options.pieces} pieces has no solution (method {options.method})"
+            f"{options.pieces} pieces has no solution (method {options.method})",
+            because=f"the program has {BOUND_SCOPE}; every limb carries posture.least_load",
+            stage="posture",
         )
     if found.best is None:
         raise _not_found(prepared, f"no point of P within {options.time_limit:g} s")
@@ -196,7 +203,11 @@ def _spatial(prepared: Prepared) -> Answer:
         start=None if known is None else known.x,
     )
     if found.status == "infeasible":
-        raise Infeasible(f"no postures with forces that balance: {found.log[-1]}")
+        raise NotProved(
+            f"no postures with forces that balance: {found.log[-1]}",
+            because=f"the program has {BOUND_SCOPE}; every limb carries posture.least_load",
+            stage="posture",
+        )
     best = known
     if found.x is not None and found.assignment is not None and found.objective is not None:
         own = Candidate(found.x, found.assignment, "SCIP")

@@ -44,7 +44,7 @@ class Prepared:
 def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
     """State P and solve the postures alone.
 
-    Raises Infeasible where they have no solution, naming what conflicts, and LimitReached.
+    Raises NotProved where they have no solution, naming what conflicts, and LimitReached.
     """
     options = scene.spec.solver
     scene = loadable(scene)
@@ -54,7 +54,9 @@ def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
     if first.status == "infeasible":
         raise explain_infeasible(scene, postures, alone)
     if first.x is None or first.assignment is None:
-        raise LimitReached(f"coupled planner: no postures within {options.time_limit:g} s")
+        raise LimitReached(
+            f"coupled planner: no postures within {options.time_limit:g} s", stage="posture"
+        )
     origin = postures.value("com", first.x)
     program = coupled_program(scene, margins, origin)
     instance = program.at()

@@ -24,7 +24,7 @@ from climbplan.climb.postures.statement import (
 from climbplan.climb.scene import ClimbScene, load_wrench
 from climbplan.coupled.legs import POSITION_SCALE
 from climbplan.coupled.statement import cone_rows, cross
-from climbplan.errors import Infeasible
+from climbplan.errors import NotProved
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program
 from climbplan.program.instance import Instance
@@ -81,7 +81,7 @@ def force_range(scene: ClimbScene) -> Range:
 def loadable(scene: ClimbScene) -> ClimbScene:
     """The scene without regions on which no force of at least the least load is inside the cone.
 
-    Such a choice has no solution, so nothing is lost. Raises Infeasible for a limb with none left.
+    Such a choice has no solution, so nothing is lost. Raises NotProved for a limb with none left.
     """
     terrain, safety = scene.terrain, scene.spec.force.safety_friction
     given = force_range(scene)
@@ -101,10 +101,12 @@ def loadable(scene: ClimbScene) -> ClimbScene:
     lost = np.flatnonzero(terrain.allowed.any(axis=1) & ~allowed.any(axis=1))
     stuck = [scene.robot.limb_names[limb] for limb in lost]
     if stuck:
-        raise Infeasible(
+        raise NotProved(
             f"{', '.join(stuck)}: no region holds the load that each limb is to carry "
             f"(posture.least_load {scene.spec.posture.least_load:g} of the weight), at friction "
-            f"mu / {safety:g} (S_mu)"
+            f"mu / {safety:g} (S_mu)",
+            because="that every limb carries a share is a bound of the coupled methods",
+            stage="posture",
         )
     return replace(scene, terrain=replace(terrain, allowed=allowed))
 

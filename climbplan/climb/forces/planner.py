@@ -31,7 +31,7 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
 
     solver: "daqp", "clarabel" or "osqp", by default the spec's. Every answer is checked against
     the exact constraints; one that fails, or for which an inscribed pyramid has no room, is solved
-    again by Clarabel on the exact cones. Raises Infeasible with the conflicting constraints of
+    again by Clarabel on the exact cones. Raises NoForces with the conflicting constraints of
     instants without admissible forces, and LimitReached if Clarabel cannot settle an instant.
     """
     if scene.grippers is not None:

@@ -33,7 +33,7 @@ def plan_grip_forces(
 ) -> Forces:
     """Contact forces, gripping forces, moments, torques and commands of all instants.
 
-    Every answer is checked against the exact constraints. Raises Infeasible with what is missing at
+    Every answer is checked against the exact constraints. Raises NotProved with what is missing at
     instants that have no admissible forces, in newtons of pull at which gripper.
     """
     if scene.spec.force.sag != "compensated":

@@ -1,18 +1,22 @@
-"""Why there are no postures, in the robot's terms.
+"""Why the convex method has no postures, in the robot's terms, and what may help.
 
 First what can be said by arithmetic (start and goal on their own, distance against rounds), then
-the constraints that the closest posture sequence found still violates, with their amounts.
+the constraints that the closest posture sequence found still violates, with their amounts and the
+keys of the spec that stand for them. All of this is about a restriction of the problem
+(`BOUND_SCOPE`): it proves nothing. What is proved is told by `climbplan.climb.proof`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from climbplan.climb.postures.passage import closed_way
 from climbplan.climb.scene import ClimbScene, Stance
-from climbplan.errors import Conflict, Infeasible, ReachFailure, Remedy
+from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
@@ -22,37 +26,125 @@ from climbplan.solvers.elastic import Violations, least_violations
 _SHOWN = 6  # violations listed
 _SMALL = 5e-4  # [m or rad] below which a violation is not worth a line
 
+# The bound of the convex statement is one of that statement: exact rotations may cost less.
+BOUND_SCOPE = (
+    "rotations and knees linearised, workspaces as balls, body and limbs beyond one face of every "
+    "obstacle in each round"
+)
+
 _WORDS = {
     "posture.com_step": "body step {mm} longer than com_max",
     "posture.toe_step": "toe step {mm} longer than toe_max",
+    "posture.first_toe_step": "toe step {mm} longer than toe_max",
     "posture.rotation_step": "turn {deg} larger than rotation_max_deg",
     "posture.reach": "toe {mm} out of reach",
+    "posture.reach_level": "toe {mm} out of reach at any rotation allowed",
     "posture.reach_lift": "toe {mm} out of reach when it is lifted",
     "posture.reach_place": "toe {mm} out of reach when it is placed",
     "posture.stance": "toe {mm} outside its stance workspace",
     "posture.stance_lift": "toe {mm} outside its stance workspace when it is lifted",
     "posture.stance_place": "toe {mm} outside its stance workspace when it is placed",
-    "posture.contact_region": "toe {mm} off every contact region it may use",
+    "posture.contact_region": "toe {mm} off {alternative}, the nearest region it may use",
     "posture.goal_com": "body {mm} further from the goal than its tolerance",
     "posture.goal_toes": "toe {mm} further from its goal than the tolerance",
     "posture.goal_rotation": "rotation {deg} further from the goal than its tolerance",
-    "posture.body_free": "body {mm} into an obstacle or out of free space",
-    "posture.limb_free": "limb {mm} too close to an obstacle for one side of it",
+    "posture.body_free": "body {mm} too close to pass {alternative}",
+    "posture.limb_free": "limb {mm} too close to stay {alternative}",
+}
+
+Change = Callable[[ClimbScene, float], Remedy | None]
+
+
+def _up(value: float, digits: int = 3) -> float:
+    """Upwards to so many decimals."""
+    return math.ceil(value * 10**digits - 1e-6) / 10**digits
+
+
+def _step(key: str) -> Change:
+    def change(scene: ClimbScene, amount: float) -> Remedy:
+        value = _up(getattr(scene.spec.posture.steps, key) + amount)
+        return Remedy(f"steps of {1e3 * value:.0f} mm", f"posture.steps.{key}", value)
+
+    return change
+
+
+def _turn(scene: ClimbScene, amount: float) -> Remedy:
+    value = _up(scene.spec.posture.steps.rotation_max_deg + float(np.rad2deg(amount)), 1)
+    return Remedy(f"turns of {value:g} deg", "posture.steps.rotation_max_deg", value)
+
+
+def _tolerance(scene: ClimbScene, amount: float) -> Remedy:
+    value = _up(scene.spec.task.goal.tolerance + amount)
+    return Remedy(f"a goal met to {1e3 * value:.0f} mm", "task.goal.tolerance", value)
+
+
+def _goal_turn(scene: ClimbScene, amount: float) -> Remedy:
+    value = _up(scene.spec.task.goal.rotation_tolerance_deg + float(np.rad2deg(amount)), 1)
+    return Remedy(f"a goal met to {value:g} deg", "task.goal.rotation_tolerance_deg", value)
+
+
+def _clearance(key: str) -> Change:
+    def change(scene: ClimbScene, amount: float) -> Remedy | None:
+        value = math.floor(1e3 * (getattr(scene.spec.posture, key) - amount) + 1e-6) / 1e3
+        if value < 0:
+            return None
+        return Remedy(f"{key.replace('_', ' ')} of {1e3 * value:.0f} mm", f"posture.{key}", value)
+
+    return change
+
+
+def _without(key: str, words: str) -> Change:
+    return lambda scene, amount: Remedy(words, f"posture.{key}", "false")
+
+
+# What in the spec stands for a block, changed by the amount that is missing. Whether it is enough
+# is found out by planning with it (`climbplan.climb.remedies`).
+_CHANGES: dict[str, Change] = {
+    "posture.com_step": _step("com_max"),
+    "posture.toe_step": _step("toe_max"),
+    "posture.rotation_step": _turn,
+    "posture.goal_com": _tolerance,
+    "posture.goal_toes": _tolerance,
+    "posture.goal_rotation": _goal_turn,
+    "posture.body_free": _clearance("body_clearance"),
+    "posture.limb_free": _clearance("limb_clearance"),
+    **{
+        f"posture.stance{when}": _without("stance_workspace", "toes anywhere within reach")
+        for when in ("", "_lift", "_place")
+    },
 }
 
 
-def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> Infeasible:
-    """The error to raise for a posture problem that is proved infeasible."""
-    conflicts = [*_stances(scene), *_distances(scene)]
+class NoPostures(NotProved):
+    """The convex statement has no solution.
+
+    changes: of the spec, for what the closest sequence violates; not tried yet.
+    """
+
+    def __init__(
+        self, message: str, conflicts: list[Conflict], changes: tuple[Remedy, ...] = ()
+    ) -> None:
+        because = f"method micp has {BOUND_SCOPE}"
+        super().__init__(message, conflicts, because=because, stage="posture")
+        self.changes = changes
+
+
+def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> NoPostures:
+    """The error to raise for a posture program that is proved to have no solution."""
+    conflicts = [*_stances(scene), *_distances(scene), *closed_way(scene)]
     if conflicts:
-        return Infeasible("no posture sequence exists", conflicts)
+        # Each remedy meets its own conflict; whether it is enough is found out by planning with it
+        changes = tuple(r for c in conflicts for r in c.remedies)
+        bare = [replace(c, remedies=()) for c in conflicts]
+        return NoPostures("no posture sequence found", bare, changes)
     found = least_violations(instance, _straight(scene, program))
     if found is not None:
-        conflicts = list(_violated(scene, program, found))
-    head = "no posture sequence exists under the given bounds"
+        conflicts = list(violated(scene, program, found))
+        changes = needed_changes(scene, program, found)
+    head = "no posture sequence found under the given bounds"
     if conflicts:
         head += "; the closest one found still has"
-    return Infeasible(head, conflicts)
+    return NoPostures(head, conflicts, changes)
 
 
 def _stances(scene: ClimbScene) -> Iterator[Conflict]:
@@ -99,9 +191,10 @@ def _distances(scene: ClimbScene) -> Iterator[Conflict]:
         if needed > rounds:
             unit = f"{np.rad2deg(way):.1f} deg" if "turn" in what else f"{way:.3f} m"
             largest = f"{np.rad2deg(step):.0f} deg" if "turn" in what else f"{1e3 * step:.0f} mm"
+            text = f"{what}, {unit} in steps of at most {largest}, takes {needed} rounds at least"
             yield Conflict(
                 f"{rounds} rounds",
-                (f"{what}, {unit} in steps of at most {largest}, is too long",),
+                (text,),
                 (Remedy(f"rounds >= {needed}", "task.rounds", needed),),
                 in_words=True,
             )
@@ -125,35 +218,95 @@ def _straight(scene: ClimbScene, program: Program) -> Array:
     )
 
 
-def _violated(scene: ClimbScene, program: Program, found: Violations) -> Iterator[Conflict]:
-    """The largest violations, one line each."""
-    lines: list[tuple[float, str, tuple[int, ...]]] = []
+Line = tuple[float, str, tuple[int, ...], str]
+"""Amount [m or rad], block, entry of the block, and the alternative that was chosen there."""
+
+
+def _lines(program: Program, found: Violations) -> list[Line]:
+    """All violations worth a line, largest first."""
+    lines: list[Line] = []
     blocks = program.blocks
 
-    def collect(name: str, shape: tuple[int, ...], values: Array) -> None:
-        for index, value in np.ndenumerate(values.reshape(shape)):
+    def collect(name: str, shape: tuple[int, ...], values: Array, chosen: list[str]) -> None:
+        for place, (index, value) in enumerate(np.ndenumerate(values.reshape(shape))):
             if value > _SMALL:
-                lines.append((float(value), name, index))
+                lines.append((float(value), name, index, chosen[place] if chosen else ""))
 
     start = 0
     for rows in blocks.rows:
-        collect(rows.name, rows.shape, found.rows[start : start + len(rows.expression)])
+        collect(rows.name, rows.shape, found.rows[start : start + len(rows.expression)], [])
         start += len(rows.expression)
     for ball, values in zip(blocks.balls, found.balls, strict=True):
-        collect(ball.name, ball.shape, values)
+        collect(ball.name, ball.shape, values, [])
     start = 0
     for choice in blocks.choices:
         count = len(choice.alternatives)
-        collect(choice.name, choice.shape, found.choices[start : start + count])
+        here = slice(start, start + count)
+        names = [
+            own[k].name for own, k in zip(choice.alternatives, found.assignment[here], strict=True)
+        ]
+        collect(choice.name, choice.shape, found.choices[here], names)
         start += count
-    lines.sort(key=lambda line: -line[0])
-    for value, name, index in lines[:_SHOWN]:
-        yield Conflict(_place(scene, name, index), (_words(name, value),), in_words=True)
+    return sorted(lines, key=lambda line: -line[0])
 
 
-def _words(name: str, value: float) -> str:
-    key = name if name in _WORDS else name.rpartition("_")[0]
-    return _WORDS[key].format(mm=f"{1e3 * value:.0f} mm", deg=f"{np.rad2deg(value):.1f} deg")
+def violated(scene: ClimbScene, program: Program, found: Violations) -> Iterator[Conflict]:
+    """The largest violations, one line each."""
+    for value, name, index, chosen in _lines(program, found)[:_SHOWN]:
+        words = _words(scene, name, value, chosen)
+        yield Conflict(_place(scene, name, index), (words,), in_words=True)
+
+
+def needed_changes(scene: ClimbScene, program: Program, found: Violations) -> tuple[Remedy, ...]:
+    """For every block that is violated the change of the spec that its largest amount asks for."""
+    changes: dict[str, Remedy] = {}
+    for value, name, _, _ in _lines(program, found):
+        change = _CHANGES.get(_block(name))
+        remedy = change(scene, value) if change is not None else None
+        if remedy is not None:
+            changes.setdefault(remedy.key, remedy)
+    return tuple(changes.values())
+
+
+def _block(name: str) -> str:
+    """The block's name without the number of an obstacle."""
+    return name if name in _WORDS else name.rpartition("_")[0]
+
+
+def _words(scene: ClimbScene, name: str, value: float, chosen: str) -> str:
+    words = _WORDS[_block(name)]
+    alternative = repr(chosen)
+    if _block(name) in ("posture.body_free", "posture.limb_free"):
+        alternative = side_words(scene, chosen)
+    return words.format(
+        mm=f"{1e3 * value:.0f} mm", deg=f"{np.rad2deg(value):.1f} deg", alternative=alternative
+    )
+
+
+_SIDES = (
+    ("right of", (1, 0, 0)),
+    ("left of", (-1, 0, 0)),
+    ("in front of", (0, 1, 0)),
+    ("behind", (0, -1, 0)),
+    ("above", (0, 0, 1)),
+    ("below", (0, 0, -1)),
+)
+
+
+def side_words(scene: ClimbScene, alternative: str) -> str:
+    """`beam face 5` in the robot's terms: "below 'beam' (face 5)"; free regions by their names."""
+    name, found, number = alternative.rpartition(" face ")
+    if not found:
+        return f"in free region {alternative!r}"
+    solid = next((s for s in scene.terrain.obstacles if s.name == name), None)
+    if solid is None:
+        return repr(alternative)
+    normal = solid.A[int(number)]
+    for words, axis in _SIDES:
+        if normal @ np.array(axis) > 0.95:
+            return f"{words} {name!r} (face {number})"
+    shown = ", ".join(f"{v:.2f}" for v in normal)
+    return f"beyond face {number} of {name!r} (normal {shown})"
 
 
 def _place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
@@ -161,6 +314,8 @@ def _place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
     names = scene.robot.limb_names
     if name.startswith("posture.goal"):
         return f"goal, {names[index[0]]}" if name == "posture.goal_toes" else "goal"
+    if name == "posture.first_toe_step":
+        return "round 1"
     words = f"round {index[0] + 1}"
     per_limb = len(index) > 1 and name != "posture.rotation_step"
     return f"{words}, {names[index[1]]}" if per_limb else words

@@ -31,7 +31,7 @@ from climbplan.climb.postures.nlp_starts import convex_guess, repinned, straight
 from climbplan.climb.postures.nlp_statement import PostureNlp, posture_nlp
 from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible, LimitReached, ReachFailure
+from climbplan.errors import NotProved, ReachFailure
 from climbplan.plans.climb_plan import Rounds
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import require_reachable, to_body
@@ -45,6 +45,7 @@ BETWEEN = ("posture.kinematics", "posture.limb_free", "swing.limb_free")
 REFINEMENTS = 4  # of the best plan
 WORTHWHILE = 0.999  # factor on the cost that a refinement has to reach
 SOLVER = "ipopt (mumps)"
+DEFAULTS = "the steps, or the toes that they are to bring to the goal, are not stated in the spec"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,11 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
             break
     accepted = [attempt for attempt in attempts if attempt.accepted]
     if not accepted:
-        raise LimitReached(_failure(scene, attempts))
+        raise NotProved(
+            _failure(scene, attempts),
+            because="method nlp is local",
+            stage="posture",
+        )
     # Rounded, so that of equally good ones the first is kept whatever the last digits say
     best = min(accepted, key=lambda attempt: round(attempt.objective, 9))
     best = refined(scene, best, deadline)
@@ -149,7 +154,7 @@ def refined(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt:
 def refuse_hopeless(scene: ClimbScene) -> None:
     """What needs no solver to be seen.
 
-    Raises ReachFailure for a start posture beyond a limb's reach, and Infeasible where the sum of
+    Raises ReachFailure for a start posture beyond a limb's reach, and NotProved where the sum of
     the largest steps is shorter than the way to the goal.
     """
     start, goal, spec = scene.start, scene.goal, scene.spec
@@ -165,16 +170,20 @@ def refuse_hopeless(scene: ClimbScene) -> None:
     ranges = m * np.array([steps.com_max] + [steps.toe_max] * scene.robot.limb_count)
     for name, way, most in zip(names, ways, ranges, strict=True):
         if way > most + tolerance:
-            raise Infeasible(
+            raise NotProved(
                 f"{name} has {way:.3f} m to go, {m} rounds allow {most:.3f} m: "
-                "more rounds or larger steps are needed"
+                "more rounds or larger steps are needed",
+                because=DEFAULTS,
+                stage="posture",
             )
     turn = np.rad2deg(np.abs(goal.rpy - start.rpy).max())
     most = m * steps.rotation_max_deg
     if turn > most + spec.task.goal.rotation_tolerance_deg:
-        raise Infeasible(
+        raise NotProved(
             f"the body has {turn:.1f} deg to turn, {m} rounds allow {most:.1f} deg: "
-            "more rounds or larger turns are needed"
+            "more rounds or larger turns are needed",
+            because=DEFAULTS,
+            stage="posture",
         )
 
 
@@ -193,7 +202,7 @@ def _failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
     count = f"{asked}" if tried == asked else f"{tried} (of {asked} asked for)"
     return (
         f"no start of {count} converged: the closest violates {closest.worst}; "
-        f"{_goal_trouble(scene)}more starts, rounds or time may help (method nlp proves nothing)"
+        f"{_goal_trouble(scene)}more starts, rounds or time may help"
     )
 
 

@@ -21,7 +21,7 @@ from climbplan.climb.limb_clearance import (
 )
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
-from climbplan.errors import Infeasible, ReachFailure
+from climbplan.errors import NotProved, ReachFailure
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.surfaces import Tube
@@ -155,7 +155,7 @@ def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterat
         short = error.shortfall
         where = f"{short.where}, {short.words(scene)}"
         yield Violation("swing.limb_free", short.missing, "m", where)
-    except Infeasible as error:
+    except NotProved as error:
         yield Violation("swing.toe_free", TOE_CLEARANCE, "m", str(error.conflicts[0]))
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from climbplan.climb.postures.explanation import explain_infeasible
+from climbplan.climb.postures.explanation import BOUND_SCOPE, explain_infeasible
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, UsageError
@@ -21,12 +21,6 @@ from climbplan.solvers.registry import solve
 from climbplan.solvers.result import SolverResult
 
 LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by over 3 % about one axis
-
-# The bound is one of the statement: a method with exact rotations may find a lower cost.
-BOUND_SCOPE = (
-    "rotations and knees linearised, workspaces as balls, body and limbs beyond one face of every "
-    "obstacle in each round"
-)
 
 Progress = Callable[[str, float], None]
 
@@ -53,7 +47,7 @@ def plan_postures(
 ) -> PostureResult:
     """Globally optimal postures under linearised rotation (method `micp`).
 
-    Raises Infeasible naming round, limb and constraint, or LimitReached without an incumbent.
+    Raises NoPostures naming round, limb and constraint, or LimitReached without an incumbent.
     """
     refuse_unsuitable(scene)
     options = scene.spec.solver
@@ -67,7 +61,8 @@ def plan_postures(
     if result.x is None or result.assignment is None or result.objective is None:
         raise LimitReached(
             f"posture planner: no plan within {options.time_limit:g} s "
-            f"({result.nodes} nodes searched)"
+            f"({result.nodes} nodes searched)",
+            stage="posture",
         )
     rounds = to_rounds(scene, program, result)
     return PostureResult(

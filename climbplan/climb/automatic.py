@@ -1,0 +1,172 @@
+"""Method `auto`: the global method first, then what its failure suggests.
+
+A trial is a method with what the spec leaves open chosen in some way (`climbplan.climb.trials`).
+The first whose plan passes its verification is taken. Where none does, changes of the spec are
+planned with, so that a remedy that is named works, and the refusal says what was tried and what
+each lacked. Keys that the spec states are never changed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from climbplan.climb.postures.explanation import NoPostures
+from climbplan.climb.remedies import candidates
+from climbplan.climb.scene import ClimbScene
+from climbplan.climb.trials import Trial, first_trial, further_trials
+from climbplan.errors import LimitReached, NoPlanFound, NotProved, Remedy
+from climbplan.plans.climb_file import Reading
+from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.plans.verification import verification_of
+from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.overrides import Override
+
+_FOR_PLANS = 0.7  # share of the time limit for trials; the rest is for remedies
+_FIRST = 0.6  # share of that which the global method may use
+_EACH = 0.5  # share of what is left that a later trial may use
+_REMEDIES = 3  # found before the search for them ends
+_LEAST = 0.2  # [s] with less a trial is not begun
+
+ByMethod = Callable[[LoadedClimb, float], ClimbPlan]
+"""Plans a climb by the method of its spec until a deadline (`time.monotonic` [s])."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What became of a trial."""
+
+    trial: Trial
+    error: NoPlanFound
+    seconds: float
+
+    def __str__(self) -> str:
+        text = self.error.message.partition("\n")[0]
+        if self.error.conflicts:
+            text += f" {str(self.error.conflicts[0]).partition(';')[0]}"
+        return f"{self.trial.name} ({self.seconds:.1f} s): {text}"
+
+
+class Refused(NotProved):
+    """No trial led to a plan, which proves nothing; says what each lacked and what would help."""
+
+    def __init__(self, tried: Sequence[Tried], remedies: Sequence[Remedy], late: bool) -> None:
+        first = tried[0].error
+        lines = [first.message.partition("\n")[0]]
+        lines += [f"  {_plain(str(conflict))}" for conflict in first.conflicts[:_SHOWN]]
+        lines.append(f"tried {len(tried)} way{'s' if len(tried) > 1 else ''}:")
+        lines += [f"  {_plain(str(one))}" for one in tried]
+        if late:
+            lines.append("the time limit ended the search for a plan: more of it may help")
+        if remedies:
+            lines.append("with each of these changes a plan was found and verified:")
+            lines += [f"  {remedy.option}    ({remedy.words})" for remedy in remedies]
+        because = first.because if isinstance(first, NotProved) else "a limit was reached"
+        super().__init__("\n".join(lines), because=because, stage=first.stage, remedies=remedies)
+        self.conflicts = [replace(c, remedies=()) for c in first.conflicts]
+        self.tried = tuple(tried)
+
+
+_SHOWN = 6  # conflicts of the first trial
+
+
+def _plain(text: str) -> str:
+    return text.replace("\n", " ")
+
+
+@dataclass
+class Search:
+    """The trials of one climb."""
+
+    loaded: LoadedClimb
+    plan: ByMethod
+    begin: float = field(default_factory=time.monotonic)
+    tried: list[Tried] = field(default_factory=list)
+
+    @property
+    def limit(self) -> float:
+        """Time limit of the whole search [s]."""
+        return float(self.loaded.spec.solver.time_limit)
+
+    def left(self, share: float = 1.0) -> float:
+        """Seconds until that share of the limit is used."""
+        return self.begin + share * self.limit - time.monotonic()
+
+    def attempt(self, trial: Trial, seconds: float) -> ClimbPlan | None:
+        """The verified plan of a trial, or None and a line in `tried`."""
+        start = time.monotonic()
+        try:
+            plan = self.plan(prepared(self.loaded, trial), start + seconds)
+            verification = verification_of(Reading(plan, ()))
+            if not verification.passed:
+                raise NotProved(
+                    f"the plan fails its verification: {verification.headline()}",
+                    because=f"method {trial.method} does not state all that is checked",
+                    stage="verify",
+                )
+        except NoPlanFound as error:
+            self.tried.append(Tried(trial, error, time.monotonic() - start))
+            return None
+        return plan
+
+
+def prepared(loaded: LoadedClimb, trial: Trial) -> LoadedClimb:
+    """The climb with a trial's choices in its text, and its method, which the text leaves open."""
+    chosen = loaded.with_overrides(trial.choices) if trial.choices else loaded
+    solver = chosen.spec.solver.model_copy(update={"method": trial.method})
+    return replace(chosen, spec=chosen.spec.model_copy(update={"solver": solver}))
+
+
+def plan_automatically(
+    loaded: LoadedClimb, scene: Callable[[ClimbSpec], ClimbScene], plan: ByMethod
+) -> ClimbPlan:
+    """The plan of the first trial that leads to one; its warnings tell what was chosen.
+
+    scene: of a spec, to see what methods it admits. Raises Refused where no trial led to a plan,
+    and LimitReached where there was no time to end a single one.
+    """
+    search = Search(loaded, plan)
+    here = scene(loaded.spec)
+    first = first_trial(here)
+    found = search.attempt(first, _FIRST * _FOR_PLANS * search.limit)
+    if found is not None:
+        return found
+    late = False
+    for trial in further_trials(here, search.tried[0].error):
+        left = search.left(_FOR_PLANS)
+        if left < _LEAST:
+            late = True
+            break
+        found = search.attempt(trial, max(_EACH * left, _LEAST))
+        if found is not None:
+            return _told(found, trial, search.tried[0])
+    tried = tuple(search.tried)
+    if all(isinstance(one.error, LimitReached) for one in tried):
+        late = True
+    raise Refused(tried, tuple(_that_work(search, here, tried)), late)
+
+
+def _told(plan: ClimbPlan, trial: Trial, first: Tried) -> ClimbPlan:
+    """The plan with a word on how it came about."""
+    lacked = first.error.message.partition("\n")[0]
+    note = f"found by {trial.name}; {first.trial.name} did not: {lacked}"
+    return replace(plan, warnings=(note, *plan.warnings))
+
+
+def _that_work(search: Search, scene: ClimbScene, tried: Sequence[Tried]) -> Iterator[Remedy]:
+    """Changes of the spec with which a plan was found and verified."""
+    changes = [r for one in tried if isinstance(one.error, NoPostures) for r in one.error.changes]
+    changes += [r for one in tried for r in one.error.remedies]
+    count = 0
+    for remedy in candidates(scene, changes):
+        left = search.left()
+        if left < _LEAST or count == _REMEDIES:
+            return
+        # With the method that would be tried first on the changed spec
+        choice = Override(remedy.key, remedy.yaml, remedy.option)
+        trial = replace(first_trial(scene), name=remedy.words, choices=(choice,))
+        if search.attempt(trial, max(_EACH * left, _LEAST)) is not None:
+            count += 1
+            yield remedy

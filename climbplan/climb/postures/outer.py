@@ -1,0 +1,110 @@
+"""An outer statement of the posture problem: every plan there is satisfies it.
+
+`posture_program` restricts what it cannot hold: workspaces to balls about a linearised rotation,
+limbs and body to one face of every obstacle in a round, toes to a ball about the nominal stance. So
+that it has no solution proves nothing. Here everything is widened instead: limbs reach as far as
+their links are long, wherever a rotation within the stated limits may put a shoulder; of the body
+only its origin keeps out of obstacles, at the ends of rounds; bounds count only if the spec states
+them. That this program has no solution is a proof about the climb that was asked for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.climb.postures.statement import region_polytope, sum_of_squares
+from climbplan.climb.scene import ClimbScene, MotionScene
+from climbplan.program import Polytope, Program
+from climbplan.program.polytope import Array
+from climbplan.program.statement import Expression
+from climbplan.robots.five_bar import FiveBar
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.spec.climb import PostureSpec
+from climbplan.spec.stated import stated
+
+SLACK = 1e-6  # [m] by which everything is wider than it is
+
+
+def longest_reach(scene: MotionScene) -> Array:
+    """(N,) largest distance [m] of a toe from its shoulder, links stretched out; may be inf."""
+    if isinstance(scene.robot.limbs, FiveBar):
+        return np.full(scene.robot.limb_count, np.inf)
+    return np.asarray(scene.robot.link_lengths.sum(axis=1) + SLACK)
+
+
+def shoulder_balls(scene: MotionScene) -> list[tuple[Array, Array]]:
+    """Balls about the body that hold every shoulder: centres (N, 3) [m] and radii (N,) [m].
+
+    One about the body's origin, for any rotation; where the spec states the limit of rotations, one
+    about the shoulders at the start's yaw too.
+    """
+    shoulder = scene.robot.shoulder_body
+    arm = np.linalg.norm(shoulder, axis=1)
+    balls = [(np.zeros_like(shoulder), arm)]
+    limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
+    level = np.abs(scene.start.rpy[:2]).max() <= limit
+    if stated(scene.spec, "posture.rotation_limit_deg") and not scene.terrain.curved and level:
+        # Roll, pitch and yaw of at most the limit each make a turn of at most three times it, and
+        # a turn by t moves a point by 2 sin(t / 2) of its distance.
+        turn = min(3.0 * limit, np.pi)
+        yaw = rotation_world_body(np.array([0.0, 0.0, scene.start.rpy[2]]))
+        balls.append((shoulder @ yaw.T, 2.0 * np.sin(turn / 2) * arm))
+    return balls
+
+
+def own_toes(posture: PostureSpec, scene: MotionScene) -> list[bool]:
+    """By limb: whether a posture of the spec states where the toe is."""
+    return [name in posture.toes for name in scene.robot.limb_names]
+
+
+def outer_program(scene: ClimbScene) -> Program:
+    """All posture sequences that could be part of a plan, and more; for flat regions."""
+    spec, robot, terrain, task = scene.spec.posture, scene.robot, scene.terrain, scene.spec.task
+    m, n, steps = task.rounds, robot.limb_count, spec.steps
+    tolerance = task.goal.tolerance + SLACK
+
+    p = Program("posture, outer")
+    toe = p.continuous("toe", (m, n, 3), unit="m")
+    com = p.continuous("com", (m, 3), unit="m")
+    coms: Expression = np.concatenate([scene.start.com[None].astype(object), com])  # (M+1, 3)
+
+    # Steps, where the spec bounds them; of toes from the second round on if their start is free
+    if stated(scene.spec, "posture.steps.com_max"):
+        p.ball("posture.com_step", np.diff(coms, axis=0), steps.com_max + SLACK, unit="m")
+    if stated(scene.spec, "posture.steps.toe_max"):
+        given = np.flatnonzero(own_toes(task.start, scene))
+        if m > 1:
+            p.ball("posture.toe_step", np.diff(toe, axis=0), steps.toe_max + SLACK, unit="m")
+        if len(given):
+            first = toe[0, given] - scene.start.toes[given]
+            p.ball("posture.first_toe_step", first, steps.toe_max + SLACK, unit="m")
+
+    # Toes within their limbs' length of where a shoulder may be
+    reach = longest_reach(scene)
+    if np.isfinite(reach).all():
+        for label, (centre, radius) in zip(
+            ("reach", "reach_level"), shoulder_balls(scene), strict=False
+        ):
+            arm = toe - com[:, None] - centre
+            p.ball(f"posture.{label}", arm, np.tile(reach + radius, (m, 1)), unit="m")
+
+    # Toes on regions
+    per_limb = [
+        [region_polytope(terrain.regions[r]) for r in np.flatnonzero(terrain.allowed[i])]
+        for i in range(n)
+    ]
+    p.one_of("posture.contact_region", toe, per_limb * m, unit="m")
+
+    # The body's origin, which its hull surrounds, outside obstacles or in stated free space
+    for index, choice in enumerate(terrain.free_choices):
+        free = [Polytope.halfspaces(r.name, r.A, r.b + SLACK) for r in choice]
+        p.one_of(f"posture.body_free_{index}", com, [free] * m, unit="m")
+
+    # Goal
+    p.ball("posture.goal_com", com[-1] - scene.goal.com, tolerance, unit="m")
+    given = np.flatnonzero(own_toes(task.goal, scene))
+    if len(given):
+        p.ball("posture.goal_toes", toe[-1, given] - scene.goal.toes[given], tolerance, unit="m")
+    p.minimise("steps", sum_of_squares(np.diff(coms, axis=0)))
+    p.minimise("stance", 1e-3 * sum_of_squares(toe - com[:, None]))
+    return p

@@ -1,0 +1,44 @@
+"""Changes of a refused spec that are worth planning with, the likeliest first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import Remedy
+
+_MORE_ROUNDS = (1, 2, 4)
+_LARGER = 1.5  # factor on a change that was not enough
+_MOST = 16  # changes that are planned with at most
+
+
+def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]:
+    """Changes that have a key of the spec: those that failures named, once more and by half as much
+    again, then more rounds.
+
+    changes: as failures named them; their amounts meet what failed there, not what fails next.
+    """
+    named: dict[tuple[str, str], Remedy] = {}
+    keyed = list(dict.fromkeys(c for c in changes if c.key))
+    rounds = scene.spec.task.rounds
+    more = [
+        Remedy(f"{rounds + extra} rounds", "task.rounds", rounds + extra) for extra in _MORE_ROUNDS
+    ]
+    further = [r for c in keyed if (r := _further(scene, c)) is not None]
+    for remedy in [*keyed[:6], *more[:2], *further[:4], *more[2:]]:
+        named.setdefault((remedy.key, remedy.yaml), remedy)
+    yield from list(named.values())[:_MOST]
+
+
+def _further(scene: ClimbScene, remedy: Remedy) -> Remedy | None:
+    """The same change half as large again; None where it is no number, or at its end."""
+    holder: object = scene.spec
+    for name in remedy.key.split("."):
+        holder = getattr(holder, name, None)
+    if not isinstance(remedy.value, float) or not isinstance(holder, float):
+        return None
+    value = round(holder + _LARGER * (remedy.value - holder), 4)
+    if value < 0 or value == remedy.value:
+        return None
+    return replace(remedy, words=f"{remedy.key} of {value:g}", value=value)

@@ -1,0 +1,108 @@
+"""What method `auto` tries: methods that can state the climb, and what the spec leaves open.
+
+Left open are the height of a lift, the order of the limbs and the angles of the goal, each only
+where the spec does not state it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from climbplan.climb.scene import ClimbScene
+from climbplan.errors import NoPlanFound, ReachFailure
+from climbplan.spec.overrides import Override
+from climbplan.spec.stated import stated
+
+_LIFTS = (0.03, 0.015)  # [m]
+_FORCE_STAGES = ("force", "trajectory")  # that ask for postures chosen together with forces
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A method, with choices of what the spec leaves open."""
+
+    name: str  # for people: "micp", "nlp, trajectory.lift=0.03"
+    method: str  # of `solver.method`
+    choices: tuple[Override, ...] = ()
+
+
+def first_trial(scene: ClimbScene) -> Trial:
+    """The global method where it can state the climb, else the one with exact rotations."""
+    steps = scene.spec.posture.steps
+    convex = not scene.terrain.curved and steps.com_min == 0 and steps.toe_min == 0
+    return Trial("micp", "micp") if convex else Trial("nlp", "nlp")
+
+
+def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
+    """What the failure of the first trial suggests, the likeliest first."""
+    first = first_trial(scene).method
+    methods = [m for m in _methods(scene, error) if m != first]
+    choices = list(_choices(scene, error))
+    # Choices cost a run of the global method each, other methods tend to cost more
+    order = [(first, choice) for choice in choices]
+    if not _needs_choices(error):
+        yield from (Trial(method, method) for method in methods)
+        methods = []
+    for method, choice in order:
+        yield _chosen(method, choice)
+    yield from (Trial(method, method) for method in methods)
+    if "nlp" in _methods(scene, error) and first != "nlp":
+        yield from (_chosen("nlp", choice) for choice in choices)
+
+
+def _needs_choices(error: NoPlanFound) -> bool:
+    """Whether a limb in the air is what fails: a lower lift or another order is likelier to help
+    than other postures."""
+    return isinstance(error, ReachFailure) or error.stage in ("swing", "kinematics")
+
+
+def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
+    """Methods beside the first that can state this robot and terrain."""
+    robot = scene.robot
+    if robot.mechanism is not None or robot.gripper is not None:
+        return ()  # the others state coxa, femur and tibia in closed form, and no grips
+    if first_trial(scene).method == "nlp":
+        return ()  # the others are convex
+    if error.stage in _FORCE_STAGES:
+        return ("coupled", "coupled-nlp", "nlp")
+    return ("nlp", "coupled")
+
+
+def _chosen(method: str, choice: Override) -> Trial:
+    return Trial(f"{method}, {choice.key}={choice.value}", method, (choice,))
+
+
+def _choices(scene: ClimbScene, error: NoPlanFound) -> Iterator[Override]:
+    """What the spec leaves open, in other ways than by default."""
+    spec = scene.spec
+    if not stated(spec, "trajectory.lift"):
+        for lift in _LIFTS:
+            if lift < spec.trajectory.lift:
+                yield _choice("trajectory.lift", f"{lift:g}")
+    if not stated(spec, "task.gait"):
+        for order in _orders(scene):
+            yield _choice("task.gait", f"[{', '.join(order)}]")
+    open_angles = ("task.goal.rpy_deg", "task.goal.rotation_tolerance_deg")
+    if not any(stated(spec, key) for key in open_angles):
+        limit = spec.posture.rotation_limit_deg
+        if spec.task.goal.rotation_tolerance_deg < limit:
+            yield _choice("task.goal.rotation_tolerance_deg", f"{limit:g}")
+
+
+def _choice(key: str, value: str) -> Override:
+    return Override(key, value, f"method auto, {key}={value}")
+
+
+def _orders(scene: ClimbScene) -> Iterator[list[str]]:
+    """Orders in which neighbours do not follow each other: from side to side, front to back."""
+    robot = scene.robot
+    rows = sorted(range(robot.limb_count), key=lambda i: -float(robot.shoulder_body[i, 1]))
+    right = [i for i in rows if robot.shoulder_body[i, 0] > 0]
+    left = [i for i in rows if robot.shoulder_body[i, 0] <= 0]
+    if len(right) != len(left):
+        return
+    across = [i for pair in zip(right, reversed(left), strict=True) for i in pair]
+    for order in (across, across[::-1]):
+        if tuple(order) != scene.gait:
+            yield [robot.limb_names[i] for i in order]

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from climbplan.climb.postures.explanation import NoPostures
+from climbplan.climb.proof import SHARE as PROOF
+from climbplan.climb.proof import proof_of_infeasibility
 from climbplan.climb.remedies import candidates
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trials import Trial, first_trial, further_trials
@@ -42,11 +44,16 @@ class Tried:
     error: NoPlanFound
     seconds: float
 
-    def __str__(self) -> str:
+    @property
+    def lacked(self) -> str:
+        """In one line, with the first of several conflicts."""
         text = self.error.message.partition("\n")[0]
         if self.error.conflicts:
             text += f" {str(self.error.conflicts[0]).partition(';')[0]}"
-        return f"{self.trial.name} ({self.seconds:.1f} s): {text}"
+        return text
+
+    def __str__(self) -> str:
+        return f"{self.trial.name} ({self.seconds:.1f} s): {self.lacked}"
 
 
 class Refused(NotProved):
@@ -124,8 +131,8 @@ def plan_automatically(
 ) -> ClimbPlan:
     """The plan of the first trial that leads to one; its warnings tell what was chosen.
 
-    scene: of a spec, to see what methods it admits. Raises Refused where no trial led to a plan,
-    and LimitReached where there was no time to end a single one.
+    scene: of a spec, to see what methods it admits. Raises Infeasible where it is proved that there is no plan,
+    and Refused where no trial led to one.
     """
     search = Search(loaded, plan)
     here = scene(loaded.spec)
@@ -133,8 +140,12 @@ def plan_automatically(
     found = search.attempt(first, _FIRST * _FOR_PLANS * search.limit)
     if found is not None:
         return found
+    error = search.tried[0].error
+    proof = proof_of_infeasibility(here, time.monotonic() + PROOF * search.limit)
+    if proof is not None:
+        raise proof from error
     late = False
-    for trial in further_trials(here, search.tried[0].error):
+    for trial in further_trials(here, error):
         left = search.left(_FOR_PLANS)
         if left < _LEAST:
             late = True
@@ -150,8 +161,7 @@ def plan_automatically(
 
 def _told(plan: ClimbPlan, trial: Trial, first: Tried) -> ClimbPlan:
     """The plan with a word on how it came about."""
-    lacked = first.error.message.partition("\n")[0]
-    note = f"found by {trial.name}; {first.trial.name} did not: {lacked}"
+    note = f"found by {trial.name}; by {first.trial.name} not: {first.lacked}"
     return replace(plan, warnings=(note, *plan.warnings))
 
 

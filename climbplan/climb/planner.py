@@ -12,6 +12,7 @@ from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
 from climbplan.climb.motion import Progress, StageClock, plan_motion, plan_support
+from climbplan.climb.proof import SHARE as PROOF
 from climbplan.climb.proof import proof_of_infeasibility
 from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
 from climbplan.climb.study import run_study
@@ -23,8 +24,6 @@ from climbplan.robots.any_robot import assumptions
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.stored_robot import robot_texts
-
-_FOR_PROOF = 0.08  # share of the time limit that a proof may use on top
 
 
 def plan_climb(
@@ -55,18 +54,18 @@ def plan_climb(
         return plan_by_method(given, clock, deadline, saved)
 
     limit = loaded.spec.solver.time_limit
-    try:
-        if loaded.spec.solver.method == "auto":
-            plan = plan_automatically(loaded, scene_of, by_method)
-        else:
+    if loaded.spec.solver.method == "auto":
+        plan = plan_automatically(loaded, scene_of, by_method)
+    else:
+        try:
             plan = by_method(loaded, begin + limit)
-    except NoPlanFound as error:
-        # What a method cannot do proves nothing; what is proved is worth more than what it said
-        end = time.monotonic() + _FOR_PROOF * limit
-        proof = proof_of_infeasibility(scene_of(loaded.spec), end)
-        if proof is None:
-            raise
-        raise proof from error
+        except NoPlanFound as error:
+            # What a method cannot do proves nothing; a proof is worth more than what it says
+            end = time.monotonic() + PROOF * limit
+            proof = proof_of_infeasibility(scene_of(loaded.spec), end)
+            if proof is None:
+                raise
+            raise proof from error
     if loaded.spec.study is not None:
         with clock.stage("study"):
             plan = replace(plan, study=run_study(loaded, jobs, clock.report))

@@ -35,6 +35,7 @@ from climbplan.spec.climb import PostureSpec
 from climbplan.spec.stated import stated
 from climbplan.terrain.surfaces import Region
 
+SHARE = 0.08  # of a time limit that the search for a proof may use
 _EDGES = 64  # of the pyramid about a friction cone
 _LOOSE = 0.5  # relative gap: any point of the outer statement will do
 
@@ -44,7 +45,7 @@ def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | N
 
     deadline: `time.monotonic` [s] at which the search for a proof ends.
     """
-    conflicts = [*too_far(scene), *out_of_reach(scene), *no_support(scene)]
+    conflicts = [*buried(scene), *too_far(scene), *out_of_reach(scene), *no_support(scene)]
     if conflicts:
         return Infeasible("no plan exists", conflicts, stage="proof")
     if scene.terrain.curved:
@@ -73,6 +74,21 @@ def _straight(scene: ClimbScene) -> Array:
     toes = start.toes + share[:, None, None] * (goal.toes - start.toes)
     coms = start.com + share[:, None] * (goal.com - start.com)
     return np.concatenate([toes.ravel(), coms.ravel()])
+
+
+def buried(scene: MotionScene) -> Iterator[Conflict]:
+    """Start and goal with the body's origin inside an obstacle, however the goal may be missed."""
+    goal = scene.spec.task.goal
+    for name, com, room in (
+        ("start posture", scene.start.com, 0.0),
+        ("goal posture", scene.goal.com, goal.tolerance),
+    ):
+        for solid in scene.terrain.obstacles:
+            depth = -float(solid.face_distance(com)) - room
+            if depth > SLACK:
+                text = f"the body's middle is {1e3 * (depth + room):.0f} mm inside {solid.name!r}"
+                remedy = Remedy(f"another task.{name.split()[0]}.com")
+                yield Conflict(name, (text,), (remedy,), in_words=True)
 
 
 def too_far(scene: ClimbScene) -> Iterator[Conflict]:

@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.plans.climb_plan import Index
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
@@ -23,6 +25,10 @@ from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Surface
 
 REACH_RESERVE = 0.05  # share of its reach that a limb keeps for toes that a spec leaves open
+# Points beside a nominal stance that are looked at where joint bounds forbid it
+_RINGS = np.arange(0.01, 0.36, 0.01)  # [m]
+_TURNS = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # [rad]
+_JOINT_RESERVE = np.deg2rad(2.0)  # that joints keep there
 ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
 
 
@@ -57,9 +63,18 @@ class ClimbScene(MotionScene):
 
 
 def stance_of(
-    posture: PostureSpec, key: str, robot: Robot, terrain: Terrain, mistakes: list[SpecMistake]
+    posture: PostureSpec,
+    key: str,
+    robot: Robot,
+    terrain: Terrain,
+    mistakes: list[SpecMistake],
+    lift: float = 0.0,
 ) -> Stance:
-    """Stated toes, or the surface points nearest to the limbs' nominal stances."""
+    """Stated toes, or the surface points nearest to the limbs' nominal stances.
+
+    Where joint bounds do not let a limb stand there, or lift its toe by `lift` [m], it is the
+    nearest point beside it where they do.
+    """
     com, rpy = np.array(posture.com, float), np.deg2rad(posture.rpy_deg)
     nominal = com + robot.stance_body @ rotation_world_body(rpy).T
     shoulders = com + robot.shoulder_body @ rotation_world_body(rpy).T
@@ -71,6 +86,7 @@ def stance_of(
         toes[limb] = surface.project(point)
         if name not in posture.toes:
             toes[limb] = _within_reach(robot.reach, shoulders[limb], toes[limb], surface)
+            toes[limb] = within_joints(robot, limb, (com, rpy), toes[limb], surface, lift)
         distance = surface.distance(point)
         if name in posture.toes and distance > ON_SURFACE:
             mistakes.append(
@@ -98,6 +114,43 @@ def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -
         else:
             far = share
     return surface.project(toe + near * (nearest - toe))
+
+
+def within_joints(
+    robot: Robot, limb: int, body: tuple[Array, Array], toe: Array, surface: Surface, lift: float
+) -> Array:
+    """The toe, moved on its surface to the nearest point where joint bounds let the limb stand.
+
+    body: com and rpy; lift: [m] along the normal, also to be reached. The toe itself where it can
+    stand there, or where no point nearby is any better.
+    """
+    alone = robot.one_limb(limb)
+
+    def stands(points: Array, margin: float) -> NDArray[np.bool_]:
+        """(P,) whether toe and lifted toe are reached with joints that far inside their bounds."""
+        lower, upper = alone.joint_lower + margin, alone.joint_upper - margin
+        above = points + lift * np.array([surface.normal_at(point) for point in points])
+        valid = [
+            alone.limbs.inverse(to_body(*body, at[:, None]), lower, upper).valid[:, 0]
+            for at in (points, above)
+        ]
+        return np.asarray(valid[0] & valid[1])
+
+    if stands(toe[None], 0.0)[0]:
+        return toe
+    normal = surface.normal_at(toe)
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across /= np.linalg.norm(across)
+    along = np.cross(normal, across)
+    radius, angle = (x.ravel() for x in np.meshgrid(_RINGS, _TURNS, indexing="ij"))
+    beside = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along
+    points = np.array([surface.project(toe + r * v) for r, v in zip(radius, beside, strict=True)])
+    shoulder = body[0] + rotation_world_body(body[1]) @ robot.shoulder_body[limb]
+    near = np.linalg.norm(points - shoulder, axis=1) <= robot.reach * (1.0 - REACH_RESERVE)
+    good = np.flatnonzero(stands(points, _JOINT_RESERVE) & near)
+    if len(good) == 0:
+        return toe
+    return np.asarray(points[good[np.argmin(np.linalg.norm(points[good] - toe, axis=1))]])
 
 
 def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
@@ -137,10 +190,11 @@ def build_scene(
     robot = with_grip_limit(robot, spec.gripper.max_force)
     terrain = build_terrain(spec.terrain, robot)
     mistakes: list[SpecMistake] = []
-    start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
+    lift = spec.trajectory.lift
+    start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
-    goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)
+    goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
     if mistakes:
         raise SpecError(source, mistakes)
     order = spec.task.gait or robot.limb_names

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.spec.overrides import Override
@@ -38,9 +39,10 @@ def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
     """What the failure of the first trial suggests, the likeliest first."""
     first = first_trial(scene).method
     methods = [m for m in _methods(scene, error) if m != first]
-    choices = list(_choices(scene, error))
+    choices = list(_choices(scene))
+    suited = [choice for choice in choices if _may_help(choice, error)]
     # Choices cost a run of the global method each, other methods tend to cost more
-    order = [(first, choice) for choice in choices]
+    order = [(first, choice) for choice in suited]
     if not _needs_choices(error):
         yield from (Trial(method, method) for method in methods)
         methods = []
@@ -69,11 +71,23 @@ def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
     return ("nlp", "coupled")
 
 
+def _may_help(choice: Override, error: NoPlanFound) -> bool:
+    """Whether a choice changes what the convex statement could not meet."""
+    if not isinstance(error, NoPostures):
+        return True
+    touched = {
+        "trajectory.lift": ("posture.limb_free",),
+        "task.gait": tuple(b for b in error.blocks if b.endswith(("_lift", "_place"))),
+        "task.goal.rotation_tolerance_deg": ("posture.goal_rotation", "posture.rotation_step"),
+    }
+    return not error.blocks.isdisjoint(touched[choice.key])
+
+
 def _chosen(method: str, choice: Override) -> Trial:
     return Trial(f"{method}, {choice.key}={choice.value}", method, (choice,))
 
 
-def _choices(scene: ClimbScene, error: NoPlanFound) -> Iterator[Override]:
+def _choices(scene: ClimbScene) -> Iterator[Override]:
     """What the spec leaves open, in other ways than by default."""
     spec = scene.spec
     if not stated(spec, "trajectory.lift"):

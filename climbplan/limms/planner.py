@@ -12,13 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.errors import Infeasible, LimitReached
+from climbplan.errors import LimitReached
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.carrying import carry
 from climbplan.limms.chain_carrying import carry_on_chains
 from climbplan.limms.consensus.planner import plan_by_consensus
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
+from climbplan.limms.refusal import ruled_out
 from climbplan.limms.relatching import relatch
 from climbplan.limms.scene import scene_of
 from climbplan.limms.sequences import Sequence as Modes
@@ -49,7 +50,7 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
     found = search(scene)
     searched = time.perf_counter() - began
     if not found.sequences:
-        raise Infeasible("no plan exists: each behaviour is ruled out", list(found.conflicts))
+        raise ruled_out(scene, found.conflicts)
     attempts = Attempts(loaded.spec.solver.time_limit)
     rng = np.random.default_rng(loaded.spec.seed)
     most_steps = loaded.spec.solver.most_steps

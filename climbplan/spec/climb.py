@@ -21,7 +21,7 @@ class PostureSpec(SpecModel):
     toes: dict[str, Vector] = quantity(
         "m",
         "toe positions by limb; a limb left out stands on the contact region point nearest to its "
-        "nominal stance",
+        "nominal stance, or, where its joint bounds forbid that, beside it",
         default={},
     )
 

@@ -27,7 +27,7 @@ from climbplan.climb.forces.statement import (
 )
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible, LimitReached, UsageError
+from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.mechanics.stability import loaded_stiffness
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
 from climbplan.plans.climb_plan import Array, Instants
@@ -171,14 +171,14 @@ def test_softness_is_answered_with_the_stiffness_that_is_enough(demo_climb: Scen
         return replace(scene, robot=robot)
 
     instants = plan_instants(scene, straight_rounds(scene))
-    with pytest.raises(Infeasible, match="no admissible contact forces") as caught:
+    with pytest.raises(NotProved, match="no admissible contact forces") as caught:
         plan_forces(softened(1.0), instants)
     text = str(caught.value)
     assert re.search("(command within bounds of .* coxa|stability of the braced body)", text)
     enough = re.search(r"all have with .*?([\d.]+) times the joint stiffness", text)
     assert enough
     plan_forces(softened(float(enough[1])), instants)
-    with pytest.raises(Infeasible):
+    with pytest.raises(NotProved):
         plan_forces(softened(0.9 * float(enough[1])), instants)
 
 

@@ -18,7 +18,7 @@ from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, state_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible
+from climbplan.errors import NotProved
 from climbplan.plans.climb_plan import Instants
 from climbplan.spec.robot import RobotSpec
 
@@ -27,10 +27,10 @@ RobotMaker = Callable[..., RobotSpec]
 NUMBER = r"([0-9.]+)"
 
 
-def refused(scene: ClimbScene, instants: Instants | None = None) -> Infeasible:
+def refused(scene: ClimbScene, instants: Instants | None = None) -> NotProved:
     if instants is None:
         instants = plan_instants(scene, straight_rounds(scene))
-    with pytest.raises(Infeasible) as caught:
+    with pytest.raises(NotProved) as caught:
         plan_forces(scene, instants)
     return caught.value
 

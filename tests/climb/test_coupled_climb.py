@@ -18,7 +18,7 @@ from climbplan.climb.coupled.statement import coupled_program, scene_load
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.errors import Infeasible, UsageError
+from climbplan.errors import NotProved, UsageError
 from climbplan.spec.loading import load_climb
 
 EXPERT = "solver.envelopes=[expert]"
@@ -130,7 +130,7 @@ def test_a_payload_is_part_of_the_load() -> None:
 
 def test_walls_that_hold_nothing_are_named() -> None:
     scene = _scene("terrain.friction=0.002")
-    with pytest.raises(Infeasible, match=r"RF, RM.*no region holds the load"):
+    with pytest.raises(NotProved, match=r"RF, RM.*no region holds the load"):
         plan_coupled(scene)
 
 

@@ -21,7 +21,7 @@ from climbplan.climb.forces.statement import (
 )
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible
+from climbplan.errors import NotProved
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.climb_plan import Array, Instants
 from climbplan.plans.verification import verify
@@ -86,7 +86,7 @@ def test_solvers_agree(demo_climb: SceneMaker, demo_instants: Instants) -> None:
 
 
 def test_conflict_names_the_depth(demo_climb: SceneMaker, demo_instants: Instants) -> None:
-    with pytest.raises(Infeasible, match="command 500 mm inside its surface of"):
+    with pytest.raises(NotProved, match="command 500 mm inside its surface of"):
         plan_forces(demo_climb(**{"force.least_depth": 0.5}), demo_instants)
 
 

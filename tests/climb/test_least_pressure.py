@@ -15,7 +15,7 @@ from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, objective_of, state_forces
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import Infeasible
+from climbplan.errors import NotProved
 from climbplan.plans.climb_file import write_climb
 from climbplan.plans.climb_plan import Array, Instants
 from climbplan.plans.verification import verify
@@ -62,7 +62,7 @@ def test_solvers_agree(demo_climb: SceneMaker, demo_instants: Instants) -> None:
 
 
 def test_conflict_names_the_pressure(demo_climb: SceneMaker, demo_instants: Instants) -> None:
-    with pytest.raises(Infeasible, match="pressure of 500 N at") as caught:
+    with pytest.raises(NotProved, match="pressure of 500 N at") as caught:
         plan_forces(demo_climb(**{"force.least_pressure": 500.0}), demo_instants)
     assert "push-only" not in str(caught.value)
 

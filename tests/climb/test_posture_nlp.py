@@ -29,7 +29,7 @@ from climbplan.climb.postures.nlp_starts import convex_guess, straight_guess
 from climbplan.climb.postures.nlp_statement import posture_nlp, turning_bulge
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.errors import Infeasible, LimitReached, ReachFailure
+from climbplan.errors import LimitReached, NotProved, ReachFailure
 from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -358,10 +358,10 @@ def test_layout_finds_what_it_packs() -> None:
 
 def test_a_way_that_steps_cannot_cover_is_proved_infeasible(tmp_path: Path) -> None:
     far = scene_of(WALLS, "task.goal.com=[0, 0, 0.9]", tmp_path=tmp_path)
-    with pytest.raises(Infeasible, match=r"the body has 0\.900 m to go, 4 rounds allow 0\.600 m"):
+    with pytest.raises(NotProved, match=r"the body has 0\.900 m to go, 4 rounds allow 0\.600 m"):
         plan_postures_nlp(far)
     turn = shipped("climb_tube", "task.goal.rpy_deg=[0, 0, 150]")
-    with pytest.raises(Infeasible, match=r"150\.0 deg to turn, 10 rounds allow 100\.0 deg"):
+    with pytest.raises(NotProved, match=r"150\.0 deg to turn, 10 rounds allow 100\.0 deg"):
         plan_postures_nlp(turn)
 
 

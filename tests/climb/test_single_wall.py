@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.planner import plan_climb
-from climbplan.errors import Infeasible, UsageError
+from climbplan.errors import NotProved, UsageError
 from climbplan.plans.checks.check import GRIP_LIMITS
 from climbplan.plans.climb_file import read_climb, write_climb
 from climbplan.plans.climb_plan import ClimbPlan
@@ -69,7 +69,7 @@ def test_upside_down_and_with_payload(spec: Path, changes: list[str], tmp_path: 
 
 
 def test_open_grippers_lack_pull() -> None:
-    with pytest.raises(Infeasible) as caught:
+    with pytest.raises(NotProved) as caught:
         plan_climb(load_climb(WALL, ["gripper.max_force=0", *SHORT]))
     text = str(caught.value)
     assert "8 of 8 instants have no admissible grips" in text
@@ -79,7 +79,7 @@ def test_open_grippers_lack_pull() -> None:
     # The least gripping force that is said to do, does.
     needed = float(text.split("gripping force >= ")[1].split(" N")[0])
     plan_climb(load_climb(WALL, [f"gripper.max_force={needed}", *SHORT]))
-    with pytest.raises(Infeasible):
+    with pytest.raises(NotProved):
         plan_climb(load_climb(WALL, [f"gripper.max_force={0.97 * needed}", *SHORT]))
 
 
@@ -93,7 +93,7 @@ def test_flat_wall_cannot_be_gripped() -> None:
         update={"panel": panel.model_copy(update={"holds": holds})}
     )
     spec = loaded.spec.model_copy(update={"terrain": flat})
-    with pytest.raises(Infeasible, match="pull towards the surface is missing"):
+    with pytest.raises(NotProved, match="pull towards the surface is missing"):
         plan_climb(replace(loaded, spec=spec))
 
 

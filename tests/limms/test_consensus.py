@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from limms_scenes import loaded, scene
 
-from climbplan.errors import Infeasible, LimitReached
+from climbplan.errors import LimitReached, NotProved
 from climbplan.limms.consensus.copies import Copy, Found
 from climbplan.limms.consensus.iteration import Parameters, agree, residual_of
 from climbplan.limms.consensus.mixed_integer import MixedInteger
@@ -158,7 +158,7 @@ def test_what_conflicts_is_named() -> None:
     # Six intervals are too few for a module that crawls
     spec = loaded("limms_throw", "solver.method=admm", "solver.admm.intervals=6")
     slow = replace(spec, module=spec.module.model_copy(update={"ground_speed": 0.05}))
-    with pytest.raises(Infeasible) as refused:
+    with pytest.raises(NotProved) as refused:
         plan_limms(slow)
     assert "speed on the ground" in str(refused.value)
     assert "force" not in str(refused.value)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from limms_scenes import changed, loaded, scene
 
-from climbplan.errors import Infeasible
+from climbplan.errors import Infeasible, NotProved
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.sequences import search
 from climbplan.spec.limms_loading import load_limms
@@ -43,11 +43,11 @@ def test_too_heavy_for_anything() -> None:
 
 
 def test_throw_needs_an_arrival_speed() -> None:
-    with pytest.raises(Infeasible, match="reach"):
+    with pytest.raises(NotProved, match="reach"):
         plan_limms(loaded("limms_throw", "box.arrival_speed=0"))
 
 
-def test_no_way_for_the_box_is_proved(tmp_path: Path) -> None:
+def test_no_way_for_the_box_is_told(tmp_path: Path) -> None:
     spec = changed(
         tmp_path,
         "limms_throw",
@@ -57,5 +57,5 @@ def test_no_way_for_the_box_is_proved(tmp_path: Path) -> None:
             {"name": "loft", "lower": [0, -1.2, 1.34], "upper": [2.6, 1.2, 2.6]},
         ],
     )
-    with pytest.raises(Infeasible, match="no way for the box"):
+    with pytest.raises(NotProved, match="no way for the box"):
         plan_limms(load_limms(spec))

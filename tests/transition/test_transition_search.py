@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import linprog
 
 from climbplan.climb.forces.statement import state_forces
-from climbplan.errors import Infeasible
+from climbplan.errors import NotProved
 from climbplan.plans.climb_plan import Index
 from climbplan.robots.rotations import skew
 from climbplan.spec.transition_loading import load_transition
@@ -152,7 +152,7 @@ def test_smooth_bricks_are_refused_in_forces() -> None:
     """The slip of Fig. 5.15: LF and LR on the bricks, by how much."""
     sequence = "task.sequence=LF LR RM | RF RR LM | LF LR RM"
     loaded = load_transition(SPECS / "transition_bricks_4.yaml", ["task.rounds=3", sequence])
-    with pytest.raises(Infeasible) as caught:
+    with pytest.raises(NotProved) as caught:
         plan_transition(loaded)
     message = str(caught.value)
     assert "round 2, RF RR LM lifted" in message

@@ -118,15 +118,21 @@ _CHANGES: dict[str, Change] = {
 class NoPostures(NotProved):
     """The convex statement has no solution.
 
-    changes: of the spec, for what the closest sequence violates; not tried yet.
+    changes: of the spec, for what the closest sequence violates; not tried yet. blocks: that it
+    violates, by name; none where arithmetic says why.
     """
 
     def __init__(
-        self, message: str, conflicts: list[Conflict], changes: tuple[Remedy, ...] = ()
+        self,
+        message: str,
+        conflicts: list[Conflict],
+        changes: tuple[Remedy, ...] = (),
+        blocks: frozenset[str] = frozenset(),
     ) -> None:
         because = f"method micp has {BOUND_SCOPE}"
         super().__init__(message, conflicts, because=because, stage="posture")
         self.changes = changes
+        self.blocks = blocks
 
 
 def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> NoPostures:
@@ -137,14 +143,16 @@ def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) 
         changes = tuple(r for c in conflicts for r in c.remedies)
         bare = [replace(c, remedies=()) for c in conflicts]
         return NoPostures("no posture sequence found", bare, changes)
+    blocks: frozenset[str] = frozenset()
     found = least_violations(instance, _straight(scene, program))
     if found is not None:
         conflicts = list(violated(scene, program, found))
         changes = needed_changes(scene, program, found)
+        blocks = frozenset(_block(name) for _, name, _, _ in _lines(program, found))
     head = "no posture sequence found under the given bounds"
     if conflicts:
         head += "; the closest one found still has"
-    return NoPostures(head, conflicts, changes)
+    return NoPostures(head, conflicts, changes, blocks)
 
 
 def _stances(scene: ClimbScene) -> Iterator[Conflict]:

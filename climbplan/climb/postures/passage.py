@@ -25,6 +25,7 @@ from climbplan.terrain.model import FreeRegion
 _MOST = 216  # pieces that are looked at: three boxes
 _ROOMY = 1.0  # [m] more room than this is not told apart
 _SMALL = 1e-4  # [m]
+_MARGIN = 0.01  # [m] beyond the least that a moved posture is moved
 
 Piece = tuple[int, ...]  # alternative of every choice
 
@@ -39,6 +40,10 @@ class Passage:
 
 def closed_way(scene: ClimbScene) -> Iterator[Conflict]:
     """The conflict that says that the way is closed, where it is."""
+    ends = list(_buried(scene))
+    if ends:
+        yield from ends
+        return
     found = widest_way(scene)
     if found is None or found.room >= -_SMALL:
         return
@@ -50,7 +55,7 @@ def closed_way(scene: ClimbScene) -> Iterator[Conflict]:
         f"what is on both sides of it, or {1e3 * short:.0f} mm on one"
     )
     if keep > short:
-        left = np.floor(1e3 * (keep - short)) / 1e3
+        left = np.floor(1e3 * (keep - short) + 1e-3) / 1e3  # but for the digits of a solver
         text += f" ({1e3 * keep:.0f} mm are body_clearance)"
         remedies = (
             Remedy(f"body clearance of {1e3 * left:.0f} mm", "posture.body_clearance", float(left)),
@@ -58,6 +63,30 @@ def closed_way(scene: ClimbScene) -> Iterator[Conflict]:
         yield Conflict("body", (text,), remedies, in_words=True)
         return
     yield Conflict("body", (text,), in_words=True)
+
+
+def _buried(scene: ClimbScene) -> Iterator[Conflict]:
+    """Start and goal whose body, level, is in no piece of free space."""
+    rooms = _Rooms(scene)
+    for name, stance in (("start", scene.start), ("goal", scene.goal)):
+        for index, choice in enumerate(scene.terrain.free_choices):
+            short = rooms.short(index, stance.com)
+            depth, k = float(short.min()), int(short.argmin())
+            if depth <= _SMALL:
+                continue
+            # Out across the nearest face, to the next millimetre
+            way = rooms.out_of(index, k, stance.com)
+            moved = stance.com + (np.ceil(1e3 * depth) / 1e3 + _MARGIN) * way
+            x, y, z = (round(float(v), 4) for v in moved)
+            what = choice[k].name.rpartition(" face ")[0] or choice[k].name
+            keep = scene.spec.posture.body_clearance
+            text = (
+                f"the body, level, lacks {1e3 * depth:.0f} mm of the room beside {what!r} "
+                f"(body_clearance {1e3 * keep:.0f} mm)"
+            )
+            words = f"a {name} {1e3 * depth:.0f} mm away"
+            remedy = Remedy(words, f"task.{name}.com", (x, y, z))
+            yield Conflict(f"{name} posture", (text,), (remedy,), in_words=True)
 
 
 def widest_way(scene: ClimbScene) -> Passage | None:
@@ -130,6 +159,15 @@ class _Rooms:
         """Least distance [m] of an origin from the faces of a piece, negative outside."""
         rooms = [(b - A @ com).min() for A, b in self._of(piece)]
         return float(min(min(rooms), _ROOMY))
+
+    def short(self, index: int, com: Array) -> Array:
+        """By how much (K,) [m] an origin misses each alternative of a choice, negative inside."""
+        return np.array([(A @ com - b).max() for A, b in self._rows[index]])
+
+    def out_of(self, index: int, k: int, com: Array) -> Array:
+        """(3,) unit direction into an alternative, across the face that is missed by most."""
+        A, b = self._rows[index][k]
+        return np.asarray(-A[int((A @ com - b).argmax())])
 
     def both(self, first: Piece, second: Piece) -> float:
         """The most room that an origin has in two pieces at once."""

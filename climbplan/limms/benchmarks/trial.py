@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from climbplan.errors import Infeasible, LimitReached
+from climbplan.errors import Infeasible, LimitReached, NotProved
 from climbplan.limms.consensus.iteration import GOOD
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.plan import LimmsPlan
@@ -67,6 +67,8 @@ def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: floa
         plan = plan_limms(given)
     except Infeasible as error:
         outcome, reason = "infeasible", str(error)
+    except NotProved as error:
+        outcome, reason = "not proved", str(error)
     except LimitReached as error:
         outcome, reason = "limit", str(error)
     spent, waited = time.process_time() - clock, time.perf_counter() - wall

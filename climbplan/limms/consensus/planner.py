@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from climbplan.errors import Infeasible, LimitReached
+from climbplan.errors import LimitReached, NotProved
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.consensus.conflicts import conflicts_of
 from climbplan.limms.consensus.copies import Found
@@ -24,6 +24,7 @@ from climbplan.limms.consensus.setting import setting_of
 from climbplan.limms.consensus.story import consensus_lines, convergence_of
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
+from climbplan.limms.refusal import BEHAVIOURS, ruled_out
 from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.sequences import search
 from climbplan.limms.timeline import Progress
@@ -59,7 +60,7 @@ def plan_by_consensus(loaded: LoadedLimms, report: Report = lambda stage, share:
     report("modes", 0.0)
     bounds = search(scene)
     if not bounds.sequences:
-        raise Infeasible("no plan exists: each behaviour is ruled out", list(bounds.conflicts))
+        raise ruled_out(scene, bounds.conflicts)
     setting = setting_of(scene, solver.admm.intervals)
     block, nonlinear = MixedInteger(setting), Nonlinear(setting)
     parameters = Parameters(
@@ -116,9 +117,11 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
             break
     if kinds or run.agreements:
         return None
-    raise Infeasible(
-        f"no plan exists with {block.setting.intervals} intervals",
+    raise NotProved(
+        f"no modes lead to the goal with {block.setting.intervals} intervals",
         conflicts_of(scene, block.setting.intervals, nearest, deadline),
+        because=f"{BEHAVIOURS}, in steps of equal length",
+        stage="modes",
     )
 
 

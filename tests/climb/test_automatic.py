@@ -1,0 +1,149 @@
+"""Method `auto`: what it tries, what it tells, and that its remedies work."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from climbplan.climb.automatic import Refused
+from climbplan.climb.planner import plan_climb
+from climbplan.climb.scene import build_scene
+from climbplan.climb.trials import first_trial, further_trials
+from climbplan.errors import Infeasible, NotProved, ReachFailure
+from climbplan.plans.climb_file import write_climb
+from climbplan.plans.verification import verify
+from climbplan.spec.loading import LoadedClimb, load_climb
+
+# Two stairs of 50 mm as boxes, which are obstacles to limbs and places for toes at once
+STAIRS = """
+kind: climb
+robot: silvia
+terrain:
+  friction: 0.8
+  ground: {height: 0, across: [-0.8, 0.8], along: [-1, 0.5]}
+  boxes:
+    - {name: first step, lower: [-0.8, 0.5, 0.0], upper: [0.8, 0.85, 0.05]}
+    - {name: second step, lower: [-0.8, 0.85, 0.0], upper: [0.8, 2.0, 0.10]}
+task:
+  rounds: 5
+  start: {com: [0, 0, 0.24]}
+  goal: {com: [0, 0.60, 0.28], rpy_deg: [4, 0, 0]}
+  stance:
+    RF: [0.256, 0.445, -0.24]
+    RM: [0.514, 0.000, -0.24]
+    RR: [0.256, -0.445, -0.24]
+    LR: [-0.256, -0.445, -0.24]
+    LM: [-0.514, 0.000, -0.24]
+    LF: [-0.256, 0.445, -0.24]
+"""
+SHAFT: dict[str, Any] = {
+    "kind": "climb",
+    "robot": "silvia",
+    "terrain": {"friction": 1.0, "walls": {"gap": 1.23, "along": [-0.8, 0.8], "up": [-0.8, 1.4]}},
+    "task": {"rounds": 2, "start": {"com": [0, 0, 0]}, "goal": {"com": [0, 0, 0.2]}},
+    "solver": {"time_limit": 20.0},
+}
+
+
+def loaded(tmp_path: Path, text: str | dict[str, Any], *assignments: str) -> LoadedClimb:
+    path = tmp_path / "spec.yaml"
+    path.write_text(text if isinstance(text, str) else yaml.safe_dump(text))
+    return load_climb(path, list(assignments))
+
+
+def test_the_global_method_comes_first(tmp_path: Path) -> None:
+    plan = plan_climb(loaded(tmp_path, SHAFT))
+    assert plan.solvers["method"] == "micp"
+    assert plan.spec_text == (tmp_path / "spec.yaml").read_text()
+    assert not any("found by" in warning for warning in plan.warnings)
+
+
+@pytest.mark.slow
+def test_stairs_as_boxes_are_planned(tmp_path: Path) -> None:
+    plan = plan_climb(loaded(tmp_path, STAIRS))
+    assert plan.solvers["method"] == "nlp"
+    assert plan.warnings[0].startswith("found by nlp; by micp not: no posture sequence found")
+    path = tmp_path / "plan.h5"
+    write_climb(plan, path)
+    assert verify(path).passed
+
+
+def test_no_method_calls_its_own_restriction_a_proof(tmp_path: Path) -> None:
+    with pytest.raises(NotProved) as caught:
+        plan_climb(loaded(tmp_path, STAIRS, "solver.method=micp"))
+    assert caught.value.exit_code == 4
+    assert "not proved: method micp has rotations and knees linearised" in str(caught.value)
+
+
+def test_a_named_remedy_works(tmp_path: Path) -> None:
+    """Too few rounds at the default steps: not proved, and the rounds that are enough are found."""
+    spec = loaded(tmp_path, SHAFT, "task.goal.com=[0, 0, 0.4]")
+    with pytest.raises(Refused) as caught:
+        plan_climb(spec)
+    text = str(caught.value)
+    assert caught.value.exit_code == 4
+    assert "takes 3 rounds at least" in text
+    assert "with each of these changes a plan was found and verified:" in text
+    remedies = {remedy.key: remedy for remedy in caught.value.remedies}
+    rounds = remedies["task.rounds"]
+    assert f"--set task.rounds={rounds.value}" in text
+    changed = f"{rounds.key}={rounds.yaml}"
+    assert plan_climb(spec.with_overrides([changed])).rounds.count == rounds.value
+
+
+def test_stated_steps_make_it_a_proof(tmp_path: Path) -> None:
+    spec = loaded(tmp_path, SHAFT, "task.goal.com=[0, 0, 0.4]", "posture.steps.com_max=0.15")
+    with pytest.raises(Infeasible) as caught:
+        plan_climb(spec)
+    assert caught.value.exit_code == 3
+
+
+def test_the_limit_is_kept(tmp_path: Path) -> None:
+    spec = loaded(tmp_path, STAIRS, "solver.time_limit=4", "task.goal.com=[0, 0.9, 0.28]")
+    begin = time.monotonic()
+    with pytest.raises(NotProved):
+        plan_climb(spec)
+    assert time.monotonic() - begin < 10.0  # twice, and a second for a loaded machine
+
+
+def test_only_what_the_spec_leaves_open_is_chosen(tmp_path: Path) -> None:
+    open_spec = loaded(tmp_path, SHAFT)
+    error = ReachFailure("RF", "coxa 5 deg past its bound")
+    scene = build_scene(open_spec.spec, open_spec.robot)
+    keys = {c.key for t in further_trials(scene, error) for c in t.choices}
+    assert keys == {"trajectory.lift", "task.gait", "task.goal.rotation_tolerance_deg"}
+    stated = open_spec.with_overrides(
+        [
+            "trajectory.lift=0.05",
+            "task.gait=[RF, RM, RR, LR, LM, LF]",
+            "task.goal.rpy_deg=[0, 0, 0]",
+        ]
+    )
+    scene = build_scene(stated.spec, stated.robot)
+    trials = list(further_trials(scene, error))
+    assert all(not trial.choices for trial in trials)
+    assert [trial.method for trial in trials] == ["nlp", "coupled"]
+
+
+def test_a_choice_is_part_of_the_stored_spec(tmp_path: Path) -> None:
+    """A front limb at the edge of its coxa's range: lifted by 50 mm it leaves it, by less not."""
+    from climbplan.climb.automatic import prepared
+
+    spec = loaded(tmp_path, SHAFT)
+    scene = build_scene(spec.spec, spec.robot)
+    trials = further_trials(scene, ReachFailure("RF", "coxa 5 deg past its bound"))
+    lower = next(t for t in trials if t.choices and t.choices[0].key == "trajectory.lift")
+    plan = plan_climb(prepared(spec, lower))
+    assert yaml.safe_load(plan.spec_text)["trajectory"] == {"lift": 0.03}
+    path = tmp_path / "plan.h5"
+    write_climb(plan, path)
+    assert verify(path).passed
+
+
+def test_curved_terrain_goes_to_the_exact_method(tmp_path: Path) -> None:
+    tube = load_climb(Path("specs/climb_tube.yaml"), ["solver.method=auto"])
+    assert first_trial(build_scene(tube.spec, tube.robot)).method == "nlp"

@@ -20,6 +20,7 @@ BENCHMARKS = {
     "coupled": "positions and forces together: against CVXPY, and on random slippery bands",
     "transition": "complementarity from random starts against the search over stance sets",
     "mpc": "walking: offline methods, accuracy of envelopes, ticks online, recovery from pushes",
+    "refusals": "random climbs: planned, proved impossible or not proved, limits, second tries",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",

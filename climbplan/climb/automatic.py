@@ -131,8 +131,8 @@ def plan_automatically(
 ) -> ClimbPlan:
     """The plan of the first trial that leads to one; its warnings tell what was chosen.
 
-    scene: of a spec, to see what methods it admits. Raises Infeasible where it is proved that there is no plan,
-    and Refused where no trial led to one.
+    scene: of a spec, to see what methods it admits. Raises Infeasible where it is proved that there
+    is no plan, and Refused where no trial led to one.
     """
     search = Search(loaded, plan)
     here = scene(loaded.spec)

@@ -82,7 +82,7 @@ def warn(message: str) -> None:
 
 
 class _LogLines(logging.Handler):
-    """The package's log as plain lines: warnings always, the rest for `--verbose`."""
+    """The package's log as plain lines: warnings always, notes unless quiet, the rest with -v."""
 
     def __init__(self, session: Session) -> None:
         super().__init__()
@@ -91,6 +91,8 @@ class _LogLines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if record.levelno >= logging.WARNING:
             warn(record.getMessage())
+        elif getattr(record, "note", False):  # about the run, as those of commands
+            self._session.note(record.getMessage())
         elif self._session.verbose:
             print(record.getMessage(), file=sys.stderr)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from climbplan.mpc.dynamics import BodyNumbers, knot_step, plain_knot_step, rotation
 from climbplan.mpc.pinned import FACETS
-from climbplan.mpc.task import ANGLE_RANGE, LEGS, STATE, Array, WalkTask
+from climbplan.mpc.task import ANGLE_RANGE, LEGS, STATE, WalkTask
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt_program import IpoptProgram
 

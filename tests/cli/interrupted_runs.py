@@ -94,9 +94,7 @@ def stop_run(
     for pid in survivors:
         os.kill(pid, signal.SIGKILL)
     left = tuple(sorted(p.name for p in folder.iterdir() if p.name not in before))
-    return Ending(
-        run.returncode, max(clock - lost, 0.0), clock, used, early, left, survivors, told
-    )
+    return Ending(run.returncode, max(clock - lost, 0.0), clock, used, early, left, survivors, told)
 
 
 def _family(pid: int) -> list[int]:

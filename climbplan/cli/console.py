@@ -113,6 +113,10 @@ def plain_messages(session: Session) -> Iterator[None]:
 
     logger, lines = logging.getLogger("climbplan"), _LogLines(session)
     level = logger.level
+    # Of fonts that it looks through on a first run, and of a home that it cannot write to
+    figures = logging.getLogger("matplotlib")
+    figures_level = figures.level
+    figures.setLevel(logging.ERROR)
     logger.addHandler(lines)
     logger.setLevel(logging.INFO)
     try:
@@ -122,6 +126,7 @@ def plain_messages(session: Session) -> Iterator[None]:
     finally:
         logger.removeHandler(lines)
         logger.setLevel(level)
+        figures.setLevel(figures_level)
 
 
 def open_missing_streams() -> None:

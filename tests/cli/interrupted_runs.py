@@ -44,7 +44,7 @@ def stop_run(
     """Start a command in `folder`, send the signal after so much of its work, and wait.
 
     after: [s] of processor time of the run and all below it, counted from when its output
-    directory is begun. root: folder of the package to run.
+    directory is begun, or from the start if it has none. root: folder of the package to run.
     """
     before = {p.name for p in folder.iterdir()}
     run = subprocess.Popen(
@@ -63,6 +63,8 @@ def stop_run(
     used = 0.0
     while run.poll() is None and time.monotonic() < limit:
         family = _family(run.pid)
+        if begun is None and "-o" not in arguments:
+            begun = 0.0
         if begun is None and any(p.name not in before for p in folder.iterdir()):
             begun = sum(map(_used, family))
         if begun is not None:

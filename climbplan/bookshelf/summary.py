@@ -9,7 +9,6 @@ import numpy as np
 from climbplan.bookshelf.plan import ShelfPlan, Solutions
 from climbplan.bookshelf.scene import Array
 
-_LONG_PREPARATION = 3.0  # [s] code read from the cache takes less
 TRIVIAL = 1.0  # [mm^2] scenes that cost no more need next to no movement
 
 
@@ -55,12 +54,12 @@ def summary_lines(plan: ShelfPlan) -> tuple[str, ...]:
         if np.isfinite(found.bound[0]):
             cost += f", bound {found.bound[0]:.4g}"
         solve = f"{'solve':<9} {found.status[0]:<9} {seconds}   {cost}, {_tried(found)}"
-        return (head, *_prepared(plan), solve)
+        return (head, solve)
     time = Spread.of(1e3 * found.time)
     placed = found.placed
     solved = f"{placed.sum()} of {total}"
     ms = f"median {time.median:.3g} ms, 99 % {time.most99:.3g} ms, worst {time.largest:.3g} ms"
-    lines = [head, *_prepared(plan), f"{'solve':<9} {solved:<9} {seconds}   {ms}"]
+    lines = [head, f"{'solve':<9} {solved:<9} {seconds}   {ms}"]
     if placed.any():
         moving = nontrivial(found)
         mean = f"mean {found.objective[placed].mean():.4g} mm^2"
@@ -84,11 +83,3 @@ def summary_lines(plan: ShelfPlan) -> tuple[str, ...]:
 def _tried(found: Solutions) -> str:
     nodes, tried = found.nodes[0], found.candidates_tried[0]
     return f"{nodes} node{'' if nodes == 1 else 's'}, {tried} candidate{'' if tried == 1 else 's'}"
-
-
-def _prepared(plan: ShelfPlan) -> tuple[str, ...]:
-    """Why a first run takes longer than the next ones."""
-    seconds = plan.timings.get("prepare", 0.0)
-    if seconds < _LONG_PREPARATION:
-        return ()
-    return (f"{'prepare':<9} {'compiled':<9} {seconds:.1f} s   once on this machine",)

@@ -34,6 +34,7 @@ from climbplan.cli.fit_gripper import fit_gripper
 from climbplan.cli.fit_stiffness import fit_stiffness
 from climbplan.cli.fit_strategy import fit_strategy
 from climbplan.cli.gen_data import gen_data
+from climbplan.cli.interrupts import Terminated, interrupt_handled
 from climbplan.cli.new import new
 from climbplan.cli.plan_climb import plan_climb
 from climbplan.cli.plan_limms import plan_limms
@@ -44,6 +45,7 @@ from climbplan.cli.schema import schema
 from climbplan.cli.simulate import simulate
 from climbplan.cli.solve import solve
 from climbplan.cli.solve_bookshelf import solve_bookshelf
+from climbplan.cli.supervision import end_is_told, supervised
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
 from climbplan.cli.view import view
@@ -59,34 +61,37 @@ PIPE_CLOSED = 141  # 128 + SIGPIPE
 TERMINATED = 143  # 128 + SIGTERM
 
 
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end: what is half done is cleared away as after Ctrl-C."""
-
-
-def _terminate(signal_number: int, frame: object) -> NoReturn:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once: clearing away is not to be cut short
-    raise Terminated
-
-
 class _Commands(TyperGroup):
     """Turns the errors that are not bugs into messages and exit codes."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            result = super().invoke(ctx)
-        except ClimbplanError as error:
-            print_error(error)
-            raise typer.Exit(error.exit_code) from None
-        except Terminated:
-            print("terminated", file=sys.stderr)
-            raise typer.Exit(TERMINATED) from None
-        except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
-            raise typer.Exit(INTERRUPTED) from None
-        except BrokenPipeError:
-            silence_standard_output()
-            raise typer.Exit(PIPE_CLOSED) from None
-        return result
+            return super().invoke(ctx)
+        except (Exception, KeyboardInterrupt) as error:
+            # Libraries make errors of their own of an interrupt; it is one all the same.
+            code = _interrupted(error)
+            if code is not None:
+                raise typer.Exit(code) from None
+            if isinstance(error, ClimbplanError):
+                print_error(error)
+                raise typer.Exit(error.exit_code) from None
+            if isinstance(error, BrokenPipeError):
+                silence_standard_output()
+                raise typer.Exit(PIPE_CLOSED) from None
+            raise
+        finally:
+            interrupt_handled()
+
+
+def _interrupted(error: BaseException) -> int | None:
+    """The exit code if a command ended because it was told to, which is said; else None."""
+    number = interrupt_handled()
+    if number is None and not isinstance(error, KeyboardInterrupt):
+        return None
+    asked = number == signal.SIGTERM or isinstance(error, Terminated)
+    print("terminated" if asked else "interrupted", file=sys.stderr, flush=True)
+    end_is_told()
+    return TERMINATED if asked else INTERRUPTED
 
 
 app = typer.Typer(
@@ -180,5 +185,4 @@ def _invoke(arguments: Sequence[str] | None, session: Session) -> int:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
-    signal.signal(signal.SIGTERM, _terminate)
-    sys.exit(int(run()))
+    sys.exit(supervised(lambda: int(run())))

@@ -9,7 +9,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TextIO
 
-from climbplan.cli.compiling import compiling_told
 from climbplan.cli.console import Session, print_json, standard_output
 
 
@@ -33,7 +32,6 @@ def bench_walks(
         shown = io.StringIO() if as_json else stack.enter_context(standard_output())
         stream = _Twice(shown)
         progress = stack.enter_context(StageProgress(session))
-        stack.enter_context(compiling_told(session))
         found = run_mpc(OnlineOptions(**options), tables, stream, progress.report)
         if directory is not None:
             text = json.dumps(found, indent=1, allow_nan=False)

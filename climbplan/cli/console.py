@@ -82,7 +82,7 @@ def warn(message: str) -> None:
 
 
 class _LogLines(logging.Handler):
-    """The package's log as plain lines: warnings always, the rest for `--verbose`."""
+    """The package's log as plain lines: warnings always, notes unless quiet, the rest with -v."""
 
     def __init__(self, session: Session) -> None:
         super().__init__()
@@ -91,6 +91,8 @@ class _LogLines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if record.levelno >= logging.WARNING:
             warn(record.getMessage())
+        elif getattr(record, "note", False):  # about the run, as those of commands
+            self._session.note(record.getMessage())
         elif self._session.verbose:
             print(record.getMessage(), file=sys.stderr)
 
@@ -111,6 +113,10 @@ def plain_messages(session: Session) -> Iterator[None]:
 
     logger, lines = logging.getLogger("climbplan"), _LogLines(session)
     level = logger.level
+    # Of fonts that it looks through on a first run, and of a home that it cannot write to
+    figures = logging.getLogger("matplotlib")
+    figures_level = figures.level
+    figures.setLevel(logging.ERROR)
     logger.addHandler(lines)
     logger.setLevel(logging.INFO)
     try:
@@ -120,6 +126,7 @@ def plain_messages(session: Session) -> Iterator[None]:
     finally:
         logger.removeHandler(lines)
         logger.setLevel(level)
+        figures.setLevel(figures_level)
 
 
 def open_missing_streams() -> None:

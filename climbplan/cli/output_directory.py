@@ -18,6 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from climbplan.cli.supervision import remove_if_killed
 from climbplan.errors import UsageError
 
 # One of these marks a finished directory.
@@ -128,10 +129,12 @@ class OutputDirectory:
     def _make_parents(self) -> None:
         missing = [self._final.parent, *self._final.parent.parents]
         for parent in reversed([p for p in missing if not p.exists()]):
+            remove_if_killed(parent, whole=False)
             parent.mkdir(exist_ok=True)
             self._created_parents.append(parent)
 
     def _make_path(self) -> None:
+        remove_if_killed(self.path)
         try:
             self.path.mkdir()
         except FileExistsError:

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.compiling import compiling_told
 from climbplan.cli.console import Session
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, TimeLimit, Verbose
@@ -47,7 +46,7 @@ def plan_mpc(
         from climbplan.mpc.plan_file import write_walk_plan
         from climbplan.mpc.planner import plan_walk
 
-        with compiling_told(session), placed_mistakes(loaded):
+        with placed_mistakes(loaded):
             if loaded.spec.solver.method == "online":
                 from climbplan.mpc.library import write_library
                 from climbplan.mpc.online_run import run_online

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from climbplan.cli.console import Session, print_result
+from climbplan.cli.interrupts import interrupt_handled
 from climbplan.cli.options import Plan, Quiet, Verbose
 from climbplan.cli.plan_path import find_plan
 from climbplan.errors import UsageError
@@ -55,3 +56,4 @@ def view(
         except KeyboardInterrupt as stop:
             if type(stop) is not KeyboardInterrupt:
                 raise  # SIGTERM, which has an exit code of its own
+            interrupt_handled()

@@ -29,7 +29,6 @@ from climbplan.mpc.pinned import Iterate, PinnedProgram
 from climbplan.mpc.sqp import REACH_SLACK, ROUGHLY, GaitAnswer, guess, iterate_of, solve_gait
 from climbplan.mpc.task import LEGS, STATE, Array, Gait, WalkTask
 from climbplan.mpc.warm_up import warm_up
-from climbplan.solvers.interruption import interruptible
 
 _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
 _LONGER = 6  # and more of them for gaits beyond the guessed one
@@ -51,18 +50,13 @@ class NlpMethod:
         task = self.task
         point = self._point(start, at)
         program = self.program
-        program.deadline.at = time.monotonic() + seconds
-        with interruptible(program.deadline.stop):
-            answer = program.solver(
-                x0=np.clip(point, program.lower, program.upper),
-                p=self._numbers(start),
-                lbx=program.lower,
-                ubx=program.upper,
-                lbg=program.row_lower,
-                ubg=program.row_upper,
-            )
-        word = str(program.solver.stats()["return_status"])
-        x = np.array(answer["x"]).ravel()
+        answer = program.solver.solve(
+            np.clip(point, program.bounds.lower, program.bounds.upper),
+            self._numbers(start),
+            program.bounds,
+            time.monotonic() + seconds,
+        )
+        word, x = answer.word, answer.v
         state, force, toes, relaxed = self._parts(x)
         contact = relaxed > 0.5
         gait = with_regions(task, contact, np.vstack([task.start.state, state]))

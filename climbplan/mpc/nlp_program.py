@@ -15,8 +15,9 @@ import numpy as np
 
 from climbplan.mpc.dynamics import BodyNumbers, knot_step, plain_knot_step, rotation
 from climbplan.mpc.pinned import FACETS
-from climbplan.mpc.task import ANGLE_RANGE, LEGS, STATE, Array, WalkTask
-from climbplan.solvers.interruption import Deadline
+from climbplan.mpc.task import ANGLE_RANGE, LEGS, STATE, WalkTask
+from climbplan.reformulations.nlp_form import Bounds
+from climbplan.solvers.ipopt_program import IpoptProgram
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
 ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
@@ -67,14 +68,10 @@ class NlpShape:
 
 @dataclass(frozen=True)
 class CompiledNlp:
-    """IPOPT with its rows and bounds, and the deadline that it looks at."""
+    """IPOPT with the bounds of variables and rows."""
 
-    solver: Any
-    deadline: Deadline
-    row_lower: Array
-    row_upper: Array
-    lower: Array
-    upper: Array
+    solver: IpoptProgram
+    bounds: Bounds
 
 
 @lru_cache(maxsize=4)
@@ -172,34 +169,22 @@ def compiled_nlp(shape: NlpShape) -> CompiledNlp:
     )  # fmt: skip
     g = ca.vertcat(*(row for row, _, _ in rows))
     repeat = [row.numel() for row, _, _ in rows]
-    deadline = Deadline(variables.numel(), g.numel(), numbers.numel())
-    options: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "iteration_callback": deadline,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "max_iter": ITERATIONS,
-            "tol": 1e-4,
-            "constr_viol_tol": 1e-5,
-            # The guess is close to contacts of 0 and 1: do not push it away from them.
-            "mu_strategy": "monotone",
-            "mu_init": 0.01,
-            "bound_push": 1e-4,
-            "bound_frac": 1e-4,
-        },
+    settings = {
+        "max_iter": ITERATIONS,
+        "tol": 1e-4,
+        "constr_viol_tol": 1e-5,
+        # The guess is close to contacts of 0 and 1: do not push it away from them.
+        "mu_strategy": "monotone",
+        "mu_init": 0.01,
+        "bound_push": 1e-4,
+        "bound_frac": 1e-4,
     }
     # Second derivatives: those of the plain step, which are IPOPT's ten times cheaper
     price, weight = ca.SX.sym("price", g.numel()), ca.SX.sym("weight")
     curved = ca.vertcat(*(plain(x[n], toes[n], force[n]) for n in range(N)), g[STATE * N :])
     curvature, _ = ca.hessian(weight * cost + ca.dot(price, curved), variables)
-    options["hess_lag"] = ca.Function(
-        "nlp_hess_l", [variables, numbers, weight, price], [ca.triu(curvature)]
-    )
+    hessian = ca.Function("nlp_hess_l", [variables, numbers, weight, price], [ca.triu(curvature)])
     problem = {"x": variables, "p": numbers, "f": cost, "g": g}
-    solver = ca.nlpsol("walk", "ipopt", problem, options)
     bound = np.concatenate(
         [
             np.tile([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4, N),
@@ -211,10 +196,11 @@ def compiled_nlp(shape: NlpShape) -> CompiledNlp:
     first = STATE * N
     lower[first + 2 : first + 3 * LEGS * N : 3] = 0.0  # legs push
     return CompiledNlp(
-        solver,
-        deadline,
-        np.repeat([low_ for _, low_, _ in rows], repeat),
-        np.repeat([high_ for _, _, high_ in rows], repeat),
-        np.concatenate([lower, np.zeros(LEGS * (N + 1))]),
-        np.concatenate([bound, np.ones(LEGS * (N + 1))]),
+        IpoptProgram("walk", problem, settings, hessian=hessian),
+        Bounds(
+            np.concatenate([lower, np.zeros(LEGS * (N + 1))]),
+            np.concatenate([bound, np.ones(LEGS * (N + 1))]),
+            np.repeat([low_ for _, low_, _ in rows], repeat),
+            np.repeat([high_ for _, _, high_ in rows], repeat),
+        ),
     )

@@ -3,19 +3,31 @@
 Numba renews a function's cached code when the file of that function changes, but not when a
 function that it calls does. The cache of a room therefore lies in a directory named after all
 sources of its compiled functions: after an edit nothing stale is found there.
+
+A machine compiles once, for up to half a minute. The package's log has a line then, which the
+command line shows; nothing is said where the cache serves.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
+import os
+import tempfile
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, cast
 
 import numba
+from numba.core import event
 
 config: Any = numba.config
+
+LONG = 1.0  # [s] of compilation that is worth a word
+_WORD = "compiling functions, which a machine does once; this takes up to half a minute"
+_log = logging.getLogger(__name__)
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -30,20 +42,22 @@ def compiler(room: Path, sources: str) -> Compiler:
     """The decorator of a room's functions; `sources`: glob of the room's files that have such ones.
 
     IEEE arithmetic in the order written, which bounds rely on. Names that begin with an underscore
-    can be called from compiled functions only, which spares the time to compile a wrapper. Where
-    the room's directory cannot be written to, Numba's own cache directory is used.
+    can be called from compiled functions only, which spares the time to compile a wrapper. Code is
+    kept in the first of these that can be written to: the user's NUMBA_CACHE_DIR, beside the
+    room's byte code, the user's cache directory; where none can, it is compiled in each process.
     """
 
     def compiled(function: Function) -> Function:
+        place = _directory(room, sources)
         options: dict[str, Any] = {
-            "cache": True,
+            "cache": place is not None,
             "error_model": "numpy",  # division by zero gives infinity, as in NumPy
             "no_cfunc_wrapper": True,
             "no_cpython_wrapper": function.__name__.startswith("_"),
         }
         users = config.CACHE_DIR
         try:
-            config.CACHE_DIR = _directory(room, sources)
+            config.CACHE_DIR = place or ""
             return cast(Function, numba.njit(**options)(function))
         finally:
             config.CACHE_DIR = users
@@ -52,10 +66,62 @@ def compiler(room: Path, sources: str) -> Compiler:
 
 
 @cache
-def _directory(room: Path, sources: str) -> str:
-    """Beside the room's byte code, or below the user's own NUMBA_CACHE_DIR."""
+def _directory(room: Path, sources: str) -> str | None:
+    """Where the code of a room is kept, None if nowhere."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in (Path(__file__), *sorted(room.glob(sources))):
         digest.update(source.read_bytes())
-    base = Path(config.CACHE_DIR) if config.CACHE_DIR else room / "__pycache__"
-    return str(base / f"compiled-{digest.hexdigest()[:16]}")
+    name = f"compiled-{digest.hexdigest()[:16]}"
+    bases = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []
+    bases += [room / "__pycache__", *_users_own()]
+    return next((str(base / name) for base in bases if _can_be_written(base / name)), None)
+
+
+def _users_own() -> list[Path]:
+    """The user's cache directory, as the XDG base directory specification has it."""
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if named.is_absolute():  # relative ones are to be ignored
+        return [named / "climbplan"]
+    try:
+        return [Path.home() / ".cache" / "climbplan"]
+    except RuntimeError:  # a user without a home
+        return []
+
+
+def _can_be_written(place: Path) -> bool:
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=place):
+            return True
+    except OSError:
+        return False
+
+
+class _Told(event.Listener):  # type: ignore[misc]  # Numba has no types
+    """A line in the log once this process has compiled for long; Numba's cache causes no event."""
+
+    def __init__(self) -> None:
+        self.depth = 0  # a function's compilation starts those of what it calls
+        self.begun = self.spent = 0.0
+        self.told = False
+
+    def on_start(self, _: object) -> None:
+        if self.depth == 0:
+            self.begun = time.perf_counter()
+        self.depth += 1
+        self._look()
+
+    def on_end(self, _: object) -> None:
+        self._look()
+        self.depth = max(self.depth - 1, 0)
+        if self.depth == 0:
+            self.spent += time.perf_counter() - self.begun
+
+    def _look(self) -> None:
+        if not self.told and self.spent + time.perf_counter() - self.begun > LONG:
+            self.told = True
+            _log.info(_WORD, extra={"note": True})
+
+
+_TELLER = _Told()
+event.register("numba:compile", _TELLER)

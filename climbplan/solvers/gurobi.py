@@ -65,6 +65,8 @@ def solve_gurobi(
         if model.Status == GRB.INF_OR_UNBD:
             model.Params.DualReductions = 0
             model.optimize()
+        if model.Status == GRB.INTERRUPTED:
+            raise KeyboardInterrupt  # Gurobi takes Ctrl-C for itself
         found = mended(instance, np.array(x.X)) if model.SolCount else None
         answer = Answer(
             x=found,

@@ -23,7 +23,7 @@ from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.convex import solve_convex
-from climbplan.solvers.highs_model import highs, linear_model, quadratic_model
+from climbplan.solvers.highs_model import highs, linear_model, quadratic_model, run_highs
 from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
 from climbplan.solvers.weak_duality import weak_dual
@@ -114,14 +114,14 @@ def _whole_model(instance: Instance) -> Any:
 
 def _run(solver: Any, mixed: bool) -> _Linear:
     """Solve what the solver holds; its word counts only with a clean return code and status."""
-    code = solver.run()
+    code = run_highs(solver)
     status = solver.getModelStatus()
     note = f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}"
     if code == highspy.HighsStatus.kError:
         return _Linear(None, None, -np.inf, False, 0, f"{note} (refused)")
     if status == _VAGUE:
         solver.setOptionValue("presolve", "off")
-        solver.run()
+        run_highs(solver)
         status = solver.getModelStatus()
         solver.setOptionValue("presolve", "choose")
     info, solution = solver.getInfo(), solver.getSolution()

@@ -1,4 +1,7 @@
-"""An instance as a HiGHS model: rows, bounds, binaries; a quadratic cost only without binaries."""
+"""An instance as a HiGHS model, and the one place that runs HiGHS.
+
+Rows, bounds, binaries; a quadratic cost only without binaries.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from climbplan.program.polytope import Array
+from climbplan.solvers.interruption import interruptible
 
 _FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
 
@@ -25,6 +29,29 @@ def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
     if np.isfinite(time_limit):
         solver.setOptionValue("time_limit", float(max(time_limit, 0.0)))
     return solver
+
+
+def run_highs(solver: Any) -> Any:
+    """Solve what it holds, and return HiGHS's code; Ctrl-C and SIGTERM end it and are passed on."""
+    stopping = False
+
+    def stop() -> None:
+        nonlocal stopping
+        stopping = True
+
+    def look(event: Any) -> None:
+        if stopping:
+            event.interrupt()
+
+    watched = (solver.cbMipInterrupt, solver.cbSimplexInterrupt, solver.cbIpmInterrupt)
+    for moment in watched:
+        moment.subscribe(look)
+    try:
+        with interruptible(stop):
+            return solver.run()
+    finally:
+        for moment in watched:
+            moment.unsubscribe(look)
 
 
 def linear_model(

@@ -1,6 +1,7 @@
-"""Stopping a solver that runs inside CasADi: by the clock, by Ctrl-C, and by SIGTERM.
+"""Stopping a compiled solver: by the clock, by Ctrl-C, and by SIGTERM.
 
-CasADi would swallow signals and return as if the solver had been stopped.
+Left alone, CasADi swallows what a signal raises and returns as if the solver had been stopped, and
+others do not let Python look at signals before they are through.
 """
 
 from __future__ import annotations
@@ -45,6 +46,29 @@ def interruptible(stop: Callable[[], None]) -> Iterator[None]:
         handler = before[signal.Signals(received[0])]
         assert callable(handler)
         handler(received[0], None)  # raises KeyboardInterrupt, or what the program made of it
+
+
+def run_aside(solve: Callable[[], object], stop: Callable[[], None]) -> None:
+    """Run a solver that lets go of Python in a thread, so that this one sees signals meanwhile.
+
+    Ctrl-C and SIGTERM call `stop`, which must be safe while the solver runs, and are passed on
+    once the solver has returned. Raises what `solve` raises.
+    """
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            solve()
+        except BaseException as error:  # passed on in the thread that waits
+            failed.append(error)
+
+    # A daemon: should it not heed `stop`, it does not keep a process that ends
+    thread = threading.Thread(target=run, name="solver", daemon=True)
+    with interruptible(stop):
+        thread.start()
+        thread.join()
+    if failed:
+        raise failed[0]
 
 
 class Deadline(ca.Callback):

@@ -1,4 +1,7 @@
-"""IPOPT on a program that is compiled once: numbers change, and it can be stopped."""
+"""IPOPT on a program that is compiled once: numbers change, and it can be stopped.
+
+The only place that calls IPOPT: each call has a deadline, and Ctrl-C and SIGTERM end it.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +38,16 @@ class IpoptProgram:
         problem: Mapping[str, Any],
         settings: Mapping[str, Any],
         expand: bool = False,
+        hessian: ca.Function | None = None,
     ) -> None:
-        """settings: IPOPT's own. expand: one expression graph instead of calls of functions."""
+        """settings: IPOPT's own. expand: one expression graph instead of calls of functions.
+
+        hessian: the upper triangle of the Lagrangian's second derivatives, of (x, p, weight of the
+        cost, multipliers of the rows); CasADi's own if left out.
+        """
         self.size = int(problem["x"].numel())
-        self._deadline = Deadline(*(problem[key].numel() for key in ("x", "g", "p")))
+        sizes = (problem[key].numel() if key in problem else 0 for key in ("x", "g", "p"))
+        self._deadline = Deadline(*sizes)
         options: dict[str, Any] = {
             "print_time": False,
             "error_on_fail": False,
@@ -47,6 +56,8 @@ class IpoptProgram:
         }
         if expand:
             options["expand"] = True
+        if hessian is not None:
+            options["hess_lag"] = hessian
         self._solver = ca.nlpsol(name, "ipopt", dict(problem), options)
 
     def solve(self, start: Array, numbers: Any, bounds: Bounds, deadline: float) -> NlpPoint:

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from climbplan.errors import LimitReached
 from climbplan.program.polytope import Array
-from climbplan.solvers.highs_model import highs, linear_model
+from climbplan.solvers.highs_model import highs, linear_model, run_highs
 
 # Tried one after the other; a small program in a hundred thousand defeats the first
 _WAYS: tuple[dict[str, str | int], ...] = (
@@ -67,7 +67,7 @@ def solve_linear(program: LinearProgram) -> LinearAnswer:
         solver.clearSolver()  # or a try starts from the basis that the last one broke
         for option, value in way.items():
             solver.setOptionValue(option, value)
-        code = solver.run()
+        code = run_highs(solver)
         status = solver.getModelStatus()
         if code == highspy.HighsStatus.kError:
             continue

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.program.polytope import Array
-from climbplan.solvers.highs_model import highs
+from climbplan.solvers.highs_model import highs, run_highs
 from climbplan.solvers.linear import LinearProgram
 
 _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
@@ -52,7 +52,7 @@ def solve_mixed_linear(
         point = highspy.HighsSolution()
         point.col_value = list(start)
         solver.setSolution(point)
-    code = solver.run()
+    code = run_highs(solver)
     infeasible = solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible
     info, solution = solver.getInfo(), solver.getSolution()
     usable = info.primal_solution_status == _FEASIBLE_POINT and solution.value_valid

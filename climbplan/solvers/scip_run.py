@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.program.polytope import Array
+from climbplan.solvers.interruption import run_aside
 from climbplan.solvers.result import Answer, Indices
 
 _CLAIMS = {  # SCIP's word -> whether it claims infeasibility
@@ -28,9 +29,9 @@ _GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolv
 def run_model(model: Any, gap: float, own_error: float, time_limit: float) -> None:
     """Solve to a relative gap, of which SCIP's own error is a part; time_limit: [s].
 
-    Raises KeyboardInterrupt for Ctrl-C, which SCIP takes for itself.
+    Ctrl-C and SIGTERM end it and are passed on.
     """
-    begin = time.perf_counter()
+    model.setParam("misc/catchctrlc", False)  # SCIP's own handler would hide it from Python
     model.setParam("parallel/maxnthreads", 1)
     model.setParam("limits/gap", max(gap - own_error, 0.5 * gap))
     guard: threading.Timer | None = None
@@ -38,11 +39,11 @@ def run_model(model: Any, gap: float, own_error: float, time_limit: float) -> No
         model.setParam("limits/time", float(time_limit))
         guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
         guard.start()
-    model.optimizeNogil()
-    if guard is not None:
-        guard.cancel()
-    if model.getStatus() == "userinterrupt" and time.perf_counter() - begin < time_limit:
-        raise KeyboardInterrupt  # and not the guard
+    try:
+        run_aside(model.optimizeNogil, model.interruptSolve)
+    finally:
+        if guard is not None:
+            guard.cancel()
 
 
 def values(model: Any, variables: list[Any]) -> Array:

@@ -70,6 +70,8 @@ def finish(folder: Path, *arguments: str) -> str:
 def workers_of(run: subprocess.Popen[str]) -> list[int]:
     """Processes below a run that make rows."""
     found = []
+    # The process that was started watches over the one that gives rows to workers
+    below = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
             continue
@@ -79,7 +81,7 @@ def workers_of(run: subprocess.Popen[str]) -> list[int]:
         except OSError:
             continue
         # loky's resource tracker is a child too, and makes no rows
-        if int(status[1]) == run.pid and "loky" in line and "resource_tracker" not in line:
+        if status[1] in below and "loky" in line and "resource_tracker" not in line:
             found.append(int(entry.name))
     return found
 

@@ -1,38 +1,81 @@
-"""Whether Ctrl-C or the clock stopped SCIP."""
+"""Whether a signal or the clock stopped SCIP."""
 
 from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
 
 import pytest
 
 from climbplan.solvers.scip_run import run_model
 
 
-class Stopped:
-    """A model that something interrupts at once."""
+class Endless:
+    """A model that is solved until something interrupts it, and does not ask Python meanwhile."""
 
-    def __init__(self) -> None:
+    def __init__(self, signalled: signal.Signals | None = None) -> None:
         self.settings: dict[str, object] = {}
+        self.signalled = signalled
+        self.interrupted = threading.Event()
 
     def setParam(self, name: str, value: object) -> None:
         self.settings[name] = value
 
     def optimizeNogil(self) -> None:
-        """Nothing is solved."""
+        if self.signalled is not None:
+            os.kill(os.getpid(), self.signalled)
+        assert self.interrupted.wait(30.0)
 
     def interruptSolve(self) -> None:
-        """Nothing runs."""
-
-    def getStatus(self) -> str:
-        return "userinterrupt"
+        self.interrupted.set()
 
 
-def test_ctrl_c_is_no_limit() -> None:
-    with pytest.raises(KeyboardInterrupt):
-        run_model(Stopped(), 1e-4, 1e-5, 60.0)
+def test_ctrl_c_interrupts_scip_and_is_passed_on() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    model = Endless(signal.SIGINT)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_model(model, 1e-4, 1e-5, 60.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert model.interrupted.is_set()
+    assert model.settings["misc/catchctrlc"] is False
 
 
-def test_a_limit_is_no_ctrl_c() -> None:
-    model = Stopped()
+def test_sigterm_too() -> None:
+    class Ended(Exception):
+        """What a program makes of SIGTERM."""
+
+    def end(*_: object) -> None:
+        raise Ended
+
+    before = signal.signal(signal.SIGTERM, end)
+    model = Endless(signal.SIGTERM)
+    try:
+        with pytest.raises(Ended):
+            run_model(model, 1e-4, 1e-5, 60.0)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert model.interrupted.is_set()
+
+
+def test_the_guard_of_the_limit_is_no_interrupt() -> None:
+    model = Endless()
+    begin = time.monotonic()
     run_model(model, 1e-4, 1e-5, 0.0)
+    assert time.monotonic() - begin < 20.0
     assert model.settings["limits/time"] == 0.0
     assert model.settings["limits/gap"] == pytest.approx(9e-5)
+
+
+def test_what_fails_in_scip_is_raised() -> None:
+    model = Endless()
+
+    def fail() -> None:
+        raise MemoryError("presolve")
+
+    model.optimizeNogil = fail  # type: ignore[method-assign]
+    with pytest.raises(MemoryError, match="presolve"):
+        run_model(model, 1e-4, 1e-5, 60.0)

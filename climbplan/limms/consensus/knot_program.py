@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,6 +25,8 @@ from climbplan.limms.consensus.knot_modes import (
 from climbplan.limms.consensus.module_rows import AHEAD
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, Setting
 from climbplan.limms.scene import SIDE_NORMALS, Array
+from climbplan.reformulations.nlp_form import Bounds
+from climbplan.solvers.ipopt_program import IpoptProgram
 
 CUTS = 40  # planes between links that a program has room for
 ITERATIONS = 60
@@ -74,7 +75,7 @@ class KnotPrograms:
 
     def __init__(self, setting: Setting) -> None:
         self.setting = setting
-        self._programs: dict[Pattern, Any] = {}
+        self._programs: dict[Pattern, tuple[IpoptProgram, ca.Function]] = {}
         self.build_seconds = 0.0
         self.variables = 0
         self.constraints = 0
@@ -89,10 +90,12 @@ class KnotPrograms:
         planes: Sequence[Plane],
         blocks: Array,
         rests: bool,
+        seconds: float = np.inf,
     ) -> Solved:
         """The nearest poses to the targets.
 
         blocks: (L, 4, 2, 3) free block of each link; rests: whether the box is where it starts.
+        seconds: until IPOPT stops where it is.
         """
         began = time.perf_counter()
         key = tuple((h.root, h.parent, h.ends[h.root].kind == ON_MODULE) for h in hands)
@@ -125,10 +128,10 @@ class KnotPrograms:
         )
         low = np.concatenate([g_lower, cut_lower])
         high = np.concatenate([g_upper, np.full(CUTS, np.inf)])
-        answer = program(
-            x0=np.clip(x0, lower, upper), lbx=lower, ubx=upper, lbg=low, ubg=high, p=parameters
-        )
-        x, g = np.asarray(answer["x"]).ravel(), np.asarray(answer["g"]).ravel()
+        bounds = Bounds(lower, upper, low, high)
+        until = time.monotonic() + seconds
+        answer = program.solve(np.clip(x0, lower, upper), parameters, bounds, until)
+        x, g = answer.v, answer.rows
         violation = float(np.max(np.maximum(low - g, g - high), initial=0.0))
         points = np.asarray(points_of(x, parameters)).ravel().reshape(L, POINTS, 3)
         pose = Pose(x[:3], x[3 : 3 + 3 * L].reshape(L, 3), x[3 + 3 * L :].reshape(L, 6))
@@ -191,7 +194,7 @@ class KnotPrograms:
             frames,
         )
 
-    def _build(self, key: Pattern) -> tuple[Any, Any]:
+    def _build(self, key: Pattern) -> tuple[IpoptProgram, ca.Function]:
         """The program of a pattern: roots, and on whose end they are."""
         setting, L = self.setting, self.setting.scene.count
         box, root, q = ca.SX.sym("box", 3), ca.SX.sym("root", 3, L), ca.SX.sym("q", 6, L)
@@ -246,19 +249,16 @@ class KnotPrograms:
         g = ca.vertcat(*rows)
         self.variables = max(self.variables, x.numel())
         self.constraints = max(self.constraints, g.numel())
-        options: dict[str, Any] = {
-            "ipopt.print_level": 0,
-            "print_time": False,
-            "ipopt.sb": "yes",
-            "ipopt.max_iter": ITERATIONS,
-            "ipopt.tol": 1e-6,
-            "ipopt.constr_viol_tol": 1e-7,
-            "ipopt.acceptable_tol": 1e-3,
-            "ipopt.acceptable_iter": 4,
-            "ipopt.mu_strategy": "adaptive",
-            "ipopt.max_cpu_time": 5.0,
+        settings = {
+            "max_iter": ITERATIONS,
+            "tol": 1e-6,
+            "constr_viol_tol": 1e-7,
+            "acceptable_tol": 1e-3,
+            "acceptable_iter": 4,
+            "mu_strategy": "adaptive",
+            "max_cpu_time": 5.0,
         }
-        program = ca.nlpsol("knot", "ipopt", {"x": x, "p": p, "f": cost, "g": g}, options)
+        program = IpoptProgram("knot", {"x": x, "p": p, "f": cost, "g": g}, settings)
         return program, ca.Function("points", [x, p], [every])
 
     def _off_parent(self, placed: Mapping[int, _Placed], child: int, parent: int) -> ca.SX:

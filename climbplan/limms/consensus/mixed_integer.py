@@ -20,7 +20,7 @@ from climbplan.limms.consensus.module_rows import add_modules
 from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import FREE, LEAPS, Setting
 from climbplan.limms.scene import Array
-from climbplan.solvers.highs_model import highs, linear_model
+from climbplan.solvers.highs_model import highs, linear_model, run_highs
 
 GOAL = 1000.0  # [1/m] cost of what is missing to the goal
 REACHED = 20.0  # cost of a plan that reaches it, more than all else together
@@ -207,7 +207,7 @@ class MixedInteger:
             solution = highspy.HighsSolution()
             solution.col_value = list(start)
             self._solver.setSolution(solution)
-        self._solver.run()
+        run_highs(self._solver)
         status = self._solver.getModelStatus()
         solution = self._solver.getSolution()
         info = self._solver.getInfo()

@@ -76,6 +76,7 @@ class Nonlinear:
                 target.points[knot],
                 earlier,
                 modes.region[knot],
+                deadline,
             )
             box[knot], points[knot] = solved.pose.box, solved.points
             angles[knot] = solved.pose.angles
@@ -92,6 +93,7 @@ class Nonlinear:
         points: Array,
         earlier: Sequence[Array | None],
         region: Array,
+        deadline: float,
     ) -> tuple[Solved, float]:
         setting = self.setting
         pose, placed = start_at(setting, hands, box, points, earlier)
@@ -107,6 +109,7 @@ class Nonlinear:
                 planes,
                 blocks,
                 rests,
+                deadline - time.perf_counter(),
             )
             self.solves += 1
             placed = placed_at(setting, hands, solved.pose)

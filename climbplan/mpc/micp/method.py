@@ -23,8 +23,7 @@ from climbplan.mpc.micp.statement import Relaxation, relaxation
 from climbplan.mpc.micp.tube import Tube, tube_about
 from climbplan.mpc.sqp import iterate_of, solve_gait
 from climbplan.mpc.task import Array, WalkTask, WalkTrajectory
-from climbplan.solvers.highs_model import highs
-from climbplan.solvers.interruption import interruptible
+from climbplan.solvers.highs_model import highs, run_highs
 from climbplan.spec.mpc_solver import WalkSolverSpec
 
 _TOLERANCE = 1e-7  # of rows
@@ -186,7 +185,7 @@ class _Run:
         for _ in range(_ROUNDS):
             solver = _quiet(self.left)
             solver.passModel(model.lp(whole=False))
-            solver.run()
+            run_highs(solver)
             status = solver.getModelStatus()
             if status == highspy.HighsModelStatus.kInfeasible:
                 self.raise_bound(most, most)
@@ -213,11 +212,7 @@ class _Run:
         start = program.integers(known)
         columns = np.array(list(start), np.int32)
         solver.setSolution(len(columns), columns, np.array(list(start.values()), float))
-        stopping = self.again = False
-
-        def stop() -> None:
-            nonlocal stopping
-            stopping = True
+        self.again = False
 
         def improved(event: Any) -> None:
             self.consider(program, np.array(event.data_out.mip_solution))
@@ -227,14 +222,13 @@ class _Run:
 
         def interrupt(event: Any) -> None:
             self.again = self.objective < _NEW_START * basis
-            if stopping or self.closed or self.again:
+            if self.closed or self.again:
                 event.interrupt()
 
         solver.cbMipImprovingSolution.subscribe(improved)
         solver.cbMipLogging.subscribe(logged)
         solver.cbMipInterrupt.subscribe(interrupt)
-        with interruptible(stop):
-            solver.run()
+        run_highs(solver)
         info = solver.getInfo()
         status = solver.getModelStatus()
         self.word = (

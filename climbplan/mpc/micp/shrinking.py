@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.mpc.micp.statement import Relaxation
 from climbplan.mpc.micp.tube import Tube
 from climbplan.mpc.task import ANGLES, POSITION, SPIN, Array
-from climbplan.solvers.highs_model import highs
+from climbplan.solvers.highs_model import highs, run_highs
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
 _FIXED = 1e-6
@@ -63,7 +63,7 @@ def shrunk(program: Relaxation, seconds: float) -> Box | None:
                     return Box(low, high)
                 solver.setOptionValue("time_limit", solver.getRunTime() + left)
                 solver.changeColCost(column, sign)
-                solver.run()
+                run_highs(solver)
                 status = solver.getModelStatus()
                 if status == highspy.HighsModelStatus.kInfeasible:
                     return None

@@ -1,0 +1,172 @@
+"""Where compiled functions are kept, and the line that tells of compilation."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+import re
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+import climbplan
+from climbplan.cli.console import Session, plain_messages
+from climbplan.solvers import compiling
+
+PACKAGE = Path(climbplan.__file__).parent
+ROOM = """
+from pathlib import Path
+from climbplan.solvers.compiling import compiler
+
+@compiler(Path(__file__).parent, "compiled_*.py")
+def one(x: float) -> float:
+    return x + 1.0
+
+one(1.0)
+print(sum(one.stats.cache_hits.values()))
+"""
+_PRIVILEGES = (1, 2, 3)  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH, CAP_FOWNER
+_DROP = 24  # prctl's PR_CAPBSET_DROP
+
+
+def like_any_user() -> None:
+    """Have even root heed permissions from the next program on."""
+    for privilege in _PRIVILEGES:
+        ctypes.CDLL(None).prctl(_DROP, privilege, 0, 0, 0)
+
+
+def run(folder: Path, *command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    plain = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    return subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", *command],
+        cwd=folder,
+        env={**plain, "PYTHONPATH": str(PACKAGE.parent), **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=like_any_user,
+    )
+
+
+def forbid_writing(folder: Path) -> None:
+    for path in [folder, *folder.rglob("*")]:
+        path.chmod(path.stat().st_mode & ~(stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH))
+
+
+def allow_writing(folder: Path) -> None:
+    for path in [folder, *folder.rglob("*")]:
+        path.chmod(path.stat().st_mode | stat.S_IWUSR)
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    place = tmp_path / "room"
+    place.mkdir()
+    (place / "compiled_one.py").write_text(ROOM)
+    return place
+
+
+def kept_in(folder: Path) -> bool:
+    return any(folder.rglob("compiled_one.one-*.nbc"))
+
+
+def test_beside_the_byte_code_where_that_can_be_written(room: Path, tmp_path: Path) -> None:
+    users = {"HOME": str(tmp_path / "home")}
+    hits = [run(room, "compiled_one.py", **users).stdout for _ in range(2)]
+    assert hits == ["0\n", "1\n"]
+    assert kept_in(room / "__pycache__")
+    assert not (tmp_path / "home").exists()
+
+
+@pytest.mark.parametrize(
+    ("users", "place"),
+    [
+        ({"HOME": "home"}, "home/.cache/climbplan"),
+        ({"HOME": "home", "XDG_CACHE_HOME": "own"}, "own/climbplan"),
+        ({"HOME": "home", "NUMBA_CACHE_DIR": "named"}, "named"),
+    ],
+)
+def test_in_the_users_cache_where_it_cannot(
+    room: Path, tmp_path: Path, users: dict[str, str], place: str
+) -> None:
+    forbid_writing(room)
+    there = {name: str(tmp_path / folder) for name, folder in users.items()}
+    first, second = (run(room, "compiled_one.py", **there) for _ in range(2))
+    assert (first.stdout, second.stdout) == ("0\n", "1\n")
+    assert (first.stderr, second.stderr) == ("", "")
+    assert kept_in(tmp_path / place)
+
+
+def test_named_by_the_user_before_anything_else(room: Path, tmp_path: Path) -> None:
+    run(room, "compiled_one.py", NUMBA_CACHE_DIR=str(tmp_path / "named"))
+    assert kept_in(tmp_path / "named")
+    assert not kept_in(room)
+
+
+def test_nowhere_to_write_is_no_error(room: Path, tmp_path: Path) -> None:
+    forbid_writing(room)
+    (tmp_path / "home").mkdir()
+    forbid_writing(tmp_path / "home")
+    done = run(room, "compiled_one.py", HOME=str(tmp_path / "home"))
+    assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+def told(session: Session, capsys: pytest.CaptureFixture[str]) -> str:
+    """What a session says while two functions are compiled and one is called again."""
+    one, other = numba.njit(lambda x: x + 1), numba.njit(lambda x: x - 1)
+    compiling._TELLER.__init__()  # as in a process that has compiled nothing yet
+    with plain_messages(session):
+        assert (one(1), other(1), one(2)) == (2, 0, 3)
+    return capsys.readouterr().err
+
+
+def test_long_compilation_is_told_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiling, "LONG", 60.0)
+    assert told(Session(), capsys) == ""
+    monkeypatch.setattr(compiling, "LONG", 0.0)
+    assert told(Session(), capsys).count("compiling functions") == 1
+    assert told(Session(quiet=True), capsys) == ""
+
+
+def test_python_hears_of_it_through_the_log(
+    caplog: pytest.LogCaptureFixture,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(compiling, "LONG", 0.0)
+    compiling._TELLER.__init__()
+    with caplog.at_level(logging.INFO, "climbplan"):
+        numba.njit(lambda x: 2 * x)(1)
+    assert [record.name for record in caplog.records] == ["climbplan.solvers.compiling"]
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.slow
+def test_first_run_of_a_package_that_cannot_be_written(tmp_path: Path) -> None:
+    """Installed by another user: the second run neither compiles nor says so."""
+    copy, scene = tmp_path / "installed" / "climbplan", "specs/bookshelf_scene.yaml"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE.parent / "specs", tmp_path / "specs")
+    forbid_writing(copy.parent)
+    where = {"HOME": str(tmp_path / "home"), "PYTHONPATH": str(copy.parent)}
+    try:
+        first, second = (
+            run(tmp_path, "-m", "climbplan", "solve-bookshelf", scene, "-o", out, **where)
+            for out in ("first", "second")
+        )
+    finally:
+        allow_writing(copy.parent)
+    assert first.stderr.count("compiling functions") == 1
+    assert "compiling" not in second.stderr
+    assert "warning" not in (first.stderr + second.stderr).lower()
+    lines = [re.sub(r"\d+\.\d+ m?s", "", text) for text in (first.stderr, second.stderr)]
+    assert len(lines[0].splitlines()) == len(lines[1].splitlines()) + 1
+    assert any((tmp_path / "home" / ".cache" / "climbplan").rglob("*.nbc"))

@@ -1,0 +1,50 @@
+"""Ctrl-C during HiGHS reaches the caller."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import highspy
+import numpy as np
+import pytest
+from scipy import sparse
+
+from climbplan.solvers.highs_model import highs, linear_model, run_highs
+
+
+@pytest.fixture(autouse=True)
+def handler() -> Iterator[None]:
+    """Ctrl-C as in a program of its own."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def market_split(rows: int) -> Any:
+    """Rows of weights to be split in half at once (Cornuejols and Dawande 1998): hard for trees."""
+    weights = np.random.default_rng(0).integers(0, 100, (rows, 10 * (rows - 1))).astype(float)
+    n = weights.shape[1]
+    off = sparse.hstack([weights, sparse.identity(rows), -sparse.identity(rows)]).tocsr()
+    cost = np.concatenate([np.zeros(n), np.ones(2 * rows)])
+    upper = np.concatenate([np.ones(n), np.full(2 * rows, np.inf)])
+    whole = np.concatenate([np.ones(n, bool), np.zeros(2 * rows, bool)])
+    half = np.floor(weights.sum(axis=1) / 2)
+    return linear_model(cost, 0.0, np.zeros(n + 2 * rows), upper, whole, off, half, half)
+
+
+def test_a_tree_search_is_stopped() -> None:
+    solver = highs(300.0)
+    solver.passModel(market_split(5))
+    press = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    press.start()
+    begin = time.process_time()
+    with pytest.raises(KeyboardInterrupt):
+        run_highs(solver)
+    assert time.process_time() - begin < 5.0
+    assert solver.getModelStatus() == highspy.HighsModelStatus.kInterrupt
+    press.join()

@@ -23,9 +23,10 @@ from climbplan.mpc import dataset_rows as walks
 from climbplan.mpc.checker import check_trajectory
 from climbplan.mpc.cost import objective
 from climbplan.mpc.library import sections_of
-from climbplan.plans.checks.check import Check
+from climbplan.plans.checks.check import Check, LeftOut
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import read_dataset_file
+from climbplan.plans.held import held_against
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.program.problem import Problem
 from climbplan.spec.bookshelf import ShelfSolverSpec
@@ -49,6 +50,7 @@ MEANINGS = {
     "objective": "costs are those of the stored solutions",
 }
 _RELATIVE = 1e-6
+_NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at without --problem")
 
 
 def verify(path: Path, problem: Problem | None = None) -> Verification:
@@ -65,7 +67,10 @@ def verification_of(data: Dataset, path: Path, problem: Problem | None = None) -
     """As `verify`, for a dataset that was read already."""
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
-        return Verification((*_file_checks(data), *_row_checks(data, path, problem)))
+        checks = (*_file_checks(data), *_row_checks(data, path, problem))
+    alone = data.frame.kind == programs.KIND and problem is None
+    beyond = (_NO_BLOCKS,) if alone else ()
+    return Verification(checks, beyond=beyond, against=held_against(data, None))
 
 
 def verify_and_mark(path: Path, problem: Problem | None = None) -> Verification:

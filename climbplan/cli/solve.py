@@ -25,6 +25,7 @@ from climbplan.cli.options import (
 )
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.solve_problem import ProblemName, explained, load_problem
+from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
 
 if TYPE_CHECKING:

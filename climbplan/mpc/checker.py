@@ -40,14 +40,14 @@ LIMITS = {
     "contact.no_slip": Limit(1e-9, "m", "standing toes stay where they are"),
     "contact.region": Limit(1e-6, "m", "standing toes are on their regions"),
     "swing.height": Limit(1e-6, "m", "swinging toes are lifted above the ground"),
+    "workspace.whole_stance": Limit(
+        1e-4, "m", "standing toes are inside their boxes at the interval's end too"
+    ),
     "workspace.toe": Limit(1e-4, "m", "toes are inside their boxes in the body frame"),
     "state.tilt": Limit(0, "rad", "roll and pitch within a right angle (Table 8.4)"),
     "gait.contacts": Limit(0, "", "intervals with fewer standing legs than asked for"),
 }
 LOOP_LIMITS = {
-    "workspace.whole_stance": Limit(
-        1e-4, "m", "standing toes are inside their boxes at the interval's end too"
-    ),
     "workspace.standing": Limit(
         0.02, "m", "standing toes at most so far outside their boxes, at every sample"
     ),

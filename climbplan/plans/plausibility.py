@@ -8,11 +8,14 @@ numbers are no mistakes that can be proved, so they fail nothing; they are warne
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.model import Robot
+from climbplan.spec.urdf_tree import urdf_of_text
+from climbplan.spec.urdf_xml import UrdfFault, UrdfFaults
 from climbplan.terrain.surfaces import Region
 
 # A legged robot stands up on one joint with a quarter of its weight at the limb's full length, or
@@ -39,7 +42,8 @@ _EARTH = (1.0, 25.0)  # [m/s^2] Moon to Jupiter
 def implausible_climb(plan: ClimbPlan) -> tuple[str, ...]:
     """Warnings about robot, terrain, forces and commands of a climb or transition."""
     robot = plan.robot
-    return (*_robot(robot), *_terrain(plan), *_loads(plan), *_deflections(plan))
+    links = massless_links(plan.robot_texts.urdf)
+    return (*_robot(robot), *links, *_terrain(plan), *_loads(plan), *_deflections(plan))
 
 
 def implausible_friction(name: str, friction: float) -> Iterator[str]:
@@ -82,14 +86,14 @@ def _robot(robot: Robot) -> Iterator[str]:
         if bend[limb, joint] > FOLDS:
             yield (
                 f"joint stiffness {stiffness[limb, joint]:g} N m/rad at "
-                f"{_name(robot, limb, joint)}: its share of the weight at the end of the limb would "
-                f"bend it by {np.rad2deg(bend[limb, joint]):.0f} degrees"
+                f"{_name(robot, limb, joint)}: a limb's share of the weight at its end would bend "
+                f"it by {np.rad2deg(bend[limb, joint]):.0f} degrees"
             )
         limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmin(bend)), bend.shape))
         if bend[limb, joint] < RIGID:
             yield (
                 f"joint stiffness {stiffness[limb, joint]:g} N m/rad at "
-                f"{_name(robot, limb, joint)}: its share of the weight at the end of the limb bends it "
+                f"{_name(robot, limb, joint)}: a limb's share of the weight at its end bends it "
                 f"by {np.rad2deg(bend[limb, joint]):.1g} degrees, as no motor's control does"
             )
     volume = float(np.prod(np.ptp(robot.body_hull, axis=0)))
@@ -105,6 +109,32 @@ def _robot(robot: Robot) -> Iterator[str]:
     if speed.max() > SPEED:
         turns = speed.max() * 30 / np.pi
         yield f"joint speed limit {speed.max():g} rad/s: {turns:.0f} turns a minute"
+
+
+def massless_links(urdf: str) -> Iterator[str]:
+    """Moving parts of a URDF's text that have no mass, where most of them have none.
+
+    A part is a link that a joint moves with all that is fixed to it: single frames without mass
+    are usual. An empty text, of a robot that is from no URDF, has none.
+    """
+    try:
+        tree = urdf_of_text(urdf, Path("urdf")) if urdf else None
+    except (UrdfFault, UrdfFaults):
+        return  # `robot.spec` says what is wrong with it
+    if tree is None:
+        return
+    by_child = tree.by_child
+    mass = {joint.child: 0.0 for joint in tree.joints.values() if joint.kind != "fixed"}
+    for link in tree.links.values():
+        name = link.name
+        while name in by_child and by_child[name].kind == "fixed":
+            name = by_child[name].parent
+        if name in mass:
+            mass[name] += link.mass
+    empty = [name for name, own in mass.items() if own == 0]
+    if 2 * len(empty) > len(mass):
+        shown = ", ".join(empty[:3]) + (", ..." if len(empty) > 3 else "")
+        yield f"{len(empty)} of {len(mass)} moving links of the URDF have no mass ({shown})"
 
 
 def _terrain(plan: ClimbPlan) -> Iterator[str]:

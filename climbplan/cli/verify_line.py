@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def verify_line(verification: Verification, seconds: float) -> str:
     """How the verification went, in the columns of the lines before it."""
     word = "passed" if verification.passed else "FAILED"
-    in_model = f"{verification.badge}; " if verification.passed and verification.left_out else ""
+    in_model = f"{verification.badge}; " if verification.passed and verification.model else ""
     return f"{'verify':<9} {word:<9} {seconds:.2f} s   {in_model}{verification.headline()}"
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -163,17 +164,20 @@ def _walk_checks(data: Dataset, path: Path) -> Iterator[Check]:
     task = walks.task_of_frame(data.frame, path)
     rows = np.flatnonzero(data.feasible)
     worst, off, apart, features = (np.zeros(len(rows)) for _ in range(4))
+    lacks: dict[str, LeftOut] = {}
     for k, row in enumerate(rows):
         own, found = walks.walk_of(task, data, int(row))
         checks = check_trajectory(own, found)
         worst[k] = max(float(not check.passed) for check in checks)
+        lacks |= {out.model: out for check in checks if (out := check.left_out) is not None}
         cost = objective(own, found.state, found.force)
         off[k] = abs(cost - data.objective[row]) / max(1.0, abs(cost))
         contact = found.gait.contact[:-1].astype(np.int64).ravel()
         apart[k] = float(np.abs(contact - data.integers[row]).max())
         made = sections_of(own, found, 0).features
         features[k] = float(np.abs(made - data.solution["section_features"][row]).max())
-    yield _worst("rows.walks", worst, 0.0, rows=rows)
+    left = LeftOut(", ".join(lacks), "walks that hold in their model only") if lacks else None
+    yield replace(_worst("rows.walks", worst, 0.0, rows=rows), left_out=left)
     yield _worst("rows.integers", apart, 0.0, rows=rows)
     yield _worst("rows.sections", features, _RELATIVE, rows=rows)
     yield _worst("objective", off, _RELATIVE, "relative", rows=rows)

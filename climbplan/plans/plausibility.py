@@ -18,14 +18,15 @@ from climbplan.spec.urdf_tree import urdf_of_text
 from climbplan.spec.urdf_xml import UrdfFault, UrdfFaults
 from climbplan.terrain.surfaces import Region
 
-# A legged robot stands up on one joint with a quarter of its weight at the limb's full length, or
-# less: strong ones have five times that. Twenty times is a limit that nobody measured.
-TORQUE_RATIO = 20.0
-# Heavy climbers press with their weight on both sides; six times is braced by clamping.
-FORCE_RATIO = 6.0
-# Commands lead a compliant joint by what its load bends it; no joint is a linear spring so far.
-LEAD = np.deg2rad(60.0)  # [rad]
-# A body that sinks or tilts by more than this under its own weight is no longer at its pose.
+# A joint at the limb's full length holds a walking robot once or twice, a climber less than once.
+TORQUE_RATIO = 10.0
+# Toes that brace press with the weight, 1.4 times on the worst of the shipped climbs.
+FORCE_RATIO = 4.0
+# Commands lead a compliant joint by what its load bends it (24 degrees at most on the shipped
+# climbs, which puts toes a third of a limb off): no joint is a linear spring much farther.
+LEAD = np.deg2rad(45.0)  # [rad]
+LEAD_SHARE = 0.5  # of the limb's length, by which commands put its toe into the wall or off it
+# A body that sags or tilts by more is no longer near its pose, which the linear model asks for.
 SAG_SHARE = 0.15  # of the largest reach
 SAG_TURN = np.deg2rad(15.0)  # [rad]
 # A joint under its share of the weight at the limb's length: bent by more than a radian, it folds;
@@ -166,6 +167,16 @@ def _deflections(plan: ClimbPlan) -> Iterator[str]:
             f"commands {np.rad2deg(lead[k, limb, joint]):.0f} degrees beyond the joint's angle "
             f"({_name(robot, limb, joint)}, {instants.label(k, robot.limb_names)}): no joint is a "
             "spring that far"
+        )
+    length = np.where(robot.has_joint, robot.link_lengths, 0.0).sum(axis=1)
+    off = np.linalg.norm(forces.toe_command - instants.toes, axis=-1)
+    off = np.where(instants.contact, off, 0.0)
+    k, limb = (int(i) for i in np.unravel_index(int(np.argmax(off / length)), off.shape))
+    if off[k, limb] > LEAD_SHARE * length[limb]:
+        yield (
+            f"commands that would put a toe {1e3 * off[k, limb]:.0f} mm off where it stands, "
+            f"{100 * off[k, limb] / length[limb]:.0f} % of the limb ({robot.limb_names[limb]}, "
+            f"{instants.label(k, robot.limb_names)})"
         )
     shift = float(np.linalg.norm(forces.com_deflection[:, :3], axis=1).max(initial=0.0))
     turn = float(np.linalg.norm(forces.com_deflection[:, 3:], axis=1).max(initial=0.0))

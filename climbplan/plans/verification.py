@@ -79,18 +79,19 @@ class Verification:
         """What can be said of the plan: "verified", "verified in its model (...)", or not."""
         if not self.passed:
             return "not verified"
-        if not self.left_out:
+        if not self.model:
             return "verified"
         return f"verified in its model ({self.model})"
 
     @property
     def model(self) -> str:
         """What the plan is verified in, "" where nothing is left out: "forward Euler"."""
-        return ", ".join(dict.fromkeys(out.model for out in self.left_out))
+        data = ["implausible data"] if self.implausible else []
+        return ", ".join(dict.fromkeys([*data, *(out.model for out in self.left_out)]))
 
     @property
     def leaves_out(self) -> tuple[str, ...]:
-        """What that leaves out, in short phrases with figures."""
+        """What that leaves out, in short phrases with figures; `implausible` stands beside it."""
         return tuple(dict.fromkeys(out.words for out in self.left_out))
 
     @property

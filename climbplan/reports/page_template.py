@@ -85,7 +85,7 @@ def report_fields(
         title=report["title"] or report["name"],
         kicker=(report["name"], kind),
         badges=(report.get("badge") or plain, status),
-        colour="part" if report["verified"] and report.get("leaves_out") else "",
+        colour="part" if report["verified"] and report.get("verified_in") else "",
         above=implausible_list(report),
         below=left_out_list(report),
         good=report["verified"],

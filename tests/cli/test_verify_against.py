@@ -169,14 +169,17 @@ def test_walks(run_command: RunCommand) -> None:
     done = run_command("plan-mpc", spec, "--method", "nlp", *lax, "-o", "walk")
     assert done.code == 0, done.err
     assert done.err.splitlines()[0].startswith("warning: implausible: friction 2.5 of the ground")
-    assert "verified in its model (forward Euler)" in done.err
+    assert "verified in its model (implausible data, forward Euler)" in done.err
     assert "leaves out" in done.err
     page = Path("walk/report.html").read_text(encoding="utf-8")
     assert page.index("friction 2.5 of the ground") < page.index("<h1>")
-    assert '<span class="badge part">verified in its model (forward Euler)</span>' in page
+    assert (
+        '<span class="badge part">verified in its model (implausible data, forward Euler)</span>'
+        in page
+    )
     report = json.loads(Path("walk/report.json").read_text(encoding="utf-8"))
     assert report["verified"] is True
-    assert report["verified_in"] == "forward Euler"
+    assert report["verified_in"] == "implausible data, forward Euler"
     assert run_command("verify", "walk").code == 0
     held = run_command("verify", "walk", "--spec", spec)
     assert held.code == 5

@@ -60,18 +60,20 @@ _MOTION_JUDGED = (
     "trajectory.rate",
 )
 _HOW = ("seed", "title", "solver")
+# Open together: a goal whose angles are stated is not to be reached by any other angles.
+_GOAL_ANGLES = ("task.goal.rpy_deg", "task.goal.rotation_tolerance_deg")
 RULES = {
     "climb": Rules(
         how=(*_HOW, "study"),
         judged=(*_MOTION_JUDGED, "gripper"),
-        chosen=("task.rounds", "task.gait", "task.goal.rpy_deg", "trajectory.lift"),
+        chosen=("task.rounds", "task.gait", *_GOAL_ANGLES, "trajectory.lift"),
     ),
     "transition": Rules(
         how=(*_HOW, "search"),
         judged=(*_MOTION_JUDGED, "climb.rounds", "climb.gait", "climb.goal", "climb.posture.steps"),
         chosen=(
             "task.sequence",
-            "task.goal.rpy_deg",
+            *_GOAL_ANGLES,
             "climb.rounds",
             "climb.gait",
             "climb.goal.rpy_deg",
@@ -147,7 +149,9 @@ def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
     else:
         own = spec.model_dump(mode="json")
         for key, one, other in _apart("", stored.model_dump(mode="json"), own):
-            role = rules.role(key, _has(loaded.document.value, key))
+            together = _GOAL_ANGLES if key in _GOAL_ANGLES else (key,)
+            stated = any(_has(loaded.document.value, name) for name in together)
+            role = rules.role(key, stated)
             differences.append(KeyDifference(key, one, other, role))
             if role in ("how", "chosen"):
                 _put(written, key, one)

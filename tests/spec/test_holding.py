@@ -68,6 +68,15 @@ def test_what_the_planner_may_choose_is_its_choice_where_it_is_left_out() -> Non
     assert [d.role for d in written.differences] == ["judged"]
 
 
+@pytest.mark.parametrize(("stated", "role"), [(False, "chosen"), (True, "judged")])
+def test_the_goals_angles_are_open_together(stated: bool, role: str) -> None:
+    mine = ["task.goal={com: [0, 0, 0.1]" + (", rpy_deg: [0, 0, 0]}" if stated else "}")]
+    found = held(mine, [*mine, "task.goal.rotation_tolerance_deg=40"])
+    assert [(d.key, d.role) for d in found.differences] == [
+        ("task.goal.rotation_tolerance_deg", role)
+    ]
+
+
 def test_every_key_of_the_rules_is_a_key_of_its_spec() -> None:
     """A slip here would hold a plan to less than its user asks."""
     for kind, rules in RULES.items():

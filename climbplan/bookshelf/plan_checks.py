@@ -10,6 +10,7 @@ import hashlib
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,12 @@ from climbplan.bookshelf.checks import NamedResidual
 from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
 from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
 from climbplan.bookshelf.scene import Array, Scenes, State, movement_cost
-from climbplan.bookshelf.scene_source import scenes_of_inline, shelf_of
-from climbplan.errors import SpecError
-from climbplan.plans.checks.check import Check, Limit
+from climbplan.bookshelf.scene_source import scenes_of, scenes_of_inline, shelf_of
+from climbplan.errors import SpecError, UsageError
+from climbplan.plans.checks.check import Check, LeftOut, Limit
+from climbplan.plans.held import held_check
 from climbplan.spec.bookshelf import BookshelfSpec, ShelfSolverSpec
+from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.yaml_source import parse_yaml
 
@@ -57,8 +60,11 @@ MEANINGS = {
 Flags = NDArray[np.bool_]
 
 
-def plan_checks(plan: ShelfPlan) -> Iterator[Check]:
-    """All checks; if text or numbers are unsound only those, as nothing else would mean much."""
+def plan_checks(plan: ShelfPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+    """All checks; if text or numbers are unsound only those, as nothing else would mean much.
+
+    held: a spec that the plan is to answer in place of its own.
+    """
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
     yield _faults("file.finite", plan.not_finite)
@@ -66,8 +72,12 @@ def plan_checks(plan: ShelfPlan) -> Iterator[Check]:
     yield _faults("scenes.data", wrong)
     if plan.not_finite or wrong:
         return
+    directory = None
+    if held is not None:
+        yield held_check(held)
+        plan, directory = replace(plan, spec_text=held.text), held.directory
     spec = _spec_of(plan)
-    yield _spec_values(plan, spec)
+    yield _spec_values(plan, spec, directory)
     yield _totals(plan)
     yield from solution_checks(plan, spec.solver if isinstance(spec, BookshelfSpec) else None)
 
@@ -98,7 +108,8 @@ def _spec_of(plan: ShelfPlan) -> BookshelfSpec | str:
     return findings[0].message if spec is None else spec
 
 
-def _spec_values(plan: ShelfPlan, spec: BookshelfSpec | str) -> Check:
+def _spec_values(plan: ShelfPlan, spec: BookshelfSpec | str, directory: Path | None) -> Check:
+    """Shelf, scenes and the rest are the spec's; a file of scenes is read below `directory`."""
     if isinstance(spec, str):
         return _judge("file.spec_values", math.inf, spec)
     asked, stored = shelf_of(spec.shelf), plan.shelf
@@ -113,15 +124,24 @@ def _spec_values(plan: ShelfPlan, spec: BookshelfSpec | str) -> Check:
     for name, value in vars(asked.published).items():
         apart[f"shelf.published.{name}"] = abs(value - vars(stored.published)[name])
     if spec.scene is not None:
-        theta, written = plan.scenes.theta(), scenes_of_inline(spec.scene).theta()
-        same = theta.shape == written.shape
-        apart["scene"] = float(np.abs(theta - written).max()) if same else math.inf
+        apart["scene"] = _scenes_apart(plan.scenes, scenes_of_inline(spec.scene))
+    elif spec.scenes is not None and directory is not None:
+        try:
+            apart["scenes"] = _scenes_apart(plan.scenes, scenes_of(spec, directory))
+        except UsageError as error:
+            return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
     worst = max(apart, key=lambda key: apart[key])
     check = _judge("file.spec_values", apart[worst], worst)
-    if spec.scenes is None:
+    if spec.scenes is None or directory is not None:
         return check
     where = f"scenes not compared, they are from {spec.scenes.file}: taken from the plan file"
-    return replace(check, margin=where)
+    lacks = LeftOut("scenes as stored", f"the scenes are the plan's, not {spec.scenes.file}'s")
+    return replace(check, margin=where, left_out=lacks)
+
+
+def _scenes_apart(stored: Scenes, asked: Scenes) -> float:
+    theta, written = stored.theta(), asked.theta()
+    return float(np.abs(theta - written).max()) if theta.shape == written.shape else math.inf
 
 
 def _totals(plan: ShelfPlan) -> Check:

@@ -15,6 +15,7 @@ from climbplan.errors import PlanFileError, UsageError
 if TYPE_CHECKING:
     from climbplan.plans.verification import Verification
     from climbplan.reports.viewer.scene import Scene
+    from climbplan.spec.holding import HeldSpec
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,10 @@ class PlanKind:
     csv: str  # with `export_csv`
     scene_function: str | None  # MODULE:FUNCTION; None for files that have nothing in space
 
-    def verify(self, path: Path) -> Verification:
-        """Re-check every constraint from the file alone."""
-        return import_module(self.verification).verify(path)
+    def verify(self, path: Path, held: HeldSpec | None = None) -> Verification:
+        """Re-check every constraint from the file alone; held: against another spec."""
+        own = import_module(self.verification).verify
+        return own(path) if held is None else own(path, held)
 
     def verifier(self) -> Callable[[Path], Verification]:
         """As `verify`, and writes the outcome into the file; imported before it is timed."""

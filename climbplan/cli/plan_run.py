@@ -16,7 +16,7 @@ from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.plan_kinds import plan_kind
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.progress import StageProgress
-from climbplan.cli.verify_line import verify_line
+from climbplan.cli.verify_line import leaves_out_lines, verify_line, warn_of_implausible
 from climbplan.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -47,19 +47,22 @@ class PlanRun:
     def finish(
         self, found: Found, write: Callable[[Found, Path], None], warnings: Sequence[str] = ()
     ) -> None:
-        """Print the summary; write the plan, verify it, write its report."""
+        """Write the plan and verify it, print what is to be said of it, write its report."""
         self.report("verify", 0.0)  # ends the planner's bar before lines are printed
-        for line in found.summary:
-            self.session.note(line)
-        for warning in warnings:
-            warn(warning)
         plan_file = self.directory / PLAN_FILE
         write(found, plan_file)
         kind = plan_kind(plan_file)
         verify_and_mark = kind.verifier()
         start = time.perf_counter()
         verification = verify_and_mark(plan_file)
-        self.session.note(verify_line(verification, time.perf_counter() - start))
+        spent = time.perf_counter() - start
+        warn_of_implausible(verification)  # before all else
+        for line in found.summary:
+            self.session.note(line)
+        for warning in warnings:
+            warn(warning)
+        for line in (verify_line(verification, spent), *leaves_out_lines(verification)):
+            self.session.note(line)
         self.report("report", 0.0)
         kind.write_report(plan_file, self.directory, verification)
         self._passed = verification.passed

@@ -25,6 +25,7 @@ from climbplan.cli.options import (
 )
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.solve_problem import ProblemName, explained, load_problem
+from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
 
 if TYPE_CHECKING:
@@ -162,9 +163,8 @@ def _summary(plan: ProgramPlan, verification: Verification, seconds: float) -> l
     else:
         answered = int(plan.found.sum())
         figures = f"{answered} of {plan.count} answered, {1e3 * plan.time.mean():.1f} ms a row"
-    word = "passed" if verification.passed else "FAILED"
     return [
         head,
         f"{method:<9} {plan.overall:<9} {plan.timings['solve']:.2f} s   {figures}",
-        f"{'verify':<9} {word:<9} {seconds:.2f} s   {verification.headline()}",
+        verify_line(verification, seconds),
     ]

@@ -9,10 +9,12 @@ import typer
 
 from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.solve_problem import explained, load_problem
+from climbplan.cli.verify_line import badge_lines, warn_of_implausible
 from climbplan.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from climbplan.plans.verification import Verification
+    from climbplan.spec.holding import HeldSpec
 
 
 def is_program_plan(path: Path) -> bool:
@@ -23,8 +25,12 @@ def is_program_plan(path: Path) -> bool:
     return plan_format(path) == FORMAT
 
 
-def verify_program_plan(path: Path, name: str | None, as_json: bool, session: Session) -> None:
+def verify_program_plan(
+    path: Path, name: str | None, as_json: bool, session: Session, held: HeldSpec | None = None
+) -> None:
     """Check a `climbplan/program` file, its blocks by the statement that `name` stands for.
+
+    held: a spec that the answers are held against in place of their own.
 
     Raises:
         UsageError: without a statement, after what the file alone allows was checked and printed.
@@ -34,11 +40,11 @@ def verify_program_plan(path: Path, name: str | None, as_json: bool, session: Se
 
     plan = read_program(path)
     if name is None:
-        verification = verify_file(plan)
+        verification = verify_file(plan, held)
     else:
         with explained(session):
-            verification = verify_program(plan, load_problem(name))
-    _tell(verification, as_json)
+            verification = verify_program(plan, load_problem(name), held)
+    tell(verification, as_json)
     if name is None:
         raise UsageError(
             f"{path}: only the file itself was checked (text, bounds, integrality); the rows of "
@@ -68,7 +74,7 @@ def verify_program_dataset(path: Path, name: str | None, as_json: bool, session:
     with explained(session):
         problem = None if name is None else load_problem(name)
         verification = verification_of(data, path, problem)
-    _tell(verification, as_json)
+    tell(verification, as_json)
     if name is None:
         raise UsageError(
             f"{path}: only the file itself was checked; the rows of {data.frame.problem!r} need "
@@ -76,10 +82,16 @@ def verify_program_dataset(path: Path, name: str | None, as_json: bool, session:
         )
 
 
-def _tell(verification: Verification, as_json: bool) -> None:
+def tell(verification: Verification, as_json: bool) -> None:
+    """Print a verification: what is implausible first, on standard error, then what it is worth.
+
+    Raises:
+        typer.Exit: a check failed.
+    """
+    warn_of_implausible(verification)
     if as_json:
         print_json(verification.as_dict())
     else:
-        print_result(verification.table())
+        print_result("\n".join([*badge_lines(verification), verification.table()]))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)

@@ -2,34 +2,55 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
-from climbplan.cli.options import Json, Plan, Quiet, Verbose
+from climbplan.cli.console import Session
+from climbplan.cli.options import Json, Plan, Quiet, Set, Verbose
 from climbplan.cli.plan_path import find_plan
 from climbplan.cli.solve_problem import ProblemName
-from climbplan.errors import ExitCode
+from climbplan.errors import UsageError
 
 
 def verify(
     context: typer.Context,
     plan: Plan,
     problem: ProblemName = None,
+    spec: Annotated[
+        str | None,
+        typer.Option(
+            "--spec",
+            metavar="SPEC",
+            help="Your own spec, in place of the one that the plan carries.",
+        ),
+    ] = None,
+    assignments: Set = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Re-check every constraint of a plan from its file alone.
 
-    Prints the worst residual of each check and its limit. Exit code 5 if one is exceeded. Plans of
-    `climbplan solve`, and datasets of such problems, also need the statement that they answer:
-    --problem.
+    Prints what the plan is verified in, the spec it was held against (hash first), and the worst
+    residual of each check with its limit. Exit code 5 if one is exceeded. With --spec the plan is
+    held against your own spec with your --set: a plan whose stored spec asks for less fails, and
+    keys that differ are named. Plans of `climbplan solve`, and datasets of such problems, also need
+    the statement that they answer: --problem.
     """
     path = find_plan(plan)
+    if assignments and spec is None:
+        raise UsageError("--set changes the spec that --spec names, and there is none")
+    held = None
+    if spec is not None:
+        from climbplan.cli.verify_against import held_against_own
+
+        held = held_against_own(path, spec, assignments)
     from climbplan.cli.plan_kinds import plan_kind
     from climbplan.cli.solve_verify import (
         is_program_dataset,
         is_program_plan,
+        tell,
         verify_program_dataset,
         verify_program_plan,
     )
@@ -38,12 +59,6 @@ def verify(
         verify_program_dataset(path, problem, as_json, context.ensure_object(Session))
         return
     if is_program_plan(path):
-        verify_program_plan(path, problem, as_json, context.ensure_object(Session))
+        verify_program_plan(path, problem, as_json, context.ensure_object(Session), held)
         return
-    verification = plan_kind(path).verify(path)
-    if as_json:
-        print_json(verification.as_dict())
-    else:
-        print_result(verification.table())
-    if not verification.passed:
-        raise typer.Exit(ExitCode.UNVERIFIED)
+    tell(plan_kind(path).verify(path, held), as_json)

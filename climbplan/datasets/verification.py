@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,10 @@ from climbplan.mpc import dataset_rows as walks
 from climbplan.mpc.checker import check_trajectory
 from climbplan.mpc.cost import objective
 from climbplan.mpc.library import sections_of
-from climbplan.plans.checks.check import Check
+from climbplan.plans.checks.check import Check, LeftOut
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import read_dataset_file
+from climbplan.plans.held import held_against
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.program.problem import Problem
 from climbplan.spec.bookshelf import ShelfSolverSpec
@@ -49,6 +51,7 @@ MEANINGS = {
     "objective": "costs are those of the stored solutions",
 }
 _RELATIVE = 1e-6
+_NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at without --problem")
 
 
 def verify(path: Path, problem: Problem | None = None) -> Verification:
@@ -65,7 +68,10 @@ def verification_of(data: Dataset, path: Path, problem: Problem | None = None) -
     """As `verify`, for a dataset that was read already."""
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
-        return Verification((*_file_checks(data), *_row_checks(data, path, problem)))
+        checks = (*_file_checks(data), *_row_checks(data, path, problem))
+    alone = data.frame.kind == programs.KIND and problem is None
+    beyond = (_NO_BLOCKS,) if alone else ()
+    return Verification(checks, beyond=beyond, against=held_against(data, None))
 
 
 def verify_and_mark(path: Path, problem: Problem | None = None) -> Verification:
@@ -158,17 +164,20 @@ def _walk_checks(data: Dataset, path: Path) -> Iterator[Check]:
     task = walks.task_of_frame(data.frame, path)
     rows = np.flatnonzero(data.feasible)
     worst, off, apart, features = (np.zeros(len(rows)) for _ in range(4))
+    lacks: dict[str, LeftOut] = {}
     for k, row in enumerate(rows):
         own, found = walks.walk_of(task, data, int(row))
         checks = check_trajectory(own, found)
         worst[k] = max(float(not check.passed) for check in checks)
+        lacks |= {out.model: out for check in checks if (out := check.left_out) is not None}
         cost = objective(own, found.state, found.force)
         off[k] = abs(cost - data.objective[row]) / max(1.0, abs(cost))
         contact = found.gait.contact[:-1].astype(np.int64).ravel()
         apart[k] = float(np.abs(contact - data.integers[row]).max())
         made = sections_of(own, found, 0).features
         features[k] = float(np.abs(made - data.solution["section_features"][row]).max())
-    yield _worst("rows.walks", worst, 0.0, rows=rows)
+    left = LeftOut(", ".join(lacks), "walks that hold in their model only") if lacks else None
+    yield replace(_worst("rows.walks", worst, 0.0, rows=rows), left_out=left)
     yield _worst("rows.integers", apart, 0.0, rows=rows)
     yield _worst("rows.sections", features, _RELATIVE, rows=rows)
     yield _worst("objective", off, _RELATIVE, "relative", rows=rows)

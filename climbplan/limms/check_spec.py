@@ -10,7 +10,7 @@ from climbplan.errors import SpecError
 from climbplan.limms.limits import judge
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import SIDE_NORMALS, Scene, scene_of
-from climbplan.plans.checks.check import Check
+from climbplan.plans.checks.check import Check, not_compared
 from climbplan.plans.checks.differences import Difference, largest, parts_apart, same
 from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_loading import stored_limms
@@ -28,8 +28,8 @@ def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
         return
     built = stored.loaded.module.model_dump(mode="json")
     if stored.taken:
-        words = f"not compared, {stored.taken}: the modules are taken from the plan file"
-        yield judge("robot.spec", 0.0, margin=words)
+        taken = f"{stored.taken}: the modules are taken from the plan file"
+        yield not_compared(judge("robot.spec", 0.0), taken, "modules as stored", taken)
     else:
         yield _worst("robot.spec", parts_apart("module", plan.module, built))
     scene = scene_of(stored.loaded)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
@@ -16,11 +17,16 @@ from climbplan.limms.limits import judge
 from climbplan.limms.logic import RULES, broken
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.plans.checks.check import Check
+from climbplan.plans.held import held_check
+from climbplan.spec.holding import HeldSpec
 from climbplan.spec.limms_module import ModuleSpec
 
 
-def plan_checks(plan: LimmsPlan) -> Iterator[Check]:
-    """All checks; if text or numbers are unsound, only those: nothing else would mean anything."""
+def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+    """All checks; if text or numbers are unsound, only those: nothing else would mean anything.
+
+    held: a spec that the plan is to answer in place of its own.
+    """
     same = hashlib.sha256(plan.spec_text.encode()).hexdigest() == plan.spec_sha256
     yield judge("file.spec_hash", 0.0 if same else 1.0)
     finite = judge("file.finite", float(len(plan.not_finite)), ", ".join(plan.not_finite[:1]))
@@ -32,7 +38,11 @@ def plan_checks(plan: LimmsPlan) -> Iterator[Check]:
     yield data
     if not data.passed or module is None:
         return
-    yield from spec_checks(plan)
+    if held is None:
+        yield from spec_checks(plan)
+    else:
+        yield held_check(held)
+        yield from spec_checks(replace(plan, spec_text=held.text, module_text=held.module_text))
     yield from _samples(plan)
     yield from _logic(plan)
     yield _points(plan, module)

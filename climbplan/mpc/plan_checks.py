@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from climbplan.mpc.plan import WalkPlan
 from climbplan.mpc.problem import build_task
 from climbplan.mpc.task import WalkTask
 from climbplan.plans.checks.check import Check, Limit
+from climbplan.plans.held import held_check
+from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loading import stored_body
@@ -32,8 +35,11 @@ LIMITS = {
 }
 
 
-def plan_checks(plan: WalkPlan) -> Iterator[Check]:
-    """All checks; if text or numbers are unsound only those, as nothing else would mean much."""
+def plan_checks(plan: WalkPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+    """All checks; if text or numbers are unsound only those, as nothing else would mean much.
+
+    held: a spec that the plan is to answer in place of its own.
+    """
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
     yield _faults("file.finite", list(plan.not_finite))
@@ -42,6 +48,9 @@ def plan_checks(plan: WalkPlan) -> Iterator[Check]:
     yield _faults("file.data", wrong)
     if plan.not_finite or wrong:
         return
+    if held is not None:
+        yield held_check(held)
+        plan = replace(plan, spec_text=held.text, robot_text=held.robot_text)
     yield _spec_values(plan)
     yield _objective(plan)
     if plan.loop is not None:

@@ -8,47 +8,68 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from climbplan.errors import SpecError, UsageError
-from climbplan.plans.checks.check import Check
+from climbplan.plans.checks.check import Check, LeftOut
+from climbplan.plans.held import held_against, held_check
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.plans.verification import Verification
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 from climbplan.solvers.result import relative_gap
+from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.program import ProgramSpec, Values
 from climbplan.spec.yaml_source import parse_yaml
 
 _OBJECTIVE = 1e-6  # relative
 _INTEGRALITY = 1e-6
+_NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at without --problem")
 
 
-def verify_file(plan: ProgramPlan) -> Verification:
-    """What the file says about itself: no statement is needed."""
-    return Verification(tuple(_file_checks(plan)))
+def verify_file(plan: ProgramPlan, held: HeldSpec | None = None) -> Verification:
+    """What the file says about itself: no statement is needed, and so no block is looked at."""
+    checks = tuple(_file_checks(plan, held))
+    return Verification(checks, beyond=(_NO_BLOCKS,), against=held_against(plan, held))
 
 
-def verify_program(plan: ProgramPlan, problem: Problem) -> Verification:
+def verify_program(
+    plan: ProgramPlan, problem: Problem, held: HeldSpec | None = None
+) -> Verification:
     """The file's own checks, then every named block of the statement at every answered row.
 
-    Raises UsageError if the plan's columns are not those of the problem.
+    held: a spec that the answers are held against in place of their own. Raises UsageError if the
+    plan's columns are not those of the problem.
     """
     if not plan.layouts.same_columns(Layouts.of(problem.program)):
         raise UsageError(
             f"problem {problem.name!r} does not have the variables and parameters of the plan "
             f"(made for {plan.problem!r})"
         )
-    checks = (*_file_checks(plan), *_problem_checks(plan, problem), *_block_checks(plan, problem))
-    return Verification(checks)
+    answer = _answering(plan, held)
+    checks = (
+        *_file_checks(plan, held),
+        *_problem_checks(answer, problem),
+        *_block_checks(answer, problem),
+    )
+    return Verification(checks, against=held_against(plan, held))
 
 
-def _file_checks(plan: ProgramPlan) -> Iterator[Check]:
+def _answering(plan: ProgramPlan, held: HeldSpec | None) -> ProgramPlan:
+    """The plan as an answer to another spec."""
+    return plan if held is None else replace(plan, spec_text=held.text)
+
+
+def _file_checks(plan: ProgramPlan, held: HeldSpec | None) -> Iterator[Check]:
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     yield _check("file.spec_hash", float(digest != plan.spec_sha256), 0.0)
+    if held is not None:
+        yield held_check(held)
+        plan = _answering(plan, held)
     spec = _spec_of(plan)
     yield _spec_values(plan, spec)
     yield _totals(plan)

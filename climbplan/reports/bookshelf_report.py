@@ -41,6 +41,7 @@ def _values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
         "seed": plan.seed,
         "status": plan.totals.status,
         "verified": verification.passed,
+        **verification.scope(),
         "objective": plan.totals.objective,
         "bound": plan.totals.bound,
         "gap": plan.totals.gap,

@@ -70,6 +70,7 @@ def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "seed": plan.seed,
         "status": plan.status,
         "verified": verification.passed,
+        **verification.scope(),
         "objective": plan.objective,
         "bound": plan.bound,
         "gap": plan.gap,

@@ -49,6 +49,7 @@ def report_dict(data: Dataset, verification: Verification) -> dict[str, Any]:
         "seed": data.base_seed,
         "status": data.overall,
         "verified": verification.passed,
+        **verification.scope(),
         "timings": dict(data.timings),
         "solvers": dict(data.solvers),
         "verification": [check.as_dict() for check in verification.checks],

@@ -78,6 +78,7 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
         "seed": plan.seed,
         "status": plan.status,
         "verified": verification.passed,
+        **verification.scope(),
         "objective": plan.objective,
         "timings": plan.timings,
         "solvers": plan.solvers,

@@ -61,14 +61,15 @@ def _shown(number: float | None) -> str:
 def check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> str:
     """Verification as table rows, failed ones first. meanings: of the checks, by name."""
     rows = []
-    for check in sorted(report["verification"], key=lambda check: bool(check["passed"])):
-        mark = "passed" if check["passed"] else "failed"
+    order = ("failed", "not judged", "passed")
+    for check in sorted(report["verification"], key=lambda check: order.index(check["result"])):
+        mark = check["result"]
         known = meanings.get(check["name"], "")
         meaning = f"<small>{escape(known)}</small>" if known else ""
         unit = f" {check['unit']}" if check["unit"] else ""
         where = " · ".join(part for part in (check["margin"], check["worst_at"]) if part)
         rows.append(
-            f'<tr class="{mark}"><td><span class="mark">{mark}</span></td>'
+            f'<tr class="{mark.replace(" ", "-")}"><td><span class="mark">{mark}</span></td>'
             f"<th>{escape(check['name'])}{meaning}</th>"
             f"<td>{escape(_shown(check['residual']) + unit)}</td>"
             f"<td>{escape(_shown(check['limit']) + unit)}</td>"
@@ -105,9 +106,34 @@ def verdict(report: Mapping[str, Any]) -> str:
     """How the verification went, in a sentence."""
     checks = report["verification"]
     failed = [check["name"] for check in checks if not check["passed"]]
+    told = [check["name"] for check in checks if check["passed"] and not check["judged"]]
+    if not failed and told:
+        judged = len(checks) - len(told)
+        return escape(f"All {judged} checks passed that are judged; not judged: {', '.join(told)}.")
     if not failed:
         return escape(f"All {len(checks)} checks passed.")
     return escape(f"{len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
+
+
+def implausible_list(report: Mapping[str, Any]) -> str:
+    """Data and deflections that no such robot has, above everything else."""
+    words = "".join(f"<li>{escape(text)}</li>" for text in report.get("implausible", ()))
+    if not words:
+        return ""
+    return (
+        '<div class="notice implausible" role="alert"><b>Implausible: is the data meant so?</b>'
+        f"<ul>{words}</ul></div>\n"
+    )
+
+
+def left_out_list(report: Mapping[str, Any]) -> str:
+    """What the badge leaves out."""
+    words = "".join(f"<li>{escape(text)}</li>" for text in report.get("leaves_out", ()))
+    return (
+        f'<p class="left-out">This leaves out:</p><ul class="left-out">{words}</ul>\n'
+        if words
+        else ""
+    )
 
 
 def plain_words(value: object) -> str:

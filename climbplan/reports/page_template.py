@@ -16,6 +16,8 @@ from climbplan.reports.page_parts import (
     check_rows,
     escape,
     figures,
+    implausible_list,
+    left_out_list,
     pairs,
     plain_words,
     policy,
@@ -43,20 +45,25 @@ def frame_fields(
     images: Mapping[str, bytes],
     scripts: Sequence[str] = (),
     data: str = "",
+    colour: str = "",
+    above: str = "",
+    below: str = "",
 ) -> Fields:
     """Fields of head, summary and foot, and the pictures.
 
-    kicker: words above the title. good: colour of the first badge and of the verdict. images: PNG
-    files by name. scripts: run as they are; data: element before them that is not run.
+    kicker: words above the title. good: colour of the first badge and of the verdict; colour: of
+    the badge alone. images: PNG files by name. scripts: run as they are; data: element before them
+    that is not run. above, below: markup before the title and after the badges.
     """
-    colour = "good" if good else "bad"
+    verdict_colour = "good" if good else "bad"
     return {
         "policy": policy(scripts),
         "style": style(),
         "title": escape(title),
         "kicker": " · ".join(escape(word) for word in ("climbplan", *kicker)),
-        "badges": _badges(badges, colour),
-        "badge_class": colour,
+        "above": above,
+        "badges": _badges(badges, colour or verdict_colour) + below,
+        "badge_class": verdict_colour,
         "cards": "".join(card.html() for card in cards),
         "figures": figures(images),
         "scripts": data + "".join(f"<script>{script}</script>\n" for script in scripts),
@@ -72,11 +79,15 @@ def report_fields(
     scripts: Sequence[str] = (),
     data: str = "",
 ) -> Fields:
-    """As `frame_fields`, of a report; its badges say whether it is verified, and its status."""
+    """As `frame_fields`, of a report; its badges say what it is verified in, and its status."""
+    plain = "verified" if report["verified"] else "not verified"
     return frame_fields(
         title=report["title"] or report["name"],
         kicker=(report["name"], kind),
-        badges=("verified" if report["verified"] else "not verified", status),
+        badges=(report.get("badge") or plain, status),
+        colour="part" if report["verified"] and report.get("verified_in") else "",
+        above=implausible_list(report),
+        below=left_out_list(report),
         good=report["verified"],
         cards=cards,
         images=images,

@@ -26,6 +26,7 @@ def report_dict(plan: ProgramPlan, verification: Verification) -> dict[str, Any]
         "problem": plan.problem,
         "status": plan.overall,
         "verified": verification.passed,
+        **verification.scope(),
         "objective": _number(plan.total),
         "bound": _number(plan.total_bound),
         "seed": plan.seed,

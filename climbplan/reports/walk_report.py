@@ -67,6 +67,7 @@ def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
         "seed": plan.seed,
         "status": plan.status,
         "verified": verification.passed,
+        **verification.scope(),
         "objective": plan.objective,
         "bound": plan.bound,
         "gap": plan.gap,

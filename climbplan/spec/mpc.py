@@ -46,9 +46,6 @@ class MpcSpec(SpecModel):
             if self.task.integrator != "mean":
                 message = "`online` runs in continuous time, which needs `integrator: mean`"
                 faults.append(Fault("task.integrator", message))
-        elif self.task.whole_stance and self.solver.method in ("nlp", "micp"):
-            message = f"`{self.solver.method}` states the workspace at knots only; use `search`"
-            faults.append(Fault("task.whole_stance", message))
         if self.solver.method == "micp" and self.task.integrator != "euler":
             message = "`micp` states forward Euler steps only: `integrator: euler`"
             faults.append(Fault("task.integrator", message))

@@ -20,7 +20,7 @@ from climbplan.bookshelf.plan_file import read_shelf_plan, write_shelf_plan
 from climbplan.bookshelf.runs import run_shelf
 from climbplan.bookshelf.scene import Scenes
 from climbplan.bookshelf.scene_file import write_scenes
-from climbplan.bookshelf.verification import verify, verify_and_mark
+from climbplan.bookshelf.verification import published_overlap, verify, verify_and_mark
 from climbplan.errors import PlanFileError
 from climbplan.spec.bookshelf_loading import load_shelf
 
@@ -80,6 +80,18 @@ def test_what_is_written_verifies(path: Path) -> None:
     assert {check.name for check in verification.checks} == set(LIMITS) | {
         name for name in MEANINGS if name not in ("book.inside", "book.rotation", "book.separation")
     }
+
+
+def test_the_published_meaning_says_how_far_books_overlap(plan: ShelfPlan) -> None:
+    pose = plan.solutions.pose.copy()
+    row = int(np.flatnonzero(plan.solutions.placed)[0])
+    pose[row, 1] = pose[row, 0]  # two books in one place
+    pushed = replace(plan, solutions=replace(plan.solutions, pose=pose))
+    assert published_overlap(pushed) == ()  # the meaning `contact` judges it
+    (left,) = published_overlap(replace(pushed, meaning="published"))
+    assert left.model == "published meaning"
+    assert left.words.startswith("books overlap by up to ")
+    assert published_overlap(replace(plan, meaning="published")) == ()
 
 
 def test_every_dataset_has_units(path: Path) -> None:

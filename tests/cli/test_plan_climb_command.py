@@ -36,6 +36,10 @@ class FakePlan:
 @dataclass(frozen=True)
 class FakeVerification:
     passed: bool
+    badge: str = "verified"
+    model: str = ""
+    leaves_out: tuple[str, ...] = ()
+    implausible: tuple[str, ...] = ()
 
     def headline(self) -> str:
         return "14 checks, worst margin: friction"
@@ -119,6 +123,26 @@ def test_a_verified_plan(run_command: RunCommand, stages: Stages, workplace: Pat
     assert verify.startswith("verify    passed    0.0")
     assert verify.endswith("s   14 checks, worst margin: friction")
     assert files(workplace) == WHOLE
+
+
+def test_what_is_implausible_comes_first_and_what_is_left_out_last(
+    run_command: RunCommand, stages: Stages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = FakeVerification(
+        True,
+        "verified in its model (linear sag)",
+        "linear sag",
+        ("the body is held 12 mm off",),
+        ("friction 9 of left",),
+    )
+    module = sys.modules["climbplan.plans.verification"]
+    monkeypatch.setattr(module, "verify_and_mark", lambda path: found)
+    lines = run_command("plan-climb", "small.yaml").err.splitlines()
+    assert lines[0] == "warning: implausible: friction 9 of left"
+    assert "s   verified in its model (linear sag); 14 checks" in lines[-2]
+    assert lines[-1].split(maxsplit=2) == ["leaves", "out", "the body is held 12 mm off"]
+    quiet = run_command("plan-climb", "small.yaml", "-q", "--force").err
+    assert quiet == "warning: implausible: friction 9 of left\n"
 
 
 def test_quiet(run_command: RunCommand, stages: Stages) -> None:

@@ -10,7 +10,7 @@ import pytest
 from command_line import RunCommand
 
 SPECS = Path(__file__).parents[2] / "specs"
-FEW = ["-s", "solver.gaits=1", "--time-limit", "8"]
+FEW = ["-s", "solver.gaits=1", "--time-limit", "30"]
 
 
 @pytest.mark.parametrize("name", ["mpc_disturbance", "mpc_turn", "mpc_stairs"])

@@ -195,6 +195,10 @@ def test_files_that_are_no_plan(run_command: RunCommand, workplace: Path, comman
 
 class FakeVerification:
     passed = False
+    badge = "not verified"
+    leaves_out: tuple[str, ...] = ("what holds at knots only",)
+    implausible = ("friction 9 of left",)
+    against = None
 
     def table(self) -> str:
         return "friction  1e-3  FAILED"
@@ -257,7 +261,9 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_verify(run_command: RunCommand, plan_directory: Path) -> None:
     for argument in ("outputs", "outputs/plan.h5"):
         outcome = run_command("verify", argument)
-        assert (outcome.code, outcome.out) == (5, "friction  1e-3  FAILED\n")
+        lines = ["not verified", "  leaves out: what holds at knots only", "friction  1e-3  FAILED"]
+        assert (outcome.code, outcome.out.splitlines()) == (5, lines)
+        assert outcome.err == "warning: implausible: friction 9 of left\n"
     assert json.loads(run_command("verify", "outputs", "--json").out) == {"passed": False}
 
 

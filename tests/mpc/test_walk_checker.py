@@ -12,6 +12,7 @@ from walk_tasks import named, walk_task
 from climbplan.mpc.checker import LIMITS, check_trajectory, failures
 from climbplan.mpc.sqp import solve_gait
 from climbplan.mpc.task import Gait, WalkTask, WalkTrajectory
+from climbplan.plans.verification import Verification
 
 
 @cache
@@ -94,6 +95,20 @@ def test_euler_in_continuous_time_is_told_not_judged() -> None:
     assert answer.trajectory is not None
     checks = {check.name: check for check in check_trajectory(task, answer.trajectory)}
     assert checks["continuous.attitude"].passed
+    assert checks["continuous.attitude"].mark == "not judged"
     assert "not judged" in checks["continuous.attitude"].margin
+    assert checks["continuous.attitude"].residual > checks["continuous.attitude"].limit
+    found = Verification(tuple(checks.values()))
+    assert found.badge == "verified in its model (forward Euler, workspace at knots)"
+    assert any("attitude is off by up to" in words for words in found.leaves_out)
     as_mean = replace(task, integrator="mean")
     assert "continuous.attitude" in failed(as_mean, answer.trajectory)
+
+
+def test_a_walk_that_holds_in_continuous_time_is_verified_without_more() -> None:
+    task = walk_task((1.0, 0, 0), integrator="mean", whole_stance=True)
+    answer = solve_gait(task, named("slow trot", task), None, 60)
+    assert answer.trajectory is not None
+    checks = check_trajectory(task, answer.trajectory)
+    assert all(check.judged for check in checks)
+    assert Verification(checks).badge == "verified"

@@ -58,7 +58,9 @@ def test_rows_hold_walks_from_their_starts(walks: Dataset) -> None:
 def test_a_file_is_verified_and_serves_as_library(walks: Dataset, tmp_path: Path) -> None:
     path = tmp_path / "dataset.h5"
     write_dataset_file(walks, path)
-    assert {c.name for c in verify(path).checks if not c.passed} <= {"file.spec_hash"}
+    found = verify(path)
+    assert {c.name for c in found.checks if not c.passed} <= {"file.spec_hash"}
+    assert "workspace at knots" in found.model  # as in every walk of these
     assert is_dataset(path)
     key = library_key(task_of_frame(walks.frame, path))
     library = library_of_dataset(path, key, library_key)

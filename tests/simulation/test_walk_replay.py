@@ -37,8 +37,9 @@ def mean() -> WalkPlan:
 
 @pytest.fixture(scope="module")
 def euler() -> WalkPlan:
-    """The published integrator."""
-    return plan_walk(load_mpc(FORWARD, ("solver.time_limit=30", "solver.gaits=60")))
+    """The published form."""
+    published = ("task.integrator=euler", "task.whole_stance=false")
+    return plan_walk(load_mpc(FORWARD, ("solver.time_limit=60", "solver.gaits=60", *published)))
 
 
 def test_continuous_plan_holds(mean: WalkPlan) -> None:
@@ -64,6 +65,12 @@ def test_body_without_corrections_follows_the_rigid_body_of_the_planner(mean: Wa
     turned = np.array([euler_angles(r) for r in run.rotation[: knots + 1]])
     np.testing.assert_allclose(turned, exact[:, 6:9], atol=0.1)
     np.testing.assert_allclose(rotation_world_body(turned), run.rotation[: knots + 1], atol=1e-9)
+
+
+def test_the_shipped_walk_stands_where_the_published_form_falls(euler: WalkPlan) -> None:
+    shipped = plan_walk(load_mpc(FORWARD, ("solver.time_limit=60", "solver.gaits=60")))
+    assert not simulate_walk(shipped, NOMINAL, feedback=False).fallen
+    assert simulate_walk(euler, NOMINAL, feedback=False).fallen
 
 
 def test_euler_plan_needs_more_correction(mean: WalkPlan, euler: WalkPlan) -> None:

@@ -14,7 +14,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.mpc.benchmarks.shipped_tasks import shipped_task
+from climbplan.mpc.benchmarks.shipped_tasks import FORMS, shipped_task
 from climbplan.mpc.draws import StartRanges, drawn_start
 from climbplan.mpc.nlp import solve_nlp
 from climbplan.mpc.pinned import PinnedProgram
@@ -178,7 +178,7 @@ def solved_terms(walks: list[Walk]) -> tuple[Left, ...]:
 
 def random_walks(seed: int, points: int) -> list[Walk]:
     """Walks of the NLP from random starts, disturbed ones too, with so many knots together."""
-    task = shipped_task("mpc_forward")
+    task = shipped_task("mpc_forward", *FORMS["published"])
     ranges = StartRanges(sideways=0.5, tilt=0.1, spin=0.6)
     walks: list[Walk] = []
     k = 0
@@ -192,7 +192,7 @@ def random_walks(seed: int, points: int) -> list[Walk]:
 
 
 def _turn() -> list[Walk]:
-    turn = shipped_task("mpc_turn")
+    turn = shipped_task("mpc_turn", *FORMS["published"])
     found = solve_nlp(turn, "trot", _SECONDS).trajectory
     return [] if found is None else [(turn, found)]
 
@@ -219,7 +219,7 @@ def knots_of(walks: list[Walk]) -> Knots:
 def _drawn(seed: int) -> Knots:
     """Points drawn evenly over the ranges of Table 8.4."""
     rng = np.random.default_rng(seed)
-    body = shipped_task("mpc_forward").body
+    body = shipped_task("mpc_forward", *FORMS["published"]).body
     reach, limit = float(body.toe_half[0]), body.force_limit
     return Knots(
         rng.uniform(-np.pi / 2, np.pi / 2, (_DRAWN, 3)),

@@ -8,7 +8,7 @@ from typing import TextIO
 import numpy as np
 
 from climbplan.mpc.answer import WalkAnswer
-from climbplan.mpc.benchmarks.shipped_tasks import TASKS, shipped, shipped_task
+from climbplan.mpc.benchmarks.shipped_tasks import FORMS, TASKS, shipped, shipped_task
 from climbplan.mpc.checker import check_trajectory, failures
 from climbplan.mpc.draws import StartRanges, drawn_start
 from climbplan.mpc.nlp import solve_nlp
@@ -29,12 +29,12 @@ def offline_tables(seed: int, quick: bool, stream: TextIO) -> None:
 
 def _tasks(seed: int, quick: bool, stream: TextIO) -> None:
     print(
-        "task             steps  nlp cost  CPU [s] | search cost   QPs  CPU [s]  to nlp",
+        "task             form       nlp cost  CPU [s] | search cost   QPs  CPU [s]  to nlp",
         file=stream,
     )
     for name in TASKS[:1] if quick else TASKS:
-        for steps in ("euler", "mean"):
-            loaded = shipped(name, f"task.integrator={steps}")
+        for form, overrides in FORMS.items():
+            loaded = shipped(name, *overrides)
             task = build_task(loaded.spec, loaded.robot, loaded.source)
             solve_nlp(task, "trot", _SECONDS)  # compiles the program
             from_trot, spent = _timed_nlp(task)
@@ -43,7 +43,7 @@ def _tasks(seed: int, quick: bool, stream: TextIO) -> None:
             found = search(task, limits)
             searched = time.process_time() - begin
             print(
-                f"{name:<16} {steps:<5} {_cost(task, from_trot):>9}  {spent:7.2f} | "
+                f"{name:<16} {form:<9} {_cost(task, from_trot):>9}  {spent:7.2f} | "
                 f"{_cost(task, found):>11} {found.qps:5d}  {searched:7.2f}  "
                 f"{found.objective / from_trot.objective:6.3f}",
                 file=stream,
@@ -55,13 +55,14 @@ def _starts(seed: int, quick: bool, stream: TextIO) -> None:
     count = _QUICK if quick else _STARTS
     print(
         f"nlp from {count} starts: v_x within 1.5 m/s, a_x within 15 m/s^2 through a knot before\n"
-        "starts               steps  success  CPU median [ms]   95 %   most  to published 1.34 s",
+        "starts               form       success  CPU median [ms]   95 %   most  "
+        "to published 1.34 s",
         file=stream,
     )
     beyond = StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04)
     for title, ranges in (("published ranges", StartRanges()), ("and disturbances", beyond)):
-        for steps in ("euler", "mean"):
-            task = shipped_task("mpc_forward", f"task.integrator={steps}")
+        for form, overrides in FORMS.items():
+            task = shipped_task("mpc_forward", *overrides)
             solve_nlp(task, "trot", _SECONDS)  # compiles the program
             times, good = np.zeros(count), 0
             for k in range(count):
@@ -70,7 +71,7 @@ def _starts(seed: int, quick: bool, stream: TextIO) -> None:
                 good += _holds(drawn, answer)
             median, most95, most = np.percentile(times, [50, 95, 100])
             print(
-                f"{title:<20} {steps:<5} {100 * good / count:6.0f} %  {1e3 * median:15.0f}  "
+                f"{title:<20} {form:<9} {100 * good / count:6.0f} %  {1e3 * median:15.0f}  "
                 f"{1e3 * most95:5.0f}  {1e3 * most:5.0f}  {median / PUBLISHED_NLP:19.3f} x",
                 file=stream,
                 flush=True,

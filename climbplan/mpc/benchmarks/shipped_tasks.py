@@ -13,6 +13,12 @@ from climbplan.spec.overrides import apply_overrides
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 
+FORMS = {
+    "published": ("task.integrator=euler", "task.whole_stance=false"),
+    "mean": ("task.integrator=mean", "task.whole_stance=false"),
+    "shipped": (),
+}
+"""Euler steps and workspaces at knots; mean steps; and with them workspaces until toes lift."""
 TASKS = ("mpc_forward", "mpc_disturbance", "mpc_turn", "mpc_stairs")
 
 

@@ -104,8 +104,19 @@ GRIP_LIMITS = {
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Something that a plan needs in the world and no check of it holds."""
+
+    model: str  # what the plan is verified in instead, for its badge: "forward Euler"
+    words: str  # what that leaves out, with a figure: "attitude off by 2.7 rad between knots"
+
+
+@dataclass(frozen=True)
 class Check:
-    """One verified statement: its worst residual, and where in the climb it is."""
+    """One statement looked at: its worst residual, and where in the climb it is.
+
+    One that is not judged tells its figure and decides nothing: `passed` is then True.
+    """
 
     name: str
     residual: float
@@ -115,6 +126,20 @@ class Check:
     margin: str  # what is left in the robot's terms ("S_mu 1.80"), empty for equations
     worst_at: str  # "round 3, LM lifted, RF"
     used: float = 0.0  # part of a bound that is used up, 1 at the bound; 0 for equations
+    judged: bool = True
+    left_out: LeftOut | None = None  # what the plan lacks where this is not judged, or not whole
+
+    @property
+    def mark(self) -> str:
+        """How it went, in a word: "passed", "failed" or "not judged"."""
+        if not self.passed:
+            return "failed"
+        return "passed" if self.judged else "not judged"
+
+    @property
+    def rank(self) -> int:
+        """Order in tables: failed checks first, then those that are not judged."""
+        return ("failed", "not judged", "passed").index(self.mark)
 
     @property
     def severity(self) -> float:
@@ -133,6 +158,8 @@ class Check:
             "limit": self.limit,
             "unit": self.unit,
             "passed": self.passed,
+            "judged": self.judged,
+            "result": self.mark,
             "margin": self.margin,
             "worst_at": self.worst_at,
             "used": self.used if math.isfinite(self.used) else None,
@@ -149,10 +176,28 @@ def judge(
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))
 
 
-def unjudged(check: Check, reason: str) -> Check:
-    """A check whose figure is told but decides nothing."""
-    margin = f"not judged ({reason}): {check.margin or f'{check.residual:.1e}'}"
-    return replace(check, residual=0.0, passed=True, used=0.0, margin=margin)
+def unjudged(check: Check, reason: str, model: str = "", words: str = "") -> Check:
+    """A check whose figure is told but decides nothing.
+
+    model, words: of what the plan lacks without it, which counts only where the figure is beyond
+    the check's limit. `words` may hold `{figure}`, which becomes margin or residual.
+    """
+    figure = check.margin or f"{check.residual:.2g} {check.unit}".rstrip()
+    lacks = model and not check.residual <= check.limit
+    return replace(
+        check,
+        passed=True,
+        judged=False,
+        used=0.0,
+        margin=f"not judged ({reason}): {figure}",
+        left_out=LeftOut(model, words.format(figure=figure)) if lacks else None,
+    )
+
+
+def not_compared(check: Check, margin: str, model: str, words: str) -> Check:
+    """A check that the file alone does not allow: what it would compare is the plan's own word."""
+    lacks = LeftOut(model, words)
+    return replace(check, judged=False, margin=f"not compared, {margin}", left_out=lacks)
 
 
 def judge_worst(

@@ -15,7 +15,10 @@ from climbplan.plans.checks.subject import Subject
 
 
 def inward_check(subject: Subject, asked: float | None) -> Check:
-    """Depth of commands by n . J (angles - commands) >= asked [m]; told if nothing is asked."""
+    """Depth of commands by n . J (angles - commands) >= asked [m].
+
+    Commands outside are told but not judged where the spec asks nothing.
+    """
     instants, forces = subject.plan.instants, subject.plan.forces
     bent = instants.joint_angles - forces.joint_command
     moved = np.einsum("knij,knj->kni", subject.limbs.jacobian(), bent)
@@ -27,4 +30,7 @@ def inward_check(subject: Subject, asked: float | None) -> Check:
         margin += f", {outside} of {int(instants.contact.sum())} commands outside"
     residual = np.where(instants.contact, (asked or 0.0) - depth, -np.inf)
     check = judge_worst("force.inward", residual, subject.at, margin=margin)
-    return check if asked is not None else unjudged(check, "force.least_depth is not asked")
+    if asked is not None or check.passed:
+        return check
+    # Nothing is left out of the plan: what friction has to hold is judged by the static checks.
+    return unjudged(check, "force.least_depth is not asked")

@@ -8,9 +8,10 @@ before plans did so, that is told, and the robot is the one in the file.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from climbplan.errors import ClimbplanError, MissingSolver, SpecError
-from climbplan.plans.checks.check import Check, judge
+from climbplan.plans.checks.check import Check, LeftOut, judge, not_compared
 from climbplan.plans.checks.differences import Difference, largest, parts_apart
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.grip_plan import GripPlan, SpineModel
@@ -26,17 +27,25 @@ from climbplan.spec.yaml_source import parse_yaml
 from climbplan.terrain.model import build_terrain
 
 
-def built_anew(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator[Check]:
-    """What the spec determines, by the loaders that planning uses."""
+def built_anew(
+    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, own: AnyRobot | None = None
+) -> Iterator[Check]:
+    """What the spec determines, by the loaders that planning uses.
+
+    own: the spec's robot, where its files are at hand.
+    """
     robot, given = plan.robot, None
     try:
-        stored = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts)
+        if own is None:
+            stored = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts)
+        else:
+            stored = StoredRobot(own)
         given = stored.robot
         robot = _robot_of(plan, spec, given)
         yield _robot_check(plan, robot, stored)
     except (NotKept, MissingSolver) as reason:
-        words = f"not compared, {reason}: the robot is taken from the plan file"
-        yield judge("robot.spec", 0.0, margin=words)
+        taken = f"{reason}: the robot is taken from the plan file"
+        yield not_compared(judge("robot.spec", 0.0), taken, "robot as stored", taken)
     except SpecError as error:
         yield judge("robot.spec", float("inf"), str(error).splitlines()[0])
         return
@@ -60,11 +69,13 @@ def _robot_of(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given: AnyRobot
 
 def _robot_check(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
     worst = largest(parts_apart("robot", plan.robot, robot, stored.unknown))
-    margin = ""
-    if stored.unknown:
-        names = " and ".join(stored.unknown)
-        margin = f"{names} not compared: from meshes, which the plan does not carry"
-    return judge("robot.spec", worst.size, _told(worst, plan.robot), margin)
+    check = judge("robot.spec", worst.size, _told(worst, plan.robot))
+    if not stored.unknown:
+        return check
+    names = " and ".join(stored.unknown)
+    margin = f"{names} not compared: from meshes, which the plan does not carry"
+    lacks = f"{names} from meshes, which the plan does not carry: taken from the plan file"
+    return replace(check, margin=margin, left_out=LeftOut("meshes as stored", lacks))
 
 
 def _terrain_check(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Robot) -> Check:
@@ -88,7 +99,8 @@ def _spines_check(
         named = given.gripper.model
     if named is None or named.endswith(".json"):
         what = f"the plan does not carry {named}" if named else "the robot says which"
-        return judge("grip.model", 0.0, margin=f"not compared, {what}: taken from the plan file")
+        taken = f"{what}: the model of spines is taken from the plan file"
+        return not_compared(judge("grip.model", 0.0), taken, "spines as stored", taken)
     try:
         model = SpineModel(**vars(load_model(named)))
     except ClimbplanError as error:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +23,16 @@ from climbplan.plans.checks.spec_terrain import terrain_differences
 from climbplan.plans.checks.subject import Subject
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.spec.climb import ClimbSpec, GoalSpec
+from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.motion import MotionSpec
+from climbplan.spec.robot_source import AnyRobot
 from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.yaml_source import parse_yaml
 
 
-def spec_checks(subject: Subject) -> Iterator[Check]:
-    """The spec in the file against the numbers in the file."""
+def spec_checks(subject: Subject, robot: AnyRobot | None = None) -> Iterator[Check]:
+    """The plan's spec against its numbers; robot: in place of the one that the plan carries."""
     plan = subject.plan
     spec = _spec_of(plan)
     if isinstance(spec, str):
@@ -37,10 +41,19 @@ def spec_checks(subject: Subject) -> Iterator[Check]:
     differences = [*_task(plan, spec), *_limits(plan, spec), *terrain_differences(plan, spec)]
     worst = max(differences, key=lambda d: math.inf if math.isnan(d.size) else d.size)
     yield judge("file.spec_values", worst.size, worst.key if worst.size > 0 else "")
-    yield from built_anew(plan, spec)
+    yield from built_anew(plan, spec, robot)
     yield _objective(plan, spec)
     if plan.robot.gripper is None:
         yield inward_check(subject, spec.force.least_depth)
+
+
+def answering(plan: ClimbPlan, held: HeldSpec) -> ClimbPlan:
+    """The plan as an answer to another spec: its bounds are what that one asks for."""
+    other = replace(plan, spec_text=held.text)
+    spec = _spec_of(other)
+    if isinstance(spec, str):
+        return other  # `spec_checks` says what is wrong with it
+    return replace(other, limits=replace(plan.limits, **_bounds(spec)))
 
 
 def _spec_of(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:
@@ -146,25 +159,6 @@ def _transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[D
 
 
 def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
-    limits, steps = plan.limits, spec.posture.steps
-    pairs = {
-        "posture.steps.com_max": (limits.com_max, steps.com_max),
-        "posture.steps.com_min": (limits.com_min, steps.com_min),
-        "posture.steps.toe_max": (limits.toe_max, steps.toe_max),
-        "posture.steps.toe_min": (limits.toe_min, steps.toe_min),
-        "posture.steps.rotation_max_deg": (
-            limits.rotation_max,
-            math.radians(steps.rotation_max_deg),
-        ),
-        "posture.body_clearance": (limits.body_clearance, spec.posture.body_clearance),
-        "task.goal.tolerance": (limits.goal_tolerance, _last_goal(spec).tolerance),
-        "task.goal.rotation_tolerance_deg": (
-            limits.goal_rotation_tolerance,
-            math.radians(_last_goal(spec).rotation_tolerance_deg),
-        ),
-        "force.safety_friction": (limits.safety_friction, spec.force.safety_friction),
-        "force.safety_torque": (limits.safety_torque, spec.force.safety_torque),
-    }
     yield from _gripping(plan, spec)
     normal = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
     missing = spec.force.least_pressure - normal[plan.instants.contact].min(initial=np.inf)
@@ -172,8 +166,41 @@ def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
     yield same("force.least_pressure", bool(pressed))
     sag = plan.forces.com_deflection
     yield same("force.sag", spec.force.sag == "predicted" or not sag.any())
-    for key, (stored, asked) in pairs.items():
-        yield apart(key, stored, asked)
+    asked = _bounds(spec)
+    for name, key in BOUNDS.items():
+        yield apart(key, vars(plan.limits)[name], asked[name])
+
+
+# Bounds that a plan stores, and the keys of the spec that ask for them
+BOUNDS = {
+    "com_max": "posture.steps.com_max",
+    "com_min": "posture.steps.com_min",
+    "toe_max": "posture.steps.toe_max",
+    "toe_min": "posture.steps.toe_min",
+    "rotation_max": "posture.steps.rotation_max_deg",
+    "body_clearance": "posture.body_clearance",
+    "goal_tolerance": "task.goal.tolerance",
+    "goal_rotation_tolerance": "task.goal.rotation_tolerance_deg",
+    "safety_friction": "force.safety_friction",
+    "safety_torque": "force.safety_torque",
+}
+
+
+def _bounds(spec: MotionSpec) -> dict[str, Any]:
+    """What a spec asks for, by the names in `BOUNDS`."""
+    steps, goal = spec.posture.steps, _last_goal(spec)
+    return {
+        "com_max": steps.com_max,
+        "com_min": steps.com_min,
+        "toe_max": steps.toe_max,
+        "toe_min": steps.toe_min,
+        "rotation_max": math.radians(steps.rotation_max_deg),
+        "body_clearance": spec.posture.body_clearance,
+        "goal_tolerance": goal.tolerance,
+        "goal_rotation_tolerance": math.radians(goal.rotation_tolerance_deg),
+        "safety_friction": spec.force.safety_friction,
+        "safety_torque": spec.force.safety_torque,
+    }
 
 
 def _gripping(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:

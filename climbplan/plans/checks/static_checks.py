@@ -18,12 +18,27 @@ from climbplan.plans.checks.static_pose import Braced, Settled, settle
 from climbplan.plans.checks.subject import Subject
 
 LINEAR = "force.sag: predicted is a linear model"
+MODEL = "linear sag"  # of the badge
+LACKS = {
+    "static.pose": "joints that are springs hold the body elsewhere than planned: {figure}",
+    "static.torque": "torques there exceed their limit over S_tau: {figure}",
+    "static.friction": "forces there leave their friction cones over S_mu: {figure}",
+    "static.stability": "the body buckles under the forces that hold it",
+    "trajectory.command": "commands on the way hold the body off its path: {figure}",
+    "trajectory.friction": "forces on the way leave their friction cones: {figure}",
+    "trajectory.torque": "torques on the way exceed their limit: {figure}",
+}
 
 
 def static_checks(subject: Subject) -> Iterator[Check]:
     """Pose, torques, friction and stability at every instant."""
     for check in _checks(subject):
-        yield unjudged(check, LINEAR) if subject.sags else check
+        yield told_of_sag(check) if subject.sags else check
+
+
+def told_of_sag(check: Check) -> Check:
+    """A check of what springs really do, in a plan that follows the linear model of its sag."""
+    return unjudged(check, LINEAR, MODEL, LACKS.get(check.name, f"{check.name} {{figure}}"))
 
 
 def _checks(subject: Subject) -> Iterator[Check]:

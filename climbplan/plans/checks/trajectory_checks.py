@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.plans.checks.check import Array, Check, judge, judge_worst, unjudged
+from climbplan.plans.checks.check import Array, Check, judge, judge_worst
 from climbplan.plans.checks.clearance_checks import (
     judge_capsules,
     judge_link_depths,
@@ -18,7 +18,7 @@ from climbplan.plans.checks.kinematics_anew import (
 )
 from climbplan.plans.checks.motion_state import Motion, motion_of
 from climbplan.plans.checks.pressing_checks import pressing_checks
-from climbplan.plans.checks.static_checks import LINEAR
+from climbplan.plans.checks.static_checks import told_of_sag
 from climbplan.plans.checks.subject import Subject
 from climbplan.plans.climb_plan import Index, Mask
 
@@ -34,7 +34,7 @@ def trajectory_checks(subject: Subject) -> Iterator[Check]:
     yield _sequence(motion)
     yield _body(motion)
     for check in pressing_checks(motion):
-        yield unjudged(check, LINEAR) if subject.sags else check
+        yield told_of_sag(check) if subject.sags else check
     yield _instants(motion)
     yield from _joints(motion)
     yield from _clearance(motion)

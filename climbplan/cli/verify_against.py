@@ -1,0 +1,39 @@
+"""The user's own spec for `climbplan verify PLAN --spec SPEC`, beside the one in the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from climbplan.errors import UsageError
+
+if TYPE_CHECKING:
+    from climbplan.spec.holding import HeldSpec
+
+
+def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -> HeldSpec:
+    """The spec that a plan file is to be held against; paths in it start from its folder.
+
+    Raises:
+        UsageError: files of this kind are not made for one spec, or the spec is of another kind.
+        SpecError: every mistake in the spec.
+    """
+    from climbplan.plans.plan_format import plan_format
+    from climbplan.plans.spec_text import stored_spec_text
+    from climbplan.spec.holding import RULES, held_spec
+    from climbplan.spec.loaded import LoadedSpec
+    from climbplan.spec.loading import LoadedClimb, load_spec
+
+    kind = plan_format(path).partition("/")[2]
+    if kind not in RULES:
+        raise UsageError(f"{path}: a {kind}, which --spec cannot be held against; plans can")
+    loaded = load_spec(spec, list(assignments or ()))
+    own = str(vars(vars(loaded).get("spec", loaded))["kind"])
+    if own != kind or not isinstance(loaded, LoadedSpec):
+        raise UsageError(f"--spec {spec}: a spec of kind `{own}`, and {path} is a `{kind}` plan")
+    if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.chaining import started
+
+        loaded = started(loaded)
+    return held_spec(loaded, vars(loaded)["spec"], stored_spec_text(path))

@@ -87,14 +87,18 @@ class _LogLines(logging.Handler):
     def __init__(self, session: Session) -> None:
         super().__init__()
         self._session = session
+        self._said: set[str] = set()  # of several tries of a planner, each says it again
 
     def emit(self, record: logging.LogRecord) -> None:
+        message = record.getMessage()
         if record.levelno >= logging.WARNING:
-            warn(record.getMessage())
+            if message not in self._said:
+                self._said.add(message)
+                warn(message)
         elif getattr(record, "note", False):  # about the run, as those of commands
             self._session.note(record.getMessage())
         elif self._session.verbose:
-            print(record.getMessage(), file=sys.stderr)
+            print(message, file=sys.stderr)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,7 +23,9 @@ from climbplan.spec.motion import MotionSpec
 from climbplan.spec.robot_source import AnyRobot
 from climbplan.spec.urdf_source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
-from climbplan.terrain.surfaces import Surface
+from climbplan.terrain.surfaces import Region, Surface
+
+_log = logging.getLogger(__name__)
 
 REACH_RESERVE = 0.05  # share of its reach that a limb keeps for toes that a spec leaves open
 # Points beside a nominal stance that are looked at where joint bounds forbid it
@@ -166,6 +169,26 @@ def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
     return np.concatenate([force, moment], axis=-1)
 
 
+def warn_of_backs(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
+    """Warn of regions that look away from the robot, at the start and at the goal.
+
+    A region holds what pushes against its normal. Corners that run clockwise, seen from the robot,
+    turn it away: toes would have to stand on its back.
+    """
+    for k, surface in enumerate(terrain.surfaces):
+        if not isinstance(surface, Region) or not terrain.allowed[:, k].any():
+            continue
+        if all(float(surface.normal @ s.com) - surface.offset < 0 for s in stances):
+            facing = ", ".join(f"{v:.3g}" for v in surface.normal)
+            _log.warning(
+                "region %r looks away from the robot at its start and goal (normal %s): forces of "
+                "toes there would pull; seen from the robot its corners run clockwise, turn their "
+                "order round, or its normal",
+                surface.name,
+                facing,
+            )
+
+
 def _grippers(
     spec: ClimbSpec, robot_spec: AnyRobot, robot: Robot, terrain: Terrain, directory: Path
 ) -> Grippers | None:
@@ -197,6 +220,7 @@ def build_scene(
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
     if mistakes:
         raise SpecError(source, mistakes)
+    warn_of_backs(terrain, (start, goal))
     order = spec.task.gait or robot.limb_names
     return ClimbScene(
         spec=spec,

@@ -157,10 +157,11 @@ class SearchSpec(SpecModel):
 class TransitionSolverSpec(SpecModel):
     """Which method, and when to stop."""
 
-    method: Literal["enumerate", "complementarity"] = Field(
-        default="enumerate",
-        description="`enumerate`: search over stance sets, then a nonlinear program with the "
-        "sequence fixed; `complementarity`: one nonlinear program that also finds the sequence",
+    method: Literal["auto", "enumerate", "complementarity"] = Field(
+        default="auto",
+        description="`auto`: `enumerate`, and `complementarity` where that finds nothing and the "
+        "sequence is left open; `enumerate`: search over stance sets, then a nonlinear program "
+        "with the sequence fixed; `complementarity`: one nonlinear program that also finds the sequence",
     )
     force: Literal["daqp", "clarabel", "osqp"] = Field(
         default="daqp",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,7 @@ from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
 from climbplan.transition.summary import summary_lines
 
+_FOR_SEARCH = 0.7  # share of the time limit that `auto` gives to the search
 _FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
 
 
@@ -159,9 +161,8 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     scene = build_transition(loaded)
-    by_search = scene.spec.solver.method == "enumerate"
     run = Run(loaded, scene, clock, climb_after(loaded, scene, clock))
-    return assemble(run, _by_search(run) if by_search else _by_complementarity(run))
+    return assemble(run, _METHODS[scene.spec.solver.method](run))
 
 
 def assemble(run: Run, found: Found) -> ClimbPlan:
@@ -206,11 +207,11 @@ def assemble(run: Run, found: Found) -> ClimbPlan:
     return replace(plan, summary=summary_lines(plan))
 
 
-def _by_search(run: Run) -> Found:
-    """All sequences, and the motion of the best that holds."""
+def _by_search(run: Run, share: float = 1.0) -> Found:
+    """All sequences, and the motion of the best that holds; share: of the time limit."""
     scene, clock = run.scene, run.clock
     with clock.stage("search"):
-        deadline = time.monotonic() + scene.spec.solver.time_limit
+        deadline = time.monotonic() + share * scene.spec.solver.time_limit
         search = Search(scene, deadline=deadline)
         found = search.sequences()
         if not found:
@@ -255,8 +256,8 @@ def _by_search(run: Run) -> Found:
     return Found(done, sizes, sequences, _warnings(search))
 
 
-def _by_complementarity(run: Run) -> Found:
-    """The cheapest motion of several random starts that holds to the end."""
+def _by_complementarity(run: Run, seconds: float | None = None) -> Found:
+    """The cheapest motion of several random starts that holds to the end, in so many seconds."""
     scene, clock = run.scene, run.clock
     if scene.spec.task.sequence is not None:
         raise UsageError(
@@ -264,7 +265,7 @@ def _by_complementarity(run: Run) -> Found:
             "--method enumerate"
         )
     options = scene.spec.solver
-    deadline = time.monotonic() + options.time_limit
+    deadline = time.monotonic() + (options.time_limit if seconds is None else seconds)
     found: list[Complete] = []
     reasons: list[str] = []
     iterations = 0
@@ -291,6 +292,43 @@ def _by_complementarity(run: Run) -> Found:
         )
     best = min(found, key=lambda done: transition_cost(scene, done.rounds, done.forces))
     return Found(best, {"homotopy": {"iterations": iterations, "starts that hold": len(found)}})
+
+
+def _automatic(run: Run) -> Found:
+    """By search, and where that finds nothing by one program that finds its own sequence."""
+    began = time.monotonic()
+    try:
+        return _by_search(run, _FOR_SEARCH)
+    except NoPlanFound as error:
+        spent = time.monotonic() - began
+        task = run.scene.spec.task
+        left = run.scene.spec.solver.time_limit - spent
+        if task.sequence is not None or left <= 0:
+            raise
+        first, seconds = error, spent
+    try:
+        found = _by_complementarity(run, left)
+    except NoPlanFound as error:
+        lacked = error.message.partition("\n")[0]
+        raise NotProved(
+            f"{first.message}\ntried: enumerate ({seconds:.1f} s), complementarity "
+            f"({time.monotonic() - began - spent:.1f} s): {lacked}",
+            first.conflicts,
+            because=first.because if isinstance(first, NotProved) else "a limit was reached",
+            stage=first.stage,
+            remedies=first.remedies,
+        ) from first
+    lacked = first.message.partition("\n")[0]
+    return replace(
+        found, warnings=(f"found by complementarity; by enumerate not: {lacked}", *found.warnings)
+    )
+
+
+_METHODS: dict[str, Callable[[Run], Found]] = {
+    "auto": _automatic,
+    "enumerate": _by_search,
+    "complementarity": _by_complementarity,
+}
 
 
 def _warnings(search: Search) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.proof import no_support, out_of_reach
-from climbplan.climb.scene import MotionScene, Stance, stance_of
+from climbplan.climb.scene import MotionScene, Stance, stance_of, warn_of_backs
 from climbplan.errors import (
     Conflict,
     Infeasible,
@@ -54,6 +54,7 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
         mistakes += _buried(key, stance, terrain, robot)
     if mistakes:
         raise SpecError(loaded.source, mistakes)
+    warn_of_backs(terrain, (start, goal))
     scene = TransitionScene(spec, robot, terrain, start, goal)
     for name, stance in (("start posture", start), ("goal posture", goal)):
         _require_room(scene, name, stance)

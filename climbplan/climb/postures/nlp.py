@@ -89,11 +89,10 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
             break
     accepted = [attempt for attempt in attempts if attempt.accepted]
     if not accepted:
-        raise NotProved(
-            _failure(scene, attempts),
-            because="method nlp is local",
-            stage="posture",
-        )
+        failure = _failure(scene, attempts)
+        if len(attempts) < options.starts:
+            raise LimitReached(failure, stage="posture")
+        raise NotProved(failure, because="method nlp is local", stage="posture")
     # Rounded, so that of equally good ones the first is kept whatever the last digits say
     best = min(accepted, key=lambda attempt: round(attempt.objective, 9))
     best = refined(scene, best, deadline)

@@ -161,7 +161,8 @@ class TransitionSolverSpec(SpecModel):
         default="auto",
         description="`auto`: `enumerate`, and `complementarity` where that finds nothing and the "
         "sequence is left open; `enumerate`: search over stance sets, then a nonlinear program "
-        "with the sequence fixed; `complementarity`: one nonlinear program that also finds the sequence",
+        "with the sequence fixed; `complementarity`: one nonlinear program that also finds the "
+        "sequence",
     )
     force: Literal["daqp", "clarabel", "osqp"] = Field(
         default="daqp",

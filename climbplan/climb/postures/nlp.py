@@ -31,7 +31,7 @@ from climbplan.climb.postures.nlp_starts import convex_guess, repinned, straight
 from climbplan.climb.postures.nlp_statement import PostureNlp, posture_nlp
 from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import NotProved, ReachFailure
+from climbplan.errors import LimitReached, NotProved, ReachFailure
 from climbplan.plans.climb_plan import Rounds
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import require_reachable, to_body

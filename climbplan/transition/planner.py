@@ -32,7 +32,7 @@ from climbplan.transition.homotopy import run_start
 from climbplan.transition.mission import Tail, climb_after, joined_instants, joined_rounds
 from climbplan.transition.motion import plan_motion
 from climbplan.transition.pose_ways import Sequence
-from climbplan.transition.refusal import no_sequence
+from climbplan.transition.refusal import OutOfReach, no_sequence
 from climbplan.transition.scene import TransitionScene, build_transition
 from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
@@ -303,7 +303,7 @@ def _automatic(run: Run) -> Found:
         spent = time.monotonic() - began
         task = run.scene.spec.task
         left = run.scene.spec.solver.time_limit - spent
-        if task.sequence is not None or left <= 0:
+        if task.sequence is not None or left <= 0 or isinstance(error, OutOfReach):
             raise
         first, seconds = error, spent
     try:

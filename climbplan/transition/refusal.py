@@ -28,6 +28,10 @@ _LOOKED_INTO = 400  # kinematic sequences whose forces are asked for
 SEARCHED = "the search looks at some footholds and poses between start and goal (`search`)"
 
 
+class OutOfReach(NotProved):
+    """No sequence is within reach, whatever the forces: another way to find forces does not help."""
+
+
 def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:
     """The error that says why the search found nothing on the footholds and poses it looks at."""
     kinematic = Search(scene, forces=False, deadline=deadline)
@@ -35,7 +39,7 @@ def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:
     task = scene.spec.task
     asked = f"{task.rounds} rounds" + (f" as {task.sequence}" if task.sequence else "")
     if not found:
-        return NotProved(
+        return OutOfReach(
             f"no contact sequence of {asked}",
             _unreached(kinematic),
             because=SEARCHED,

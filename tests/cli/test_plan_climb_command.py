@@ -21,6 +21,7 @@ from climbplan.errors import (
     Infeasible,
     LimitReached,
     ReachFailure,
+    Remedy,
     SpecError,
     SpecMistake,
 )
@@ -209,11 +210,13 @@ def test_a_plan_that_fails_verification_is_kept(
     ("error", "code", "fragment"),
     [
         (
-            Infeasible("no forces", [Conflict("round 3", ("friction at RF",), ("mu >= 0.83",))]),
+            Infeasible(
+                "no forces", [Conflict("round 3", ("friction at RF",), (Remedy("mu >= 0.83"),))]
+            ),
             3,
             "round 3: friction at RF cannot be met; feasible with mu >= 0.83",
         ),
-        (ReachFailure("LM", "too far", 0.02, "round 2"), 3, "LM cannot reach its toe"),
+        (ReachFailure("LM", "too far", 0.02, "round 2"), 4, "LM cannot reach its toe"),
         (LimitReached("time limit of 1 s"), 4, "time limit of 1 s"),
         (SpecError("x", [SpecMistake("task.rounds", "too few")]), 2, "small.yaml:21: task.rounds"),
         (KeyError("what"), 1, "internal error: KeyError: 'what'"),
@@ -273,7 +276,10 @@ def test_a_finished_directory(run_command: RunCommand, stages: Stages, workplace
         (["--save-model", "no/model.txt"], "no such directory"),
         (["--solver", "cplex"], "posture problem: branch-and-bound, scip, gurobi; force problem:"),
         (["--solver", "scipy"], "did you mean 'scip'?"),
-        (["--method", "mcip"], "--method mcip: solver.method: expected one of `micp`, `nlp`"),
+        (
+            ["--method", "mcip"],
+            "--method mcip: solver.method: expected one of `auto`, `micp`, `nlp`",
+        ),
         (["--seed", "-1"], "--seed -1: seed: expected a whole number >= 0"),
         (["--time-limit", "nan"], "--time-limit nan: solver.time_limit: expected a number in s"),
         (["--time-limit", "-inf"], "--time-limit -inf: solver.time_limit: expected a number in s"),

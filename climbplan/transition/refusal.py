@@ -29,7 +29,7 @@ SEARCHED = "the search looks at some footholds and poses between start and goal 
 
 
 class OutOfReach(NotProved):
-    """No sequence is within reach, whatever the forces: another way to find forces does not help."""
+    """No sequence is within reach: another way to find forces would not help."""
 
 
 def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:

@@ -1,6 +1,6 @@
 """Climbs that are well described but impossible: the reason, and nothing left.
 
-Exit code 3 where geometry proves it; 4 where it is our postures that no forces carry: a limb that is
+Exit code 3 where geometry proves it; 4 where no forces carry postures that we chose: a limb that is
 stretched out holds any load along itself, so that neither friction nor motors prove anything.
 """
 

@@ -278,7 +278,7 @@ def test_a_finished_directory(run_command: RunCommand, stages: Stages, workplace
         (["--solver", "scipy"], "did you mean 'scip'?"),
         (
             ["--method", "mcip"],
-            "--method mcip: solver.method: expected one of `auto`, `micp`, `nlp`",
+            "--method mcip: solver.method: expected one of `auto`, `micp`",
         ),
         (["--seed", "-1"], "--seed -1: seed: expected a whole number >= 0"),
         (["--time-limit", "nan"], "--time-limit nan: solver.time_limit: expected a number in s"),

@@ -40,7 +40,7 @@ def test_a_sequence_sets_the_rounds(run_command: RunCommand, workplace: Path) ->
     [
         ("terrain.walls.gap=1.5", 4, "the walls are 1.5 m apart"),
         ("task.goal.com=[0, 0, 0.9]", 4, "RM reaches its goal from no pose"),
-        ("terrain.walls.gap=2.0", 3, "cannot reach any place where it may stand"),
+        ("task.goal.com=[0, 0, 3.5]", 3, "cannot reach any place where it may stand"),
         ("task.supporting=6", 2, "none can move"),
         (
             "terrain.boxes=[{name: brick, lower: [-0.4, 0.2, 0], upper: [-0.2, 0.6, 0.09]}]",

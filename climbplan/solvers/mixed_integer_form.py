@@ -18,7 +18,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.bound_propagation import Box, propagated_box
-from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
+from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable, choice_tables
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
 
 
@@ -43,7 +43,7 @@ class MixedIntegerForm:
 
 def mixed_integer_form(instance: Instance) -> MixedIntegerForm:
     """Raises UsageError if a choice's point is not bounded along a direction that needs it."""
-    tables = [ChoiceTable.of(choice.alternatives) for choice in instance.choices]
+    tables = choice_tables(instance.choices, every_row=True)
     box = propagated_box(instance, tables)
     rows = [row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)]
     return MixedIntegerForm(box, separable_cost(instance), tuple(rows))

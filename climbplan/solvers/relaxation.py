@@ -126,9 +126,9 @@ class Relaxation:
             low, high = lower[rows], upper[rows]
             z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows], linear, level)
             if flag == _NONE:
-                if not prove or self.late():
-                    return Closed(point.bound, certified=False)
-                closed = self._infeasible(rows, lower, upper, cutoff)
+                closed = Closed(point.bound, certified=False)
+                if prove and not self.late():
+                    closed = self._infeasible(rows, lower, upper, cutoff)
                 if closed.certified or cold:
                     return closed
                 cold, sense = True, np.zeros_like(sense)

@@ -126,7 +126,7 @@ def test_bounds_of_parts_and_exclusions_lose_nothing(
     full = solve_branch_and_bound(instance, gap=1e-6)
     monkeypatch.setattr(tree_search, "blocks", lambda form, pool: [])
     monkeypatch.setattr(
-        tree_search.TreeSearch, "_excluded", lambda self, node, *others: node.allowed
+        tree_search.TreeSearch, "_excluded", lambda self, node, allowed, *others: allowed
     )
     plain = solve_branch_and_bound(instance, gap=1e-6)
     assert full.status == plain.status

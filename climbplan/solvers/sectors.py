@@ -14,7 +14,7 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.choice_table import ChoiceTable, Mask, Splits
 from climbplan.solvers.result import Indices
 
-_WAYS = 6  # first directions that are tried, those with the fewest alternatives on both sides
+_WAYS = 4  # first directions that are tried, those with the fewest alternatives on both sides
 _SINGLE = 4  # so many near ones become children of their own
 _CLEAR = 1e-9
 

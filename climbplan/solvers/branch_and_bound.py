@@ -17,7 +17,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.normal_form import OutOfTime, normal_form
 from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judged
-from climbplan.solvers.tree_search import TreeSearch
+from climbplan.solvers.tree_search import Known, TreeSearch
 
 NAME = "branch-and-bound"
 
@@ -27,11 +27,12 @@ def solve_branch_and_bound(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
+    known: Known | None = None,
 ) -> SolverResult:
     """Globally optimal x of an instance, or the best one found in the time given.
 
     gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    Deterministic unless the time limit is hit. Directions without cost must be bounded, by bounds,
+    known: from a laxer instance, solved before. Deterministic unless the time limit is hit. Directions without cost must be bounded, by bounds,
     rows, balls or choices; otherwise no finite bound can be given.
     """
     begin = time.perf_counter()
@@ -62,7 +63,7 @@ def solve_branch_and_bound(
         return judged(instance, answer, gap, tolerance)
     if form.size == 0:
         return _only_point(instance, form.cost.center, gap, tolerance, begin)
-    search = TreeSearch(instance, form, gap, deadline, tolerance)
+    search = TreeSearch(instance, form, gap, deadline, tolerance, known)
     search.run()
     found = search.incumbents.best
     answer = Answer(

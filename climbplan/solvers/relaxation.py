@@ -21,7 +21,7 @@ from climbplan.solvers.choice_table import UNBOUNDED
 from climbplan.solvers.components import SAME
 from climbplan.solvers.normal_form import Masks, NormalForm
 from climbplan.solvers.result import Indices
-from climbplan.solvers.row_pool import RowPool
+from climbplan.solvers.row_pool import OwnRange, RowPool
 
 _TOLERANCES = (1e-9, 1e-8, 1e-7)  # of rows in their own unit; the next where DAQP cycles
 _ITERATIONS = 2000  # of DAQP; more only happen when it cycles
@@ -59,6 +59,16 @@ class CutRound:
     excess: float  # largest violation of a ball [m]
 
 
+@dataclass(frozen=True)
+class _NodeBounds:
+    """Bounds of the choice rows at a node, kept for its next cut round."""
+
+    masks: Masks | None
+    lower: Array
+    upper: Array
+    single: list[OwnRange]
+
+
 class Relaxation:
     """Solves the relaxations of one search."""
 
@@ -68,6 +78,7 @@ class Relaxation:
         self.late = late
         self.pool = RowPool(form)
         self.solves = 0
+        self._last = _NodeBounds(None, np.zeros(0), np.zeros(0), [])
         self._identity = np.eye(form.size)
         self._no_point = np.zeros(form.size)
         self._model = daqp.Model()
@@ -81,14 +92,16 @@ class Relaxation:
     def bounds(self, masks: Masks) -> tuple[Array, Array]:
         """Bounds of all rows of the pool at a node: its choice rows, and what single ones state."""
         form, pool = self.form, self.pool
-        single = [
-            pool.own(c, mask.bit_length() - 1)
-            for c, (table, mask) in enumerate(zip(form.tables, masks, strict=True))
-            if not table.complete and mask & (mask - 1) == 0
-        ]
+        if masks is not self._last.masks:
+            single = [
+                pool.own(c, mask.bit_length() - 1)
+                for c, (table, mask) in enumerate(zip(form.tables, masks, strict=True))
+                if not table.complete and mask & (mask - 1) == 0
+            ]
+            self._last = _NodeBounds(masks, *form.choice_bounds(masks), single)
         low, high = pool.lower.copy(), pool.upper.copy()
-        low[form.choice_rows], high[form.choice_rows] = form.choice_bounds(masks)
-        for own in single:
+        low[form.choice_rows], high[form.choice_rows] = self._last.lower, self._last.upper
+        for own in self._last.single:
             low[own.here], high[own.here] = own.lower, own.upper
         return low, high
 

@@ -37,14 +37,29 @@ class Node:
     minima: tuple[BlockMinimum | None, ...]
 
 
+@dataclass(frozen=True)
+class Known:
+    """What a laxer instance of the same choices has told: its bound holds, its choices may do."""
+
+    assignment: Indices | None = None  # (C,)
+    bound: float = -np.inf
+
+
 class TreeSearch:
     """One run of branch and bound."""
 
     def __init__(
-        self, instance: Instance, form: NormalForm, gap: float, deadline: float, tolerance: float
+        self,
+        instance: Instance,
+        form: NormalForm,
+        gap: float,
+        deadline: float,
+        tolerance: float,
+        known: Known | None = None,
     ) -> None:
         self.instance, self.form, self.gap = instance, form, gap
         self.deadline, self.tolerance = deadline, tolerance
+        self.known = known or Known()
         self.relaxation = Relaxation(form, self._late)
         self.blocks = blocks(form, self.relaxation.pool)
         self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
@@ -60,7 +75,11 @@ class TreeSearch:
 
     def run(self) -> None:
         """Search until the gap is proved, nothing is left, or the deadline."""
-        self._open.append((-np.inf, 0, self.root()))
+        root = self.root()
+        self._open.append((root.bound, 0, root))
+        if self.known.assignment is not None and self._possible(self.known.assignment):
+            self.incumbents.complete(self.known.assignment, root.start, self._late)
+            self._note("earlier choices")
         while (self._open or self._dive) and not self._late():
             if self._bytes() > MEMORY:
                 self._note(f"open nodes and rows fill {1e-6 * MEMORY:.0f} MB")
@@ -77,7 +96,13 @@ class TreeSearch:
 
     def root(self) -> Node:
         """The node that allows everything."""
-        return Node(-np.inf, self.form.root, self.relaxation.start(), ())
+        return Node(self.known.bound, self.form.root, self.relaxation.start(), ())
+
+    def _possible(self, assignment: Indices) -> bool:
+        allowed = self.form.allowed
+        return len(assignment) == len(allowed) and bool(
+            allowed[np.arange(len(assignment)), assignment].all()
+        )
 
     def _bytes(self) -> int:
         """About what open nodes and the pool take."""

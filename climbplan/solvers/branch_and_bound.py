@@ -16,8 +16,8 @@ import numpy as np
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.normal_form import OutOfTime, normal_form
-from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judged
-from climbplan.solvers.tree_search import Known, TreeSearch
+from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
+from climbplan.solvers.tree_search import TreeSearch
 
 NAME = "branch-and-bound"
 

@@ -16,7 +16,7 @@ from climbplan.solvers.dual_gains import RowRates, row_rates
 from climbplan.solvers.incumbent import IncumbentStore
 from climbplan.solvers.normal_form import Flags, Masks, NormalForm
 from climbplan.solvers.relaxation import Closed, Point, Relaxation
-from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, relative_gap
+from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, Known, relative_gap
 
 # Rounds of ball cuts, and the violation from which balls are cut [m]
 _ROOT_CUTS, _NODE_CUTS, _LEAF_ROUNDS = (30, 1e-6), (4, 1e-5), 100
@@ -35,14 +35,6 @@ class Node:
     masks: Masks  # what differs from the parent is one set; the others are shared with it
     start: Point
     minima: tuple[BlockMinimum | None, ...]
-
-
-@dataclass(frozen=True)
-class Known:
-    """What a laxer instance of the same choices has told: its bound holds, its choices may do."""
-
-    assignment: Indices | None = None  # (C,)
-    bound: float = -np.inf
 
 
 class TreeSearch:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ from climbplan.solvers.registry import solve
 from climbplan.solvers.result import Known, SolverResult
 
 LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by over 3 % about one axis
+
+_MANY = 1000  # alternatives from which a problem's size is told before
+_log = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 
@@ -56,6 +60,8 @@ def plan_postures(
     begin = time.monotonic()
     refuse_unsuitable(scene)
     options = scene.spec.solver
+    if earlier is None:
+        _tell_size(scene)
     program = posture_program(scene, margins)
     instance = program.at()
     if save_model is not None:
@@ -66,10 +72,11 @@ def plan_postures(
     if result.status == "infeasible":
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
+        limit = f"within {options.time_limit:g} s"
+        if result.time < 0.9 * left:
+            limit = "in the memory that open nodes may take"
         raise LimitReached(
-            f"posture planner: no plan within {options.time_limit:g} s "
-            f"({result.nodes} nodes searched)",
-            stage="posture",
+            f"posture planner: no plan {limit} ({result.nodes} nodes searched)", stage="posture"
         )
     rounds = to_rounds(scene, program, result)
     return PostureResult(
@@ -84,6 +91,19 @@ def plan_postures(
         warnings=rotation_warnings(scene, rounds),
         known=Known(result.assignment, result.bound),
     )
+
+
+def _tell_size(scene: ClimbScene) -> None:
+    """Say how large a large problem is before it is stated and solved."""
+    m, n = scene.spec.task.rounds, scene.robot.limb_count
+    alternatives = m * int(scene.terrain.allowed.sum())
+    if alternatives >= _MANY:
+        regions = len(scene.terrain.regions)
+        _log.info(
+            "%-9s %d regions x %d limbs x %d rounds: %d choices among %d alternatives",
+            *("posture", regions, n, m, m * n, alternatives),
+            extra={"note": True},
+        )
 
 
 def refuse_unsuitable(scene: ClimbScene) -> None:

@@ -104,9 +104,7 @@ def plan_motion(
                 posture = plan_postures_nlp(within(scene, left), clock.report)
             else:
                 try:
-                    posture = _convex_postures(
-                        within(scene, left), margins, save_model, posture
-                    )
+                    posture = _convex_postures(within(scene, left), margins, save_model, posture)
                 except NoPostures as error:
                     if not notes:
                         raise

@@ -138,7 +138,10 @@ def joined_coefficients(
             own += len(block)
         row += len(block)
     assert not isinstance(bilinear.affine, JoinedAffine)
-    parts = (bilinear.affine, *(FixedAffine.of(block, n) for block in fixed))
+    parts: tuple[Affine | FixedAffine, ...] = (
+        bilinear.affine,
+        *(FixedAffine.of(block, n) for block in fixed),
+    )
     joined = JoinedAffine(parts, np.concatenate(order), n)
     at = place[bilinear.product_row] if len(bilinear.product_row) else bilinear.product_row
     return Bilinear(joined, bilinear.product_function, at, bilinear.product_pair, row)

@@ -127,7 +127,7 @@ class Block:
                 proved = min(proved, bound)
                 continue
             nodes += 1
-            sets = [node[c] for c in self.choices]
+            sets = tuple(node[c] for c in self.choices)
             low[chosen], high[chosen] = form.bounds_of(self.choices, sets)
             all_rows, lower, upper = self._with_own_rows(M, low, high, node)
             sense = np.where(upper - lower <= SAME, 5, 0).astype(np.int32)
@@ -136,9 +136,7 @@ class Block:
             )
             if flag == _INFEASIBLE:
                 ceiling = self._ceiling(price)
-                reached = proved_bound(
-                    price, all_rows, lower, upper, np.zeros(self.size), ceiling
-                )
+                reached = proved_bound(price, all_rows, lower, upper, np.zeros(self.size), ceiling)
                 if reached >= ceiling:
                     continue
             elif flag in _OPTIMAL:

@@ -52,8 +52,8 @@ def propagated_box(
 ) -> Box:
     """The variable bounds, tightened through rows, ball components and hulls of choices.
 
-    tables: one for each choice; stacked: their rows, if they are there. Only finite rows tighten; a variable that nothing bounds keeps an
-    infinite bound.
+    tables: one for each choice; stacked: their rows, if they are there. Only finite
+    rows tighten; a variable that nothing bounds keeps an infinite bound.
     """
     rows = [instance.A]
     lower, upper = [instance.row_lower], [instance.row_upper]

@@ -32,8 +32,9 @@ def solve_branch_and_bound(
     """Globally optimal x of an instance, or the best one found in the time given.
 
     gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    known: from a laxer instance, solved before. Deterministic unless the time limit is hit. Directions without cost must be bounded, by bounds,
-    rows, balls or choices; otherwise no finite bound can be given.
+    known: from a laxer instance, solved before. Deterministic unless the time limit is hit.
+    Directions without cost must be bounded, by bounds, rows, balls or choices; otherwise no finite
+    bound can be given.
     """
     begin = time.perf_counter()
     deadline = begin + time_limit

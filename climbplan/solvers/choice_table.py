@@ -85,11 +85,11 @@ class ChoiceTable:
         shape = (count, len(kept))
         lower, upper = np.full(shape, -UNBOUNDED), np.full(shape, UNBOUNDED)
         own_lower, own_upper = lower.copy(), upper.copy()
-        for r, polytope in enumerate(alternatives):
-            if not known[r]:
+        for k, polytope in enumerate(alternatives):
+            if not known[k]:
                 continue
             along = np.asarray(polytope.vertices) @ directions.T
-            lower[r], upper[r] = along.min(axis=0), along.max(axis=0)
+            lower[k], upper[k] = along.min(axis=0), along.max(axis=0)
         place = np.full(size, -1)
         place[kept] = np.arange(len(kept))
         at = place[own.index]

@@ -50,9 +50,7 @@ class Components:
         return np.where(low == high, low, -1)
 
 
-def equations(
-    instance: Instance, tables: list[ChoiceTable], stacked: StackedChoices
-) -> Equations:
+def equations(instance: Instance, tables: list[ChoiceTable], stacked: StackedChoices) -> Equations:
     """Fixed variables, rows with equal bounds, and planes that all alternatives share."""
     fixed = np.flatnonzero(instance.upper - instance.lower <= SAME)
     tight = np.flatnonzero(instance.row_upper - instance.row_lower <= SAME)

@@ -21,7 +21,6 @@ from climbplan.solvers.bound_propagation import Box, propagated_box
 from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable, choice_tables
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
 
-
 _ENTRIES = 10e6  # of rows of binaries; some 200 bytes each once a model is built of them
 
 

@@ -104,7 +104,9 @@ class NormalForm:
     @cached_property
     def ceiling(self) -> float:
         """A bound above this proves infeasibility: no feasible point costs more."""
-        cost = largest_cost(self.instance, propagated_box(self.instance, list(self.tables), self.stacked))
+        cost = largest_cost(
+            self.instance, propagated_box(self.instance, list(self.tables), self.stacked)
+        )
         return cost if np.isfinite(cost) else _CERTAIN * (1.0 + abs(self.cost.constant))
 
     @property

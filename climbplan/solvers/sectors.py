@@ -20,7 +20,7 @@ _CLEAR = 1e-9
 
 
 def sector_splits(table: ChoiceTable, mask: Mask, point: Array) -> Splits:
-    """Ways to divide a set of at least two alternatives, about a point (D,) along the directions."""
+    """Ways to divide a set of at least two alternatives about a point, given along directions."""
     members = table.members(mask)
     low, high = table.lower[members], table.upper[members]
     beyond, before = low > point + _CLEAR, high < point - _CLEAR  # (m, D)

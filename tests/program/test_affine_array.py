@@ -26,7 +26,8 @@ def formulas(a: Any, b: Any) -> list[Any]:
         2.0 * a + numbers,
         a * numbers,
         np.diff(longer, axis=0),
-        longer[:-1, None] + np.array([0.25, 0.75])[:, None, None] * np.diff(longer, axis=0)[:, None],
+        longer[:-1, None]
+        + np.array([0.25, 0.75])[:, None, None] * np.diff(longer, axis=0)[:, None],
         (b - 1.0) @ np.array([[1.0, 2.0, 0.0], [0.0, -1.0, 3.0], [4.0, 0.0, 0.5]]).T,
         np.stack([a[..., 0] - a[..., 1], a[..., 2] * numbers[:, 1]], axis=-1),
         np.concatenate([a, np.broadcast_to(b[:, None], (4, 2, 3))], axis=-1),

@@ -127,7 +127,6 @@ def _coupled(prepared: Prepared) -> Answer:
 
 
 def _modes(prepared: Prepared) -> Answer:
-    options = prepared.scene.spec.solver
     envelopes = chosen_envelopes(prepared.scene, several=True)
     first = first_stage_with_modes(prepared, envelopes, prepared.left)
     names = ", ".join(e.name for e in envelopes)

@@ -22,7 +22,6 @@ from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.registry import solve
 
-
 _MOMENT = 0.05  # [s]
 
 

@@ -55,7 +55,8 @@ def plan_postures(
     """Globally optimal postures under linearised rotation (method `micp`).
 
     earlier: postures of the same scene with smaller margins. Their bound holds here too, and their
-    choices are tried first. The spec's time limit is that of statement and search together. Raises NoPostures naming round, limb and constraint, or LimitReached without an incumbent.
+    choices are tried first. The spec's time limit is that of statement and search together. Raises
+    NoPostures naming round, limb and constraint, or LimitReached without an incumbent.
     """
     begin = time.monotonic()
     refuse_unsuitable(scene)

@@ -157,9 +157,7 @@ def limb_polytopes(
     return faces
 
 
-def _limb_free(
-    p: Program, scene: ClimbScene, postures: Entries, margins: PostureMargins
-) -> None:
+def _limb_free(p: Program, scene: ClimbScene, postures: Entries, margins: PostureMargins) -> None:
     """Standing limbs stay beyond one face of every obstacle during a round.
 
     postures: (M, N, 18) toe, com and Theta before and after each round.

@@ -95,11 +95,19 @@ class AffineArray:
 
     def __matmul__(self, numbers: Array) -> AffineArray:
         """Product along the last axis with a matrix of numbers (d, k)."""
-        d, k = numbers.shape
-        points = self._index.size // d
-        mixing = sparse.kron(sparse.identity(points), numbers.T, format="csr")
-        shape = (*self.shape[:-1], k)
-        return _fresh(mixing @ self.coefficients, mixing @ self.constants, shape)
+        return self.along(numbers)
+
+    def along(self, matrices: Array) -> AffineArray:
+        """Products (..., k) of the vectors (..., d) with matrices (..., d, k), broadcast."""
+        d, k = matrices.shape[-2:]
+        shape = np.broadcast_shapes(self.shape[:-1], matrices.shape[:-2])
+        index = np.broadcast_to(self._index[..., None, :], (*shape, k, d)).ravel()
+        weight = np.broadcast_to(np.swapaxes(matrices, -1, -2), (*shape, k, d)).ravel()
+        count = len(index) // d
+        mixing = sparse.csr_matrix(
+            (weight, index, d * np.arange(count + 1)), shape=(count, self._matrix.shape[0])
+        )
+        return _fresh(mixing @ self._matrix, mixing @ self._constant, (*shape, k))
 
     def sum_of_squares(self) -> Quadratic:
         """Sum of the squares of all entries."""

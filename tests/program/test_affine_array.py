@@ -51,6 +51,17 @@ def test_operations_are_those_of_numbers() -> None:
         assert cost == pytest.approx(np.sum(theirs**2))
 
 
+def test_vectors_are_mixed_by_a_matrix_each() -> None:
+    rng = np.random.default_rng(1)
+    p = Program("p")
+    p.continuous("a", (4, 1, 3))
+    x, matrices = rng.normal(size=12), rng.normal(size=(5, 3, 2))
+    mixed = p.affine("a").along(matrices)
+    known = np.einsum("mnd,ndk->mnk", np.broadcast_to(x.reshape(4, 1, 3), (4, 5, 3)), matrices)
+    assert mixed.shape == (4, 5, 2)
+    np.testing.assert_allclose(value(mixed, x), known, atol=1e-12)
+
+
 def stated(numeric: bool) -> Program:
     """One program twice: with scalars, and with numeric coefficients where they may be."""
     p = Program("both")

@@ -79,13 +79,15 @@ class LinearRotation:
         return np.array([[1.0, 0.0, -sp], [0.0, cr, sr * cp], [0.0, -sr, cr * cp]])
 
     def apply(self, rpy: Entries, vector: Array) -> Entries:
-        """R v for expressions rpy (..., 3) and body vectors (..., 3)."""
-        # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v
+        """R v (..., 3) for rpy (..., 3) and body vectors (..., 3), broadcast."""
+        # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v, and t x u = t [u]x for rows t
         u = vector @ self.reference.T
-        turn = (rpy - self.level) @ (self.reference @ self.rates).T
-        a, b, c = turn[..., 0], turn[..., 1], turn[..., 2]
-        x, y, z = u[..., 0], u[..., 1], u[..., 2]
-        return np.stack([x + b * z - c * y, y + c * x - a * z, z + a * y - b * x], axis=-1)
+        x, y, z = np.moveaxis(u, -1, 0)
+        none = np.zeros_like(x)
+        crossed = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1)
+        turning = (self.reference @ self.rates).T @ crossed.reshape(*x.shape, 3, 3)
+        arm = (rpy - self.level).along(turning) + u
+        return arm
 
 
 def region_polytope(region: Region) -> Polytope:

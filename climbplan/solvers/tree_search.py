@@ -92,9 +92,9 @@ class TreeSearch:
 
     def _possible(self, assignment: Indices) -> bool:
         allowed = self.form.allowed
-        return len(assignment) == len(allowed) and bool(
-            allowed[np.arange(len(assignment)), assignment].all()
-        )
+        if len(assignment) != len(allowed) or (assignment >= allowed.shape[1]).any():
+            return False
+        return bool(allowed[np.arange(len(assignment)), assignment].all())
 
     def _bytes(self) -> int:
         """About what open nodes and the pool take."""

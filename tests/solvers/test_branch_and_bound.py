@@ -272,12 +272,15 @@ def test_what_a_laxer_instance_has_told_starts_the_tree_and_changes_no_answer(se
     if alone.objective is not None:
         assert helped.objective == pytest.approx(alone.objective, rel=3e-6)
         enough = relative_gap(alone.objective, first.bound) + 1e-3
-        rough = solve_branch_and_bound(tight, gap=enough, known=Known(alone.assignment, first.bound))
+        rough = solve_branch_and_bound(
+            tight, gap=enough, known=Known(alone.assignment, first.bound)
+        )
         assert rough.nodes == 0  # its choices and the bound are all that is needed
         assert rough.status == "optimal"
 
 
 def test_choices_that_do_not_fit_are_not_tried() -> None:
     instance = pillar(2.0)
-    wrong = Known(np.array([7, 7, 7]), -np.inf)
-    assert solve_branch_and_bound(instance, known=wrong).status == "optimal"
+    for wrong in (np.array([0, 0, 0]), np.array([7])):
+        known = Known(wrong, -np.inf)
+        assert solve_branch_and_bound(instance, known=known).status == "optimal"

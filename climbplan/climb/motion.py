@@ -92,6 +92,7 @@ def plan_motion(
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
     bound: float | None = None
+    posture: PostureResult | None = None
     notes: list[str] = []
     failure: ReachFailure | SwingBlocked | None = None
     for _ in range(_TIGHTENINGS):
@@ -103,7 +104,7 @@ def plan_motion(
                 posture = plan_postures_nlp(within(scene, left), clock.report)
             else:
                 try:
-                    posture = _convex_postures(within(scene, left), margins, save_model)
+                    posture = _convex_postures(within(scene, left), margins, save_model, posture)
                 except NoPostures as error:
                     if not notes:
                         raise
@@ -190,12 +191,15 @@ def _clear_of_obstacles(
 
 
 def _convex_postures(
-    scene: ClimbScene, margins: PostureMargins, save_model: Path | None
+    scene: ClimbScene,
+    margins: PostureMargins,
+    save_model: Path | None,
+    earlier: PostureResult | None,
 ) -> PostureResult:
-    """Postures alone, or together with forces."""
+    """Postures alone, or together with forces; earlier: with smaller margins."""
     if scene.spec.solver.method in COUPLED_METHODS:
         return plan_coupled(scene, margins)
-    return plan_postures(scene, margins, save_model)
+    return plan_postures(scene, margins, save_model, earlier)
 
 
 def _not_found(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from climbplan.program.affine_array import AffineArray
 from climbplan.program.polytope import Array, Polytope
 
 
@@ -47,7 +49,7 @@ class RowBlock:
 
     name: str
     shape: tuple[int, ...]
-    expression: list[Any]
+    expression: Sequence[Any] | AffineArray
     lower: Array
     upper: Array
     unit: str
@@ -59,7 +61,7 @@ class BallBlock:
 
     name: str
     shape: tuple[int, ...]
-    expression: list[Any]  # K d scalars
+    expression: Sequence[Any] | AffineArray  # K d scalars
     dimension: int
     radius: Array  # (K,)
     unit: str
@@ -69,7 +71,7 @@ class BallBlock:
 class ChoiceBlock:
     name: str
     shape: tuple[int, ...]  # of the choices
-    expression: list[Any]
+    expression: Sequence[Any] | AffineArray
     dimension: int
     alternatives: tuple[tuple[Polytope, ...], ...]
     unit: str

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.program.affine_array import AffineArray
 from climbplan.program.polytope import Array
 
 Pairs = list[tuple[int, int]]  # (i, j) with i <= j: the product x_i x_j
@@ -37,17 +38,57 @@ class Affine:
 
 
 @dataclass(frozen=True)
+class FixedAffine:
+    """Coefficients that no parameter enters."""
+
+    matrix: sparse.csr_matrix  # (rows, n)
+    constants: Array  # (rows,)
+
+    @classmethod
+    def of(cls, expression: AffineArray, columns: int) -> FixedAffine:
+        """columns: n, with variables that were stated later."""
+        M = expression.coefficients
+        wide = sparse.csr_matrix((M.data, M.indices, M.indptr), shape=(M.shape[0], columns))
+        return cls(wide, expression.constants)
+
+    @property
+    def columns(self) -> int:
+        """n."""
+        return int(self.matrix.shape[1])
+
+    def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Matrix (rows, n) and constants (rows,), whatever theta."""
+        return self.matrix, self.constants
+
+
+@dataclass(frozen=True)
+class JoinedAffine:
+    """Rows of several kinds, in the order in which they were stated."""
+
+    parts: tuple[Affine | FixedAffine, ...]
+    order: NDArray[np.int64]  # row of the parts, one after another, that stands at each place
+    columns: int
+
+    def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Matrix (rows, n) and constants (rows,)."""
+        found = [part.at(theta) for part in self.parts]
+        matrix = sparse.vstack([m for m, _ in found]).tocsr()
+        return matrix[self.order], np.concatenate([c for _, c in found])[self.order]
+
+
+@dataclass(frozen=True)
 class Bilinear:
     """Affine coefficients and those of products, as functions of theta."""
 
-    affine: Affine
+    affine: Affine | JoinedAffine
     product_function: Any  # theta -> coefficients of the product terms
     product_row: NDArray[np.int64]
     product_pair: Pairs  # of each product term
+    rows: int
 
     def products_at(self, theta: Array, position: dict[tuple[int, int], int]) -> sparse.csr_matrix:
         """Matrix (rows, K) over the products numbered by `position`."""
-        shape = (self.affine.rows, len(position))
+        shape = (self.rows, len(position))
         if not self.product_pair:
             return sparse.csr_matrix(shape)
         values = np.array(self.product_function(theta)).ravel()
@@ -56,13 +97,54 @@ class Bilinear:
 
 
 def affine_coefficients(
-    name: str, expression: Sequence[Any], x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
-) -> Affine:
+    name: str,
+    expression: Sequence[Any] | AffineArray,
+    x_symbols: Sequence[Any],
+    theta_symbols: Sequence[Any],
+) -> Affine | FixedAffine | JoinedAffine:
     """Raises ValueError if an expression is not affine in the variables."""
+    if isinstance(expression, AffineArray):
+        return FixedAffine.of(expression, len(x_symbols))
     bilinear = bilinear_coefficients(name, expression, x_symbols, theta_symbols)
     if bilinear.product_pair:
         raise ValueError(f"{name} is not affine in the variables")
     return bilinear.affine
+
+
+def joined_coefficients(
+    name: str,
+    expressions: Sequence[Sequence[Any] | AffineArray],
+    x_symbols: Sequence[Any],
+    theta_symbols: Sequence[Any],
+) -> Bilinear:
+    """Coefficients of several blocks, of scalars or with numbers, one after another."""
+    stated = [e for block in expressions if not isinstance(block, AffineArray) for e in block]
+    bilinear = bilinear_coefficients(name, stated, x_symbols, theta_symbols)
+    fixed = [block for block in expressions if isinstance(block, AffineArray)]
+    if not fixed:
+        return bilinear
+    n = len(x_symbols)
+    row, own, other = 0, 0, len(stated)
+    order: list[NDArray[np.int64]] = []
+    place = np.zeros(len(stated), np.int64)  # row of each stated scalar
+    for block in expressions:
+        here = row + np.arange(len(block))
+        if isinstance(block, AffineArray):
+            order.append(other + np.arange(len(block)))
+            other += len(block)
+        else:
+            order.append(own + np.arange(len(block)))
+            place[own : own + len(block)] = here
+            own += len(block)
+        row += len(block)
+    assert not isinstance(bilinear.affine, JoinedAffine)
+    parts: tuple[Affine | FixedAffine, ...] = (
+        bilinear.affine,
+        *(FixedAffine.of(block, n) for block in fixed),
+    )
+    joined = JoinedAffine(parts, np.concatenate(order), n)
+    at = place[bilinear.product_row] if len(bilinear.product_row) else bilinear.product_row
+    return Bilinear(joined, bilinear.product_function, at, bilinear.product_pair, row)
 
 
 def bilinear_coefficients(
@@ -105,4 +187,4 @@ def bilinear_coefficients(
         len(x_symbols),
     )
     product = ca.Function("products", [theta], [ca.vertcat(*coefficients)])
-    return Bilinear(affine, product, np.array(row, np.int64), pairs)
+    return Bilinear(affine, product, np.array(row, np.int64), pairs, len(expression))

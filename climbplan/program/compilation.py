@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.program.affine_array import AffineArray, Quadratic
 from climbplan.program.blocks import Blocks
 from climbplan.program.coefficients import (
     Affine,
     Bilinear,
+    FixedAffine,
+    JoinedAffine,
     affine_coefficients,
-    bilinear_coefficients,
+    joined_coefficients,
 )
 from climbplan.program.instance import Balls, Choice, Implications, Instance, Products
 from climbplan.program.polytope import Array
@@ -31,12 +34,13 @@ class CompiledProgram:
     rows: Bilinear
     implications: Bilinear
     binaries: NDArray[np.int64]  # of the implications
-    balls: tuple[Affine, ...]
-    choices: tuple[Affine, ...]  # one a block; rows of all its points
+    balls: tuple[Affine | FixedAffine | JoinedAffine, ...]
+    choices: tuple[Affine | FixedAffine | JoinedAffine, ...]  # one a block; rows of all its points
     products: dict[tuple[int, int], int]  # pair -> number of the product
     cost: Any  # theta -> (P nonzeros, q, constant)
     P_indptr: NDArray[np.int32]
     P_indices: NDArray[np.int32]
+    numeric: tuple[Quadratic, ...]  # cost terms that no parameter enters
 
     @property
     def product_count(self) -> int:
@@ -62,14 +66,20 @@ class CompiledProgram:
         P = sparse.csc_matrix(
             (np.array(values).ravel(), self.P_indices, self.P_indptr), shape=(n, n)
         )
+        q, constant = np.array(q).ravel(), float(constant)
+        for term in self.numeric:
+            held = len(term.q)
+            P = P + _widened(term.P, n).tocsc()
+            q[:held] += term.q
+            constant += term.constant
         P.sort_indices()
         pairs = np.array(list(self.products), np.int64).reshape(-1, 2)
         integer = [np.full(v.lower.size, v.integer) for v in blocks.variables]
         return Instance(
             name=self.name,
             P=P,
-            q=np.array(q).ravel(),
-            constant=float(constant),
+            q=q,
+            constant=constant,
             lower=_stack([v.lower for v in blocks.variables]),
             upper=_stack([v.upper for v in blocks.variables]),
             A=A,
@@ -101,25 +111,40 @@ def _stack(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *(np.ravel(p) for p in parts)])
 
 
+def _widened(matrix: sparse.csr_matrix, n: int) -> sparse.csr_matrix:
+    """The same entries among n variables."""
+    extra = np.full(n - matrix.shape[0], matrix.indptr[-1], matrix.indptr.dtype)
+    indptr = np.concatenate([matrix.indptr, extra])
+    return sparse.csr_matrix((matrix.data, matrix.indices, indptr), shape=(n, n))
+
+
 def compile_program(
-    name: str, blocks: Blocks, cost: Any, x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
+    name: str,
+    blocks: Blocks,
+    cost: Any,
+    numeric: Sequence[Quadratic],
+    x_symbols: Sequence[Any],
+    theta_symbols: Sequence[Any],
 ) -> CompiledProgram:
     """Extract coefficients.
 
+    cost: of scalars; numeric: further terms, whose coefficients are numbers already.
     Raises ValueError if rows or implications are more than bilinear, balls or choices not affine,
     the cost not quadratic, or an implication does not hang on a single stated binary.
     """
     x, theta = ca.vertcat(*x_symbols), ca.vertcat(*theta_symbols)
     zero = ca.DM.zeros(x.shape)
 
-    def bilinear(label: str, expression: Sequence[Any]) -> Bilinear:
-        return bilinear_coefficients(f"{name}: {label}", expression, x_symbols, theta_symbols)
+    def bilinear(label: str, expressions: Sequence[Sequence[Any] | AffineArray]) -> Bilinear:
+        return joined_coefficients(f"{name}: {label}", expressions, x_symbols, theta_symbols)
 
-    def affine(label: str, expression: Sequence[Any]) -> Affine:
+    def affine(
+        label: str, expression: Sequence[Any] | AffineArray
+    ) -> Affine | FixedAffine | JoinedAffine:
         return affine_coefficients(f"{name}: {label}", expression, x_symbols, theta_symbols)
 
-    rows = bilinear("a row block", [e for b in blocks.rows for e in b.expression])
-    implied = bilinear("an implication", [e for b in blocks.implications for e in b.expression])
+    rows = bilinear("a row block", [b.expression for b in blocks.rows])
+    implied = bilinear("an implication", [b.expression for b in blocks.implications])
     products: dict[tuple[int, int], int] = {}
     for pair in (*rows.product_pair, *implied.product_pair):
         products.setdefault(pair, len(products))
@@ -142,6 +167,7 @@ def compile_program(
         cost=ca.Function("cost", [theta], [nonzeros, *offsets]),
         P_indptr=np.array(hessian.sparsity().colind(), np.int32),
         P_indices=np.array(hessian.sparsity().row(), np.int32),
+        numeric=tuple(numeric),
     )
 
 

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from climbplan.program.affine_array import AffineArray, Quadratic
 from climbplan.program.blocks import (
     BallBlock,
     Blocks,
@@ -67,6 +68,15 @@ class Program:
         self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
         return self._symbols(name, shape, self._x)
 
+    def affine(self, name: str) -> AffineArray:
+        """A stated block of variables as an array whose coefficients are numbers.
+
+        For blocks and costs without parameters and products, which it states much faster. All
+        variables of a program have to be stated before the first one is asked for like this.
+        """
+        variable = self.variables[name]
+        return AffineArray.variables(variable.start, variable.shape, len(self._x))
+
     def binary(self, name: str, shape: tuple[int, ...]) -> Expression:
         """A block of variables that are 0 or 1, as an array of scalars."""
         self._fresh(name, self.variables)
@@ -83,7 +93,12 @@ class Program:
     # ---- constraints
 
     def between(
-        self, name: str, expression: Expression, lower: ArrayLike, upper: ArrayLike, unit: str = ""
+        self,
+        name: str,
+        expression: Expression | AffineArray,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        unit: str = "",
     ) -> None:
         """lower <= expression <= upper, elementwise; the bounds are numbers.
 
@@ -93,7 +108,7 @@ class Program:
         shape = entries.shape
         low = np.broadcast_to(np.asarray(lower, float), shape).ravel()
         high = np.broadcast_to(np.asarray(upper, float), shape).ravel()
-        self._rows.append(RowBlock(name, shape, list(entries.ravel()), low, high, unit))
+        self._rows.append(RowBlock(name, shape, _listed(entries), low, high, unit))
         self._compiled = None
 
     def equal(self, name: str, expression: Expression, unit: str = "") -> None:
@@ -134,27 +149,31 @@ class Program:
         self._implications.append(block)
         self._compiled = None
 
-    def ball(self, name: str, vectors: Expression, radius: ArrayLike, unit: str = "") -> None:
+    def ball(
+        self, name: str, vectors: Expression | AffineArray, radius: ArrayLike, unit: str = ""
+    ) -> None:
         """|| vectors[k] ||_2 <= radius[k] along the last axis: a second-order cone each."""
-        *shape, dimension = np.shape(vectors)
+        entries = _as_array(vectors)
+        *shape, dimension = entries.shape
         radii = np.broadcast_to(np.asarray(radius, float), tuple(shape)).ravel()
-        block = BallBlock(name, tuple(shape), list(np.ravel(vectors)), dimension, radii, unit)
+        block = BallBlock(name, tuple(shape), _listed(entries), dimension, radii, unit)
         self._balls.append(block)
         self._compiled = None
 
     def one_of(
         self,
         name: str,
-        points: Expression,
+        points: Expression | AffineArray,
         alternatives: Sequence[Sequence[Polytope]],
         unit: str = "",
     ) -> None:
         """points[k] (last axis) lies in one of alternatives[k]: one binary an alternative."""
-        *shape, dimension = np.shape(points)
+        entries = _as_array(points)
+        *shape, dimension = entries.shape
         block = ChoiceBlock(
             name,
             tuple(shape),
-            list(np.ravel(points)),
+            _listed(entries),
             dimension,
             tuple(tuple(group) for group in alternatives),
             unit,
@@ -249,8 +268,12 @@ class Program:
 
     def _compile(self) -> CompiledProgram:
         if self._compiled is None:
-            cost = sum(self._costs.values(), ca.SX(0))
-            self._compiled = compile_program(self.name, self.blocks, cost, self._x, self._theta)
+            numeric = [c for c in self._costs.values() if isinstance(c, Quadratic)]
+            stated = [c for c in self._costs.values() if not isinstance(c, Quadratic)]
+            cost = sum(stated, ca.SX(0))
+            self._compiled = compile_program(
+                self.name, self.blocks, cost, numeric, self._x, self._theta
+            )
         return self._compiled
 
     def _fresh(self, name: str, taken: Mapping[str, Any]) -> None:
@@ -267,9 +290,14 @@ class Program:
         return block.reshape(shape)
 
 
-def _as_array(expression: Any) -> Expression:
+def _listed(entries: Any) -> Any:
+    """All entries in one row."""
+    return entries.ravel() if isinstance(entries, AffineArray) else list(entries.ravel())
+
+
+def _as_array(expression: Any) -> Any:
     """An array of scalars; one CasADi scalar becomes an array of no dimensions."""
-    if isinstance(expression, np.ndarray):
+    if isinstance(expression, np.ndarray | AffineArray):
         return expression
     if isinstance(expression, (list, tuple)):
         return np.array(expression, dtype=object)

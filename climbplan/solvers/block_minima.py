@@ -21,7 +21,7 @@ from climbplan.solvers.branching import best_split, violations
 from climbplan.solvers.certificate import proved_bound
 from climbplan.solvers.components import SAME
 from climbplan.solvers.dual_gains import row_rates
-from climbplan.solvers.normal_form import Flags, NormalForm
+from climbplan.solvers.normal_form import Masks, NormalForm
 from climbplan.solvers.relaxation import Point
 from climbplan.solvers.result import Indices
 from climbplan.solvers.row_pool import RowPool
@@ -43,13 +43,6 @@ class BlockMinimum:
     nodes: int
 
 
-@dataclass(frozen=True)
-class _Node:
-    lower: Array  # bounds of all choice rows
-    upper: Array
-    allowed: Flags  # (C, R)
-
-
 class Block:
     """One part of a normal form with at least one choice."""
 
@@ -58,7 +51,8 @@ class Block:
         columns = np.flatnonzero(form.cost.part == part)
         self.columns = slice(int(columns[0]), int(columns[-1]) + 1)
         self.size = len(columns)
-        self.choices = np.flatnonzero(_parts_of_choices(form) == part)
+        self.choices = np.flatnonzero(form.choice_part == part)
+        self.groups = [group for group in form.groups if group.part == part]
         self._identity = np.eye(self.size)
         rows = form.rows[form.choice_rows]
         none = np.zeros((0, form.size))
@@ -80,21 +74,23 @@ class Block:
         pull = point.multiplier @ self.pool.M[point.active, self.columns]
         return float(-0.5 * pull @ pull - multiplier @ at)
 
-    def still_holds(self, known: BlockMinimum, price: Array, allowed: Flags) -> bool:
+    def still_holds(self, known: BlockMinimum, price: Array, masks: Masks) -> bool:
         """Whether a minimum found for more alternatives is the minimum for these as well."""
         if known.assignment is None:
             return False
         return bool(
-            allowed[self.choices, known.assignment].all()
+            self._allows(masks, known.assignment)
             and np.abs(known.price - price).max(initial=0.0) <= _SAME_PRICE
         )
+
+    def _allows(self, masks: Masks, assignment: Indices) -> bool:
+        chosen = zip(self.choices, assignment, strict=True)
+        return all(masks[c] >> int(r) & 1 for c, r in chosen)
 
     def minimum(
         self,
         price: Array,
-        lower: Array,
-        upper: Array,
-        allowed: Flags,
+        masks: Masks,
         slack: float,
         limit: int,
         deadline: float,
@@ -102,24 +98,27 @@ class Block:
     ) -> BlockMinimum:
         """Branch and bound over the part alone.
 
-        lower, upper: bounds of all choice rows. slack: a bound this close to the best point is
+        masks: allowed alternatives of all choices. slack: a bound this close to the best point is
         good enough. limit, deadline: nodes and clock after which the best bound so far is
         returned. hint: a likely assignment of the part's choices.
         """
         form, base = self.form, self.form.choice_rows.start
-        rows = np.flatnonzero(self.pool.part == self.part)
+        rows = np.flatnonzero((self.pool.part == self.part) & ~self.pool.is_own)
         M = np.ascontiguousarray(self.pool.M[rows, self.columns])
         low, high = self.pool.lower[rows], self.pool.upper[rows]
-        chosen = np.flatnonzero((rows >= base) & (rows < form.choice_rows.stop))
-        in_choice = rows[chosen] - base
-        value = np.zeros(len(lower))
+        in_choice = form.rows_of(self.choices)
+        chosen = np.searchsorted(rows, in_choice)
+        in_choice = in_choice - base
+        value, whole = np.zeros(form.choice_rows.stop - base), np.zeros(form.size)
         best, best_assignment = np.inf, None
         proved = np.inf  # least bound of a node that was left
         nodes = 0
-        root = _Node(lower, upper, allowed)
-        heap: list[tuple[float, int, _Node]] = [(-np.inf, 0, root)]
-        if hint is not None and allowed[self.choices, hint].all():
-            heap.append((-np.inf, -1, self._fixed(root, hint)))
+        heap: list[tuple[float, int, Masks]] = [(-np.inf, 0, masks)]
+        if hint is not None and self._allows(masks, hint):
+            fixed = list(masks)
+            for c, r in zip(self.choices, hint, strict=True):
+                fixed[c] = 1 << int(r)
+            heap.append((-np.inf, -1, tuple(fixed)))
             heapq.heapify(heap)
         made = 1
         while heap and nodes < limit and time.perf_counter() < deadline:
@@ -128,18 +127,20 @@ class Block:
                 proved = min(proved, bound)
                 continue
             nodes += 1
-            low[chosen], high[chosen] = node.lower[in_choice], node.upper[in_choice]
-            sense = np.where(high - low <= SAME, 5, 0).astype(np.int32)
+            sets = tuple(node[c] for c in self.choices)
+            low[chosen], high[chosen] = form.bounds_of(self.choices, sets)
+            all_rows, lower, upper = self._with_own_rows(M, low, high, node)
+            sense = np.where(upper - lower <= SAME, 5, 0).astype(np.int32)
             z, _, flag, info = daqp.solve(
-                self._identity, price, M, high, low, sense, primal_tol=_TOLERANCE
+                self._identity, price, all_rows, upper, lower, sense, primal_tol=_TOLERANCE
             )
             if flag == _INFEASIBLE:
                 ceiling = self._ceiling(price)
-                reached = proved_bound(price, M, low, high, np.zeros(self.size), ceiling)
+                reached = proved_bound(price, all_rows, lower, upper, np.zeros(self.size), ceiling)
                 if reached >= ceiling:
                     continue
             elif flag in _OPTIMAL:
-                reached = _dual_value(price, M, low, high, info["lam"])
+                reached = _dual_value(price, all_rows, lower, upper, info["lam"])
             else:
                 reached = -np.inf
             bound = max(bound, reached)
@@ -148,42 +149,51 @@ class Block:
                     proved = min(proved, bound)
                 continue
             value[in_choice] = M[chosen] @ z
-            off = violations(form, value, node.allowed)[self.choices]
+            whole[self.columns] = z
+            allowed = form.flags(node)
+            off = violations(form, whole, value, allowed, self.groups)[self.choices]
             nearest = off.argmin(axis=1)
-            violated = np.flatnonzero(off[np.arange(len(nearest)), nearest] > _VIOLATED)
+            least = off[np.arange(len(nearest)), nearest]
+            violated = np.flatnonzero(least > _VIOLATED)
             if not len(violated):
                 if bound < best:
                     best, best_assignment = bound, nearest
                 continue
             if kind < 0:
                 continue
-            split = best_split(form, value, self._rates, node.allowed, self.choices[violated])
+            worst = violated[np.argsort(-least[violated], kind="stable")]
+            split = best_split(form, value, self._rates, node, self.choices[worst])
             for mask, gain in zip(split.children, split.gains, strict=True):
-                child = self._restricted(node, split.choice, mask)
+                child = (*node[: split.choice], mask, *node[split.choice + 1 :])
                 heapq.heappush(heap, (bound + float(gain), made, child))
                 made += 1
         left = min((bound for bound, kind, _ in heap if kind >= 0), default=np.inf)
         return BlockMinimum(min(best, proved, left), best_assignment, price, nodes)
+
+    def _with_own_rows(
+        self, M: Array, low: Array, high: Array, masks: Masks
+    ) -> tuple[Array, Array, Array]:
+        """Rows and bounds with what single alternatives of the part's choices state."""
+        form = self.form
+        made = [
+            form.own_rows(int(c), masks[c].bit_length() - 1)
+            for c in self.choices
+            if not form.tables[c].complete and masks[c] & (masks[c] - 1) == 0
+        ]
+        if not made:
+            return M, low, high
+        rows = [np.ascontiguousarray(own.rows[:, self.columns]) for own in made]
+        return (
+            np.concatenate([M, *rows]),
+            np.concatenate([low, *(own.lower for own in made)]),
+            np.concatenate([high, *(own.upper for own in made)]),
+        )
 
     def _ceiling(self, price: Array) -> float:
         """No feasible point of the part has more than this: the cost bounds |z|."""
         form = self.form
         radius = np.sqrt(2.0 * max(form.ceiling - form.cost.constant, 0.0))
         return float(0.5 * radius**2 + np.linalg.norm(price) * radius)
-
-    def _restricted(self, node: _Node, choice: int, mask: int) -> _Node:
-        form = self.form
-        lower, upper, allowed = node.lower.copy(), node.upper.copy(), node.allowed.copy()
-        base = form.choice_rows.start
-        here = slice(form.start[choice] - base, form.start[choice + 1] - base)
-        lower[here], upper[here] = form.hull(choice, mask)
-        allowed[choice] = [bool(mask >> r & 1) for r in range(allowed.shape[1])]
-        return _Node(lower, upper, allowed)
-
-    def _fixed(self, node: _Node, assignment: Indices) -> _Node:
-        for choice, r in zip(self.choices, assignment, strict=True):
-            node = self._restricted(node, int(choice), 1 << int(r))
-        return node
 
 
 def _dual_value(price: Array, M: Array, lower: Array, upper: Array, multiplier: Array) -> float:
@@ -193,16 +203,9 @@ def _dual_value(price: Array, M: Array, lower: Array, upper: Array, multiplier: 
     return float(-0.5 * pull @ pull - m @ np.where(m > 0, upper[held], lower[held]))
 
 
-def _parts_of_choices(form: NormalForm) -> Indices:
-    part = np.full(len(form.tables), -1)
-    for group in form.groups:
-        part[group.choices] = group.part
-    return part
-
-
 def blocks(form: NormalForm, pool: RowPool) -> list[Block]:
     """The parts with choices, without those fixed by equations or with flat coordinates."""
-    with_choices = set(_parts_of_choices(form)) & set(form.cost.part)
+    with_choices = set(form.choice_part) & set(form.cost.part)
     return [
         Block(form, pool, int(p))
         for p in sorted(with_choices - set(form.cost.part[form.cost.flat]))

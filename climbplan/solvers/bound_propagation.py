@@ -11,6 +11,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range, RowPropagation
 from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
+from climbplan.solvers.stacked_choices import StackedChoices
 
 _ROUNDS = 64
 
@@ -46,11 +47,13 @@ class Box:
         )
 
 
-def propagated_box(instance: Instance, tables: list[ChoiceTable]) -> Box:
+def propagated_box(
+    instance: Instance, tables: list[ChoiceTable], stacked: StackedChoices | None = None
+) -> Box:
     """The variable bounds, tightened through rows, ball components and hulls of choices.
 
-    tables: one for each choice. Only finite rows tighten; a variable that nothing bounds keeps an
-    infinite bound.
+    tables: one for each choice; stacked: their rows, if they are there. Only finite
+    rows tighten; a variable that nothing bounds keeps an infinite bound.
     """
     rows = [instance.A]
     lower, upper = [instance.row_lower], [instance.row_upper]
@@ -59,14 +62,16 @@ def propagated_box(instance: Instance, tables: list[ChoiceTable]) -> Box:
         radius = np.repeat(balls.radius, balls.f.shape[1])
         lower.append(-radius - balls.f.ravel())
         upper.append(radius - balls.f.ravel())
-    for choice, table in zip(instance.choices, tables, strict=True):
-        low, high = table.hull((1 << table.count) - 1)
-        rows.append(sparse.csr_matrix(table.directions) @ choice.E)
-        offset = table.directions @ choice.e
-        lower.append(np.where(low <= -UNBOUNDED, -np.inf, low - offset))
-        upper.append(np.where(high >= UNBOUNDED, np.inf, high - offset))
-    stacked = sparse.vstack(rows).tocsr()
-    propagation = RowPropagation(stacked, np.concatenate(lower), np.concatenate(upper))
+    if stacked is None:
+        stacked = StackedChoices.of(instance.choices, tables, instance.size)
+    hulls = [table.hull(table.everything) for table in tables]
+    low = np.concatenate([np.zeros(0), *(h[0] for h in hulls)])
+    high = np.concatenate([np.zeros(0), *(h[1] for h in hulls)])
+    rows.append(stacked.rows)
+    lower.append(np.where(low <= -UNBOUNDED, -np.inf, low - stacked.offset))
+    upper.append(np.where(high >= UNBOUNDED, np.inf, high - stacked.offset))
+    whole = sparse.vstack(rows).tocsr()
+    propagation = RowPropagation(whole, np.concatenate(lower), np.concatenate(upper))
     bounds = Range(instance.lower.astype(float), instance.upper.astype(float))
     for _ in range(_ROUNDS):
         before, bounds = bounds, propagation.tightened(bounds)

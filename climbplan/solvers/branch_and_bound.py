@@ -15,8 +15,8 @@ import numpy as np
 
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.normal_form import normal_form
-from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judged
+from climbplan.solvers.normal_form import OutOfTime, normal_form
+from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
 from climbplan.solvers.tree_search import TreeSearch
 
 NAME = "branch-and-bound"
@@ -27,15 +27,30 @@ def solve_branch_and_bound(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
+    known: Known | None = None,
 ) -> SolverResult:
     """Globally optimal x of an instance, or the best one found in the time given.
 
     gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    Deterministic unless the time limit is hit. Directions without cost must be bounded, by bounds,
-    rows, balls or choices; otherwise no finite bound can be given.
+    known: from a laxer instance, solved before. Deterministic unless the time limit is hit.
+    Directions without cost must be bounded, by bounds, rows, balls or choices; otherwise no finite
+    bound can be given.
     """
     begin = time.perf_counter()
-    form = normal_form(instance)
+    deadline = begin + time_limit
+    try:
+        form = normal_form(instance, late=lambda: time.perf_counter() >= deadline)
+    except OutOfTime:
+        answer = Answer(
+            x=None,
+            bound=-np.inf,
+            infeasible=False,
+            nodes=0,
+            time=time.perf_counter() - begin,
+            solver=NAME,
+            log=("the time was over before the search began",),
+        )
+        return judged(instance, answer, gap, tolerance)
     if form.contradiction:
         answer = Answer(
             x=None,
@@ -49,7 +64,7 @@ def solve_branch_and_bound(
         return judged(instance, answer, gap, tolerance)
     if form.size == 0:
         return _only_point(instance, form.cost.center, gap, tolerance, begin)
-    search = TreeSearch(instance, form, gap, begin + time_limit, tolerance)
+    search = TreeSearch(instance, form, gap, deadline, tolerance, known)
     search.run()
     found = search.incumbents.best
     answer = Answer(

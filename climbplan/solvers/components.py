@@ -17,6 +17,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.choice_table import ChoiceTable
 from climbplan.solvers.result import Indices
+from climbplan.solvers.stacked_choices import StackedChoices
 
 SAME = 1e-9  # bounds closer than this are one value
 
@@ -49,7 +50,7 @@ class Components:
         return np.where(low == high, low, -1)
 
 
-def equations(instance: Instance, tables: list[ChoiceTable]) -> Equations:
+def equations(instance: Instance, tables: list[ChoiceTable], stacked: StackedChoices) -> Equations:
     """Fixed variables, rows with equal bounds, and planes that all alternatives share."""
     fixed = np.flatnonzero(instance.upper - instance.lower <= SAME)
     tight = np.flatnonzero(instance.row_upper - instance.row_lower <= SAME)
@@ -59,31 +60,28 @@ def equations(instance: Instance, tables: list[ChoiceTable]) -> Equations:
         0.5 * (instance.lower[fixed] + instance.upper[fixed]),
         0.5 * (instance.row_lower[tight] + instance.row_upper[tight]),
     ]
-    for choice, table in zip(instance.choices, tables, strict=True):
-        low, high = table.hull((1 << table.count) - 1)
-        shared = np.flatnonzero(high - low <= SAME)
-        if len(shared):
-            directions = table.directions[shared]
-            rows.append(sparse.csr_matrix(directions) @ choice.E)
-            values.append(0.5 * (low + high)[shared] - directions @ choice.e)
+    hulls = [table.hull(table.everything) for table in tables]
+    low = np.concatenate([np.zeros(0), *(h[0] for h in hulls)])
+    high = np.concatenate([np.zeros(0), *(h[1] for h in hulls)])
+    shared = np.flatnonzero(high - low <= SAME)
+    if len(shared):
+        rows.append(stacked.rows[shared])
+        values.append(0.5 * (low + high)[shared] - stacked.offset[shared])
     return Equations(sparse.vstack(rows).tocsr(), np.concatenate(values))
 
 
-def components(instance: Instance, equal: Equations) -> Components:
+def components(instance: Instance, equal: Equations, stacked: StackedChoices) -> Components:
     """Connected components of the graph of cost, equations and choices."""
     n = instance.size
-    ones: list[sparse.csr_matrix] = [abs(equal.E), *(_any_row(c.E) for c in instance.choices)]
-    links = sparse.vstack(ones).tocsr()
+    entry = stacked.E.tocoo()
+    owner = stacked.choice[entry.row]
+    count = len(instance.choices)
+    touched = sparse.csr_matrix((np.ones(entry.nnz), (owner, entry.col)), shape=(count, n))
+    links = sparse.vstack([abs(equal.E), touched]).tocsr()
     links.data[:] = 1.0
     cost = abs(instance.P).tocsr()
-    count, label = connected_components(cost + links.T @ links, directed=False)
-    choice = [label[c.E.indices[0]] if c.E.nnz else -1 for c in instance.choices]
+    parts, label = connected_components(cost + links.T @ links, directed=False)
     assert len(label) == n
-    return Components(int(count), label.astype(np.int64), np.array(choice, np.int64))
-
-
-def _any_row(rows: sparse.csr_matrix) -> sparse.csr_matrix:
-    """One row with the union of all rows' columns."""
-    columns = np.unique(rows.indices)
-    ones = np.ones(len(columns))
-    return sparse.csr_matrix((ones, columns, [0, len(columns)]), shape=(1, rows.shape[1]))
+    choice = np.full(count, -1)
+    choice[owner] = label[entry.col]
+    return Components(int(parts), label.astype(np.int64), choice)

@@ -67,14 +67,12 @@ class IncumbentStore:
         if key in self._tried:
             return False
         self._tried.add(key)
-        form = self.relaxation.form
-        allowed = np.zeros_like(form.allowed)
-        allowed[np.arange(len(assignment)), assignment] = True
-        lower, upper = form.choice_bounds(allowed)
+        masks = tuple(1 << int(r) for r in assignment)
         point = start
         for _ in range(_ROUNDS):
-            bounds = self.relaxation.bounds(lower, upper)
-            solved = self.relaxation.solve(*bounds, point, self.objective)
+            bounds = self.relaxation.bounds(masks)
+            # What is infeasible, or hardly better, need not be proved so.
+            solved = self.relaxation.solve(*bounds, point, self.objective, prove=False)
             if isinstance(solved, Closed) or not solved.solved or late():
                 return False
             point = solved

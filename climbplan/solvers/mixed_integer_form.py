@@ -18,8 +18,10 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.bound_propagation import Box, propagated_box
-from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
+from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable, choice_tables
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
+
+_ENTRIES = 10e6  # of rows of binaries; some 200 bytes each once a model is built of them
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,14 @@ class MixedIntegerForm:
 
 
 def mixed_integer_form(instance: Instance) -> MixedIntegerForm:
-    """Raises UsageError if a choice's point is not bounded along a direction that needs it."""
-    tables = [ChoiceTable.of(choice.alternatives) for choice in instance.choices]
+    """Raises UsageError for a point that is not bounded where it has to be, and for huge forms."""
+    tables = choice_tables(instance.choices, every_row=True)
+    entries = sum(2 * table.lower.size for table in tables)
+    if entries > _ENTRIES:
+        raise UsageError(
+            f"{instance.name}: {1e-6 * entries:.0f} million entries of binaries are more than this "
+            "solver is given: use branch-and-bound, which needs none"
+        )
     box = propagated_box(instance, tables)
     rows = [row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)]
     return MixedIntegerForm(box, separable_cost(instance), tuple(rows))

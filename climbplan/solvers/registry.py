@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import SolverResult
+from climbplan.solvers.result import Known, SolverResult
 
 
 class Solve(Protocol):
@@ -20,6 +20,20 @@ class Solve(Protocol):
 
     def __call__(
         self, instance: Instance, gap: float = ..., time_limit: float = ...
+    ) -> SolverResult:
+        """Solve an instance to a relative gap within a time limit [s]."""
+
+
+class SolveKnowing(Protocol):
+    """The function of a backend that starts from what a laxer instance has told."""
+
+    def __call__(
+        self,
+        instance: Instance,
+        gap: float = ...,
+        time_limit: float = ...,
+        *,
+        known: Known | None = ...,
     ) -> SolverResult:
         """Solve an instance to a relative gap within a time limit [s]."""
 
@@ -36,6 +50,7 @@ class Backend:
     load: Callable[[], Solve]
     purpose: str  # what it is used for
     proves: bool = True  # bounds and infeasibility; a local method has neither
+    load_knowing: Callable[[], SolveKnowing] | None = None  # where it can start from a laxer answer
 
     @property
     def available(self) -> bool:
@@ -51,7 +66,7 @@ class Backend:
             return None
 
 
-def _branch_and_bound() -> Solve:
+def _branch_and_bound() -> SolveKnowing:
     from climbplan.solvers.branch_and_bound import solve_branch_and_bound
 
     return solve_branch_and_bound
@@ -133,6 +148,7 @@ BACKENDS = {
             install="pip install daqp",
             accepts=_DISJUNCTIVE,
             load=_branch_and_bound,
+            load_knowing=_branch_and_bound,
             purpose="postures: own tree over regions with DAQP nodes",
         ),
         Backend(
@@ -261,11 +277,16 @@ def require(solver: str) -> Backend:
 
 
 def solve(
-    instance: Instance, solver: str, gap: float = 1e-4, time_limit: float = np.inf
+    instance: Instance,
+    solver: str,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    known: Known | None = None,
 ) -> SolverResult:
     """Solve an instance by the solver of a name.
 
-    gap: relative gap to prove. time_limit: [s]. Raises UsageError for an unknown solver and for one
+    gap: relative gap to prove. time_limit: [s]. known: from a laxer instance with the same choices,
+    for solvers that can use it. Raises UsageError for an unknown solver and for one
     that cannot hold what the instance has, MissingSolver for an absent one.
     """
     backend = require(solver)
@@ -276,4 +297,6 @@ def solve(
             f"{instance.name!r}): reformulate first, or use "
             + " or ".join(n for n, b in BACKENDS.items() if instance.features <= b.accepts)
         )
+    if known is not None and backend.load_knowing is not None:
+        return backend.load_knowing()(instance, gap, time_limit, known=known)
     return backend.load()(instance, gap=gap, time_limit=time_limit)

@@ -8,6 +8,7 @@ the dual function, computed here from the multipliers, so it holds however well 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import daqp
@@ -18,9 +19,9 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.certificate import proved_bound
 from climbplan.solvers.choice_table import UNBOUNDED
 from climbplan.solvers.components import SAME
-from climbplan.solvers.normal_form import NormalForm
+from climbplan.solvers.normal_form import Masks, NormalForm
 from climbplan.solvers.result import Indices
-from climbplan.solvers.row_pool import RowPool
+from climbplan.solvers.row_pool import OwnRange, RowPool
 
 _TOLERANCES = (1e-9, 1e-8, 1e-7)  # of rows in their own unit; the next where DAQP cycles
 _ITERATIONS = 2000  # of DAQP; more only happen when it cycles
@@ -58,13 +59,26 @@ class CutRound:
     excess: float  # largest violation of a ball [m]
 
 
+@dataclass(frozen=True)
+class _NodeBounds:
+    """Bounds of the choice rows at a node, kept for its next cut round."""
+
+    masks: Masks | None
+    lower: Array
+    upper: Array
+    single: list[OwnRange]
+
+
 class Relaxation:
     """Solves the relaxations of one search."""
 
-    def __init__(self, form: NormalForm) -> None:
+    def __init__(self, form: NormalForm, late: Callable[[], bool] = lambda: False) -> None:
+        """late: asked between QPs; once it says so, the best point so far is returned."""
         self.form = form
+        self.late = late
         self.pool = RowPool(form)
         self.solves = 0
+        self._last = _NodeBounds(None, np.zeros(0), np.zeros(0), [])
         self._identity = np.eye(form.size)
         self._no_point = np.zeros(form.size)
         self._model = daqp.Model()
@@ -75,18 +89,34 @@ class Relaxation:
         none = np.zeros(0, np.int64)
         return Point(np.zeros(self.form.size), self.form.cost.constant, none, np.zeros(0))
 
-    def bounds(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Bounds of all rows of the pool with a node's bounds of the choice rows."""
-        low, high = self.pool.lower.copy(), self.pool.upper.copy()
-        low[self.form.choice_rows], high[self.form.choice_rows] = lower, upper
+    def bounds(self, masks: Masks) -> tuple[Array, Array]:
+        """Bounds of all rows of the pool at a node: its choice rows, and what single ones state."""
+        form, pool = self.form, self.pool
+        if masks is not self._last.masks:
+            single = [
+                pool.own(c, mask.bit_length() - 1)
+                for c, (table, mask) in enumerate(zip(form.tables, masks, strict=True))
+                if not table.complete and mask & (mask - 1) == 0
+            ]
+            self._last = _NodeBounds(masks, *form.choice_bounds(masks), single)
+        low, high = pool.lower.copy(), pool.upper.copy()
+        low[form.choice_rows], high[form.choice_rows] = self._last.lower, self._last.upper
+        for own in self._last.single:
+            low[own.here], high[own.here] = own.lower, own.upper
         return low, high
 
     def solve(
-        self, lower: Array, upper: Array, start: Point, cutoff: float = np.inf
+        self,
+        lower: Array,
+        upper: Array,
+        start: Point,
+        cutoff: float = np.inf,
+        prove: bool = True,
     ) -> Point | Closed:
         """The optimum under bounds of all rows, from a nearby solution.
 
-        cutoff: a bound that needs no further search.
+        cutoff: a bound that needs no further search. prove: whether what DAQP calls infeasible is
+        to be proved.
         """
         pool, M = self.pool, self.pool.M
         if (lower > upper + SAME).any():
@@ -109,14 +139,16 @@ class Relaxation:
             low, high = lower[rows], upper[rows]
             z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows], linear, level)
             if flag == _NONE:
-                closed = self._infeasible(rows, lower, upper, cutoff)
+                closed = Closed(point.bound, certified=False)
+                if prove and not self.late():
+                    closed = self._infeasible(rows, lower, upper, cutoff)
                 if closed.certified or cold:
                     return closed
                 cold, sense = True, np.zeros_like(sense)
                 continue
             if flag not in _OPTIMAL:
                 level += 1
-                if level == len(_TOLERANCES):
+                if level == len(_TOLERANCES) or self.late():
                     return point
                 continue
             held = np.flatnonzero(multiplier)
@@ -133,6 +165,8 @@ class Relaxation:
             settled = np.abs(moved).max(initial=0.0) <= _SETTLED or moves == _MOVES
             if not len(new) and settled:
                 return replace(point, solved=True)
+            if self.late():
+                return point
             linear[flat] -= moved
             moves += not len(new)
             sense[:] = 0

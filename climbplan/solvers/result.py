@@ -20,6 +20,14 @@ ROUNDING = 1e-10  # differences between objective and bound that mean nothing
 
 
 @dataclass(frozen=True)
+class Known:
+    """What a laxer instance of the same choices has told: its bound holds, its choices may do."""
+
+    assignment: Indices | None = None  # (C,)
+    bound: float = -np.inf
+
+
+@dataclass(frozen=True)
 class SolverResult:
     """Incumbent, proof and effort of one solve.
 

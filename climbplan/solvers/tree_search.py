@@ -14,14 +14,16 @@ from climbplan.solvers.block_minima import BlockMinimum, blocks
 from climbplan.solvers.branching import best_split, single_gains, violations
 from climbplan.solvers.dual_gains import RowRates, row_rates
 from climbplan.solvers.incumbent import IncumbentStore
-from climbplan.solvers.normal_form import Flags, NormalForm
+from climbplan.solvers.normal_form import Flags, Masks, NormalForm
 from climbplan.solvers.relaxation import Closed, Point, Relaxation
-from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, relative_gap
+from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, Known, relative_gap
 
 # Rounds of ball cuts, and the violation from which balls are cut [m]
 _ROOT_CUTS, _NODE_CUTS, _LEAF_ROUNDS = (30, 1e-6), (4, 1e-5), 100
 _SMALL_PROGRESS = 1e-5  # relative rise of the bound below which a node's cut rounds stop
 _BLOCK_NODES_ROOT, _BLOCK_NODES = 2000, 200
+MEMORY = 600e6  # [bytes] of open nodes and rows at which a search ends with what it has
+_NODE_BYTES = 600  # of a node itself, and its share of what it has in common with others
 _BLOCK_SLACK = 0.1  # share of the gap that all parts together may leave unproved
 
 
@@ -30,9 +32,7 @@ class Node:
     """A set of allowed alternatives for every choice, and what its parent knew."""
 
     bound: float
-    allowed: Flags  # (C, R)
-    lower: Array  # bounds of all choice rows
-    upper: Array
+    masks: Masks  # what differs from the parent is one set; the others are shared with it
     start: Point
     minima: tuple[BlockMinimum | None, ...]
 
@@ -41,11 +41,18 @@ class TreeSearch:
     """One run of branch and bound."""
 
     def __init__(
-        self, instance: Instance, form: NormalForm, gap: float, deadline: float, tolerance: float
+        self,
+        instance: Instance,
+        form: NormalForm,
+        gap: float,
+        deadline: float,
+        tolerance: float,
+        known: Known | None = None,
     ) -> None:
         self.instance, self.form, self.gap = instance, form, gap
         self.deadline, self.tolerance = deadline, tolerance
-        self.relaxation = Relaxation(form)
+        self.known = known or Known()
+        self.relaxation = Relaxation(form, self._late)
         self.blocks = blocks(form, self.relaxation.pool)
         self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
         self.nodes = 0
@@ -60,11 +67,15 @@ class TreeSearch:
 
     def run(self) -> None:
         """Search until the gap is proved, nothing is left, or the deadline."""
-        form = self.form
-        lower, upper = form.choice_bounds(form.allowed)
-        root = Node(-np.inf, form.allowed, lower, upper, self.relaxation.start(), ())
+        root = self.root()
         self._open.append((root.bound, 0, root))
+        if self.known.assignment is not None and self._possible(self.known.assignment):
+            self.incumbents.complete(self.known.assignment, root.start, self._late)
+            self._note("earlier choices")
         while (self._open or self._dive) and not self._late():
+            if self._bytes() > MEMORY:
+                self._note(f"open nodes and rows fill {1e-6 * MEMORY:.0f} MB")
+                break
             node = self._dive.pop() if self._dive else heapq.heappop(self._open)[2]
             if node.bound >= self.incumbents.cutoff:
                 self.closed = min(self.closed, node.bound)
@@ -74,6 +85,22 @@ class TreeSearch:
             if self.nodes & (self.nodes - 1) == 0:
                 self._note("")
         self._note("done")
+
+    def root(self) -> Node:
+        """The node that allows everything."""
+        return Node(self.known.bound, self.form.root, self.relaxation.start(), ())
+
+    def _possible(self, assignment: Indices) -> bool:
+        allowed = self.form.allowed
+        if len(assignment) != len(allowed) or (assignment >= allowed.shape[1]).any():
+            return False
+        return bool(allowed[np.arange(len(assignment)), assignment].all())
+
+    def _bytes(self) -> int:
+        """About what open nodes and the pool take."""
+        open_nodes = len(self._open) + len(self._dive)
+        each = _NODE_BYTES + 8 * len(self.form.tables) + 4 * self.form.size
+        return open_nodes * each + self.relaxation.pool.bytes
 
     def _late(self) -> bool:
         return time.perf_counter() >= self.deadline
@@ -103,12 +130,13 @@ class TreeSearch:
                 return
             node = replace(node, bound=max(node.bound, point.bound), start=point)
             value = self._choice_values(point)
-            off = violations(self.form, value, node.allowed)
+            allowed = self.form.flags(node.masks)
+            off = violations(self.form, point.z, value, allowed)
             nearest = off.argmin(axis=1)
             if not (off.min(axis=1) > 0.5 * self.tolerance).any():
                 self._leaf(node)
                 return
-            bounds = self.relaxation.bounds(node.lower, node.upper)
+            bounds = self.relaxation.bounds(node.masks)
             minima, gains = self._block_gains(node, point, *bounds, is_root)
             node = replace(
                 node, bound=max(node.bound, point.bound + gains.sum()), minima=tuple(minima)
@@ -119,12 +147,13 @@ class TreeSearch:
                 self.closed = min(self.closed, node.bound)
                 return
             rates = self._rates(point, *bounds)
-            allowed = self._excluded(node, point, value, rates, gains)
-            if not allowed.any(axis=1).all():
+            kept = self._excluded(node, allowed, point, value, rates, gains)
+            if not kept.any(axis=1).all():
                 return
-            node = self._narrowed(node, allowed)
-            off = np.where(node.allowed, off, np.inf)
-            narrow = node.allowed.sum(axis=1) == 1
+            if (kept != allowed).any():
+                node = replace(node, masks=self.form.masks(kept))
+            off = np.where(kept, off, np.inf)
+            narrow = kept.sum(axis=1) == 1
             decided = (off.min(axis=1)[narrow] > 0.5 * self.tolerance).any()
             if decided and point.solved and not self._late():
                 continue  # an exclusion decided a choice: relax again before branching
@@ -137,7 +166,7 @@ class TreeSearch:
         """The node's relaxation with ball cuts; None if the node is closed by it."""
         point, last = node.start, -np.inf
         for k in range(rounds):
-            lower, upper = self.relaxation.bounds(node.lower, node.upper)
+            lower, upper = self.relaxation.bounds(node.masks)
             solved = self.relaxation.solve(lower, upper, point, self.incumbents.cutoff)
             if isinstance(solved, Closed):
                 if not solved.certified:
@@ -168,7 +197,8 @@ class TreeSearch:
         if point is None:
             return
         node = replace(node, bound=max(node.bound, point.bound), start=point)
-        off = violations(self.form, self._choice_values(point), node.allowed)
+        allowed = self.form.flags(node.masks)
+        off = violations(self.form, point.z, self._choice_values(point), allowed)
         nearest = off.argmin(axis=1)
         if point.solved and (off.min(axis=1) > 0.5 * self.tolerance).any():
             self._push([node])
@@ -201,11 +231,9 @@ class TreeSearch:
         limit = _BLOCK_NODES_ROOT if is_root else _BLOCK_NODES
         for i, (block, before) in enumerate(zip(self.blocks, known, strict=True)):
             price = block.price(point)
-            if before is None or not block.still_holds(before, price, node.allowed):
+            if before is None or not block.still_holds(before, price, node.masks):
                 hint = None if before is None else before.assignment
-                before = block.minimum(
-                    price, node.lower, node.upper, node.allowed, slack, limit, self.deadline, hint
-                )
+                before = block.minimum(price, node.masks, slack, limit, self.deadline, hint)
             minima.append(before)
             gains[i] = max(0.0, before.bound - block.relaxed(point, lower, upper))
         return minima, gains
@@ -222,45 +250,42 @@ class TreeSearch:
         )
 
     def _excluded(
-        self, node: Node, point: Point, value: Array, rates: RowRates, gains: Array
+        self,
+        node: Node,
+        allowed: Flags,
+        point: Point,
+        value: Array,
+        rates: RowRates,
+        gains: Array,
     ) -> Flags:
         """Allowed alternatives less those whose sure gain reaches the cutoff: they are closed."""
         cutoff = self.incumbents.cutoff
         if np.isinf(cutoff):
-            return node.allowed
-        open_choices = node.allowed.sum(axis=1) > 1
+            return allowed
+        open_choices = allowed.sum(axis=1) > 1
         sure = single_gains(self.form, value, rates, open_choices)
         others = np.full(len(sure), gains.sum())
         for block, gain in zip(self.blocks, gains, strict=True):
             others[block.choices] -= gain
         reached = np.maximum(node.bound, point.bound + others[:, None] + sure)
         # The subtrees of excluded alternatives are closed with these bounds.
-        closed = node.allowed & open_choices[:, None] & (reached >= cutoff)
+        closed = allowed & open_choices[:, None] & (reached >= cutoff)
         self.closed = min(self.closed, float(reached[closed].min(initial=np.inf)))
-        return node.allowed & ~closed
+        return allowed & ~closed
 
     # ---- branching
-
-    def _narrowed(self, node: Node, allowed: Flags) -> Node:
-        changed = np.flatnonzero((allowed != node.allowed).any(axis=1))
-        if not len(changed):
-            return node
-        lower, upper = node.lower.copy(), node.upper.copy()
-        base = self.form.choice_rows.start
-        for c in changed:
-            here = slice(self.form.start[c] - base, self.form.start[c + 1] - base)
-            lower[here], upper[here] = self.form.hull(int(c), self.form.tables[c].mask(allowed[c]))
-        return replace(node, allowed=allowed, lower=lower, upper=upper)
 
     def _branch(
         self, node: Node, point: Point, value: Array, rates: RowRates, off: Array, gains: Array
     ) -> None:
-        several = node.allowed.sum(axis=1) > 1
-        violated = np.flatnonzero(several & (off.min(axis=1) > 0.5 * self.tolerance))
+        several = np.isfinite(off).sum(axis=1) > 1
+        least = off.min(axis=1)
+        violated = np.flatnonzero(several & (least > 0.5 * self.tolerance))
         if not len(violated):  # only where a relaxation was not solved
             self.closed = min(self.closed, node.bound)
             return
-        split = best_split(self.form, value, rates, node.allowed, violated)
+        worst_first = violated[np.argsort(-least[violated], kind="stable")]
+        split = best_split(self.form, value, rates, node.masks, worst_first)
         others = gains.sum() - sum(
             gain
             for block, gain in zip(self.blocks, gains, strict=True)
@@ -272,9 +297,8 @@ class TreeSearch:
             if bound >= self.incumbents.cutoff:
                 self.closed = min(self.closed, bound)
                 continue
-            allowed = node.allowed.copy()
-            allowed[split.choice] = [bool(mask >> r & 1) for r in range(allowed.shape[1])]
-            children.append(self._narrowed(replace(node, bound=bound), allowed))
+            masks = (*node.masks[: split.choice], mask, *node.masks[split.choice + 1 :])
+            children.append(replace(node, bound=bound, masks=masks))
         self._push(children)
 
     def _push(self, children: list[Node]) -> None:

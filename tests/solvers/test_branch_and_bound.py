@@ -15,6 +15,7 @@ from climbplan.solvers.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.incumbent import IncumbentStore
 from climbplan.solvers.normal_form import normal_form
 from climbplan.solvers.relaxation import Relaxation
+from climbplan.solvers.result import Known, relative_gap
 
 GAP = 1e-4
 
@@ -126,7 +127,7 @@ def test_bounds_of_parts_and_exclusions_lose_nothing(
     full = solve_branch_and_bound(instance, gap=1e-6)
     monkeypatch.setattr(tree_search, "blocks", lambda form, pool: [])
     monkeypatch.setattr(
-        tree_search.TreeSearch, "_excluded", lambda self, node, *others: node.allowed
+        tree_search.TreeSearch, "_excluded", lambda self, node, allowed, *others: allowed
     )
     plain = solve_branch_and_bound(instance, gap=1e-6)
     assert full.status == plain.status
@@ -256,3 +257,30 @@ def test_units_do_not_matter() -> None:
         result = solve_branch_and_bound(scaled)
         assert result.status == "optimal"
         assert result.objective == pytest.approx(base.objective * factor, rel=2 * GAP)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_a_laxer_instance_has_told_starts_the_tree_and_changes_no_answer(seed: int) -> None:
+    lax = stepping_scene(seed, rounds=3, limbs=2, patches=3, step=0.55, reach=0.8).at()
+    tight = stepping_scene(seed, rounds=3, limbs=2, patches=3, step=0.5, reach=0.77).at()
+    first = solve_branch_and_bound(lax, gap=1e-6)
+    alone = solve_branch_and_bound(tight, gap=1e-6)
+    known = Known(first.assignment, first.bound)
+    helped = solve_branch_and_bound(tight, gap=1e-6, known=known)
+    assert helped.status == alone.status
+    assert helped.bound >= first.bound * (1 - 1e-9)
+    if alone.objective is not None:
+        assert helped.objective == pytest.approx(alone.objective, rel=3e-6)
+        enough = relative_gap(alone.objective, first.bound) + 1e-3
+        rough = solve_branch_and_bound(
+            tight, gap=enough, known=Known(alone.assignment, first.bound)
+        )
+        assert rough.nodes == 0  # its choices and the bound are all that is needed
+        assert rough.status == "optimal"
+
+
+def test_choices_that_do_not_fit_are_not_tried() -> None:
+    instance = pillar(2.0)
+    for wrong in (np.array([0, 0, 0]), np.array([7])):
+        known = Known(wrong, -np.inf)
+        assert solve_branch_and_bound(instance, known=known).status == "optimal"

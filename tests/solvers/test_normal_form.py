@@ -122,7 +122,7 @@ def test_dual_values_are_below_the_optimum_for_any_multipliers() -> None:
             continue
         relaxation = Relaxation(form)
         rng = np.random.default_rng(seed)
-        lower, upper = relaxation.bounds(*form.choice_bounds(form.allowed))
+        lower, upper = relaxation.bounds(form.root)
         for _ in range(20):
             rows = np.flatnonzero(rng.random(len(lower)) < 0.4)
             multiplier = np.abs(rng.normal(size=len(rows)))

@@ -20,14 +20,14 @@ def relaxed(relaxation: Relaxation) -> Point | None:
     """The root relaxation with a few rounds of ball cuts."""
     form, point = relaxation.form, relaxation.start()
     for _ in range(6):
-        bounds = relaxation.bounds(*form.choice_bounds(form.allowed))
+        bounds = relaxation.bounds(form.root)
         solved = relaxation.solve(*bounds, point)
         if isinstance(solved, Closed):
             return None
         point = solved
         if relaxation.cut_balls(point.z, 1e-7).count == 0:
             break
-    bounds = relaxation.bounds(*form.choice_bounds(form.allowed))
+    bounds = relaxation.bounds(form.root)
     solved = relaxation.solve(*bounds, point)
     return None if isinstance(solved, Closed) else solved
 
@@ -50,7 +50,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
     point = relaxed(relaxation)
     if point is None:
         return
-    lower, upper = relaxation.bounds(*form.choice_bounds(form.allowed))
+    lower, upper = relaxation.bounds(form.root)
     rows, active = form.rows[form.choice_rows], point.active
     fixed = upper[active] - lower[active] <= 0.0
     rates = row_rates(rows, relaxation.pool.M[active], point.multiplier, fixed, point.z, form.cost)
@@ -59,7 +59,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
     for c, r in zip(*np.nonzero(form.allowed), strict=True):
         allowed = form.allowed.copy()
         allowed[c] = np.arange(allowed.shape[1]) == r
-        child = relaxation.solve(*relaxation.bounds(*form.choice_bounds(allowed)), point)
+        child = relaxation.solve(*relaxation.bounds(form.masks(allowed)), point)
         assert gains[c, r] >= 0.0
         assert point.bound + gains[c, r] <= child.bound + 1e-7 * max(1.0, abs(child.bound))
 
@@ -71,15 +71,15 @@ def test_some_gains_are_worth_having(seed: int) -> None:
     relaxation = Relaxation(form)
     point = relaxed(relaxation)
     assert point is not None
-    lower, upper = relaxation.bounds(*form.choice_bounds(form.allowed))
+    lower, upper = relaxation.bounds(form.root)
     active = point.active
     rows = form.rows[form.choice_rows]
     fixed = upper[active] - lower[active] <= 0.0
     rates = row_rates(rows, relaxation.pool.M[active], point.multiplier, fixed, point.z, form.cost)
     gains = single_gains(form, rows @ point.z, rates, np.ones(len(form.tables), bool))
     assert gains.max() > 0.0
-    off = violations(form, rows @ point.z, form.allowed)
-    split = best_split(form, rows @ point.z, rates, form.allowed, np.flatnonzero(off.min(1) > 1e-7))
+    off = violations(form, point.z, rows @ point.z, form.allowed)
+    split = best_split(form, rows @ point.z, rates, form.root, np.flatnonzero(off.min(1) > 1e-7))
     assert len(split.children) >= 2
     assert sum(split.children) == form.tables[split.choice].mask(form.allowed[split.choice])
 
@@ -94,19 +94,16 @@ def test_minima_of_parts_add_up_to_a_bound(seed: int, blocked: bool) -> None:
     relaxation = Relaxation(form)
     point = relaxed(relaxation)
     assert point is not None
-    lower, upper = form.choice_bounds(form.allowed)
-    all_lower, all_upper = relaxation.bounds(lower, upper)
+    all_lower, all_upper = relaxation.bounds(form.root)
     bound = point.bound
     for block in blocks(form, relaxation.pool):
         base = block.relaxed(point, all_lower, all_upper)
         price = block.price(point)
-        exact = block.minimum(price, lower, upper, form.allowed, 0.0, 10_000, np.inf)
-        early = block.minimum(price, lower, upper, form.allowed, 0.0, 1, np.inf)
+        exact = block.minimum(price, form.root, 0.0, 10_000, np.inf)
+        early = block.minimum(price, form.root, 0.0, 1, np.inf)
         assert exact.bound >= base - 1e-9
         assert early.bound <= exact.bound + 1e-9
-        hinted = block.minimum(
-            price, lower, upper, form.allowed, 0.0, 10_000, np.inf, exact.assignment
-        )
+        hinted = block.minimum(price, form.root, 0.0, 10_000, np.inf, exact.assignment)
         assert hinted.bound == pytest.approx(exact.bound, abs=1e-8)
         bound += exact.bound - base
     assert bound <= optimum * (1 + 1e-5) + 1e-9

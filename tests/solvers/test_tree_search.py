@@ -40,9 +40,7 @@ def searching(instance: Instance) -> tuple[TreeSearch, Node]:
     """A search and its root after some cut rounds."""
     form = normal_form(instance)
     search = TreeSearch(instance, form, 1e-6, np.inf, 1e-7)
-    root = Node(
-        -np.inf, form.allowed, *form.choice_bounds(form.allowed), search.relaxation.start(), ()
-    )
+    root = search.root()
     point = search._cut_rounds(root, 10, 1e-6, stop_early=False)
     assert point is not None
     return search, replace(root, start=point, bound=point.bound)
@@ -61,12 +59,13 @@ def test_excluded_alternatives_hold_no_better_plan(seed: int) -> None:
         objective = found.objective * share
         search.incumbents.best = Incumbent(found.x, found.assignment, objective)
         cutoff = search.incumbents.cutoff
-        bounds = search.relaxation.bounds(root.lower, root.upper)
+        bounds = search.relaxation.bounds(root.masks)
         _, gains = search._block_gains(root, root.start, *bounds, is_root=True)
         rates = search._rates(root.start, *bounds)
         value = search._choice_values(root.start)
-        allowed = search._excluded(root, root.start, value, rates, gains)
-        for choice, alternative in zip(*np.nonzero(root.allowed & ~allowed), strict=True):
+        before = search.form.allowed
+        allowed = search._excluded(root, before, root.start, value, rates, gains)
+        for choice, alternative in zip(*np.nonzero(before & ~allowed), strict=True):
             only = np.arange(allowed.shape[1]) == alternative
             assert best_with(instance, int(choice), only) >= cutoff * (1 - 1e-6)
 
@@ -81,12 +80,13 @@ def test_something_is_excluded() -> None:
         assert found.objective is not None
         search, root = searching(instance)
         search.incumbents.best = Incumbent(found.x, found.assignment, found.objective)
-        bounds = search.relaxation.bounds(root.lower, root.upper)
+        bounds = search.relaxation.bounds(root.masks)
         _, gains = search._block_gains(root, root.start, *bounds, is_root=True)
         rates = search._rates(root.start, *bounds)
         value = search._choice_values(root.start)
-        allowed = search._excluded(root, root.start, value, rates, gains)
-        count += int((root.allowed & ~allowed).sum())
+        before = search.form.allowed
+        allowed = search._excluded(root, before, root.start, value, rates, gains)
+        count += int((before & ~allowed).sum())
     assert count >= 12
 
 
@@ -99,9 +99,10 @@ def test_bounds_of_children_hold_in_them(seed: int) -> None:
         return
     assert search._open
     for bound, _, child in search._open:
-        narrowed = (child.allowed != root.allowed).any(axis=1)
+        allowed = search.form.flags(child.masks)
+        narrowed = (allowed != search.form.allowed).any(axis=1)
         choice = int(np.flatnonzero(narrowed)[0])
-        least = best_with(instance, choice, child.allowed[choice])
+        least = best_with(instance, choice, allowed[choice])
         assert bound <= least * (1 + 1e-6) + 1e-9
 
 

@@ -91,11 +91,12 @@ def solve_accurate(
         return Accurate(known, ends, cost is None, *empty)
     program = accurate_program(prepared, tight.bounds, pieces)
     start = time.perf_counter()
-    found = solve(program, solver, gap=gap, time_limit=max(time_limit - spent, 1.0))
+    found = solve(program, solver, gap=gap, time_limit=max(time_limit - spent, 0.1))
     solved = time.perf_counter() - start
     best = known
     if found.x is not None:
-        own = _exact(prepared, found.x, time_limit)
+        left = max(time_limit - (time.perf_counter() - begin), 0.1)
+        own = _exact(prepared, found.x, left)
         if own is not None and (cost is None or instance.objective(own.x) < cost):
             best = own
     infeasible = found.status == "infeasible"

@@ -118,7 +118,7 @@ def _coupled(prepared: Prepared) -> Answer:
     options = prepared.scene.spec.solver
     envelope = chosen_envelopes(prepared.scene)[0]
     local = options.method == "coupled-nlp"
-    found = two_stages(prepared, envelope.box, options.time_limit, local)
+    found = two_stages(prepared, envelope.box, prepared.left, local)
     if found is None:
         raise _not_found(
             prepared, f"no point of P1 with envelope {envelope.name} that P2 or IPOPT puts right"
@@ -127,13 +127,12 @@ def _coupled(prepared: Prepared) -> Answer:
 
 
 def _modes(prepared: Prepared) -> Answer:
-    options = prepared.scene.spec.solver
     envelopes = chosen_envelopes(prepared.scene, several=True)
-    first = first_stage_with_modes(prepared, envelopes, options.time_limit)
+    first = first_stage_with_modes(prepared, envelopes, prepared.left)
     names = ", ".join(e.name for e in envelopes)
     if first is None:
         raise _not_found(prepared, f"no point of P1 with envelopes {names}")
-    found = put_right(prepared, first.candidate, options.time_limit)
+    found = put_right(prepared, first.candidate, prepared.left)
     if found is None:
         raise _not_found(prepared, "neither P2 nor IPOPT puts P1 right")
     notes = {**told(*envelopes), "modes": list(first.modes)}
@@ -143,7 +142,7 @@ def _modes(prepared: Prepared) -> Answer:
 def _known(prepared: Prepared) -> Candidate | None:
     """A point of P to begin from: forces at the postures alone, or IPOPT from there."""
     first = Candidate(prepared.guess, prepared.assignment, "postures")
-    return put_right(prepared, first, prepared.scene.spec.solver.time_limit)
+    return put_right(prepared, first, prepared.left)
 
 
 def _accurate(prepared: Prepared) -> Answer:
@@ -162,7 +161,7 @@ def _accurate(prepared: Prepared) -> Answer:
         options.mixed,
         options.pieces,
         options.gap,
-        options.time_limit,
+        prepared.left,
     )
     if found.infeasible and envelope is None:
         raise NotProved(
@@ -199,7 +198,7 @@ def _spatial(prepared: Prepared) -> Answer:
     found = solve_minlp_scip(
         prepared.instance,
         gap=options.gap,
-        time_limit=options.time_limit,
+        time_limit=prepared.left,
         start=None if known is None else known.x,
     )
     if found.status == "infeasible":

@@ -6,6 +6,7 @@ and where forces balance at them they solve P if its cost counts no forces.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.registry import solve
 
+_MOMENT = 0.05  # [s]
+
 
 @dataclass(frozen=True)
 class Prepared:
@@ -35,6 +38,12 @@ class Prepared:
     bound: float  # of postures alone, valid for P
     nodes: int
     solver: str
+    deadline: float = np.inf  # [s] time.monotonic, for all that follows
+
+    @property
+    def left(self) -> float:
+        """Time that is left [s]; a solver is given a moment at least."""
+        return max(self.deadline - time.monotonic(), _MOMENT)
 
     def pinned(self, x: Array, assignment: Index) -> Instance:
         """P with all choices given: continuous, with products."""
@@ -47,10 +56,12 @@ def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
     Raises NotProved where they have no solution, naming what conflicts, and LimitReached.
     """
     options = scene.spec.solver
+    deadline = time.monotonic() + options.time_limit
     scene = loadable(scene)
     postures = posture_program(scene, margins)
     alone = postures.at()
-    first = solve(alone, options.posture, gap=options.gap, time_limit=options.time_limit)
+    left = max(deadline - time.monotonic(), 0.0)
+    first = solve(alone, options.posture, gap=options.gap, time_limit=left)
     if first.status == "infeasible":
         raise explain_infeasible(scene, postures, alone)
     if first.x is None or first.assignment is None:
@@ -72,4 +83,5 @@ def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
         bound=first.bound,
         nodes=first.nodes,
         solver=first.solver,
+        deadline=deadline,
     )

@@ -84,12 +84,14 @@ def put_right(
     prepared: Prepared, first: Candidate, time_limit: float, local: bool = False
 ) -> Candidate | None:
     """P2 from a point of P1: convex, or with `local` (or where that fails) by IPOPT."""
+    begin = time.monotonic()
     pinned = prepared.pinned(first.x, first.assignment)
     if not local:
         found = second_stage(prepared.program, pinned, first.x)
         if found is not None:
             return Candidate(found, first.assignment, f"{first.way}, P2 convex")
-    found = whole(pinned, first.x, time_limit)
+    left = time_limit - (time.monotonic() - begin)
+    found = whole(pinned, first.x, left) if left > 0 else None
     return None if found is None else Candidate(found, first.assignment, f"{first.way}, IPOPT")
 
 

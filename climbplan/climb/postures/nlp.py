@@ -125,6 +125,8 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
         violations = tuple(v for v in check_postures(scene, rounds) if not v.holds)
         if not violations or any(v.name not in BETWEEN for v in violations):
             break
+        if time.monotonic() > deadline:
+            break
         guess = repinned(scene, guess, rounds)
     return Attempt(
         guess=guess,

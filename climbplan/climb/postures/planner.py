@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +20,12 @@ from climbplan.program import Program
 from climbplan.program.polytope import Array
 from climbplan.solvers.model_file import save_model as write_model
 from climbplan.solvers.registry import solve
-from climbplan.solvers.result import SolverResult
+from climbplan.solvers.result import Known, SolverResult
 
 LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by over 3 % about one axis
+
+_MANY = 1000  # alternatives from which a problem's size is told before
+_log = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 
@@ -38,31 +43,41 @@ class PostureResult:
     solver: str
     sizes: dict[str, Any]
     warnings: tuple[str, ...]
+    known: Known | None = None  # for planning again with wider margins
 
 
 def plan_postures(
     scene: ClimbScene,
     margins: PostureMargins | None = None,
     save_model: Path | None = None,
+    earlier: PostureResult | None = None,
 ) -> PostureResult:
     """Globally optimal postures under linearised rotation (method `micp`).
 
-    Raises NoPostures naming round, limb and constraint, or LimitReached without an incumbent.
+    earlier: postures of the same scene with smaller margins. Their bound holds here too, and their
+    choices are tried first. The spec's time limit is that of statement and search together. Raises
+    NoPostures naming round, limb and constraint, or LimitReached without an incumbent.
     """
+    begin = time.monotonic()
     refuse_unsuitable(scene)
     options = scene.spec.solver
+    if earlier is None:
+        _tell_size(scene)
     program = posture_program(scene, margins)
     instance = program.at()
     if save_model is not None:
         write_model(instance, save_model)
-    result = solve(instance, options.posture, gap=options.gap, time_limit=options.time_limit)
+    left = max(options.time_limit - (time.monotonic() - begin), 0.0)
+    known = None if earlier is None else earlier.known
+    result = solve(instance, options.posture, options.gap, left, known)
     if result.status == "infeasible":
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
+        limit = f"within {options.time_limit:g} s"
+        if result.time < 0.9 * left:
+            limit = "in the memory that open nodes may take"
         raise LimitReached(
-            f"posture planner: no plan within {options.time_limit:g} s "
-            f"({result.nodes} nodes searched)",
-            stage="posture",
+            f"posture planner: no plan {limit} ({result.nodes} nodes searched)", stage="posture"
         )
     rounds = to_rounds(scene, program, result)
     return PostureResult(
@@ -75,7 +90,21 @@ def plan_postures(
         solver=result.solver,
         sizes={**program.counts(), "bound_holds_for": BOUND_SCOPE},
         warnings=rotation_warnings(scene, rounds),
+        known=Known(result.assignment, result.bound),
     )
+
+
+def _tell_size(scene: ClimbScene) -> None:
+    """Say how large a large problem is before it is stated and solved."""
+    m, n = scene.spec.task.rounds, scene.robot.limb_count
+    alternatives = m * int(scene.terrain.allowed.sum())
+    if alternatives >= _MANY:
+        regions = len(scene.terrain.regions)
+        _log.info(
+            "%-9s %d regions x %d limbs x %d rounds: %d choices among %d alternatives",
+            *("posture", regions, n, m, m * n, alternatives),
+            extra={"note": True},
+        )
 
 
 def refuse_unsuitable(scene: ClimbScene) -> None:

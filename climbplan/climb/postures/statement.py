@@ -20,6 +20,7 @@ from climbplan.climb.limb_clearance import standing_room
 from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
 from climbplan.climb.scene import ClimbScene
 from climbplan.program import Polytope, Program
+from climbplan.program.affine_array import AffineArray
 from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 from climbplan.robots.rotations import rotation_world_body
@@ -27,6 +28,7 @@ from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
+Entries = Any  # an AffineArray, which NumPy's signatures do not know
 _KNEE_ERROR = 3e-3  # [m] room for what the knee to first order is off, some mm at most
 
 
@@ -76,14 +78,16 @@ class LinearRotation:
         cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
         return np.array([[1.0, 0.0, -sp], [0.0, cr, sr * cp], [0.0, -sr, cr * cp]])
 
-    def apply(self, rpy: Expression, vector: Array) -> Expression:
-        """R v for expressions rpy (..., 3) and body vectors (..., 3)."""
-        # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v
+    def apply(self, rpy: Entries, vector: Array) -> Entries:
+        """R v (..., 3) for rpy (..., 3) and body vectors (..., 3), broadcast."""
+        # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v, and t x u = t [u]x for rows t
         u = vector @ self.reference.T
-        turn = (rpy - self.level) @ (self.reference @ self.rates).T
-        a, b, c = turn[..., 0], turn[..., 1], turn[..., 2]
-        x, y, z = u[..., 0], u[..., 1], u[..., 2]
-        return np.stack([x + b * z - c * y, y + c * x - a * z, z + a * y - b * x], axis=-1)
+        x, y, z = np.moveaxis(u, -1, 0)
+        none = np.zeros_like(x)
+        crossed = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1)
+        turning = (self.reference @ self.rates).T @ crossed.reshape(*x.shape, 3, 3)
+        arm = (rpy - self.level).along(turning) + u
+        return arm
 
 
 def region_polytope(region: Region) -> Polytope:
@@ -155,9 +159,7 @@ def limb_polytopes(
     return faces
 
 
-def _limb_free(
-    p: Program, scene: ClimbScene, postures: Expression, margins: PostureMargins
-) -> None:
+def _limb_free(p: Program, scene: ClimbScene, postures: Entries, margins: PostureMargins) -> None:
     """Standing limbs stay beyond one face of every obstacle during a round.
 
     postures: (M, N, 18) toe, com and Theta before and after each round.
@@ -181,8 +183,10 @@ def _limb_free(
         p.one_of(f"posture.limb_free_{index}", postures, per_limb * len(postures), unit="m")
 
 
-def sum_of_squares(expression: Expression) -> Any:
+def sum_of_squares(expression: Expression | AffineArray) -> Any:
     """Sum of the squares of all entries."""
+    if isinstance(expression, AffineArray):
+        return expression.sum_of_squares()
     return np.sum(expression**2)
 
 
@@ -195,7 +199,8 @@ def state_regions(
     p: Program, toe: Expression, com: Expression, regions: list[list[Region]]
 ) -> None:
     """Every toe in one contact region, whatever its forces."""
-    per_limb = [[region_polytope(region) for region in own] for own in regions]
+    polytopes = {id(region): region_polytope(region) for own in regions for region in own}
+    per_limb = [[polytopes[id(region)] for region in own] for own in regions]
     p.one_of("posture.contact_region", toe, per_limb * len(toe), unit="m")
 
 
@@ -217,12 +222,16 @@ def posture_program(
     rotation = LinearRotation.of(scene)
 
     p = Program("posture")
-    toe = p.continuous("toe", (m, n, 3), unit="m")
-    com = p.continuous("com", (m, 3), unit="m")
-    rpy = p.continuous("rpy", (m, 3), rotation.level - limit, rotation.level + limit, "rad")
-    toes: Expression = np.concatenate([scene.start.toes[None].astype(object), toe])  # (M+1, N, 3)
-    coms: Expression = np.concatenate([scene.start.com[None].astype(object), com])  # (M+1, 3)
-    turns: Expression = np.concatenate([scene.start.rpy[None].astype(object), rpy])
+    toe_scalars = p.continuous("toe", (m, n, 3), unit="m")
+    com_scalars = p.continuous("com", (m, 3), unit="m")
+    p.continuous("rpy", (m, 3), rotation.level - limit, rotation.level + limit, "rad")
+    toe: Entries
+    com: Entries
+    rpy: Entries
+    toe, com, rpy = (p.affine(name) for name in ("toe", "com", "rpy"))
+    toes: Entries = np.concatenate([scene.start.toes[None], toe])  # (M+1, N, 3)
+    coms: Entries = np.concatenate([scene.start.com[None], com])  # (M+1, 3)
+    turns: Entries = np.concatenate([scene.start.rpy[None], rpy])
 
     # A, B: body, toe and rotation steps between rounds
     p.ball("posture.com_step", np.diff(coms, axis=0), steps.com_max, unit="m")
@@ -251,7 +260,7 @@ def posture_program(
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
     regions = [[terrain.regions[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
-    state_contacts(p, toe, com, regions)
+    state_contacts(p, toe_scalars, com_scalars, regions)
 
     # The body's way through each round stays in one convex free region
     keep = spec.body_clearance + margins.clearance

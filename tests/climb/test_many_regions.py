@@ -1,0 +1,128 @@
+"""Walls tiled by hundreds of triangles as contact regions: memory, limits, what is said before."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import resource
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.errors import LimitReached
+from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.robot_source import load_robot
+
+GOAL = (0.0, 0.1, 0.6)
+
+
+def triangles(count: int, gap: float, rounds: int = 8, seed: int = 0) -> ClimbScene:
+    """Two walls of irregular triangles, any toe on any of them, each shrunk by a share `gap`."""
+    rng = np.random.default_rng(seed)
+    across = max(d for d in range(1, int(np.sqrt(count / 4)) + 1) if (count // 4) % d == 0)
+    regions = []
+    for side, x in (("left", -0.615), ("right", 0.615)):
+        y, z = np.linspace(-0.9, 1.1, across + 1), np.linspace(-0.7, 1.4, count // 4 // across + 1)
+        grid = np.stack(np.meshgrid(y, z, indexing="ij"), -1)
+        cell = np.array([y[1] - y[0], z[1] - z[0]])
+        grid[1:-1, 1:-1] += rng.uniform(-0.3, 0.3, grid[1:-1, 1:-1].shape) * cell
+        for i, j in np.ndindex(len(y) - 1, len(z) - 1):
+            quad = [grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]]
+            for corners in ((0, 1, 2), (0, 2, 3)):
+                flat = np.array([quad[c] for c in corners])
+                flat = flat.mean(axis=0) + (1.0 - gap) * (flat - flat.mean(axis=0))
+                vertices = [(x, float(a), float(b)) for a, b in flat]
+                regions.append(
+                    {
+                        "name": f"{side} {len(regions)}",
+                        "vertices": vertices if x < 0 else vertices[::-1],
+                    }
+                )
+    assert len(regions) == count
+    data = {
+        "kind": "climb",
+        "robot": "silvia",
+        "terrain": {"friction": 1.0, "regions": regions},
+        "task": {"rounds": rounds, "start": {"com": (0.0, 0.0, 0.0)}, "goal": {"com": GOAL}},
+        "posture": {"weights": {"rotation": 0.01, "toe": 0.1}},
+        "solver": {"method": "micp", "time_limit": 60.0, "gap": 0.01},
+    }
+    return build_scene(ClimbSpec.model_validate(data), load_robot("silvia"))
+
+
+def clock() -> StageClock:
+    return StageClock(lambda stage, fraction: None)
+
+
+def limited(scene: ClimbScene, seconds: float) -> ClimbScene:
+    solver = scene.spec.solver.model_copy(update={"time_limit": seconds})
+    object.__setattr__(scene, "spec", scene.spec.model_copy(update={"solver": solver}))
+    return scene
+
+
+def test_stones_of_120_triangles_are_planned_and_their_number_is_told_before(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    scene = triangles(120, gap=0.3)
+    with caplog.at_level(logging.INFO, "climbplan"):
+        motion = plan_motion(scene, clock())
+    assert "posture   120 regions x 6 limbs x 8 rounds" in caplog.text
+    assert caplog.text.count("regions x") == 1
+    assert motion.posture.status == "optimal"
+    region = motion.posture.rounds.region
+    assert len(np.unique(region)) > 6
+    for toes, own in zip(motion.posture.rounds.toes[1:], region[1:], strict=True):
+        for toe, r in zip(toes, own, strict=True):
+            surface = scene.terrain.regions[r]
+            assert (surface.A @ toe - surface.b).max() <= 1e-6
+
+
+@pytest.mark.parametrize("limit", [0.2, 2.0])
+def test_a_limit_ends_with_what_there_is(limit: float) -> None:
+    scene = limited(triangles(120, gap=0.7, rounds=10), limit)
+    begin = time.monotonic()
+    status = "limit"
+    with contextlib.suppress(LimitReached):
+        status = plan_motion(scene, clock()).posture.status
+    assert status in ("limit", "feasible", "optimal")
+    assert time.monotonic() - begin <= 1.1 * limit + 1.0
+
+
+_RUN = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from test_many_regions import clock, limited, plan_motion, triangles
+from climbplan.errors import NoPlanFound
+scene = limited(triangles(320, gap=float(sys.argv[2])), 120.0)
+try:
+    print(plan_motion(scene, clock()).posture.status)
+except NoPlanFound as error:
+    print(type(error).__name__)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.0, 0.3, 0.6])
+def test_320_triangles_in_less_than_2_gigabytes(gap: float) -> None:
+    """They took 14.4 GB and 362 s under a limit of 120 s."""
+    folder = __file__.rpartition("/")[0]
+
+    def at_most_2_gigabytes() -> None:
+        resource.setrlimit(resource.RLIMIT_DATA, (2 << 30, 2 << 30))
+
+    begin = time.monotonic()
+    run = subprocess.run(
+        [sys.executable, "-c", _RUN, folder, str(gap)],
+        capture_output=True,
+        text=True,
+        preexec_fn=at_most_2_gigabytes,
+        check=True,
+        timeout=300,
+    )
+    assert run.stdout.strip() in ("optimal", "feasible")
+    assert time.monotonic() - begin < 1.1 * 120.0 + 20.0  # imports included

@@ -21,7 +21,7 @@ from climbplan.reports.sheet import (
     foot_legend,
     heading,
     limb_name,
-    new_figure,
+    panel_grid,
     panel_title,
     plain,
 )
@@ -164,8 +164,9 @@ def forces(plan: ClimbPlan) -> Figure:
     span = np.max(sizes, axis=0) + np.array([0.36, 0.10])
     rows = -(-len(picked) // 2)
     point = span[0] / (_PANEL * 72)
-    figure = new_figure(0.85 + rows * (0.45 + _PANEL * span[1] / span[0]), entries=3)
-    axes = figure.subplots(rows, 2, squeeze=False).ravel()
+    height = 0.85 + rows * (0.45 + _PANEL * span[1] / span[0])
+    figure, grid = panel_grid(height, entries=3, rows=rows, columns=2, axes_drawn=False)
+    axes = grid.ravel()
     for ax, k, box, found in zip(axes, picked, boxes, acting, strict=False):
         view = View(ax, camera, box, obstacle_alpha=0.5)
         _picture(view, plan, k, found, point)

@@ -16,7 +16,7 @@ from climbplan.reports.sheet import (
     foot_legend,
     heading,
     limb_name,
-    new_figure,
+    panel_grid,
     panel_title,
     plain,
     style_axes,
@@ -57,8 +57,8 @@ def _panel(ax: Axes, plan: ClimbPlan, factor: Array, asked: float, name: str) ->
 
 def safety(plan: ClimbPlan) -> Figure:
     """S_tau and S_mu by instant; dots in the colour of the lifted limb."""
-    figure = new_figure(5.6, entries=plan.robot.limb_count + 3)
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, axes = panel_grid(5.6, entries=plan.robot.limb_count + 3, rows=2, own_heights=True)
+    upper, lower = axes[:, 0]
     _panel(upper, plan, plan.forces.safety_torque, plan.limits.safety_torque, r"$S_\tau$")
     _panel(lower, plan, plan.forces.safety_friction, plan.limits.safety_friction, r"$S_\mu$")
     lower.set_xlabel(rounds_label(plan))

@@ -20,7 +20,7 @@ from climbplan.reports.sheet import (
     foot_legend,
     heading,
     limb_name,
-    new_figure,
+    panel_grid,
     panel_title,
     plain,
     style_axes,
@@ -108,8 +108,8 @@ def _by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
     series = limb_series(plan)
     columns = 2
     rows = -(-len(series) // columns)
-    figure = new_figure(1.25 + _PANEL_HEIGHT * rows, entries=4)
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    height = 1.25 + _PANEL_HEIGHT * rows
+    figure, axes = panel_grid(height, entries=4, rows=rows, columns=columns)
     ceiling = max(float(np.max(what.failure(s))) for s in series)
     highest = max(float(np.max(what.value(s))) for s in series)
     for limb, one in enumerate(series):

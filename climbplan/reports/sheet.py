@@ -5,21 +5,37 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from functools import cache
+from typing import NamedTuple
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from PIL import Image
 
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports import palette
 
 WIDTH = 11.0  # [in]
 DPI = 150
+_COMPRESSION = 3  # of zlib: twice as fast as its 6, files a tenth larger
 _LEGEND_COLUMNS = 9
 _HEAD = 0.46  # [in] kept free above the panels for heading and note
+_TITLE = 0.24  # [in] a panel's
+_RIGHT = 0.12  # [in] kept free at the right
+# [in] left of the panels, below them, between columns and between rows
+_ROUND_AXES = (0.64, 0.42, 0.16, 0.36)
+_ROUND_PICTURES = (0.08, 0.02, 0.08, 0.27)
+
+
+class PanelGrid(NamedTuple):
+    """A figure and its panels, an object array (rows, columns) of axes."""
+
+    figure: Figure
+    axes: np.ndarray[tuple[int, int], np.dtype[np.object_]]
 
 
 def new_figure(height: float, *, entries: int) -> Figure:
@@ -27,12 +43,52 @@ def new_figure(height: float, *, entries: int) -> Figure:
 
     height: [in].
     """
-    foot = 0.12 + 0.24 * -(-entries // _LEGEND_COLUMNS)
+    foot = _foot(entries)
     rect = (0.005, foot / height, 0.99, 1 - (foot + _HEAD) / height)
     layout = ConstrainedLayoutEngine(rect=rect)
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def panel_grid(
+    height: float,
+    *,
+    entries: int,
+    rows: int,
+    columns: int = 1,
+    axes_drawn: bool = True,
+    own_heights: bool = False,
+) -> PanelGrid:
+    """A figure of equal panels on common axes; what stands round them has a fixed width.
+
+    Where panels are alike nothing is to be found out, and finding it out (constrained layout) costs
+    as much as the drawing. height: [in]. axes_drawn: panels have ticks and labels, at the left of a
+    row and at the foot of a column; else they are pictures that only have a title. own_heights: panels have
+    vertical axes of their own.
+    """
+    foot = _foot(entries)
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    left, below, across, down = _ROUND_AXES if axes_drawn else _ROUND_PICTURES
+    panel_width = (WIDTH - left - _RIGHT - (columns - 1) * across) / columns
+    panel_height = (height - _HEAD - _TITLE - foot - below - (rows - 1) * down) / rows
+    figure.subplots_adjust(
+        left=left / WIDTH,
+        right=1 - _RIGHT / WIDTH,
+        top=1 - (_HEAD + _TITLE) / height,
+        bottom=(foot + below) / height,
+        wspace=across / panel_width,
+        hspace=down / panel_height,
+    )
+    common = axes_drawn and not own_heights
+    axes = figure.subplots(rows, columns, sharex=axes_drawn, sharey=common, squeeze=False)
+    return PanelGrid(figure, axes)
+
+
+def _foot(entries: int) -> float:
+    """Height [in] of the legend at the foot."""
+    return 0.12 + 0.24 * -(-entries // _LEGEND_COLUMNS)
 
 
 @cache
@@ -81,8 +137,9 @@ def style_axes(ax: Axes) -> None:
 
 def panel_title(ax: Axes, text: str, note: str = "") -> None:
     """What a panel shows, with a note on the right. Text from a spec must be `plain`."""
-    ax.set_title(text, loc="left", fontsize=10, fontweight="bold", color=palette.INK)
-    ax.set_title(note, loc="right", fontsize=8.5, color=palette.MUTED)
+    # y fixed: no axis here has ticks above, which matplotlib would look for at each drawing.
+    ax.set_title(text, loc="left", y=1.0, fontsize=10, fontweight="bold", color=palette.INK)
+    ax.set_title(note, loc="right", y=1.0, fontsize=8.5, color=palette.MUTED)
 
 
 def foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
@@ -102,7 +159,18 @@ def foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
+    """The figure as a PNG file.
+
+    Drawn once: `savefig` draws a figure with a layout engine twice, the first time for nothing.
+    """
+    canvas = figure.canvas
+    if not isinstance(canvas, FigureCanvasAgg):
+        raise TypeError(f"expected a figure of new_figure, got one on {type(canvas).__name__}")
+    canvas.draw()
+    # White and opaque below everything: the fourth channel says nothing.
+    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])  # (H, W, 3)
     with io.BytesIO() as stream:
-        figure.savefig(stream, format="png")
+        Image.fromarray(pixels).save(
+            stream, format="png", compress_level=_COMPRESSION, dpi=(figure.dpi, figure.dpi)
+        )
         return stream.getvalue()

@@ -68,6 +68,12 @@ class UnsoundPlan(ClimbplanError):
     exit_code = ExitCode.UNVERIFIED
 
 
+class PlanFails(ClimbplanError):
+    """A plan that does not do what it says, as where the simulated robot falls."""
+
+    exit_code = ExitCode.UNVERIFIED
+
+
 class MissingSolver(UsageError):
     """A solver or library that is not installed; says how to install it."""
 

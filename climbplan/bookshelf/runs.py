@@ -211,10 +211,12 @@ def _prepared(setting: MethodSetting, count: int) -> SceneMethod:
 
 def _require_placement(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> None:
     if answer.status == "infeasible":
-        raise Infeasible("no placement exists (proved)", [_conflict(answer, scene, shelf)])
+        raise Infeasible(
+            "no placement exists (proved)", [_conflict(answer, scene, shelf)], stage="solve"
+        )
     if answer.placement is None:
         why = answer.word or f"time or node limit reached after {answer.seconds:.2g} s"
-        raise LimitReached(f"no placement found: {why}")
+        raise LimitReached(f"no placement found: {why}", stage="solve")
 
 
 def _at_least(key: str, value: float) -> Remedy:

@@ -22,13 +22,16 @@ from climbplan.cli.console import (
     Session,
     open_missing_streams,
     plain_messages,
+    print_answer,
     print_error,
+    running,
     silence_standard_output,
     standard_output,
 )
 from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
 from climbplan.cli.export import export
+from climbplan.cli.failure import INTERRUPTED, PIPE_CLOSED, TERMINATED, failure_fields
 from climbplan.cli.fit_envelopes import fit_envelopes
 from climbplan.cli.fit_gripper import fit_gripper
 from climbplan.cli.fit_stiffness import fit_stiffness
@@ -45,7 +48,7 @@ from climbplan.cli.schema import schema
 from climbplan.cli.simulate import simulate
 from climbplan.cli.solve import solve
 from climbplan.cli.solve_bookshelf import solve_bookshelf
-from climbplan.cli.supervision import end_is_told, supervised
+from climbplan.cli.supervision import answer_is_printed, end_is_told, supervised
 from climbplan.cli.validate import validate
 from climbplan.cli.verify import verify
 from climbplan.cli.view import view
@@ -56,15 +59,23 @@ from climbplan.errors import ClimbplanError, ExitCode
 for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-INTERRUPTED = 130  # 128 + SIGINT, as shells report it
-PIPE_CLOSED = 141  # 128 + SIGPIPE
-TERMINATED = 143  # 128 + SIGTERM
-
 
 class _Commands(TyperGroup):
     """Turns the errors that are not bugs into messages and exit codes."""
 
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
+        try:
+            return super().make_context(info_name, args, parent, **extra)
+        except typer.Exit:
+            raise
+        except Exception as error:  # a mistake before any command is known
+            extra["obj"].error = error
+            raise
+
     def invoke(self, ctx: Any) -> Any:
+        session = ctx.ensure_object(Session)
         try:
             return super().invoke(ctx)
         except (Exception, KeyboardInterrupt) as error:
@@ -72,6 +83,8 @@ class _Commands(TyperGroup):
             code = _interrupted(error)
             if code is not None:
                 raise typer.Exit(code) from None
+            if not isinstance(error, typer.Exit):
+                session.error = error
             if isinstance(error, ClimbplanError):
                 print_error(error)
                 raise typer.Exit(error.exit_code) from None
@@ -151,9 +164,16 @@ def _global_options(
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (by default the process's own) and return its exit code."""
     open_missing_streams()
-    code = _invoke(arguments, Session())
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    session = Session(as_json="--json" in given)
+    with running(session):
+        code = _invoke(given, session)
     try:
         with standard_output():  # help and version may still be in the buffer
+            if session.as_json and code != PIPE_CLOSED:
+                failure = failure_fields(session.error, code, session.stage) if code else {}
+                print_answer(session, code, failure)
+                answer_is_printed()
             return code
     except BrokenPipeError:
         silence_standard_output()
@@ -163,7 +183,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
 
 
-def _invoke(arguments: Sequence[str] | None, session: Session) -> int:
+def _invoke(arguments: Sequence[str], session: Session) -> int:
     command = typer.main.get_command(app)
     try:
         with plain_messages(session):
@@ -185,4 +205,10 @@ def _invoke(arguments: Sequence[str] | None, session: Session) -> int:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
-    sys.exit(supervised(lambda: int(run())))
+    sys.exit(supervised(lambda: int(run()), _answer_for_killed))
+
+
+def _answer_for_killed(code: int, words: str) -> None:
+    """What `--json` prints for a process that was killed before it came to it."""
+    if "--json" in sys.argv[1:]:
+        print_answer(Session(), code, {**failure_fields(None, code, ""), "message": words})

@@ -8,8 +8,9 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -17,6 +18,7 @@ from typing import Any, TextIO
 from climbplan.errors import ClimbplanError, SpecError, UsageError
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tabs and ends of lines
+_NOT_PLAIN = re.compile(r"[\x7f-\x9f\ud800-\udfff]")  # that JSON may hold as they are
 
 
 @dataclass
@@ -25,6 +27,10 @@ class Session:
 
     quiet: bool = False
     verbose: bool = False
+    as_json: bool = False  # standard output carries one JSON object, however the run ends
+    stage: str = ""  # the last one that was begun
+    error: BaseException | None = None  # what ended the run
+    answer: dict[str, Any] | None = None  # what `print_json` was given, printed when the run ends
 
     def note(self, line: str) -> None:
         """A line about the run, on standard error unless quiet."""
@@ -34,6 +40,9 @@ class Session:
     @property
     def shows_progress(self) -> bool:
         return not self.quiet and sys.stderr.isatty()
+
+
+_RUNNING: ContextVar[Session | None] = ContextVar("running", default=None)
 
 
 def harmless(text: str) -> str:
@@ -48,9 +57,43 @@ def print_result(text: str) -> None:
         print(harmless(text), file=stream)
 
 
-def print_json(value: Any) -> None:
-    """The result of a command as one JSON object; NaN and infinity are errors."""
-    print_result(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+def print_json(value: Mapping[str, Any]) -> None:
+    """The result of a command as one JSON object; NaN and infinity are errors.
+
+    With `--json` it is kept until the run has ended, when its exit code joins it.
+    """
+    session = _RUNNING.get()
+    if session is None or not session.as_json:
+        _print_object(value)
+        return
+    session.answer = {**(session.answer or {}), **value}
+
+
+def print_answer(session: Session, code: int, failure: Mapping[str, Any]) -> None:
+    """The one object of a run with `--json`, at its end.
+
+    code: how the run ended. failure: what is said of a run that failed, beside what it found.
+    """
+    if code == 0 and session.answer is None:
+        return  # help and the like, which are for people
+    found = session.answer or {}
+    _print_object({**failure, **found, "exit_code": code} if code else {**found, "exit_code": 0})
+
+
+def _print_object(value: Mapping[str, Any]) -> None:
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    # What would drive a terminal or cannot be encoded, as JSON writes it
+    print_result(_NOT_PLAIN.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+
+
+@contextmanager
+def running(session: Session) -> Iterator[None]:
+    """While the command line of this session runs."""
+    token = _RUNNING.set(session)
+    try:
+        yield
+    finally:
+        _RUNNING.reset(token)
 
 
 @contextmanager

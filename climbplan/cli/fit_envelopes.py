@@ -69,7 +69,7 @@ def fit_envelopes(
         report = write_report(run, loaded, directory.path)
         directory.publish()
     if as_json:
-        print_json(report)
+        print_json({**report, "file": str(target / ENVELOPES_FILE)})
     else:
         print_result(str(target / ENVELOPES_FILE))
 

@@ -46,6 +46,7 @@ def fit_gripper(
         write_report(model, calibration, grips, data.stem, directory.path)
         directory.publish()
     if as_json:
-        print_json(report_dict(model, calibration, grips, data.stem))
+        told = report_dict(model, calibration, grips, data.stem)
+        print_json({**told, "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))

@@ -58,6 +58,6 @@ def fit_stiffness(
         write_report(found, data.stem, directory.path)
         directory.publish()
     if as_json:
-        print_json(report_dict(found, data.stem))
+        print_json({**report_dict(found, data.stem), "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))

@@ -72,7 +72,7 @@ def fit_strategy(
             write_report(stored, data.columns, directory.path)
         directory.publish()
     if as_json:
-        print_json(report_dict(stored))
+        print_json({**report_dict(stored), "file": str(target / MODEL_FILE)})
     else:
         print_result(str(target / MODEL_FILE))
 

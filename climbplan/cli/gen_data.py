@@ -79,7 +79,10 @@ def gen_data(
     target = out if out is not None else Path("outputs", loaded.name)
     if resume and not force and _is_complete(target, loaded):
         session.note(f"{target}: complete already")
-        print_result(str(target / DATASET_FILE))
+        if as_json:
+            print_json({"plan": str(target / DATASET_FILE), "complete": True})
+        else:
+            print_result(str(target / DATASET_FILE))
         return
     with explained(session), OutputDirectory(target, force=force) as directory:
         # Compiled functions and solvers take a second to import: not before the paths are good.
@@ -108,7 +111,7 @@ def gen_data(
                 write_report(data, directory.path, verification, MEANINGS)
                 directory.publish()
     if as_json:
-        print_json(report_dict(data, verification))
+        print_json({**report_dict(data, verification), "plan": str(target / DATASET_FILE)})
     else:
         print_result(str(target / DATASET_FILE))
     if not verification.passed:

@@ -22,6 +22,7 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
+from climbplan.cli.quick import NoReport, QuickClimb, quick_overrides
 
 
 def plan_climb(
@@ -36,25 +37,29 @@ def plan_climb(
     solver: Solver = None,
     save_model: SaveModel = None,
     as_json: Json = False,
+    no_report: NoReport = False,
+    quick: QuickClimb = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
     """Plan a climb: postures, contact forces, torques.
 
-    Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. Exit code 3 if the method finds that no plan exists (the message says at which stage
-    and why), 4 if a limit was reached without one, 5 if the plan fails its verification.
+    Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
+    report.html and figures/. Exit code 3 if the method finds that no plan exists (the message says
+    at which stage and why), 4 if a limit was reached without one, 5 if the plan fails its
+    verification.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.loading import load_climb
 
     session = context.ensure_object(Session)
-    overrides = spec_overrides(assignments, seed, time_limit, method, solver)
+    overrides = quick_overrides("climb", quick)
+    overrides += spec_overrides(assignments, seed, time_limit, method, solver)
     loaded = load_climb(spec, overrides)
     check_model_path(save_model)
-    with plan_run(session, loaded, out, force) as run:
+    with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
         from climbplan.climb.planner import plan_climb as plan
         from climbplan.plans.climb_file import write_climb
 

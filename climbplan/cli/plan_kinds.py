@@ -24,7 +24,7 @@ class PlanKind:
 
     csv_name: str  # of the exported file
     verification: str  # with `verify` and `verify_and_mark`
-    report: str  # with `write_report` and `report_dict`
+    report: str  # with `write_report`, `write_values` (of plans) and `report_dict`
     csv: str  # with `export_csv`
     scene_function: str | None  # MODULE:FUNCTION; None for files that have nothing in space
 
@@ -45,6 +45,12 @@ class PlanKind:
         verification: of this very file if it was made already.
         """
         import_module(self.report).write_report(path, directory, verification)
+
+    def write_values(
+        self, path: Path, directory: Path, verification: Verification | None = None
+    ) -> None:
+        """Write report.json alone into a directory; arguments as of `write_report`."""
+        import_module(self.report).write_values(path, directory, verification)
 
     def report_dict(self, path: Path) -> dict[str, object]:
         """The report as plain values."""

@@ -17,6 +17,7 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
+from climbplan.cli.quick import NoReport, QuickModules, quick_overrides
 
 
 def plan_limms(
@@ -28,23 +29,27 @@ def plan_limms(
     time_limit: TimeLimit = None,
     method: Method = None,
     as_json: Json = False,
+    no_report: NoReport = False,
+    quick: QuickModules = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
     """Plan how modules bring a box to its goal: who latches where and when, motion and forces.
 
-    Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. Exit code 3 if no plan exists (the message says what rules each behaviour out), 4 if a
-    limit was reached without one, 5 if the plan fails its verification.
+    Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
+    report.html and figures/. Exit code 3 if no plan exists (the message says what rules each
+    behaviour out), 4 if a limit was reached without one, 5 if the plan fails its verification.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.limms_loading import load_limms
 
     session = context.ensure_object(Session)
-    loaded = load_limms(spec, spec_overrides(assignments, seed, time_limit, method))
-    with plan_run(session, loaded, out, force) as run:
+    overrides = quick_overrides("limms", quick)
+    overrides += spec_overrides(assignments, seed, time_limit, method)
+    loaded = load_limms(spec, overrides)
+    with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
         from climbplan.limms.plan_file import write_limms_plan
         from climbplan.limms.planner import plan_limms as plan
 

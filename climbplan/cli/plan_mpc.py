@@ -9,6 +9,7 @@ import typer
 from climbplan.cli.console import Session
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, TimeLimit, Verbose
+from climbplan.cli.quick import NoReport, QuickWalk, quick_overrides
 
 LIBRARY_FILE = "library.h5"
 
@@ -25,24 +26,28 @@ def plan_mpc(
         typer.Option("--method", metavar="NAME", help="Method: search, nlp, micp or online."),
     ] = None,
     as_json: Json = False,
+    no_report: NoReport = False,
+    quick: QuickWalk = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
     """Plan a quadruped's walk: footsteps, gait, body motion and contact forces together.
 
-    Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. Method `online` walks in closed loop and also leaves library.h5, which
-    `library.file` takes. Exit code 4 if a limit was reached without a plan, 5 if the plan fails
-    its verification, as when the robot falls.
+    Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
+    report.html and figures/. Method `online` walks in closed loop and also leaves library.h5, which
+    `library.file` takes. Exit code 4 if a limit was reached without a plan, 5 if the plan fails its
+    verification, as when the robot falls.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.spec.mpc_loading import load_mpc
 
     session = context.ensure_object(Session)
-    loaded = load_mpc(spec, spec_overrides(assignments, seed, time_limit, method))
-    with plan_run(session, loaded, out, force) as run:
+    overrides = quick_overrides("mpc", quick)
+    overrides += spec_overrides(assignments, seed, time_limit, method)
+    loaded = load_mpc(spec, overrides)
+    with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
         from climbplan.mpc.plan_file import write_walk_plan
         from climbplan.mpc.planner import plan_walk
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,6 +33,7 @@ class Planned(Protocol):
 
 
 Found = TypeVar("Found", bound=Planned)
+REPORT = "report.json"
 
 
 @dataclass
@@ -42,6 +44,7 @@ class PlanRun:
     target: Path  # where they appear
     directory: Path  # where they are written
     report: Callable[[str, float], None]  # progress: stage, share that is done
+    drawn: bool  # whether page and figures are wanted
     _passed: bool = field(default=False, init=False)
 
     def finish(
@@ -64,7 +67,8 @@ class PlanRun:
         for line in (verify_line(verification, spent), *leaves_out_lines(verification)):
             self.session.note(line)
         self.report("report", 0.0)
-        kind.write_report(plan_file, self.directory, verification)
+        write_report = kind.write_report if self.drawn else kind.write_values
+        write_report(plan_file, self.directory, verification)
         self._passed = verification.passed
 
     def hand_over(self, as_json: bool) -> None:
@@ -75,7 +79,8 @@ class PlanRun:
         """
         plan_file = self.target / PLAN_FILE
         if as_json:
-            print_json(plan_kind(plan_file).report_dict(plan_file))
+            told = json.loads((self.target / REPORT).read_text(encoding="utf-8"))
+            print_json({**told, "plan": str(plan_file)})
         else:
             print_result(str(plan_file))
         if not self._passed:
@@ -84,15 +89,16 @@ class PlanRun:
 
 @contextmanager
 def plan_run(
-    session: Session, loaded: LoadedSpec, out: Path | None, force: bool
+    session: Session, loaded: LoadedSpec, out: Path | None, force: bool, report: bool = True
 ) -> Iterator[PlanRun]:
     """Context that plans and calls `finish`; the output directory appears when it ends well.
 
-    out: the directory; below outputs/, named after the spec, if left out. Planners and solvers take
+    out: the directory; below outputs/, named after the spec, if left out. report: whether page and
+    figures are drawn. Planners and solvers take
     a second to import: callers import them inside, when all paths are known to be good.
     """
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
         with StageProgress(session) as progress:
-            yield PlanRun(session, target, directory.path, progress.report)
+            yield PlanRun(session, target, directory.path, progress.report, report)
         directory.publish()

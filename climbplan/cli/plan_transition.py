@@ -20,6 +20,7 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
+from climbplan.cli.quick import NoReport, QuickTransition, quick_overrides
 
 
 def plan_transition(
@@ -42,16 +43,18 @@ def plan_transition(
     time_limit: TimeLimit = None,
     method: Method = None,
     as_json: Json = False,
+    no_report: NoReport = False,
+    quick: QuickTransition = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
     """Plan a transition from the ground to the wall: contact sequence, postures, forces.
 
-    Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. --sequence also sets the number of rounds. Exit code 3 if no sequence exists on what
-    is searched (the message says which contacts slip), 4 if none could be planned to the end, 5 if
-    the plan fails its verification.
+    Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
+    report.html and figures/. --sequence also sets the number of rounds. Exit code 3 if no sequence
+    exists on what is searched (the message says which contacts slip), 4 if none could be planned to
+    the end, 5 if the plan fails its verification.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
@@ -59,7 +62,8 @@ def plan_transition(
     from climbplan.spec.transition_loading import load_transition
 
     session = context.ensure_object(Session)
-    overrides = spec_overrides(assignments, seed, time_limit, method)
+    overrides = quick_overrides("transition", quick)
+    overrides += spec_overrides(assignments, seed, time_limit, method)
     if rounds is None and sequence is not None:
         rounds = sequence.count("|" if "|" in sequence else "-") + 1
     if rounds is not None:
@@ -67,7 +71,7 @@ def plan_transition(
     if sequence is not None:
         overrides.append(Override("task.sequence", f'"{sequence}"', f"--sequence {sequence}"))
     loaded = load_transition(spec, overrides)
-    with plan_run(session, loaded, out, force) as run:
+    with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
         from climbplan.plans.climb_file import write_climb
         from climbplan.transition.planner import plan_transition as plan
 

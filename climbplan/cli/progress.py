@@ -19,6 +19,7 @@ class StageProgress:
     """Context whose `report(stage, fraction)` is the planners' progress callback."""
 
     def __init__(self, session: Session) -> None:
+        self._session = session
         self._enabled = session.shows_progress
         self._lock = threading.RLock()
         self._stage = ""
@@ -41,6 +42,7 @@ class StageProgress:
 
     def report(self, stage: str, fraction: float) -> None:
         """Tell that `stage` is done to `fraction` (0 to 1)."""
+        self._session.stage = stage  # where the run ended, if it ends here
         if not self._enabled:
             return
         with self._lock:

@@ -39,7 +39,7 @@ def report(
     kind = plan_kind(path)
     warn_of_failure(kind, path)
     if as_json:
-        print_json(kind.report_dict(path))
+        print_json({**kind.report_dict(path), "plan": str(path)})
         return
     beside = path.parent
     target = out if out is not None else beside

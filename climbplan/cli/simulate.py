@@ -13,7 +13,7 @@ import typer
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
 from climbplan.cli.plan_path import find_plan
-from climbplan.errors import PlanFileError, UsageError
+from climbplan.errors import PlanFails, PlanFileError, UsageError
 
 if TYPE_CHECKING:
     from climbplan.simulation.report_files import Told
@@ -96,6 +96,19 @@ def simulate(
             "inertial sensor's), or its place as well: by the joints' own sensors, or as it is.",
         ),
     ] = Regulated.nothing,
+    most_slips: Annotated[
+        int | None,
+        typer.Option(
+            "--most-slips",
+            metavar="N",
+            min=0,
+            help="Slips and lost contacts together that are let pass [default: 0; walks: 4].",
+        ),
+    ] = None,
+    allow_falls: Annotated[
+        bool,
+        typer.Option("--allow-falls", help="End with 0 whatever the robot does, for studies."),
+    ] = False,
     jobs: Jobs = 1,
     seed: Seed = None,
     as_json: Json = False,
@@ -110,6 +123,10 @@ def simulate(
     directory: outputs/<plan's name>_simulation), one row a standing limb and instant; beside it
     report.json, report.html, figures/ and simulation.gif. Needs
     `pip install 'climbplan[simulate]'`.
+
+    Exit code 5 if the robot falls in the run without random changes, or if more than --most-slips
+    toes slide (over 5 mm) or do not touch where they should (0.5 s; walks 0.02 s). Runs of --runs
+    and --sweep are a study and decide nothing.
     """
     path = find_plan(plan)
     key, values = _swept(sweep)
@@ -157,10 +174,14 @@ def simulate(
             warn(told_pictures)
         write_simulation(told, directory.path)
         directory.publish()
+    failure = "" if allow_falls else told.end.failure(most_slips)
     if as_json:
-        print_json(told.report)
+        where = {"plan": str(path), "file": str(target / RESULT)}
+        print_json({**told.report, **where})
     else:
         print_result(str(target / RESULT))
+    if failure:
+        raise PlanFails(failure)
 
 
 _Progress = Callable[[str, float], None]

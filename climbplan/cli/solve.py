@@ -103,7 +103,7 @@ def solve(
     if missing:
         warn(f"{missing} of {plan.count} rows have no answer")
     if as_json:
-        print_json(report)
+        print_json({**report, "plan": str(target / PLAN_FILE)})
     else:
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
@@ -144,9 +144,9 @@ def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:
 
         theta = problem.split(plan.parameters[0])
         conflicts = conflicting_blocks(problem, theta)
-        raise Infeasible(f"{what}: proved infeasible by {last.solver}", conflicts)
+        raise Infeasible(f"{what}: proved infeasible by {last.solver}", conflicts, stage="solve")
     log = f" ({last.log[-1]})" if last.log else ""
-    raise LimitReached(f"{what}: no answer by method {done.rows[0].method!r}{log}")
+    raise LimitReached(f"{what}: no answer by method {done.rows[0].method!r}{log}", stage="solve")
 
 
 def _summary(plan: ProgramPlan, verification: Verification, seconds: float) -> list[str]:

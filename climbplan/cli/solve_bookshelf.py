@@ -11,6 +11,7 @@ from climbplan.cli.console import Session, warn
 from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.quick import NoReport, QuickShelf, quick_overrides
 from climbplan.errors import ExitCode
 
 
@@ -42,17 +43,19 @@ def solve_bookshelf(
         ),
     ] = None,
     as_json: Json = False,
+    no_report: NoReport = False,
+    quick: QuickShelf = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
     """Insert a book among others with the least movement, in one scene or a file of scenes.
 
-    Prints the path of the plan file. Its directory also holds report.json, report.html and
-    figures/. A path that --set gives starts from the current directory, one in the spec from the
-    spec's. Exit code 3 if it is proved that the book cannot be inserted (the message says what
-    width is missing), 4 if a limit was reached without a placement, 5 if the plan fails its
-    verification. Of a file of scenes these are rows like others: 3 if all scenes are proved
+    Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
+    report.html and figures/. A path that --set gives starts from the current directory, one in the
+    spec from the spec's. Exit code 3 if it is proved that the book cannot be inserted (the message
+    says what width is missing), 4 if a limit was reached without a placement, 5 if the plan fails
+    its verification. Of a file of scenes these are rows like others: 3 if all scenes are proved
     infeasible, 4 if one or more have no answer.
     """
     from climbplan.cli.plan_run import plan_run
@@ -60,10 +63,11 @@ def solve_bookshelf(
     from climbplan.spec.bookshelf_loading import load_shelf
 
     session = context.ensure_object(Session)
-    overrides = spec_overrides(assignments, seed, time_limit, method, solver=solver)
+    overrides = quick_overrides("bookshelf", quick)
+    overrides += spec_overrides(assignments, seed, time_limit, method, solver=solver)
     loaded = load_shelf(spec, overrides)
     check_model_path(save_model)
-    with plan_run(session, loaded, out, force) as run:
+    with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
         from climbplan.bookshelf.plan_file import write_shelf_plan
         from climbplan.bookshelf.runs import run_shelf
 

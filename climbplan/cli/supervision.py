@@ -23,7 +23,7 @@ from pathlib import Path
 GRACE = 1.4  # [s] from a signal; with all that follows a run ends within 2 s
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _DIE_WITH_PARENT, _ADOPT_ORPHANS = 1, 36  # prctl's PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
-_WHOLE, _IF_EMPTY, _TOLD = b"+", b"-", b"!"  # how entries of the ledger begin
+_WHOLE, _IF_EMPTY, _TOLD, _ANSWERED = b"+", b"-", b"!", b"="  # how entries of the ledger begin
 _ledger: int | None = None  # file of what is to be done if this process does not come to it
 
 
@@ -42,10 +42,19 @@ def end_is_told() -> None:
         os.write(_ledger, _TOLD + b"\0")
 
 
-def supervised(command: Callable[[], int]) -> int:
+def answer_is_printed() -> None:
+    """Standard output has what `--json` prints of this run."""
+    if _ledger is not None:
+        os.write(_ledger, _ANSWERED + b"\0")
+
+
+def supervised(
+    command: Callable[[], int], unanswered: Callable[[int, str], None] = lambda code, words: None
+) -> int:
     """Run a command in a process of its own; the exit code.
 
-    That of the command, or 128 and the signal's number for one that was killed.
+    That of the command, or 128 and the signal's number for one that was killed; `unanswered` is then
+    called with it and with words, unless the process had printed its answer.
     """
     global _ledger
     if sys.platform != "linux":
@@ -68,9 +77,12 @@ def supervised(command: Callable[[], int]) -> int:
     if os.WIFSIGNALED(status):
         _end_orphans()
         number = received if received is not None else os.WTERMSIG(status)
-        if not _clear_away(ledger):
-            with suppress(OSError):  # a terminal that is gone
-                os.write(2, f"{_last_word(number, received)}\n".encode())
+        words, notes = _last_word(number, received), _clear_away(ledger)
+        with suppress(OSError):  # a terminal that is gone
+            if _TOLD not in notes:
+                os.write(2, f"{words}\n".encode())
+            if _ANSWERED not in notes:
+                unanswered(128 + number, words)
         return 128 + number
     return os.WEXITSTATUS(status)
 
@@ -138,8 +150,8 @@ def _new_ledger() -> int:
         os.close(first)
 
 
-def _clear_away(ledger: int) -> bool:
-    """Remove what the ledger lists; whether it says that the end is told."""
+def _clear_away(ledger: int) -> list[bytes]:
+    """Remove what the ledger lists; its entries."""
     with os.fdopen(ledger, "rb") as file:
         file.seek(0)
         entries = [entry for entry in file.read().split(b"\0") if entry]
@@ -150,7 +162,7 @@ def _clear_away(ledger: int) -> bool:
         elif entry.startswith(_IF_EMPTY):
             with suppress(OSError):  # in use by others
                 path.rmdir()
-    return _TOLD in entries
+    return entries
 
 
 def _prctl(option: int, value: int) -> None:

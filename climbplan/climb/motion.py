@@ -45,11 +45,14 @@ class StageClock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time a stage."""
+        """Time a stage; what ends inside it says so."""
         self.report(name, 0.0)
         start = time.perf_counter()
         try:
             yield
+        except NoPlanFound as error:
+            error.stage = error.stage or name
+            raise
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
             self.report(name, 1.0)

@@ -51,7 +51,9 @@ class Attempts:
         seconds = self.end - time.monotonic()
         if seconds <= 0:
             ended = f"; `solver.time_limit` ended {self.under_way}" if self.under_way else ""
-            raise LimitReached(f"no plan found within {self.limit:g} s. {self.story()}{ended}")
+            raise LimitReached(
+                f"no plan found within {self.limit:g} s. {self.story()}{ended}", stage="motion"
+            )
         return min(seconds, most)
 
     def until(self, deadline: float) -> float:

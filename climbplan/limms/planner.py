@@ -102,5 +102,6 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
         return made(*refused[0])
     raise LimitReached(
         f"none of {len(found.sequences)} sequences of modes led to a plan, and none was proved "
-        f"impossible. {attempts.story()}"
+        f"impossible. {attempts.story()}",
+        stage="motion",
     )

@@ -40,7 +40,8 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
-            + (f"; {answer.cut_short}" if answer.cut_short else "")
+            + (f"; {answer.cut_short}" if answer.cut_short else ""),
+            stage=spec.solver.method,
         )
     broken = failures(check_trajectory(task, answer.trajectory))
     gap = None

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.scene import state_label
 from climbplan.bookshelf.summary import TRIVIAL, Spread, nontrivial
+from climbplan.reports.plan_report import FigureOf
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LISTED = 40  # scenes listed one by one
+PER_PAGE = 20  # scenes in a gallery
 
 # Unit of every number in the report, by dotted key; what is not listed is a pure number.
 UNITS = {
@@ -100,3 +107,12 @@ def _books(plan: ShelfPlan) -> list[dict[str, Any]]:
             }
         )
     return entries
+
+
+def gallery_pages(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
+    """Pages of the costliest scenes, after those without a placement, by figure name."""
+    missing = [int(k) for k in np.flatnonzero(~plan.solutions.placed)]
+    shown = (missing[: PER_PAGE // 2] + costliest(plan))[:LISTED]
+    pages = [shown[k : k + PER_PAGE] for k in range(0, len(shown), PER_PAGE)]
+    draw = FigureOf("climbplan.reports.figure_shelf:scene_gallery")
+    return {f"gallery_{n}": partial(draw, scenes=page) for n, page in enumerate(pages, start=1)}

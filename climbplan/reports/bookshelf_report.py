@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import FORMAT, FORMAT_VERSION, read_shelf_plan
 from climbplan.bookshelf.verification import verify
 from climbplan.plans.verification import Verification
-from climbplan.reports.bookshelf_figures import UNITS, key_figures
+from climbplan.reports.bookshelf_figures import UNITS, gallery_pages, key_figures
 from climbplan.reports.bookshelf_page import build_page
-from climbplan.reports.figure_shelf import gallery_pages, statistics, the_scene
-from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def figure_functions(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
     """The figures of a plan by file name."""
     if len(plan.scenes) == 1:
-        return {"scene": the_scene}
+        return {"scene": FigureOf("climbplan.reports.figure_shelf:the_scene")}
+    statistics = FigureOf("climbplan.reports.figure_shelf:statistics")
     return {"statistics": statistics, **gallery_pages(plan)}
 
 
@@ -61,3 +62,4 @@ def _values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
 _REPORT = PlanReport(read_shelf_plan, verify, _values, figure_functions, build_page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
+write_values = _REPORT.write_values

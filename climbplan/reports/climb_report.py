@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from climbplan.plans.climb_file import read_climb
 from climbplan.plans.climb_layout import FORMAT_VERSION, FORMATS
@@ -13,25 +11,21 @@ from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import Verification, verify
 from climbplan.reports.climb_figures import UNITS, key_figures
 from climbplan.reports.climb_page import build_page
-from climbplan.reports.figure_forces import forces
-from climbplan.reports.figure_grips import grips
-from climbplan.reports.figure_postures import postures
-from climbplan.reports.figure_region import region
-from climbplan.reports.figure_safety import safety
-from climbplan.reports.figure_schedule import schedule
-from climbplan.reports.figure_series import friction, torque
 from climbplan.reports.grip_figures import UNITS as GRIP_UNITS
 from climbplan.reports.grip_figures import grip_figures
-from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.plan_spec import plan_spec
 from climbplan.reports.report_files import finite
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
-    "postures": postures,
-    "torque": torque,
-    "friction": friction,
-    "safety": safety,
-    "forces": forces,
+    "postures": FigureOf("climbplan.reports.figure_postures:postures"),
+    "torque": FigureOf("climbplan.reports.figure_series:torque"),
+    "friction": FigureOf("climbplan.reports.figure_series:friction"),
+    "safety": FigureOf("climbplan.reports.figure_safety:safety"),
+    "forces": FigureOf("climbplan.reports.figure_forces:forces"),
 }
 
 
@@ -42,11 +36,11 @@ def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]
     """
     own: dict[str, Callable[[ClimbPlan], Figure]] = {}
     if plan.study is not None:
-        own["region"] = region
+        own["region"] = FigureOf("climbplan.reports.figure_region:region")
     if plan.kind == "transition":
-        own["schedule"] = schedule
+        own["schedule"] = FigureOf("climbplan.reports.figure_schedule:schedule")
     if plan.grips is not None:
-        own["grips"] = grips
+        own["grips"] = FigureOf("climbplan.reports.figure_grips:grips")
     return {**FIGURES, **own}
 
 
@@ -117,3 +111,4 @@ def _page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes
 _REPORT = PlanReport(read_climb, verify, _values, figure_functions, _page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
+write_values = _REPORT.write_values

@@ -15,7 +15,8 @@ from climbplan.bookshelf.pictures import states_before
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.scene import State
 from climbplan.plans.dataset import Array, Dataset
-from climbplan.reports import figure_shelf, palette
+from climbplan.reports import palette
+from climbplan.reports.bookshelf_figures import gallery_pages
 from climbplan.reports.sheet import (
     foot_legend,
     heading,
@@ -42,9 +43,7 @@ def figure_functions(data: Dataset) -> Mapping[str, Callable[[], Figure]]:
     if data.frame.kind == KIND and data.drawn.any():
         plan = shelf_dataset(data).plan
         figures["states"] = partial(states, plan)
-        figures |= {
-            name: partial(draw, plan) for name, draw in figure_shelf.gallery_pages(plan).items()
-        }
+        figures |= {name: partial(draw, plan) for name, draw in gallery_pages(plan).items()}
     return figures
 
 

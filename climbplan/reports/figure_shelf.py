@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,7 +12,6 @@ from climbplan.bookshelf.pictures import Pictured, gallery, scene_figure
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.summary import TRIVIAL, Spread, nontrivial
 from climbplan.reports import palette
-from climbplan.reports.bookshelf_figures import LISTED, costliest
 from climbplan.reports.sheet import (
     foot_legend,
     heading,
@@ -25,7 +21,7 @@ from climbplan.reports.sheet import (
     style_axes,
 )
 
-COLUMNS, PER_PAGE = 5, 20
+COLUMNS = 5
 _STATUS_COLORS = {
     "optimal": "#4DA37F",
     "feasible": "#56B4E9",
@@ -41,15 +37,8 @@ def the_scene(plan: ShelfPlan) -> Figure:
     return scene_figure(_pictured(plan, 0, plain(title).replace(r"\$", "$")), plan.shelf)
 
 
-def gallery_pages(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
-    """Pages of the costliest scenes, after those without a placement, by figure name."""
-    missing = [int(k) for k in np.flatnonzero(~plan.solutions.placed)]
-    shown = (missing[: PER_PAGE // 2] + costliest(plan))[:LISTED]
-    pages = [shown[k : k + PER_PAGE] for k in range(0, len(shown), PER_PAGE)]
-    return {f"gallery_{n}": partial(_gallery, scenes=page) for n, page in enumerate(pages, start=1)}
-
-
-def _gallery(plan: ShelfPlan, scenes: list[int]) -> Figure:
+def scene_gallery(plan: ShelfPlan, scenes: list[int]) -> Figure:
+    """Before and after of these scenes, on one page."""
     items = [_pictured(plan, k, f"scene {k}") for k in scenes]
     lost = not plan.solutions.placed[scenes].all()
     what = "scenes without a placement, and the costliest" if lost else "the costliest scenes"

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from climbplan.limms.loads import loads_of
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
@@ -14,13 +13,12 @@ from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
 from climbplan.limms.summary import box_story, module_story
 from climbplan.limms.verification import verify
 from climbplan.plans.verification import Verification
-from climbplan.reports.figure_convergence import convergence
-from climbplan.reports.figure_loads import loads_over_time
-from climbplan.reports.figure_modes import mode_timeline
-from climbplan.reports.figure_modules import key_poses
 from climbplan.reports.limms_page import build_page
-from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 UNITS = {
     "objective": "m",
@@ -48,9 +46,9 @@ UNITS = {
 
 
 FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
-    "modes": mode_timeline,
-    "poses": key_poses,
-    "loads": loads_over_time,
+    "modes": FigureOf("climbplan.reports.figure_modes:mode_timeline"),
+    "poses": FigureOf("climbplan.reports.figure_modules:key_poses"),
+    "loads": FigureOf("climbplan.reports.figure_loads:loads_over_time"),
 }
 
 
@@ -58,7 +56,7 @@ def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
     """What can be drawn of a plan."""
     if plan.convergence is None:
         return FIGURES
-    return {**FIGURES, "convergence": convergence}
+    return {**FIGURES, "convergence": FigureOf("climbplan.reports.figure_convergence:convergence")}
 
 
 def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
@@ -120,3 +118,4 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
 _REPORT = PlanReport(read_limms_plan, verify, _values, figures_of, build_page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
+write_values = _REPORT.write_values

@@ -1,19 +1,34 @@
-"""How a plan file of any kind becomes report.json, report.html and figures."""
+"""How a plan file of any kind becomes report.json, report.html and figures.
+
+What draws is imported when something is to be drawn: numbers alone cost no matplotlib.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
-
-from matplotlib.figure import Figure
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from climbplan.plans.verification import Verification
-from climbplan.reports.report_files import write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.report_files import write_files, write_values
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Plan = TypeVar("Plan")
+
+
+@dataclass(frozen=True)
+class FigureOf:
+    """A figure of a plan, by the name MODULE:FUNCTION of what draws it."""
+
+    function: str
+
+    def __call__(self, plan: Any, **options: Any) -> Figure:
+        """The figure drawn; options: of the function."""
+        return resolve_name(self.function)(plan, **options)
 
 
 @dataclass(frozen=True)
@@ -42,7 +57,16 @@ class PlanReport(Generic[Plan]):
         renamed. Raises PlanFileError for a damaged plan and UsageError where the directory cannot
         be written to.
         """
+        from climbplan.reports.sheet import drawn_as_png
+
         plan = self.read(path)
         report = self.values(plan, verification or self.verify(path))
-        images = {name: png(draw(plan)) for name, draw in self.figures(plan).items()}
+        images = drawn_as_png(plan, self.figures(plan))
         write_files(directory, report, self.page(plan, report, images), images)
+
+    def write_values(
+        self, path: Path, directory: Path, verification: Verification | None = None
+    ) -> None:
+        """As `write_report`, but report.json alone: no page, no figures."""
+        report = self.values(self.read(path), verification or self.verify(path))
+        write_values(directory, {**report, "figures": []})

@@ -19,7 +19,6 @@ def write_files(
 
     Raises UsageError where it cannot be written to.
     """
-    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
     try:
         (directory / "figures").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -27,8 +26,14 @@ def write_files(
         raise UsageError(f"{directory}: cannot be written: {reason}") from error
     for name, image in images.items():
         _write(directory / "figures" / f"{name}.png", image)
-    _write(directory / "report.json", f"{text}\n".encode())
+    write_values(directory, report)
     _write(directory / "report.html", page.encode())
+
+
+def write_values(directory: Path, report: Mapping[str, Any]) -> None:
+    """Write report.json into a directory that exists."""
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    _write(directory / "report.json", f"{text}\n".encode())
 
 
 def finite(value: Any) -> Any:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from climbplan.mpc.checker import LIMITS, LOOP_LIMITS
 from climbplan.mpc.closed_loop import RECOVERED, SUBSTEPS, fallen, mean_speed
@@ -17,8 +16,6 @@ from climbplan.mpc.summary import gait_words
 from climbplan.mpc.task import ANGLES, VELOCITY
 from climbplan.mpc.verification import verify
 from climbplan.plans.verification import Verification
-from climbplan.reports.figure_loop import loop_gait
-from climbplan.reports.figure_walk import convergence, gait, snapshots, tracking
 from climbplan.reports.page_parts import Card, pairs, plain_words
 from climbplan.reports.page_template import (
     fill,
@@ -28,8 +25,11 @@ from climbplan.reports.page_template import (
     run_fields,
     verification_fields,
 )
-from climbplan.reports.plan_report import PlanReport
+from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LOOP_NOTE = (
     " About the first push their numbers are the lengths of steps, red ones lead backward; the "
@@ -37,18 +37,20 @@ _LOOP_NOTE = (
     "the library, a gait by name, or where none holds a safe stance."
 )
 FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
-    "tracking": tracking,
-    "gait": gait,
-    "snapshots": snapshots,
+    "tracking": FigureOf("climbplan.reports.figure_walk:tracking"),
+    "gait": FigureOf("climbplan.reports.figure_walk:gait"),
+    "snapshots": FigureOf("climbplan.reports.figure_walk:snapshots"),
 }
 
 
 def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
     """The figures of a plan; of one with a bound also how that came about, of a loop its pushes."""
     if plan.loop is not None:
-        return {**FIGURES, "gait": loop_gait}
+        return {**FIGURES, "gait": FigureOf("climbplan.reports.figure_loop:loop_gait")}
     bounded = any(np.isfinite(step.bound) for step in plan.history)
-    return {**FIGURES, "convergence": convergence} if bounded else FIGURES
+    if not bounded:
+        return FIGURES
+    return {**FIGURES, "convergence": FigureOf("climbplan.reports.figure_walk:convergence")}
 
 
 def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
@@ -189,3 +191,4 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
 _REPORT = PlanReport(read_walk_plan, verify, _values, drawn_figures, _page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
+write_values = _REPORT.write_values

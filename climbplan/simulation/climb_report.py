@@ -17,13 +17,14 @@ from climbplan.simulation.figures import falls, leg, sag, strip
 from climbplan.simulation.model import TIME_STEP
 from climbplan.simulation.pictures import Camera
 from climbplan.simulation.replay import load_mujoco
-from climbplan.simulation.report_files import Told
+from climbplan.simulation.report_files import End, Told
 from climbplan.simulation.study import Simulated, headline
 from climbplan.simulation.sweep import SweepPoint
 from climbplan.simulation.variations import Trial
 
 UNITS = {
-    "torque.*": "N m", "sag.*": "m", "time": "s", "time_step": "s", "final_offset": "m",
+    "torque.*": "N m", "sag.*": "m", "time": "s", "fall_time": "s", "time_step": "s",
+    "final_offset": "m",
     "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
     "lost_contacts.duration": "s", "conditions.payload": "kg",
     "conditions.backlash": "rad",
@@ -32,13 +33,13 @@ UNITS = {
 
 def tell(found: Simulated) -> Told:
     """What stands in the files of a simulated climb."""
-    plan, run, compared = found.plan, found.run, found.compared
+    plan = found.plan
     camera = found.camera if isinstance(found.camera, Camera) else None
     film = camera.film() if camera is not None and camera.pictures else None
     return Told(
         title=f"{plan.name}: simulated",
         headline=headline(found),
-        good=not (run.fallen or compared.slips or compared.losses),
+        end=end_of(found),
         report=report_dict(found),
         table=_table(found),
         figures=_figures(found),
@@ -47,6 +48,13 @@ def tell(found: Simulated) -> Told:
         events=_events(found),
         notes=(_MODEL, _JUDGES),
     )
+
+
+def end_of(found: Simulated) -> End:
+    """How the nominal run ended; a toe that slides or comes off is not what was planned."""
+    run, compared = found.run, found.compared
+    fall = float(run.time[-1]) if run.fallen else None
+    return End(fall, len(compared.slips), len(compared.losses), allowed=0)
 
 
 _MODEL = (
@@ -108,6 +116,8 @@ def report_dict(found: Simulated) -> dict[str, Any]:
         "time_step": TIME_STEP,
         "conditions": conditions_dict(run.conditions),
         "fallen": run.fallen,
+        "fell": run.fallen,
+        "fall_time": float(run.time[-1]) if run.fallen else None,
         "time": float(run.time[-1]),
         "planned_time": float(plan.trajectory.time[-1]),
         "instants": {"planned": plan.instants.count, "reached": len(compared.instant)},

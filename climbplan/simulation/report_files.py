@@ -20,12 +20,48 @@ FILM = "simulation.gif"
 
 
 @dataclass(frozen=True)
+class End:
+    """How the nominal run ended."""
+
+    fall_time: float | None  # [s], None of a robot that stands to the end
+    slips: int
+    lost_contacts: int
+    allowed: int  # slips and lost contacts together, by default
+
+    @property
+    def good(self) -> bool:
+        """Nothing fell, slipped or lost contact."""
+        return self.fall_time is None and not self.slips and not self.lost_contacts
+
+    @property
+    def words(self) -> str:
+        """ "stands", "stands with 2 slips and 1 lost contact", "falls at 4.2 s"."""
+        if self.fall_time is not None:
+            return f"falls at {self.fall_time:.2f} s"
+        counts = [(self.slips, "slip"), (self.lost_contacts, "lost contact")]
+        told = [f"{count} {name}{'s' * (count > 1)}" for count, name in counts if count]
+        return f"stands with {' and '.join(told)}" if told else "stands"
+
+    def failure(self, most: int | None) -> str:
+        """Why the plan does not hold in the simulation, "" if it does.
+
+        most: slips and lost contacts together that are let pass, None for the kind's default.
+        """
+        limit = self.allowed if most is None else most
+        if self.fall_time is not None:
+            return f"the robot {self.words}"
+        if self.slips + self.lost_contacts > limit:
+            return f"the robot {self.words}, {limit} together are let pass (--most-slips)"
+        return ""
+
+
+@dataclass(frozen=True)
 class Told:
     """A simulation told: what stands in its files."""
 
     title: str
     headline: str
-    good: bool  # nothing fell, slipped or lost contact
+    end: End
     report: Mapping[str, Any]
     table: str  # CSV
     figures: Mapping[str, Figure]
@@ -54,8 +90,8 @@ def _page(told: Told, images: Mapping[str, bytes]) -> str:
         **frame_fields(
             title=told.title,
             kicker=("simulation",),
-            badges=("nothing fell or slipped" if told.good else "see events",),
-            good=told.good,
+            badges=(told.end.words,),
+            good=told.end.good,
             cards=told.cards,
             images=images,
         ),

@@ -20,7 +20,7 @@ from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.figures import strip
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import load_mujoco
-from climbplan.simulation.report_files import Told
+from climbplan.simulation.report_files import End, Told
 from climbplan.simulation.study import Asked
 from climbplan.simulation.variations import Drawn, Trial, drawn_worlds, run_trials
 from climbplan.simulation.walk_comparison import WalkComparison, compare_walk
@@ -41,7 +41,8 @@ NOT_JUDGED = (
 )
 _LOSS = 0.04  # [s] for which one toe has no friction in random worlds: half a knot
 UNITS = {
-    "path.*": "m", "tilt.*": "rad", "time": "s", "time_step": "s", "overreach": "m",
+    "path.*": "m", "tilt.*": "rad", "time": "s", "fall_time": "s", "time_step": "s",
+    "overreach": "m",
     "force_error.*": "robot weights", "correction.*": "robot weights", "slips.time": "s",
     "slips.distance": "m", "lost_contacts.time": "s", "lost_contacts.duration": "s",
     "conditions.payload": "kg",
@@ -154,6 +155,8 @@ def report_dict(found: SimulatedWalk) -> dict[str, Any]:
         "integrator": plan.task.integrator,
         "conditions": conditions_dict(run.conditions),
         "fallen": run.fallen,
+        "fell": run.fallen,
+        "fall_time": float(run.time[-1]) if run.fallen else None,
         "time": float(run.time[-1]),
         "planned_time": plan.task.step * plan.task.knots,
         "path": spread(compared.off),
@@ -199,7 +202,7 @@ def tell(found: SimulatedWalk) -> Told:
     return Told(
         title=f"{plan.name}: simulated",
         headline=headline(found),
-        good=not (run.fallen or compared.slips or compared.losses),
+        end=end_of(found),
         report=report_dict(found),
         table=_table(found),
         figures=drawn,
@@ -208,6 +211,13 @@ def tell(found: SimulatedWalk) -> Told:
         events=_events(found),
         notes=(MODEL, NOT_JUDGED),
     )
+
+
+def end_of(found: SimulatedWalk) -> End:
+    """How the nominal run ended; feet of a trot may land a few hundredths of a second late."""
+    run, compared = found.run, found.compared
+    fall = float(run.time[-1]) if run.fallen else None
+    return End(fall, len(compared.slips), len(compared.losses), allowed=LEGS)
 
 
 def _cards(found: SimulatedWalk) -> list[Card]:

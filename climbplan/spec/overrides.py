@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.document import Document, Finding, KeyPath, dotted
@@ -20,6 +20,7 @@ class Override:
     key: str  # dotted, list indices as numbers
     value: str  # YAML
     option: str  # as in messages: "--set task.rounds=3", "--seed 4"
+    bound: Literal["least", "most"] | None = None  # a number beyond it in the file stays
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -69,6 +70,8 @@ def _apply(document: Document, override: Override) -> None:
         slot = _slot(holder, path, segment, override)
         path = (*path, slot)
         if i == len(segments) - 1:
+            if isinstance(holder, dict) and _stays(holder.get(slot), parsed.value, override.bound):
+                return
             _forget(document, path)
             holder[slot] = parsed.value
             document.options[path] = override.option
@@ -95,6 +98,13 @@ def _slot(holder: Any, path: KeyPath, segment: str, override: Override) -> str |
         )
     place = f"`{dotted(path)}` is {shown(holder)}" if path else f"the spec is {shown(holder)}"
     raise _refusal(override.option, f"{place}, it has no key {segment!r}")
+
+
+def _stays(given: Any, limit: Any, bound: Literal["least", "most"] | None) -> bool:
+    """Whether the file's own value already goes further than an override that is a bound."""
+    if bound is None or isinstance(given, bool) or not isinstance(given, int | float):
+        return False
+    return bool(given >= limit if bound == "least" else given <= limit)
 
 
 def _forget(document: Document, path: KeyPath) -> None:

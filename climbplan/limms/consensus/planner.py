@@ -130,7 +130,7 @@ def _refusal(run: Run, attempts: Attempts, limit: float) -> LimitReached:
     notes = list(dict.fromkeys([*run.notes, *attempts.notes]))
     if not run.agreements:
         text = f"no modes that reach the goal were found within {limit:g} s"
-        return LimitReached("; ".join([text, *notes]))
+        return LimitReached("; ".join([text, *notes]), stage="consensus")
     best = min(run.agreements, key=lambda a: a.best.rank()).best
     r = best.residual
     text = (
@@ -138,7 +138,7 @@ def _refusal(run: Run, attempts: Attempts, limit: float) -> LimitReached:
         f"{1e3 * r.box[0]:.1f} mm (box), {1e3 * r.points[0]:.1f} mm (modules), "
         f"{r.axes[0]:.3f} rad apart in the mean, but the refinement failed"
     )
-    return LimitReached("; ".join([text, *notes]))
+    return LimitReached("; ".join([text, *notes]), stage="motion")
 
 
 def _plan(

@@ -1,0 +1,91 @@
+"""What `--json` prints of a run that failed: one object, the same fields whatever the command."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import signal
+from typing import Any
+
+from climbplan.errors import (
+    Conflict,
+    ExitCode,
+    NoPlanFound,
+    NotProved,
+    Remedy,
+    SpecError,
+)
+
+INTERRUPTED = 128 + signal.SIGINT  # as shells report it
+TERMINATED = 128 + signal.SIGTERM
+PIPE_CLOSED = 128 + signal.SIGPIPE
+
+# Where no exception says more: by exit code, what `status` and `message` hold
+_MEANINGS: dict[int, tuple[str, str]] = {
+    ExitCode.INTERNAL: ("error", "internal error"),
+    ExitCode.USAGE: ("usage", "the command cannot be carried out as given"),
+    ExitCode.INFEASIBLE: ("infeasible", "every problem asked for is proved infeasible"),
+    ExitCode.LIMIT: ("limit", "a limit was reached first, for one problem or more"),
+    ExitCode.UNVERIFIED: ("unverified", "a plan was found, but it fails its check"),
+    INTERRUPTED: ("interrupted", "interrupted"),
+    TERMINATED: ("interrupted", "terminated"),
+    128 + signal.SIGHUP: ("interrupted", "hung up"),
+}
+
+
+def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[str, Any]:
+    """`status`, `stage`, `message`, `conflict` and `remedies` of a failure, JSON-ready.
+
+    error: what ended the run, None if only the exit code tells. stage: the last one that was begun,
+    for errors that do not say where they happened. A refused spec also has `mistakes`, a refusal
+    that proves nothing what it is `because` of.
+    """
+    status, message = _MEANINGS.get(code, ("error", ""))
+    conflicts: list[Conflict] = []
+    remedies: tuple[Remedy, ...] = ()
+    own: dict[str, Any] = {}
+    if error is not None:
+        message = _words(error, code) or message
+    if isinstance(error, NoPlanFound):
+        status, message = error.status, error.message
+        stage = error.stage or stage or "plan"
+        conflicts, remedies = error.conflicts, error.remedies
+        if isinstance(error, NotProved):
+            own["because"] = error.because
+    elif hasattr(error, "format_message"):
+        stage = "arguments"
+    elif isinstance(error, SpecError):
+        stage = "spec"
+        own["mistakes"] = [dataclasses.asdict(mistake) for mistake in error.mistakes]
+    return {
+        "status": status,
+        "stage": stage,
+        "message": message,
+        "conflict": [
+            {
+                "where": conflict.where,
+                "constraints": list(conflict.constraints),
+                "remedies": [_plain(remedy) for remedy in conflict.remedies],
+            }
+            for conflict in conflicts
+        ],
+        "remedies": [_plain(remedy) for remedy in remedies],
+        **own,
+    }
+
+
+def _words(error: BaseException, code: int) -> str:
+    """What is said of an error; mistakes of the command line know which option they are about."""
+    if code == ExitCode.INTERNAL:
+        return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+    format_message = getattr(error, "format_message", None)
+    return str(error if format_message is None else format_message())
+
+
+def _plain(remedy: Remedy) -> dict[str, Any]:
+    """A remedy whose value JSON can hold; without an end it helps nobody as a number."""
+    found = remedy.as_dict()
+    value = found["value"]
+    if isinstance(value, float) and not math.isfinite(value):
+        found["value"] = None
+    return found

@@ -10,15 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-import typer
-
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.plan_kinds import plan_kind
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.verify_line import leaves_out_lines, verify_line, warn_of_implausible
-from climbplan.errors import ExitCode
+from climbplan.errors import PlanFails
 
 if TYPE_CHECKING:
     from climbplan.spec.loaded import LoadedSpec
@@ -45,7 +43,7 @@ class PlanRun:
     directory: Path  # where they are written
     report: Callable[[str, float], None]  # progress: stage, share that is done
     drawn: bool  # whether page and figures are wanted
-    _passed: bool = field(default=False, init=False)
+    _failure: str = field(default="", init=False)  # of the verification
 
     def finish(
         self, found: Found, write: Callable[[Found, Path], None], warnings: Sequence[str] = ()
@@ -69,13 +67,13 @@ class PlanRun:
         self.report("report", 0.0)
         write_report = kind.write_report if self.drawn else kind.write_values
         write_report(plan_file, self.directory, verification)
-        self._passed = verification.passed
+        self._failure = "" if verification.passed else verification.headline()
 
     def hand_over(self, as_json: bool) -> None:
         """Print the plan's path, or its report.
 
         Raises:
-            typer.Exit: the plan failed its verification.
+            PlanFails: the plan failed its verification.
         """
         plan_file = self.target / PLAN_FILE
         if as_json:
@@ -83,8 +81,9 @@ class PlanRun:
             print_json({**told, "plan": str(plan_file)})
         else:
             print_result(str(plan_file))
-        if not self._passed:
-            raise typer.Exit(ExitCode.UNVERIFIED)
+        if self._failure:
+            self.session.stage = "verify"
+            raise PlanFails(f"{plan_file} fails its verification: {self._failure}")
 
 
 @contextmanager
@@ -94,8 +93,8 @@ def plan_run(
     """Context that plans and calls `finish`; the output directory appears when it ends well.
 
     out: the directory; below outputs/, named after the spec, if left out. report: whether page and
-    figures are drawn. Planners and solvers take
-    a second to import: callers import them inside, when all paths are known to be good.
+    figures are drawn. Planners and solvers take a second to import: callers import them inside,
+    when all paths are known to be good.
     """
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:

@@ -91,7 +91,9 @@ def test_json_is_one_object_and_the_report(run_command: RunCommand, workplace: P
     outcome = run_command("solve-bookshelf", SCENE, "--json", "-q")
     assert outcome.err == ""
     report = json.loads(outcome.out)
-    assert report == json.loads((workplace / "outputs/bookshelf_scene/report.json").read_text())
+    written = json.loads((workplace / "outputs/bookshelf_scene/report.json").read_text())
+    plan = "outputs/bookshelf_scene/plan.h5"
+    assert report == {**written, "plan": plan, "exit_code": 0}
     assert (report["status"], report["verified"]) == ("optimal", True)
     assert report["objective"] == pytest.approx(43.9, abs=0.02)
     assert [book["state"] for book in report["books"]] == [
@@ -350,7 +352,8 @@ def test_report_again(run_command: RunCommand, workplace: Path) -> None:
     before = json.loads((workplace / "x/report.json").read_text())
     assert run_command("report", "x", "-o", "y").out == "y/report.html\n"
     assert json.loads((workplace / "y/report.json").read_text()) == before
-    assert json.loads(run_command("report", "x", "--json").out) == before
+    told = {**before, "plan": "x/plan.h5", "exit_code": 0}
+    assert json.loads(run_command("report", "x", "--json").out) == told
 
 
 def test_a_file_of_another_kind(run_command: RunCommand) -> None:

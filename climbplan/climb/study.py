@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
@@ -53,6 +52,8 @@ def run_study(loaded: LoadedClimb, jobs: int, report: Progress) -> Study:
     grid = loaded.spec.study.grid
     cells = [dict(zip(grid, v, strict=True)) for v in itertools.product(*grid.values())]
     results: list[tuple[int, str]] = []
+    from joblib import Parallel, delayed
+
     work = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_cell)(loaded, cell) for cell in cells
     )

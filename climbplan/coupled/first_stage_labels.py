@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from climbplan.coupled.first_stage import FirstStage, Manner
 from climbplan.coupled.legs import Legs
@@ -49,6 +48,8 @@ def labels_of(
 
     def labels(sets: Sequence[EnvelopeSet], rows: Index) -> list[Mask]:
         parts = np.array_split(np.arange(len(sets)), min(jobs, len(sets)))
+        from joblib import Parallel, delayed
+
         work = (delayed(_share)(terrains, [sets[k] for k in part], rows) for part in parts)
         return [mask for masks in Parallel(n_jobs=jobs)(work) for mask in masks]
 

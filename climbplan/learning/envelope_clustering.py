@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from sklearn.mixture import GaussianMixture
 
 from climbplan.errors import LimitReached
 from climbplan.learning.envelope_box import Envelope, Mask, exterior
@@ -50,6 +49,8 @@ def fit_clusters(
     flat = feasible.reshape(n, -1)
     scale = np.maximum(flat.std(axis=0), 1e-6)
     middle = flat.mean(axis=0)
+    from sklearn.mixture import GaussianMixture  # a second: envelopes are used without it
+
     mixture = GaussianMixture(envelopes, random_state=seed, reg_covar=_RIDGE, n_init=3)
     member = mixture.fit_predict((flat - middle) / scale)
     clusters = []

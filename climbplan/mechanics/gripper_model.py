@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from climbplan.errors import UsageError
 
@@ -37,7 +37,7 @@ class Prediction:
 
     def bound(self, risk: float) -> Array:
         """(m,) force that a grip exceeds but for the risk, at least zero [N]."""
-        return np.maximum(self.mean + norm.ppf(risk) * self.deviation, 0.0)
+        return np.maximum(self.mean + ndtri(risk) * self.deviation, 0.0)
 
 
 @dataclass(frozen=True)

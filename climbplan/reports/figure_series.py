@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -41,8 +42,10 @@ def mark_rounds(ax: Axes, plan: ClimbPlan) -> None:
     ax.set_xticklabels([str(numbers[span.first]) for span in shown])
     ax.tick_params(axis="x", length=0)
     ax.grid(visible=False, axis="x")
-    for span in rounds[1:]:
-        ax.axvline(span.first - 0.5, color=palette.GRID, linewidth=0.6, zorder=0.5)
+    edges = [[(span.first - 0.5, 0), (span.first - 0.5, 1)] for span in rounds[1:]]
+    full = ax.get_xaxis_transform()  # from foot to top
+    style = {"color": palette.GRID, "linewidths": 0.6, "zorder": 0.5}
+    ax.add_artist(LineCollection(edges, transform=full, **style))
     ax.set_xlim(-0.5, plan.instants.count - 0.5)
 
 
@@ -90,8 +93,12 @@ def _panel(ax: Axes, plan: ClimbPlan, series: LimbSeries, limb: int, what: _Quan
     """One limb."""
     k = np.arange(plan.instants.count)
     value = what.value(series)
-    for span in series.lifted:
-        ax.axvspan(span.first - 0.5, span.last + 0.5, color=palette.MUTED, alpha=0.22, lw=0)
+    sides = [(span.first - 0.5, span.last + 0.5) for span in series.lifted]
+    bars = [[(left, 0), (left, 1), (right, 1), (right, 0)] for left, right in sides]
+    full = ax.get_xaxis_transform()  # from foot to top
+    ax.add_artist(
+        PolyCollection(bars, transform=full, fc=palette.MUTED, alpha=0.22, lw=0, zorder=1)
+    )
     ax.step(k, what.failure(series), where="mid", color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
     ax.step(k, what.planned(series), where="mid", color=palette.REQUIRED, lw=0.8)
     marker = "o" if len(k) <= 120 else None

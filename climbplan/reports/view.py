@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial import ConvexHull, QhullError
@@ -53,7 +55,10 @@ def gripper_tip(plan: ClimbPlan, wrist: Array, limb: int) -> Array | None:
 
 @dataclass(frozen=True)
 class View:
-    """Axes, camera and the part of the world shown."""
+    """Axes, camera and the part of the world shown.
+
+    Things are added as artists: limits are set, and need not be found from hundreds of them.
+    """
 
     ax: Axes
     camera: Camera
@@ -71,23 +76,24 @@ class View:
     def polygon(self, vertices: Array, order: float | None = None, **style: Any) -> None:
         """A flat polygon (V, 3)."""
         zorder = self._order(vertices) if order is None else order
-        self.ax.add_patch(Polygon(self.camera.project(vertices), zorder=zorder, **style))
+        self.ax.add_artist(Polygon(self.camera.project(vertices), zorder=zorder, **style))
 
     def outline(self, points: Array, order: float | None = None, **style: Any) -> None:
         """The convex outline of points (K, 3)."""
         zorder = self._order(points) if order is None else order
         flat = silhouette(self.camera.project(points))
-        self.ax.add_patch(Polygon(flat, zorder=zorder, **style))
+        self.ax.add_artist(Polygon(flat, zorder=zorder, **style))
 
     def line(self, points: Array, order: float | None = None, **style: Any) -> None:
         """A polyline (K, 3)."""
         zorder = self._order(points) if order is None else order
-        self.ax.plot(*self.camera.project(points).T, zorder=zorder, **style)
+        self.ax.add_artist(Line2D(*self.camera.project(points).T, zorder=zorder, **style))
 
     def dots(self, points: Array, order: float | None = None, **style: Any) -> None:
-        """Markers at points (K, 3)."""
+        """Round markers at points (K, 3); style: of a line's markers."""
         zorder = self._order(points) if order is None else order
-        self.ax.scatter(*self.camera.project(points).T, zorder=zorder, **style)
+        flat = self.camera.project(points).T
+        self.ax.add_artist(Line2D(*flat, zorder=zorder, ls="", marker="o", **style))
 
     def terrain(self, plan: ClimbPlan) -> None:
         """Walls behind the robot filled, walls before it as outlines; obstacles solid."""
@@ -138,17 +144,18 @@ class View:
             for link in pairwise(chain):
                 ends = np.array(link)
                 self.line(ends, color=color, alpha=alpha, lw=width, solid_capstyle="round")
-            self.dots(chain[3:], s=7 * width, color=color, alpha=alpha, linewidths=0)
+            size = math.sqrt(7 * width)
+            self.dots(chain[3:], ms=size, color=color, alpha=alpha, mew=0)
             tip = gripper_tip(plan, chain[-1], limb)
             if tip is not None:
                 ends = np.array([chain[-1], tip])
                 self.line(ends, color=palette.INK, alpha=alpha, lw=0.7 * width)
 
     def footholds(self, toes: Array, *, size: float) -> None:
-        """Toe positions (M, N, 3) of all rounds in the limbs' colours."""
+        """Toe positions (M, N, 3) of all rounds in the limbs' colours; size: area [pt^2]."""
         for limb in range(toes.shape[1]):
             color = palette.limb_color(limb)
-            self.dots(toes[:, limb], s=size, color=color, linewidths=0.4, edgecolors="white")
+            self.dots(toes[:, limb], ms=math.sqrt(size), color=color, mew=0.4, mec="white")
 
     def plain_axes(self, horizontal: str) -> None:
         """Limits, equal scale, grid and units for a view along an axis."""
@@ -201,7 +208,8 @@ class View:
             point = start.copy()
             point[axis] = value
             base = self.camera.project(point)
-            self.ax.plot(*np.array([base, base + 0.02 * out]).T, zorder=_BEHIND - 0.2, **style)
+            tick = np.array([base, base + 0.02 * out]).T
+            self.ax.add_artist(Line2D(*tick, zorder=_BEHIND - 0.2, **style))
             text = f"{value:g}".replace("-", "\N{MINUS SIGN}")
             self._text(base + 0.075 * out, text, fontsize=8, color=palette.MUTED)
         self._text(center + 0.20 * out, label, fontsize=9, color=palette.INK)

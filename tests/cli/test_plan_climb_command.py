@@ -108,7 +108,10 @@ def files(place: Path) -> set[str]:
     return {str(path.relative_to(place)) for path in place.rglob("*") if path.is_file()}
 
 
-WHOLE = {"small.yaml", "outputs/small/plan.h5", "outputs/small/report.html"}
+WHOLE = {
+    "small.yaml",
+    *(f"outputs/small/{name}" for name in ("plan.h5", "report.html", "report.json")),
+}
 
 
 def test_a_verified_plan(run_command: RunCommand, stages: Stages, workplace: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import osqp
 from scipy import sparse
 
 from climbplan.climb.forces.pyramids import Optima
@@ -26,6 +25,8 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = Non
     `active` rows are of no use to a first-order method. Answers that could not be polished may miss
     limits by more than the check allows.
     """
+    import osqp  # a fifth of a second: only where it is asked for
+
     b, m, size = rows.A.shape
     P = sparse.diags(np.full(size, _CURVATURE), format="csc")
     length = np.linalg.norm(rows.A, axis=-1)

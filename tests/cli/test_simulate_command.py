@@ -14,6 +14,7 @@ from command_line import RunCommand
 
 from climbplan.climb.planner import plan_climb
 from climbplan.plans.climb_file import write_climb
+from climbplan.simulation.report_files import End
 from climbplan.spec.loading import load_text
 
 SMALL_CLIMB = Path(__file__).parents[1] / "spec" / "small_climb.yaml"
@@ -93,3 +94,39 @@ def test_refusals(
     assert missing.code == 2
     assert "pip install 'climbplan[simulate]'" in missing.err
     assert not (workplace / "outputs").exists()
+
+
+def test_a_fall_ends_with_five(run_command: RunCommand, workplace: Path, plan: Path) -> None:
+    pytest.importorskip("mujoco")
+    icy = ("simulate", "made", "--no-pictures", "--friction", "0.05", "--speed", "2", "--force")
+    done = run_command(*icy)
+    assert (done.code, done.out) == (5, "outputs/small_simulation/simulation.csv\n"), done.err
+    assert done.err.splitlines()[-1].startswith("error: the robot falls at ")
+    told = json.loads(run_command(*icy, "--json").out)
+    assert (told["exit_code"], told["status"], told["stage"]) == (5, "unverified", "simulate")
+    assert told["fell"] is True
+    assert 0 <= told["fall_time"] <= told["planned_time"]
+    assert told["plan"] == "made/plan.h5"
+    assert told["file"] == "outputs/small_simulation/simulation.csv"
+    study = run_command(*icy, "--allow-falls", "--json")
+    assert study.code == 0
+    assert json.loads(study.out)["fell"] is True
+
+
+@pytest.mark.parametrize(
+    ("end", "most", "words"),
+    [
+        (End(None, 0, 0, 0), None, ""),
+        (End(None, 1, 0, 0), None, "stands with 1 slip"),
+        (End(None, 1, 2, 0), None, "stands with 1 slip and 2 lost contacts"),
+        (End(None, 1, 2, 0), 2, "2 together are let pass (--most-slips)"),
+        (End(None, 1, 2, 0), 3, ""),
+        (End(None, 0, 4, 4), None, ""),
+        (End(None, 0, 5, 4), None, "5 lost contacts"),
+        (End(3.2, 0, 0, 0), 100, "falls at 3.20 s"),
+    ],
+)
+def test_what_counts_as_a_failure(end: End, most: int | None, words: str) -> None:
+    said = end.failure(most)
+    assert words in said
+    assert bool(said) == bool(words)

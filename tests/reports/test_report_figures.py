@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from matplotlib.backend_bases import RendererBase
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -89,7 +90,8 @@ def test_every_limb_has_a_panel_with_limits_and_lifted_phases(plan: ClimbPlan, n
     for ax in panels:
         limb = plan.robot.limb_names.index(ax.get_title(loc="left"))
         lifts = int(plan.instants.lifted[:, limb].sum())
-        assert len(ax.patches) == lifts == plan.rounds.count
+        (bars,) = (c for c in ax.collections if isinstance(c, PolyCollection))
+        assert len(bars.get_paths()) == lifts == plan.rounds.count
         drawn = [np.asarray(line.get_ydata()) for line in ax.get_lines()]
         if name == "torque":
             failure = plan.robot.max_torque.max()

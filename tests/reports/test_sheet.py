@@ -1,0 +1,85 @@
+"""The sheet that figures are drawn on: the picture that `savefig` writes, for half its work."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from climbplan.reports.sheet import (
+    drawn_as_png,
+    foot_legend,
+    heading,
+    new_figure,
+    panel_grid,
+    panel_title,
+    png,
+    style_axes,
+)
+
+
+def drawn(figure: Figure) -> Figure:
+    """Something on every panel."""
+    for ax in figure.axes:
+        (line,) = ax.plot([0.0, 1.0, 2.0], [0.0, 2000.0, 1.0], label="load")
+        style_axes(ax)
+        panel_title(ax, "panel", "note")
+        ax.set_ylabel("load [N]")
+        ax.set_xlabel("time [s]")
+    foot_legend(figure, [line], ["load"])
+    heading(figure, "Loads", "on the right")
+    return figure
+
+
+def two_panels() -> Figure:
+    figure = new_figure(4.0, entries=1)
+    figure.subplots(1, 2)
+    return drawn(figure)
+
+
+def test_the_picture_is_the_one_that_savefig_writes() -> None:
+    saved = io.BytesIO()
+    two_panels().savefig(saved, format="png")
+    written = Image.open(io.BytesIO(png(two_panels())))
+    expected = np.asarray(Image.open(saved).convert("RGB"))
+    np.testing.assert_array_equal(np.asarray(written), expected)
+    assert written.info["dpi"] == pytest.approx((150, 150), abs=0.1)
+
+
+def test_a_figure_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    count = 0
+    draw = Figure.draw
+
+    def counted(figure: Figure, *given: object) -> None:
+        nonlocal count
+        count += 1
+        draw(figure, *given)
+
+    monkeypatch.setattr(Figure, "draw", counted)
+    images = drawn_as_png("plan", {"one": lambda plan: two_panels()})
+    assert images["one"].startswith(b"\x89PNG")
+    assert count == 1
+
+
+@pytest.mark.parametrize("own_heights", [False, True])
+def test_equal_panels_leave_room_for_what_stands_round_them(own_heights: bool) -> None:
+    figure, axes = panel_grid(6.0, entries=1, rows=2, columns=2, own_heights=own_heights)
+    assert axes.shape == (2, 2)
+    drawn(figure)
+    if own_heights:
+        for ax in axes[:, 1]:
+            ax.set_ylabel("")
+    png(figure)
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    boxes = [ax.get_tightbbox(renderer) for ax in axes.ravel()]
+    assert min(box.x0 for box in boxes) > 0
+    assert max(box.x1 for box in boxes) < figure.bbox.x1
+    head = min(text.get_window_extent(renderer).y0 for text in figure.texts)
+    assert max(box.y1 for box in boxes) < head
+    foot = figure.legends[0].get_window_extent(renderer).y1
+    assert min(box.y0 for box in boxes) > foot - 8  # the legend's frame is not drawn
+    sizes = {(round(ax.bbox.width), round(ax.bbox.height)) for ax in axes.ravel()}
+    assert len(sizes) == 1

@@ -44,8 +44,9 @@ def mark_rounds(ax: Axes, plan: ClimbPlan) -> None:
     ax.grid(visible=False, axis="x")
     edges = [[(span.first - 0.5, 0), (span.first - 0.5, 1)] for span in rounds[1:]]
     full = ax.get_xaxis_transform()  # from foot to top
-    style = {"color": palette.GRID, "linewidths": 0.6, "zorder": 0.5}
-    ax.add_artist(LineCollection(edges, transform=full, **style))
+    ax.add_artist(
+        LineCollection(edges, transform=full, color=palette.GRID, linewidths=0.6, zorder=0.5)
+    )
     ax.set_xlim(-0.5, plan.instants.count - 0.5)
 
 

@@ -53,8 +53,8 @@ def supervised(
 ) -> int:
     """Run a command in a process of its own; the exit code.
 
-    That of the command, or 128 and the signal's number for one that was killed; `unanswered` is then
-    called with it and with words, unless the process had printed its answer.
+    That of the command, or 128 and the signal's number for one that was killed; `unanswered` is
+    then called with it and with words, unless the process had printed its answer.
     """
     global _ledger
     if sys.platform != "linux":

@@ -164,3 +164,34 @@ def test_validate_lists_specs_and_says_how_it_ended(run_command: RunCommand) -> 
     told = answer(run_command("validate", "small.yaml", "none.yaml", "--json"))
     assert told["exit_code"] == 2
     assert [spec["valid"] for spec in told["specs"]] == [True, False]
+
+
+def test_killed_by_who_watches_over_it(tmp_path: Path) -> None:
+    """A process that is deaf to signals is killed; its answer is printed by the one above it."""
+    code = (
+        "import signal, sys, time\n"
+        "from climbplan.cli import app\n"
+        "def deaf():\n"
+        "    for each in (signal.SIGINT, signal.SIGTERM):\n"
+        "        signal.signal(each, signal.SIG_IGN)\n"
+        "    print('deaf', file=sys.stderr, flush=True)\n"
+        "    time.sleep(60)\n"
+        "app.run = deaf\n"
+        "sys.argv = ['climbplan', 'plan-climb', 'x.yaml', '--json']\n"
+        "app.main()\n"
+    )
+    run = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert run.stderr is not None
+    assert run.stderr.readline() == "deaf\n"
+    run.send_signal(signal.SIGTERM)
+    printed, said = run.communicate(timeout=30)
+    told = json.loads(printed)
+    assert (told["status"], told["exit_code"], run.returncode) == ("interrupted", 143, 143)
+    assert told.keys() >= FIELDS
+    assert said == "terminated\n"

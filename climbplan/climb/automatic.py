@@ -18,7 +18,7 @@ from climbplan.climb.proof import proof_of_infeasibility
 from climbplan.climb.remedies import candidates
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trials import Trial, first_trial, further_trials
-from climbplan.errors import LimitReached, NoPlanFound, NotProved, Remedy
+from climbplan.errors import LimitReached, NoPlanFound, NotProved, Remedy, UsageError
 from climbplan.plans.climb_file import Reading
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import verification_of
@@ -113,6 +113,15 @@ class Search:
                     because=f"method {trial.method} does not state all that is checked",
                     stage="verify",
                 )
+        except UsageError as error:
+            if not self.tried:
+                raise
+            # A method that cannot state this climb (other envelopes, another robot)
+            refused = NotProved(
+                str(error), because=f"method {trial.method} cannot state this climb"
+            )
+            self.tried.append(Tried(trial, refused, time.monotonic() - start))
+            return None
         except NoPlanFound as error:
             self.tried.append(Tried(trial, error, time.monotonic() - start))
             return None

@@ -15,7 +15,7 @@ _MOST = 16  # changes that are planned with at most
 
 def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]:
     """Changes that have a key of the spec: those that failures named, once more and by half as much
-    again, then more rounds.
+    again, more rounds, and a world without the obstacles.
 
     changes: as failures named them; their amounts meet what failed there, not what fails next.
     """
@@ -26,9 +26,18 @@ def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]
         Remedy(f"{rounds + extra} rounds", "task.rounds", rounds + extra) for extra in _MORE_ROUNDS
     ]
     further = [r for c in keyed if (r := _further(scene, c)) is not None]
-    for remedy in [*keyed[:6], *more[:2], *further[:4], *more[2:]]:
+    for remedy in [*keyed[:6], *more[:2], *_cleared(scene), *further[:4], *more[2:]]:
         named.setdefault((remedy.key, remedy.yaml), remedy)
     yield from list(named.values())[:_MOST]
+
+
+def _cleared(scene: ClimbScene) -> Iterator[Remedy]:
+    """Without obstacles: that a plan exists then says that they are in the way."""
+    spec = scene.spec.terrain
+    if spec.obstacles:
+        names = ", ".join(repr(solid.name) for solid in spec.obstacles[:3])
+        more = ", ..." if len(spec.obstacles) > 3 else ""
+        yield Remedy(f"without {names}{more}", "terrain.obstacles", "[]")
 
 
 def _further(scene: ClimbScene, remedy: Remedy) -> Remedy | None:

@@ -149,11 +149,13 @@ def within_joints(
     beside = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along
     points = np.array([surface.project(toe + r * v) for r, v in zip(radius, beside, strict=True)])
     shoulder = body[0] + rotation_world_body(body[1]) @ robot.shoulder_body[limb]
-    near = np.linalg.norm(points - shoulder, axis=1) <= robot.reach * (1.0 - REACH_RESERVE)
-    good = np.flatnonzero(stands(points, _JOINT_RESERVE) & near)
-    if len(good) == 0:
-        return toe
-    return np.asarray(points[good[np.argmin(np.linalg.norm(points[good] - toe, axis=1))]])
+    far, stood = np.linalg.norm(points - shoulder, axis=1), stands(points, _JOINT_RESERVE)
+    for reserve in (REACH_RESERVE, 0.0):  # rather near the end of its reach than nowhere
+        good = np.flatnonzero(stood & (far <= robot.reach * (1.0 - reserve)))
+        if len(good):
+            best = good[np.argmin(np.linalg.norm(points[good] - toe, axis=1))]
+            return np.asarray(points[best])
+    return toe
 
 
 def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:

@@ -50,7 +50,7 @@ def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
         yield _chosen(method, choice)
     yield from (Trial(method, method) for method in methods)
     if "nlp" in _methods(scene, error) and first != "nlp":
-        yield from (_chosen("nlp", choice) for choice in choices)
+        yield from (_chosen("nlp", choice) for choice in suited)
 
 
 def _needs_choices(error: NoPlanFound) -> bool:

@@ -49,7 +49,7 @@ def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
     for method, choice in order:
         yield _chosen(method, choice)
     yield from (Trial(method, method) for method in methods)
-    if "nlp" in _methods(scene, error) and first != "nlp":
+    if error.stage != "force" and "nlp" in _methods(scene, error) and first != "nlp":
         yield from (_chosen("nlp", choice) for choice in suited)
 
 
@@ -73,6 +73,8 @@ def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
 
 def _may_help(choice: Override, error: NoPlanFound) -> bool:
     """Whether a choice changes what the convex statement could not meet."""
+    if error.stage == "force":
+        return choice.key != "trajectory.lift"  # the limbs that stand bear the same loads
     if not isinstance(error, NoPostures):
         return True
     touched = {

@@ -46,9 +46,8 @@ def plan_climb(
     """Plan a climb: postures, contact forces, torques.
 
     Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
-    report.html and figures/. Exit code 3 if the method finds that no plan exists (the message says
-    at which stage and why), 4 if a limit was reached without one, 5 if the plan fails its
-    verification.
+    report.html and figures/. Exit code 3 if it is proved that no plan exists, 4 if none was found
+    (the message says what was tried and what would help), 5 if the plan fails its verification.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides

@@ -38,8 +38,9 @@ def plan_limms(
     """Plan how modules bring a box to its goal: who latches where and when, motion and forces.
 
     Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
-    report.html and figures/. Exit code 3 if no plan exists (the message says what rules each
-    behaviour out), 4 if a limit was reached without one, 5 if the plan fails its verification.
+    report.html and figures/. Exit code 3 if it is proved that no plan exists, 4 if none was
+    found (the message says what rules each behaviour out, or what limit was reached), 5 if the plan
+    fails its verification.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides

@@ -52,9 +52,9 @@ def plan_transition(
     """Plan a transition from the ground to the wall: contact sequence, postures, forces.
 
     Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
-    report.html and figures/. --sequence also sets the number of rounds. Exit code 3 if no sequence
-    exists on what is searched (the message says which contacts slip), 4 if none could be planned to
-    the end, 5 if the plan fails its verification.
+    report.html and figures/. --sequence also sets the number of rounds. Exit code 3 if it is
+    proved that no plan exists, 4 if none was found (the message says which contacts slip), 5 if the
+    plan fails its verification.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides

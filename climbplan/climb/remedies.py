@@ -21,7 +21,9 @@ def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]
     """
     named: dict[tuple[str, str], Remedy] = {}
     keyed = list(dict.fromkeys(c for c in changes if c.key))
-    rounds = scene.spec.task.rounds
+    # From what the way to the goal takes at least, where that is known
+    asked = [c.value for c in keyed if c.key == "task.rounds" and isinstance(c.value, int)]
+    rounds = max([scene.spec.task.rounds, *asked])
     more = [
         Remedy(f"{rounds + extra} rounds", "task.rounds", rounds + extra) for extra in _MORE_ROUNDS
     ]

@@ -32,6 +32,10 @@ BOUND_SCOPE = (
     "obstacle in each round"
 )
 
+DEFAULT_STEPS = (
+    "steps (`posture.steps`) and toes of the goal are our choice where the spec does not state them"
+)
+
 _WORDS = {
     "posture.com_step": "body step {mm} longer than com_max",
     "posture.toe_step": "toe step {mm} longer than toe_max",
@@ -128,8 +132,8 @@ class NoPostures(NotProved):
         conflicts: list[Conflict],
         changes: tuple[Remedy, ...] = (),
         blocks: frozenset[str] = frozenset(),
+        because: str = f"method micp has {BOUND_SCOPE}",
     ) -> None:
-        because = f"method micp has {BOUND_SCOPE}"
         super().__init__(message, conflicts, because=because, stage="posture")
         self.changes = changes
         self.blocks = blocks
@@ -137,12 +141,15 @@ class NoPostures(NotProved):
 
 def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> NoPostures:
     """The error to raise for a posture program that is proved to have no solution."""
-    conflicts = [*_stances(scene), *_distances(scene), *closed_way(scene)]
-    if conflicts:
-        # Each remedy meets its own conflict; whether it is enough is found out by planning with it
-        changes = tuple(r for c in conflicts for r in c.remedies)
-        bare = [replace(c, remedies=()) for c in conflicts]
-        return NoPostures("no posture sequence found", bare, changes)
+    for conflicts, because in (
+        ([*_stances(scene), *closed_way(scene)], f"method micp has {BOUND_SCOPE}"),
+        (list(_distances(scene)), DEFAULT_STEPS),
+    ):
+        if conflicts:
+            # Each remedy meets its own conflict; if it is enough is found out by planning with it
+            changes = tuple(r for c in conflicts for r in c.remedies)
+            bare = [replace(c, remedies=()) for c in conflicts]
+            return NoPostures("no posture sequence found", bare, changes, because=because)
     blocks: frozenset[str] = frozenset()
     found = least_violations(instance, _straight(scene, program))
     if found is not None:

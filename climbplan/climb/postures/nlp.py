@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.postures.explanation import DEFAULT_STEPS
 from climbplan.climb.postures.nlp_check import Violation, check_postures, posture_cost
 from climbplan.climb.postures.nlp_numbers import (
     Guess,
@@ -45,7 +46,6 @@ BETWEEN = ("posture.kinematics", "posture.limb_free", "swing.limb_free")
 REFINEMENTS = 4  # of the best plan
 WORTHWHILE = 0.999  # factor on the cost that a refinement has to reach
 SOLVER = "ipopt (mumps)"
-DEFAULTS = "the steps, or the toes that they are to bring to the goal, are not stated in the spec"
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def refuse_hopeless(scene: ClimbScene) -> None:
             raise NotProved(
                 f"{name} has {way:.3f} m to go, {m} rounds allow {most:.3f} m: "
                 "more rounds or larger steps are needed",
-                because=DEFAULTS,
+                because=DEFAULT_STEPS,
                 stage="posture",
             )
     turn = np.rad2deg(np.abs(goal.rpy - start.rpy).max())
@@ -183,7 +183,7 @@ def refuse_hopeless(scene: ClimbScene) -> None:
         raise NotProved(
             f"the body has {turn:.1f} deg to turn, {m} rounds allow {most:.1f} deg: "
             "more rounds or larger turns are needed",
-            because=DEFAULTS,
+            because=DEFAULT_STEPS,
             stage="posture",
         )
 

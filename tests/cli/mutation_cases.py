@@ -48,7 +48,6 @@ QUICK_PLANS = ("climb_tube", "limms_throw")
 # Specs of which a mutant that holds together is also planned, and within which bounds
 _PLANNED = {
     "climb_tube.yaml": ["plan-climb", "--time-limit", "2"],
-    "climb_region.yaml": ["plan-climb", "--time-limit", "2"],
     "transition_flat.yaml": ["plan-transition", "--time-limit", "2"],
     "limms_throw.yaml": ["plan-limms", "--time-limit", "2"],
     "mpc_forward.yaml": ["plan-mpc", "--time-limit", "2", "--method", "nlp"],

@@ -157,7 +157,12 @@ def prepared(case: Case, folder: Path, plans: Mapping[str, Path]) -> tuple[str, 
     commands = [["validate", name]]
     if name in _PLANNED and rng.random() < 0.5:
         first, *options = _PLANNED[name]
+        options += ["--no-report"] if first.startswith("plan-") else []
         commands.append([first, name, *_OUT, *options])
+    if (stem := name.partition(".")[0]) in plans and stem != "dataset_bookshelf":
+        commands.append(["verify", str(plans[stem]), "--spec", name])
+    if rng.random() < 0.3:
+        commands[-1].append("--json")
     return changed, commands
 
 
@@ -246,6 +251,7 @@ def made_plans(folder: Path, names: tuple[str, ...] | None = None) -> dict[str, 
         path = folder / name / ("dataset.h5" if name.startswith("dataset") else "plan.h5")
         if not path.exists():
             command = [*PLANS[name], "-o", str(folder / name), "-q", "--force"]
+            command += ["--no-report"] if command[0].startswith("plan-") else []
             subprocess.run(
                 [sys.executable, "-m", "climbplan", *command],
                 cwd=SPECS,

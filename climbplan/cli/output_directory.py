@@ -35,7 +35,7 @@ RESULTS = (
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 _ENVIRONMENT = (
-    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO,
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG,
     errno.ENAMETOOLONG, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY, errno.EBUSY,
 )  # fmt: skip
 
@@ -82,8 +82,13 @@ class OutputDirectory:
             self._lock = None
         shutil.rmtree(self.path, ignore_errors=True)
         self._remove_created_parents()
-        if isinstance(error, OSError) and error.errno in _ENVIRONMENT:
-            raise self._cannot_write(error) from error
+        # Files that are written aside say their own place, which is gone by now
+        cause = error.__cause__ if isinstance(error, UsageError) else error
+        if isinstance(cause, OSError) and cause.errno in _ENVIRONMENT and self._is_own(error):
+            raise self._cannot_write(cause) from error
+
+    def _is_own(self, error: BaseException | None) -> bool:
+        return not isinstance(error, UsageError) or str(self.path) in str(error)
 
     def publish(self) -> None:
         """Sync all files to disk and put them at `target` in one step."""

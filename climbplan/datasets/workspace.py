@@ -86,6 +86,8 @@ class Workspace:
             try:
                 self._open()
             except BaseException:
+                if not (self.path / _NOTE).exists():  # nothing that a run could go on with
+                    self.remove()
                 self._release()
                 raise
         except OSError as error:

@@ -191,10 +191,8 @@ def _read(reader: Reader) -> ModelFile:
     }
     if (frame.options < 1).any():
         raise reader.refuse("library/options holds a choice without alternatives")
-    context = reader.json("", "context")
-    figures, timings = reader.json("", "fit"), reader.json("", "timings")
-    if not all(isinstance(value, dict) for value in (context, figures, timings)):
-        raise reader.refuse("context, fit or timings is not a JSON object")
+    context, figures = reader.mapping("context"), reader.mapping("fit")
+    timings = reader.figures("timings")
     model = StrategyModel(
         kind=kind,
         library=Library.of(frame, **arrays),

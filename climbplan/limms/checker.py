@@ -64,6 +64,7 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
         module = ModuleSpec.model_validate(plan.module)
     except ValidationError as error:
         faults.append(f"module: {error.errors()[0]['msg']}")
+    faults += [f"module: no {name}" for name in ModuleSpec.model_fields if name not in plan.module]
     if (plan.box_size <= 0).any():
         faults.append("box/size not > 0")
     if plan.box_mass[0] <= 0:

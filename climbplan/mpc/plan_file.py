@@ -180,6 +180,7 @@ def _read(reader: Reader) -> WalkPlan:
         parts["force"],
         Gait(parts["contact"], region),
     )
+    online = task.integrator == "rk4"
     times = task.step * np.arange(len(parts["time"]))
     history = {name: reader.array(f"history/{name}", layout) for name, layout in HISTORY.items()}
     status = reader.text("", "status")
@@ -193,18 +194,18 @@ def _read(reader: Reader) -> WalkPlan:
         task=task,
         trajectory=trajectory,
         objective=reader.number("", "objective"),
-        terms=reader.mapping("terms"),
+        terms=reader.figures("terms"),
         robot_text=reader.text("robot", "source")
         if reader.has_attribute("robot", "source")
         else "",
-        timings=reader.mapping("timings"),
-        solvers=reader.mapping("solvers"),
-        sizes=reader.mapping("sizes"),
+        timings=reader.figures("timings", () if online else ("method",)),
+        solvers=reader.words("solvers"),
+        sizes=reader.mapping("sizes", () if online else ("gaits tried",)),
         history=tuple(
             Improvement(*(float(history[name][k]) for name in HISTORY))
             for k in range(len(history["seconds"]))
         ),
-        loop=_read_loop(reader) if task.integrator == "rk4" else None,
+        loop=_read_loop(reader) if online else None,
         begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
         bound=reader.optional_number("bound"),
         gap=reader.optional_number("gap"),

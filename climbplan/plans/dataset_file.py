@@ -8,7 +8,6 @@ split/train, test   (n) masks, where `data split` made them
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -128,7 +127,7 @@ def _read(reader: Reader) -> Dataset:
     frame = DatasetFrame(
         kind=reader.text("", "kind"),
         problem=reader.text("", "problem"),
-        facts=_mapping(reader, "facts"),
+        facts=reader.mapping("facts"),
         layouts=layouts,
         objective_unit=_objective_unit(reader),
         **names,
@@ -141,8 +140,8 @@ def _read(reader: Reader) -> Dataset:
         **texts,
         **masks,
         title=reader.text("", "title"),
-        timings=_mapping(reader, "timings"),
-        solvers=_mapping(reader, "solvers"),
+        timings=reader.figures("timings"),
+        solvers=reader.words("solvers"),
     )
     _require_sound(reader, data)
     return data
@@ -188,7 +187,7 @@ def _require_sound(reader: Reader, data: Dataset) -> None:
 
 def _layouts(reader: Reader) -> dict[str, Layout]:
     """The layouts of the solution's arrays, as the file itself states them."""
-    stated = _mapping(reader, "solution_layout")
+    stated = reader.mapping("solution_layout")
     if len(stated) > _MOST_ARRAYS:
         raise reader.refuse(f"solution_layout names {len(stated)} arrays, expected {_MOST_ARRAYS}")
     layouts = {}
@@ -205,12 +204,3 @@ def _layouts(reader: Reader) -> dict[str, Layout]:
             raise reader.refuse(f"solution_layout: units or frame of {name!r} are missing")
         layouts[name] = solution_layout(shape, units, frame, _KINDS[kind])
     return layouts
-
-
-def _mapping(reader: Reader, name: str) -> dict[str, Any]:
-    value = reader.mapping(name)
-    try:
-        json.dumps(value, allow_nan=False)  # what could not be written again
-    except ValueError as error:
-        raise reader.refuse(f"attribute {name} holds a number that is not finite") from error
-    return value

@@ -27,6 +27,8 @@ LARGEST_DATASET = 2**30  # [bytes]
 LARGEST_NUMBER = 1e60  # beyond, products overflow: no more a number of anything than NaN is
 _LARGEST_RATIO = 1100  # deflate cannot shrink further than this
 _LARGEST_TEXT = 2**26  # [bytes]
+_MOST_DIGITS = 60  # of a whole number
+_DEEPEST = 32  # levels of JSON
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 _DTYPE_KINDS = {"float": "f", "int": "iu", "bool": "b"}
 _TYPES: dict[str, type[Any]] = {"float": np.float64, "int": np.int64, "bool": np.bool_}
@@ -162,17 +164,46 @@ class Reader:
         return bool(value)
 
     def json(self, holder: str, name: str) -> Any:
-        """The value of an attribute that holds JSON text."""
+        """The value of an attribute that holds JSON text, which can be written as such again.
+
+        Numbers are finite and of a size that computing with them allows, nesting is shallow.
+        """
         try:
-            return json.loads(self.text(holder, name))
+            value = json.loads(
+                self.text(holder, name),
+                parse_constant=_refused_number,
+                parse_float=_bounded_float,
+                parse_int=_bounded_int,
+            )
+            _require_shallow(value)
+            json.dumps(value, ensure_ascii=False).encode()  # halves of surrogates are no text
         except (ValueError, RecursionError) as error:
             raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
+        return value
 
-    def mapping(self, name: str) -> dict[str, Any]:
-        """A JSON object of the file itself."""
+    def mapping(self, name: str, needed: Sequence[str] = ()) -> dict[str, Any]:
+        """A JSON object of the file itself, with the keys that are needed of it."""
         value = self.json("", name)
         if not isinstance(value, dict):
             raise self.refuse(f"attribute {name} is not a JSON object")
+        if missing := [key for key in needed if key not in value]:
+            raise self.refuse(f"attribute {name} has no entry {missing[0]!r}")
+        return value
+
+    def figures(self, name: str, needed: Sequence[str] = ()) -> dict[str, float]:
+        """A JSON object of numbers, such as the seconds of stages."""
+        value = self.mapping(name, needed)
+        for key, number in value.items():
+            if isinstance(number, bool) or not isinstance(number, int | float):
+                raise self.refuse(f"attribute {name}: {key!r} is {_short(number)}, not a number")
+        return value
+
+    def words(self, name: str) -> dict[str, str]:
+        """A JSON object of texts, such as the solvers of stages."""
+        value = self.mapping(name)
+        for key, word in value.items():
+            if not isinstance(word, str):
+                raise self.refuse(f"attribute {name}: {key!r} is {_short(word)}, not text")
         return value
 
     def optional_number(self, name: str) -> float | None:
@@ -278,6 +309,36 @@ def _decoded(entry: str | bytes) -> str:
     if len(text) > _LARGEST_TEXT:
         raise ValueError("text too long")
     return text.encode("utf-8").decode("utf-8")  # refuses what was smuggled in as surrogates
+
+
+def _bounded_float(text: str) -> float:
+    number = float(text)
+    if not abs(number) <= LARGEST_NUMBER:
+        raise ValueError(f"a number of {text[:20]}")
+    return number
+
+
+def _bounded_int(text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _refused_number(text: str) -> Any:
+    raise ValueError(f"{text} is no number")
+
+
+def _require_shallow(value: Any, depth: int = 0) -> None:
+    if depth > _DEEPEST:
+        raise ValueError(f"nested deeper than {_DEEPEST} levels")
+    items = value.values() if isinstance(value, dict) else value
+    for item in items if isinstance(value, dict | list) else ():
+        if isinstance(item, dict | list):
+            _require_shallow(item, depth + 1)
+
+
+def _short(value: object) -> str:
+    return repr(value)[:40]
 
 
 def _at(holder: str, name: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,35 @@ def new_store(path: Path) -> Iterator[h5py.File]:
 
     Raises UsageError if it cannot be written.
     """
+    with written_aside(path) as aside:
+        content = BytesIO()
+        with _in_memory(content, "w") as file:
+            yield file
+        aside.write_bytes(content.getbuffer())
+
+
+@contextmanager
+def amended_store(path: Path) -> Iterator[h5py.File]:
+    """An existing HDF5 file to change; it changes whole or not at all, and keeps its mode.
+
+    Raises UsageError if it cannot be written.
+    """
+    with written_aside(path) as aside:
+        content = BytesIO(path.read_bytes())
+        with _in_memory(content, "r+") as file:
+            yield file
+        aside.write_bytes(content.getbuffer())
+        aside.chmod(path.stat().st_mode)
+
+
+def _in_memory(content: BytesIO, mode: str) -> h5py.File:
+    """A file that HDF5 keeps in `content`.
+
+    Where a disk is full at the moment at which it closes a file, HDF5 crashes: it is never given
+    one to write to.
+    """
     # From version 1.10 on HDF5 keeps checksums of its own metadata: damage is noticed.
-    with written_aside(path) as aside, h5py.File(aside, "w", libver=("v110", "v110")) as file:
-        yield file
+    return h5py.File(content, mode, libver=("v110", "v110"))
 
 
 def write_dataset(

@@ -116,8 +116,8 @@ def _read(reader: Reader) -> ProgramPlan:
         **arrays,
         **texts,
         tolerance=reader.number("", "tolerance"),
-        timings=reader.mapping("timings"),
-        solvers=reader.mapping("solvers"),
+        timings=reader.figures("timings"),
+        solvers=reader.words("solvers"),
         sizes=reader.mapping("sizes"),
         stored_totals=_totals(reader),
     )

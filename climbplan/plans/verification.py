@@ -7,18 +7,14 @@ planner's kinematics, mechanics or solvers. What each check says and lets pass i
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from climbplan.errors import UnsoundPlan
-from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.checks.check import Check, LeftOut
 from climbplan.plans.checks.check_table import check_table
 from climbplan.plans.checks.clearance_checks import clearance_checks
@@ -37,7 +33,7 @@ from climbplan.plans.checks.static_checks import static_checks
 from climbplan.plans.checks.subject import subject_of
 from climbplan.plans.checks.trajectory_checks import trajectory_checks
 from climbplan.plans.climb_file import Reading, read_as_found
-from climbplan.plans.hdf5_writing import write_json, write_text
+from climbplan.plans.hdf5_writing import amended_store, write_json, write_text
 from climbplan.plans.held import Against, held_against, held_check
 from climbplan.plans.plausibility import implausible_climb
 from climbplan.spec.holding import HeldSpec
@@ -205,14 +201,11 @@ def mark_verified(path: Path, verification: Verification) -> None:
 
     `verified`, and what it is worth: `badge`, `verified_in`, `leaves_out` (JSON).
     """
-    with written_aside(path) as aside:
-        shutil.copyfile(path, aside)
-        with h5py.File(aside, "r+") as file:
-            file.attrs["verified"] = np.bool_(verification.passed)
-            write_text(file, "badge", verification.badge)
-            write_text(file, "verified_in", verification.model)
-            write_json(file, "leaves_out", list(verification.leaves_out))
-        os.chmod(aside, path.stat().st_mode)
+    with amended_store(path) as file:
+        file.attrs["verified"] = np.bool_(verification.passed)
+        write_text(file, "badge", verification.badge)
+        write_text(file, "verified_in", verification.model)
+        write_json(file, "leaves_out", list(verification.leaves_out))
 
 
 def verify_and_mark(path: Path) -> Verification:

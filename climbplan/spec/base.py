@@ -14,6 +14,8 @@ from pydantic_core import PydanticCustomError
 
 LARGEST_NUMBER = 1e9  # anything beyond is a slip of units, and its square still a finite float
 
+LARGEST_COUNT = 2**32 - 1  # a seed; of anything else there is less
+
 
 class SpecModel(BaseModel):
     """Frozen, no unknown keys, no NaN or infinity, no silent conversion of text to numbers."""
@@ -54,6 +56,12 @@ def _sensible_size(value: float) -> float:
     return value
 
 
+def _countable(value: int) -> int:
+    if abs(value) > LARGEST_COUNT:
+        raise ValueError(f"expected a whole number within +-{LARGEST_COUNT}")
+    return value
+
+
 def quantity(unit: str, description: str, default: Any = ..., **bounds: Any) -> Any:
     """A field with a unit: `gap: Number = quantity("m", "distance between the walls", gt=0)`."""
     return Field(
@@ -65,6 +73,6 @@ def quantity(unit: str, description: str, default: Any = ..., **bounds: Any) -> 
 
 
 Number = Annotated[float, BeforeValidator(_plain_number), AfterValidator(_sensible_size)]
-Count = Annotated[int, BeforeValidator(_plain_number)]
+Count = Annotated[int, BeforeValidator(_plain_number), AfterValidator(_countable)]
 Vector = tuple[Number, Number, Number]
 Interval = tuple[Number, Number]

@@ -79,6 +79,11 @@ def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
     if _is_path(reference):
         source = read_source((directory or Path()) / reference)
         document = parse_yaml(source.text, source.shown)
+    elif reference not in builtin_bodies():
+        known = ", ".join(builtin_bodies())
+        message = f"expected a built-in robot ({known}) or the path of a YAML file, got"
+        mistake = SpecMistake("robot", f"{message} {shown(reference)}")
+        raise SpecError("spec", [mistake])
     else:
         entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
         document = parse_yaml(entry.read_text(encoding="utf-8"), f"robot {reference}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from climbplan.spec.document import Finding
 from climbplan.spec.fields import nearest
-from climbplan.spec.robot_ranges import SPEED, TORQUE
+from climbplan.spec.robot_ranges import ANGLE, SPEED, TORQUE
 from climbplan.spec.urdf import UrdfLegSpec, UrdfRobotSpec
 from climbplan.spec.urdf_tree import UrdfJoint, UrdfTree
 
@@ -68,14 +68,10 @@ def section_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> list[Fin
         for name in spec.joints
         if name not in tree.joints
     ]
-    if spec.mass is None and sum(link.mass for link in tree.links.values()) <= 0:
-        found.append(
-            Finding(
-                ("urdf",),
-                "zero mass: no link of the URDF has any; expected <inertial> in its links, or "
-                "`mass` here",
-            )
-        )
+    if sum(link.mass for link in tree.links.values()) <= 0:
+        message = "zero mass: no link of the URDF has any, and so it has no centre of mass"
+        cure = "expected <inertial> in its links; `mass` alone does not tell where it acts"
+        found.append(Finding(("urdf",), f"{message}; {cure}"))
     return found
 
 
@@ -126,7 +122,12 @@ def joint_faults(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
             f"mimics {joint.mimics!r}; expected joints that move on their own (a coupled pair is "
             "one joint: give the other link to it, or make it fixed)"
         )
-    if not joint.lower < joint.upper:
+    if joint.kind == "revolute" and not (ANGLE.holds(joint.lower) and ANGLE.holds(joint.upper)):
+        yield (
+            f"expected bounds {ANGLE.expected}, got {joint.lower:g} and {joint.upper:g}; "
+            'a joint without bounds has type="continuous"'
+        )
+    elif not joint.lower < joint.upper:
         yield f"expected <limit> with lower < upper, got {joint.lower:g} and {joint.upper:g} rad"
     own = spec.joints.get(joint.name)
     if (own is None or own.max_torque is None) and not (joint.effort or 0.0) >= TORQUE.low:

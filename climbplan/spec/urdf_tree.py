@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from climbplan.spec.robot_ranges import ANGLE, LENGTH, MASS, PLACE
+from climbplan.spec.urdf_encoding import decoded
+from climbplan.spec.urdf_xacro import refuse_xacro
 from climbplan.spec.urdf_xml import (
     Element,
     UrdfFault,
@@ -25,7 +27,9 @@ from climbplan.spec.urdf_xml import (
 
 LARGEST_URDF = 20_000_000  # [bytes]
 TURNING = ("revolute", "continuous")
+_KINDS = (*TURNING, "prismatic", "fixed", "floating", "planar")
 _SHORTEST = 1e-6  # of an axis
+_LARGEST_SCALE = 1e6  # of a mesh
 # Sizes that each shape has to have
 _SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ()}
 
@@ -120,12 +124,7 @@ def read_urdf(path: Path) -> UrdfTree:
         raise UrdfFault(f"{path}: cannot be read: {error}") from error
     if len(content) > LARGEST_URDF:
         raise UrdfFault(f"too large, a URDF has {LARGEST_URDF / 1e6:.0f} MB at most")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise UrdfFault("not UTF-8 text", line) from None
-    return urdf_of_text(text, path)
+    return urdf_of_text(decoded(content), path)
 
 
 def urdf_of_text(text: str, path: Path) -> UrdfTree:
@@ -133,12 +132,10 @@ def urdf_of_text(text: str, path: Path) -> UrdfTree:
 
     Raises UrdfFault for what is no URDF, and UrdfFaults with all that is wrong in one.
     """
-    content = text.encode()
-    root = parsed(content)
+    root = parsed(text)
     if root.tag != "robot":
         raise UrdfFault(f"expected <robot> as the first element, got <{root.tag}>", root.line)
-    if path.suffix == ".xacro" or b"xmlns:xacro" in content:
-        raise UrdfFault(f"a xacro; write its URDF first: xacro {path.name} > {path.stem}.urdf")
+    refuse_xacro(root, path)
     faults: list[UrdfFault] = []
     links = _named(_read(_link, root.all("link"), faults), "link", faults)
     joints = _named(_read(_joint, root.all("joint"), faults), "joint", faults)
@@ -189,6 +186,7 @@ def _link(element: Element) -> UrdfLink:
             message = f"<mass>: expected {MASS.high:g} kg at most, got {given:g}"
             raise UrdfFault(message, inertial.line)
         mass = given
+        _inertia(inertial.first("inertia"))
         _origin(inertial)
     meshes = []
     for collision in element.all("collision"):
@@ -198,6 +196,15 @@ def _link(element: Element) -> UrdfLink:
             meshes.append((text_of(shape, "filename"), shape.line))
     collides = bool(element.all("collision"))
     return UrdfLink(text_of(element, "name"), element.line, mass, tuple(meshes), collides)
+
+
+def _inertia(element: Element | None) -> None:
+    """Refuse moments of inertia that are missing or no numbers: Pinocchio would drop them all."""
+    if element is None:
+        return
+    for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+        if number_of(element, name) is None:
+            raise UrdfFault(f"<inertia> without `{name}`", element.line)
 
 
 def _origin(holder: Element) -> None:
@@ -221,6 +228,11 @@ def _shape(collision: Element) -> Element:
             f"<collision> with one shape expected, {', '.join(_SHAPES)}; got {got}", collision.line
         )
     shape = shapes[0]
+    scale = vector_of(shape, "scale") if shape.tag == "mesh" else None
+    if scale is not None and not all(0 < abs(part) <= _LARGEST_SCALE for part in scale):
+        got = " ".join(f"{part:g}" for part in scale)
+        expected = f"three numbers up to {_LARGEST_SCALE:g}, none of them zero"
+        raise UrdfFault(f"`scale` of <mesh>: expected {expected}, got {got}", shape.line)
     for name in _SHAPES[shape.tag]:
         sizes = vector_of(shape, name) if name == "size" else (number_of(shape, name) or 0.0,)
         if sizes is None or min(sizes) <= 0:
@@ -239,6 +251,9 @@ def _joint(element: Element) -> UrdfJoint:
         if holder is None:
             raise UrdfFault(f"joint {name!r} has no <{role}>", element.line)
         ends.append(text_of(holder, "link"))
+    if kind not in _KINDS:
+        expected = ", ".join(_KINDS)
+        raise UrdfFault(f"joint {name!r} has the type {kind!r}, expected {expected}", element.line)
     _origin(element)
     axis = element.first("axis")
     if kind not in ("fixed", "floating") and axis is not None:
@@ -247,14 +262,8 @@ def _joint(element: Element) -> UrdfJoint:
             raise UrdfFault(f"joint {name!r}: expected an axis of some length", axis.line)
     limit, mimic = element.first("limit"), element.first("mimic")
     lower, upper = -math.inf, math.inf
-    if kind == "revolute":
+    if kind in ("revolute", "prismatic"):
         lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
-        if not (ANGLE.holds(lower) and ANGLE.holds(upper)):
-            raise UrdfFault(
-                f"joint {name!r}: expected bounds {ANGLE.expected}, got {lower:g} and {upper:g}; "
-                'a joint without bounds has type="continuous"',
-                element.line,
-            )
     return UrdfJoint(
         name=name,
         line=element.line,

@@ -6,12 +6,18 @@ Nothing is run, no entity is expanded and no other file is opened.
 from __future__ import annotations
 
 import math
+import re
 import xml.parsers.expat
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from climbplan.errors import ClimbplanError
 
 _DEEPEST = 200
+_SPACE = " \t\r\n"  # of XML; Python's own `strip` takes many more
+# xs:double of XML Schema, without INF and NaN. Python's `float` also takes 1_0 and digits of other
+# scripts, Pinocchio's reader takes no space behind a number.
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 class UrdfFault(ClimbplanError):
@@ -48,10 +54,16 @@ class Element:
         """All children of a name."""
         return [c for c in self.children if c.tag == tag]
 
+    def walk(self) -> Iterator[Element]:
+        """The element itself and all below it, in the order of the text."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
 
-def parsed(content: bytes) -> Element:
+
+def parsed(text: str) -> Element:
     """The root element; raises UrdfFault for what is not XML."""
-    parser = xml.parsers.expat.ParserCreate()
+    parser = xml.parsers.expat.ParserCreate("utf-8")  # whatever the text declares: it is decoded
     stack: list[Element] = []
     roots: list[Element] = []
 
@@ -72,7 +84,7 @@ def parsed(content: bytes) -> Element:
     parser.EndElementHandler = end
     parser.EntityDeclHandler = entity
     try:
-        parser.Parse(content, True)
+        parser.Parse(text.encode(), True)
     except xml.parsers.expat.ExpatError as error:
         reason = xml.parsers.expat.ErrorString(error.code)
         raise UrdfFault(f"not XML: {reason}", error.lineno) from error
@@ -91,29 +103,24 @@ def number_of(element: Element | None, name: str) -> float | None:
     """A finite number, None where the element or attribute is missing."""
     if element is None or name not in element.attributes:
         return None
-    text = element.attributes[name]
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UrdfFault(
-            f"`{name}` of <{element.tag}>: expected a number, got {text[:40]!r}", element.line
-        )
-    return value
+    return _numbers(element, name, 1, "a number")[0]
 
 
 def vector_of(element: Element, name: str) -> tuple[float, float, float] | None:
     """Three finite numbers, None where the attribute is missing."""
     if name not in element.attributes:
         return None
-    text = element.attributes[name]
-    try:
-        x, y, z = (float(part) for part in text.split())
-    except ValueError:
-        x = y = z = math.nan
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-        raise UrdfFault(
-            f"`{name}` of <{element.tag}>: expected three numbers, got {text[:40]!r}", element.line
-        )
+    x, y, z = _numbers(element, name, 3, "three numbers")
     return x, y, z
+
+
+def _numbers(element: Element, name: str, count: int, expected: str) -> list[float]:
+    """The numbers of an attribute as XML Schema reads them, white space round them ignored."""
+    text = element.attributes[name]
+    parts = [part for part in re.split(f"[{_SPACE}]+", text.strip(_SPACE)) if part]
+    values = [float(part) if _NUMBER.fullmatch(part) else math.nan for part in parts]
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        raise UrdfFault(
+            f"`{name}` of <{element.tag}>: expected {expected}, got {text[:40]!r}", element.line
+        )
+    return values

@@ -8,6 +8,7 @@ number, `010` is ten, `1:30` and `2024-01-01` are text), which is what people ex
 from __future__ import annotations
 
 import re
+import sys
 from typing import Any
 
 import yaml
@@ -15,9 +16,11 @@ import yaml
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.document import Document, Finding, KeyPath
 
-MOST_VALUES = 200_000  # after aliases are expanded
+MOST_VALUES = 200_000  # after aliases and merges are expanded
 DEEPEST = 64  # levels of nesting
-MOST_DIGITS = 400  # a double ends near 1e308
+LONGEST = 5_000_000  # characters
+MOST_DIGITS = 400  # beyond, not even the number of digits is worth finding out
+MOST_MISTAKES = 1000  # of the YAML itself, after which nobody reads on
 
 _TAG = "tag:yaml.org,2002:"
 _FLOAT = (
@@ -30,6 +33,7 @@ _SCALARS = (  # tag, first characters, pattern; the first that matches wins
     ("int", "-+0123456789", r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"),
     ("float", "-+.0123456789", _FLOAT),
 )
+_PLAIN = {name: re.compile(pattern) for name, _, pattern in _SCALARS}
 _CONTROL = re.compile(r"[^\t\n\x20-\x7e\x80-\ud7ff\ue000-\U0010ffff]")
 
 
@@ -91,6 +95,9 @@ def parse_yaml(text: str, source: str) -> Document:
     """
     document = Document(source, text, None)
     line = None
+    if len(text) > LONGEST:
+        message = f"too large: {len(text) / 1e6:.1f} million characters, expected {LONGEST / 1e6:g}"
+        raise SpecError(source, [SpecMistake("", f"{message} at most")])
     try:
         composer = _Composer(text)
         try:
@@ -142,8 +149,8 @@ class _Builder:
         self._find(path, f"the YAML tag {_shown_tag(node)} is not allowed in a spec")
         return None
 
-    def _visit(self, node: yaml.Node, depth: int) -> None:
-        self.count += 1
+    def _visit(self, node: yaml.Node, depth: int, values: int = 1) -> None:
+        self.count += values
         if self.count > MOST_VALUES:
             raise _too_many(node.start_mark)
         if depth > DEEPEST:
@@ -179,7 +186,10 @@ class _Builder:
                 entries[key] = (key_node, value_node)
         for base in bases:
             if isinstance(base, yaml.MappingNode):
-                for key, entry in self._entries(base, path, depth + 1).items():
+                merged_entries = self._entries(base, path, depth + 1)
+                # Each merge copies: a few lines could ask for billions of copies
+                self._visit(base, depth, len(merged_entries))
+                for key, entry in merged_entries.items():
                     entries.setdefault(key, entry)
             else:
                 self._find(path, "`<<` expects an alias of a mapping, such as `<<: *base`")
@@ -190,20 +200,27 @@ class _Builder:
         if _CONTROL.search(text):
             self._find(path, "contains a control character")
             return None
+        if kind in ("int", "float") and len(text) > MOST_DIGITS:
+            self._find(path, f"a number of {len(text)} digits")
+            return None
         try:
             match kind:
                 case "str":
                     return text
                 case "null":
+                    _require(kind, text)
                     return None
                 case "bool":
                     return {"true": True, "false": False}[text.lower()]
-                case "int" | "float" if len(text) > MOST_DIGITS:
-                    self._find(path, f"a number of {len(text)} digits")
-                    return None
                 case "int":
-                    return int(text, _base(text))
+                    _require(kind, text)  # Python takes 1_000 and digits of other scripts
+                    value = int(text, _base(text))
+                    if abs(value) <= sys.float_info.max:
+                        return value
+                    self._find(path, f"a number of {len(text)} digits, beyond what a double holds")
+                    return None
                 case "float":
+                    _require("int" if _PLAIN["int"].fullmatch(text) else kind, text)
                     return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         except (ValueError, KeyError):
             self._find(path, f"{text[:40]!r} does not fit its YAML tag {_shown_tag(node)}")
@@ -215,7 +232,14 @@ class _Builder:
         self.document.lines[path] = node.start_mark.line + 1
 
     def _find(self, path: KeyPath, message: str) -> None:
-        self.document.findings.append(Finding(path, message))
+        if len(self.document.findings) < MOST_MISTAKES:
+            self.document.findings.append(Finding(path, message))
+
+
+def _require(kind: str, text: str) -> None:
+    """Raise ValueError for a number of another form, which a tag such as `!!int` can name one."""
+    if not _PLAIN[kind].fullmatch(text):
+        raise ValueError(text)
 
 
 def _base(text: str) -> int:

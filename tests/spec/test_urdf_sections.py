@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,6 +183,8 @@ def test_weights_and_connections(tmp_path: Path) -> None:
     weightless = replace(QUADRUPED, body_mass=0.0, link_mass=0.0).text()
     (found,) = mistakes(tmp_path, urdf=weightless)
     assert "s.yaml:3: robot.urdf: zero mass: no link of the URDF has any" in found
+    given = changed(CLIMB, ("joint_stiffness: 150", "mass: 7.0"))  # it would stand nowhere
+    assert "`mass` alone does not tell where it acts" in mistakes(tmp_path, given, weightless)[0]
     negative = changed(QUADRUPED.text(), ('<mass value="4.0"/>', '<mass value="-4"/>'))
     assert "link 'base_link' has the mass -4 kg" in mistakes(tmp_path, urdf=negative)[0]
     loose = changed(QUADRUPED.text(), ("</robot>", '<link name="stone"/></robot>'))
@@ -197,7 +200,13 @@ def test_weights_and_connections(tmp_path: Path) -> None:
         ("", "not XML: no element found"),
         ("<sdf/>", "expected <robot> as the first element, got <sdf>"),
         ("<robot name='x'/>", "no <link> in it"),
-        ("<robot xmlns:xacro='x'><link name='a'/></robot>", "a xacro; write its URDF first"),
+        ("<robot><xacro:arm/></robot>", "line 1: <xacro:arm> is left for xacro to expand"),
+        (
+            "<robot xmlns:x='http://ros.org/wiki/xacro'>\n<link name='a'><x:if/></link></robot>",
+            "line 2: <x:if> is left for xacro to expand",
+        ),
+        ("<robot>\n<link name='${side}_a'/></robot>", "line 2: '${side}_a' is left for xacro"),
+        ("<robot name='$(arg name)'><link name='a'/></robot>", "'$(arg name)' is left for xacro"),
         (
             "<!DOCTYPE r [<!ENTITY a 'aa'><!ENTITY b '&a;&a;'>]><robot name='&b;'/>",
             "declares XML entities, which a URDF has no need of",
@@ -207,6 +216,13 @@ def test_weights_and_connections(tmp_path: Path) -> None:
         (
             "<robot><link name='a'/><joint name='j' type='x'><parent link='a'/></joint></robot>",
             "joint 'j' has no <child>",
+        ),
+        (
+            (
+                "<robot><link name='a'/><joint name='j' type='y'><parent link='a'/>"
+                "<child link='a'/></joint></robot>"
+            ),
+            "joint 'j' has the type 'y', expected revolute, continuous, prismatic,",
         ),
         (
             "<robot><link name='a'><inertial><mass value='much'/></inertial></link></robot>",
@@ -220,6 +236,48 @@ def test_texts_that_are_no_urdf(tmp_path: Path, text: str, expected: str) -> Non
     (found,) = mistakes(tmp_path, urdf=text)
     assert found.startswith("s.yaml:3: robot.urdf: ")
     assert expected in found
+
+
+def test_what_xacro_leaves_behind_is_a_urdf(tmp_path: Path) -> None:
+    """Its namespace on the root, and a `$(...)` for other programs."""
+    text = changed(
+        QUADRUPED.text(),
+        ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '),
+        ("</robot>", '<gazebo><plugin file="$(find pkg)/a"/></gazebo></robot>'),
+    )
+    for name in ("walker.urdf", "walker.urdf.xacro"):
+        (tmp_path / name).write_text(text)
+        (tmp_path / "s.yaml").write_text(CLIMB.replace("walker.urdf", name))
+        assert load_climb(tmp_path / "s.yaml").robot.name == "walker4"
+
+
+@pytest.mark.parametrize(
+    ("name", "there", "made"),
+    [
+        ("walker.urdf", [], "walker_expanded.urdf"),
+        ("walker.xacro", [], "walker.urdf"),
+        ("walker.urdf.xacro", [], "walker.urdf"),
+        ("walker.urdf.xacro", ["walker.urdf"], "walker_expanded.urdf"),
+        ("a walker.xacro", [], "'a walker.urdf'"),
+        ("walker", ["walker.urdf", "walker_expanded.urdf"], "walker_expanded_2.urdf"),
+    ],
+)
+def test_the_advice_on_xacro_empties_no_file(
+    tmp_path: Path, name: str, there: list[str], made: str
+) -> None:
+    """The shell opens what stands behind `>` before xacro reads anything."""
+    for other in there:
+        (tmp_path / other).write_text("<robot/>")
+    (tmp_path / name).write_text(QUADRUPED.text().replace("</robot>", "<xacro:arm/></robot>"))
+    (tmp_path / "s.yaml").write_text(CLIMB.replace("walker.urdf", name))
+    with pytest.raises(SpecError) as caught:
+        load_climb(tmp_path / "s.yaml")
+    command = str(caught.value).partition("make the URDF with `")[2].rpartition("`")[0]
+    program, source, arrow, target = shlex.split(command)
+    assert (program, arrow) == ("xacro", ">")
+    assert source == str(tmp_path / name)
+    assert target == str(tmp_path / shlex.split(made)[0])
+    assert not Path(target).exists()
 
 
 def test_all_mistakes_come_together(tmp_path: Path) -> None:

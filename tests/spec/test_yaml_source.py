@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from contextlib import suppress
 from typing import Any
 
@@ -110,6 +111,32 @@ CHAIN = "a0: &a0 [0]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}]\n" for i in range(1,
 MERGES = "a0: &a0 {x: 1}\n" + "".join(
     f"a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}\n" for i in range(1, 40)
 )
+# Few nodes, but millions of entries to be copied
+MERGED_OFTEN = (
+    "b: &b {" + ", ".join(f"k{i}: 1" for i in range(3000)) + "}\n"
+    f"a: {{<<: [{', '.join(['*b'] * 3000)}]}}\n"
+)
+MERGED_ONWARD = "a0: &a0 {" + ", ".join(f"k{i}: 1" for i in range(4000)) + "}\n"
+MERGED_ONWARD += "".join(f"a{i}: &a{i} {{<<: *a{i - 1}}}\n" for i in range(1, 60))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["9" * 399, "-" + "9" * 320, "0x" + "f" * 300, "0o" + "7" * 380, "9" * 5000, "0x" + "f" * 5000,
+     "!!int 1_000", "!!int 0b11", "!!int 1:30", "!!int \uff14", "!!float 1_0", "!!float nan",
+     "!!float infinity", "!!float " + "9" * 5000, "!!bool yes", "!!int", "!!null x"],
+)  # fmt: skip
+def test_numbers_that_are_none(text: str) -> None:
+    """Refused with their line, whether or not Python could make something of them."""
+    document = parse_yaml(f"a: 1\nx: {text}\n", "f")
+    (mistake,) = document.mistakes(document.findings)
+    assert mistake.line == 2
+    assert re.search("a number of [0-9]+ digits|does not fit its YAML tag", mistake.message)
+    assert len(mistake.message) < 200
+
+
+def test_mistakes_are_counted_only_so_far() -> None:
+    assert len(parse_yaml("a: 1\n" * 20_000, "f").findings) == 1000
 
 
 @pytest.mark.parametrize(
@@ -133,6 +160,9 @@ MERGES = "a0: &a0 {x: 1}\n" + "".join(
         (CHAIN, None, "nested deeper"),
         (BOMB, None, "aliases"),
         (MERGES, None, "aliases"),
+        (MERGED_OFTEN, None, "aliases"),
+        (MERGED_ONWARD, None, "aliases"),
+        ("x" * 5_000_001, None, "too large: 5.0 million characters"),
         ("%YAML " + "1" * 5000 + ".1\n---\na: 1\n", 1, "not valid YAML"),
     ],
 )

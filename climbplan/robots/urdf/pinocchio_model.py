@@ -6,16 +6,18 @@ Pinocchio is an optional part (`pip install 'climbplan[urdf]'`), imported only w
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from climbplan.errors import MissingSolver
 from climbplan.robots.rotations import Array
+from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.spec.document import Finding
 from climbplan.spec.urdf_source import UrdfRobot
+from climbplan.spec.urdf_tree import UrdfLink
 
 _FORWARD = {
     "x": (1.0, 0.0, 0.0),
@@ -24,6 +26,7 @@ _FORWARD = {
     "-y": (0.0, -1.0, 0.0),
 }
 _HOLDER = 6  # coordinates of the free base, before those of the joints
+_MASS_OFF = 1e-9  # relative, by which sums of masses may differ in rounding
 
 
 def pinocchio() -> Any:
@@ -110,14 +113,17 @@ class UrdfModel:
 def urdf_model(robot: UrdfRobot) -> UrdfModel:
     """The model of a robot section whose text was checked.
 
-    Raises MissingSolver without Pinocchio, and SpecError for what Pinocchio refuses.
+    Raises MissingSolver without Pinocchio, and SpecError for what Pinocchio refuses or reads in
+    another way.
     """
     pin = pinocchio()
     try:
-        model = pin.buildModelFromXML(text_with_files(robot), pin.JointModelFreeFlyer())
+        model = pin.buildModelFromXML(normal_document(robot), pin.JointModelFreeFlyer())
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1]
         raise robot.refused([Finding(("urdf",), f"Pinocchio cannot read it: {reason}")]) from error
+    if lost := list(lost_masses(robot, model, pin)):
+        raise robot.refused(lost)
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     pin.updateFramePlacements(model, data)
@@ -129,13 +135,23 @@ def urdf_model(robot: UrdfRobot) -> UrdfModel:
     return UrdfModel(robot, pin, model, to_axes @ base.rotation.T, np.array(base.translation))
 
 
-def text_with_files(robot: UrdfRobot) -> str:
-    """The URDF with every collision mesh's name replaced by its file."""
-    text = robot.tree.text
-    for name, path in robot.meshes.items():
-        for written in {quoteattr(name), f"'{name}'", f'"{name}"'}:
-            text = text.replace(f"filename={written}", f"filename={quoteattr(str(path))}")
-    return text
+def lost_masses(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Finding]:
+    """Where Pinocchio has another mass than the file: joint by joint, with the links it carries."""
+    carried: dict[int, list[UrdfLink]] = {}
+    for link in robot.tree.links.values():
+        index = int(model.getFrameId(link.name, pin.FrameType.BODY))
+        if index >= model.nframes:
+            at = robot.tree.at(link.line)
+            yield Finding(("urdf",), f"Pinocchio has no link {link.name!r} ({at})")
+            continue
+        carried.setdefault(int(model.frames[index].parentJoint), []).append(link)
+    for joint, links in carried.items():
+        expected = sum(link.mass for link in links)
+        found = float(model.inertias[joint].mass)
+        if not abs(found - expected) <= _MASS_OFF * max(expected, 1.0):
+            names = " and ".join(f"{link.name!r} ({robot.tree.at(link.line)})" for link in links)
+            message = f"Pinocchio has {found:g} kg for {names}, the file {expected:g} kg"
+            yield Finding(("urdf",), message)
 
 
 def _frame(found: UrdfModel, link: str) -> int:

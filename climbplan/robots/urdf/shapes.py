@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, text_with_files
+from climbplan.robots.urdf.normal_document import normal_document
+from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.spec.document import Finding
 
 _RIM = 16  # points on the rim of a cylinder
@@ -31,7 +32,7 @@ def collision_shapes(found: UrdfModel) -> list[Shape]:
     pin, model = found.library, found.model
     try:
         geometry = pin.buildGeomFromUrdfString(
-            model, text_with_files(found.robot), pin.GeometryType.COLLISION
+            model, normal_document(found.robot), pin.GeometryType.COLLISION
         )
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1]

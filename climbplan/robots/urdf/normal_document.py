@@ -1,0 +1,96 @@
+"""The URDF that Pinocchio is given: what planning has read and checked, written anew.
+
+Pinocchio's reader leaves out a mass or a shape whose number has a space behind it, and refuses
+tabs between numbers. It is therefore never handed a user's text: only the elements that planning
+looks at, with each number as Python prints it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from xml.sax.saxutils import quoteattr
+
+from climbplan.spec.urdf_source import UrdfRobot
+from climbplan.spec.urdf_xml import Element, number_of, parsed, vector_of
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What is kept of an element."""
+
+    children: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
+    vectors: tuple[str, ...] = ()
+    zero: tuple[str, ...] = ()  # numbers that have to be there, zero where they are left out
+
+
+_KEPT = {
+    "robot": _Kept(("link", "joint"), ("name",)),
+    "link": _Kept(("inertial", "collision"), ("name",)),
+    "inertial": _Kept(("origin", "mass", "inertia")),
+    "mass": _Kept(numbers=("value",)),
+    "inertia": _Kept(numbers=("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
+    "origin": _Kept(vectors=("xyz", "rpy")),
+    "collision": _Kept(("origin", "geometry")),
+    "geometry": _Kept(("box", "cylinder", "sphere", "mesh")),
+    "box": _Kept(vectors=("size",)),
+    "cylinder": _Kept(numbers=("radius", "length")),
+    "sphere": _Kept(numbers=("radius",)),
+    "mesh": _Kept(texts=("filename",), vectors=("scale",)),
+    "joint": _Kept(("origin", "parent", "child", "axis", "limit"), ("name", "type")),
+    "parent": _Kept(texts=("link",)),
+    "child": _Kept(texts=("link",)),
+    "axis": _Kept(vectors=("xyz",)),
+    "limit": _Kept(numbers=("lower", "upper"), zero=("effort", "velocity")),
+}
+_LIMITED = ("revolute", "prismatic")  # joints that Pinocchio does not read without <limit>
+_MANY = ("link", "joint", "collision")  # of all others the first one counts
+
+
+def normal_document(robot: UrdfRobot) -> str:
+    """The text for Pinocchio, every collision mesh named by its file.
+
+    Without meshes that are not looked at, and what carries no mass and has no part in a collision:
+    pictures, transmissions, dampers.
+    """
+    root = parsed(robot.tree.text)
+    root.attributes["name"] = robot.tree.name
+    return _written(root, {name: str(path) for name, path in robot.meshes.items()})
+
+
+def _written(element: Element, meshes: dict[str, str]) -> str:
+    kept = _KEPT[element.tag]
+    texts = {name: element.attributes[name] for name in kept.texts if name in element.attributes}
+    if element.tag == "mesh":
+        texts["filename"] = meshes[texts["filename"]]
+    for name in (*kept.numbers, *kept.zero):
+        number = number_of(element, name)
+        if number is not None or name in kept.zero:
+            texts[name] = repr(number or 0.0)
+    for name in kept.vectors:
+        vector = vector_of(element, name)
+        if vector is not None:
+            texts[name] = " ".join(repr(value) for value in vector)
+    head = " ".join([element.tag, *(f"{name}={quoteattr(text)}" for name, text in texts.items())])
+    below = "".join(_written(child, meshes) for child in _children(element, kept, meshes))
+    return f"<{head}>{below}</{element.tag}>\n"
+
+
+def _children(element: Element, kept: _Kept, meshes: dict[str, str]) -> list[Element]:
+    found = []
+    for tag in kept.children:
+        own = element.all(tag)
+        found += own if tag in _MANY else own[:1]
+    if element.tag == "joint" and element.attributes.get("type") in _LIMITED:
+        limits = element.first("limit") or Element("limit", {}, element.line)
+        found = [*(child for child in found if child.tag != "limit"), limits]
+    if element.tag == "link":
+        found = [child for child in found if child.tag != "collision" or _is_seen(child, meshes)]
+    return found
+
+
+def _is_seen(collision: Element, meshes: dict[str, str]) -> bool:
+    geometry = collision.first("geometry")
+    mesh = None if geometry is None else geometry.first("mesh")
+    return mesh is None or mesh.attributes.get("filename") in meshes

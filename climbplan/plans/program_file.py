@@ -117,7 +117,7 @@ def _read(reader: Reader) -> ProgramPlan:
         **texts,
         tolerance=reader.number("", "tolerance"),
         timings=reader.figures("timings"),
-        solvers=reader.words("solvers"),
+        solvers=reader.figures("solvers"),
         sizes=reader.mapping("sizes"),
         stored_totals=_totals(reader),
     )

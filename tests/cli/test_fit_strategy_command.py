@@ -191,10 +191,10 @@ def test_a_hostile_model_ends_with_exit_code_2(
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
-        ('"right": 0.08111', '"right": 1' + "0" * 400, "a shelf whose right is 1000"),
-        ('"right": 0.08111', '"right": NaN', "a shelf whose right is nan m"),
+        ('"right": 0.08111', '"right": 1' + "0" * 400, "a number of 401 digits"),
+        ('"right": 0.08111', '"right": NaN', "NaN is no number"),
         ('"right": 0.08111', '"right": true', "a shelf whose right is True"),
-        ('"books": 3', '"books": 1' + "0" * 400, "made for books 1000"),
+        ('"books": 3', '"books": 1' + "0" * 400, "a number of 401 digits"),
         ('"features": "gaps"', '"features": "raw"', "14 features, expected 17"),
     ],
 )

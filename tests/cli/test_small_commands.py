@@ -149,8 +149,8 @@ def test_doctor_covers_every_dependency() -> None:
 
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
-    names = ["posture", "force", "plan", "coupled", "transition", "mpc", "growth", "bookshelf"]
-    names += ["strategies", "limms"]
+    names = ["posture", "force", "plan", "coupled", "transition", "mpc"]
+    names += ["refusals", "growth", "bookshelf", "strategies", "limms"]
     assert [line.split()[0] for line in listed] == names
 
 

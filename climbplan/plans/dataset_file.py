@@ -141,7 +141,7 @@ def _read(reader: Reader) -> Dataset:
         **masks,
         title=reader.text("", "title"),
         timings=reader.figures("timings"),
-        solvers=reader.words("solvers"),
+        solvers=reader.mapping("solvers"),
     )
     _require_sound(reader, data)
     return data

@@ -177,8 +177,10 @@ class Reader:
             )
             _require_shallow(value)
             json.dumps(value, ensure_ascii=False).encode()  # halves of surrogates are no text
-        except (ValueError, RecursionError) as error:
+        except (json.JSONDecodeError, RecursionError) as error:
             raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
+        except ValueError as error:
+            raise self.refuse(f"attribute {_at(holder, name)}: {error}") from error
         return value
 
     def mapping(self, name: str, needed: Sequence[str] = ()) -> dict[str, Any]:
@@ -314,18 +316,18 @@ def _decoded(entry: str | bytes) -> str:
 def _bounded_float(text: str) -> float:
     number = float(text)
     if not abs(number) <= LARGEST_NUMBER:
-        raise ValueError(f"a number of {text[:20]}")
+        raise ValueError(f"the number {text[:20]} is out of range")
     return number
 
 
 def _bounded_int(text: str) -> int:
     if len(text) > _MOST_DIGITS:
-        raise ValueError(f"a number of {len(text)} digits")
+        raise ValueError(f"a number of {len(text)} digits is out of range")
     return int(text)
 
 
 def _refused_number(text: str) -> Any:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"holds {text}, a number that is not finite")
 
 
 def _require_shallow(value: Any, depth: int = 0) -> None:

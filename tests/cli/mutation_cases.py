@@ -135,7 +135,7 @@ def prepared(case: Case, folder: Path, plans: Mapping[str, Path]) -> tuple[str, 
             ["export", "plan.h5", "-o", "-"],
             ["view", "plan.h5", "--no-browser"],
         ]
-        if rng.random() < 0.15:
+        if rng.random() < 0.3:
             commands.append(["report", "plan.h5", "-o", "page"])
         return changed, commands
     for path in SPECS.iterdir():

@@ -160,9 +160,10 @@ def test_reasons_of_a_hostile_file_do_not_drive_the_terminal(
         ("solution/pose", 1e300, "solution/pose holds numbers beyond 1e+30"),
         ("objective", -1e308, "objective holds numbers beyond 1e+30"),
         ("parameters", 1e-320, "expected at least 1e-06"),
-        ("facts", "9" * 400, "facts: int too large"),
-        ("facts", "1e999", "facts holds a number that is not finite"),
-        ("facts", "1e300", "shelf: expected numbers up to 100 m"),
+        ("facts", "9" * 400, "facts: a number of 401 digits is out of range"),
+        ("facts", "1e999", "facts: the number -1e999 is out of range"),
+        ("facts", "1e300", "facts: the number -1e300 is out of range"),
+        ("facts", "1e50", "shelf: expected numbers up to 100 m"),
     ],
 )
 def test_a_hostile_dataset_is_no_library(

@@ -155,12 +155,27 @@ def test_odd_values_in_a_file_do_not_break_the_report(make_plan: MakePlan, tmp_p
     plan = make_plan(3, 1)
     airborne = replace(plan.instants, contact=np.zeros_like(plan.instants.contact))
     write_climb(replace(plan, sizes={"a": [1, 2.5]}, instants=airborne), tmp_path / "plan.h5")
-    with h5py.File(tmp_path / "plan.h5", "r+") as file:
-        file.attrs["timings"] = '{"posture": NaN, "force": "soon", "study": {"cell": 1.0}}'
     write_report(tmp_path / "plan.h5", tmp_path)
     report = strict_json((tmp_path / "report.json").read_text())
-    assert report["timings"] == {"posture": None, "force": "soon", "study": {"cell": 1.0}}
     assert report["normal_force"] == {"least": None, "most": None}
+
+
+@pytest.mark.parametrize(
+    ("timings", "words"),
+    [
+        ('{"posture": NaN}', "holds NaN, a number that is not finite"),
+        ('{"posture": "soon"}', "'posture' is 'soon', not a number"),
+        ('{"posture": {"cell": 1.0}}', "not a number"),
+    ],
+)
+def test_attributes_of_another_kind_are_refused(
+    make_plan: MakePlan, tmp_path: Path, timings: str, words: str
+) -> None:
+    write_climb(make_plan(3, 1), tmp_path / "plan.h5")
+    with h5py.File(tmp_path / "plan.h5", "r+") as file:
+        file.attrs["timings"] = timings
+    with pytest.raises(PlanFileError, match=words):
+        write_report(tmp_path / "plan.h5", tmp_path)
 
 
 def test_a_spec_of_another_version_only_leaves_gaps(make_plan: MakePlan) -> None:

@@ -56,8 +56,8 @@ def test_units_and_bounds_are_there() -> None:
     com = defs["StartSpec"]["properties"]["com"]
     assert (com["minItems"], com["maxItems"]) == (3, 3)
     methods = defs["SolverSpec"]["properties"]["method"]["enum"]
-    assert methods[:4] == ["micp", "nlp", "coupled", "coupled-modes"]
-    assert methods[4:] == ["coupled-micp", "coupled-nlp", "spatial"]
+    assert methods[:5] == ["auto", "micp", "nlp", "coupled", "coupled-modes"]
+    assert methods[5:] == ["coupled-micp", "coupled-nlp", "spatial"]
 
 
 def test_one_schema_for_all() -> None:

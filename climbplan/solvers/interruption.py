@@ -6,6 +6,8 @@ others do not let Python look at signals before they are through.
 
 from __future__ import annotations
 
+import os
+import queue
 import signal
 import threading
 import time
@@ -62,13 +64,57 @@ def run_aside(solve: Callable[[], object], stop: Callable[[], None]) -> None:
         except BaseException as error:  # passed on in the thread that waits
             failed.append(error)
 
-    # A daemon: should it not heed `stop`, it does not keep a process that ends
-    thread = threading.Thread(target=run, name="solver", daemon=True)
+    thread = _solver_thread()
     with interruptible(stop):
-        thread.start()
-        thread.join()
+        thread.run_and_wait(run)
     if failed:
         raise failed[0]
+
+
+class _SolverThread(threading.Thread):
+    """The thread of all solvers that run aside, one after the other.
+
+    One for all: SCIP's derivatives (CppAD) give every thread that they see a number for good, and
+    crash at the sixty-fifth. A daemon: a solver that does not heed `stop` does not keep a process.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(name="solver", daemon=True)
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], None], threading.Event]]
+        self._jobs = queue.SimpleQueue()
+        self.process = os.getpid()
+
+    def run(self) -> None:
+        """Take jobs for ever."""
+        while True:
+            job, done = self._jobs.get()
+            try:
+                job()
+            finally:
+                done.set()
+
+    def run_and_wait(self, job: Callable[[], None]) -> None:
+        """Run a job that raises nothing, and wait until it is done."""
+        if threading.current_thread() is self:
+            job()
+            return
+        done = threading.Event()
+        self._jobs.put((job, done))
+        done.wait()
+
+
+_thread: _SolverThread | None = None
+_starting = threading.Lock()
+
+
+def _solver_thread() -> _SolverThread:
+    """The thread of this process; a forked one has none yet."""
+    global _thread
+    with _starting:
+        if _thread is None or _thread.process != os.getpid():
+            _thread = _SolverThread()
+            _thread.start()
+        return _thread
 
 
 class Deadline(ca.Callback):

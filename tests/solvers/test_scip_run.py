@@ -7,8 +7,11 @@ import signal
 import threading
 import time
 
+import numpy as np
 import pytest
 
+from climbplan.program import Program
+from climbplan.solvers.registry import solve
 from climbplan.solvers.scip_run import run_model
 
 
@@ -79,3 +82,14 @@ def test_what_fails_in_scip_is_raised() -> None:
     model.optimizeNogil = fail  # type: ignore[method-assign]
     with pytest.raises(MemoryError, match="presolve"):
         run_model(model, 1e-4, 1e-5, 60.0)
+
+
+def test_many_runs_in_one_process() -> None:
+    """More than the 64 threads that SCIP's derivatives can tell apart."""
+    p = Program("area")
+    x = p.continuous("x", (2,), 0.25, 4.0)
+    p.equal("area", x[0] * x[1] - 1.0)
+    p.minimise("distance", np.sum((x - np.array([3.0, 0.5])) ** 2))
+    for _ in range(70):
+        found = solve(p.at(), "minlp-scip", gap=1e-3, time_limit=20.0)
+        assert found.x is not None

@@ -37,6 +37,7 @@ _INK, _MUTED, _WOOD, _FAILURE = "#1F2933", "#697586", "#B0906A", "#C0392B"
 MOVED = 1e-3  # [m] what counts as moved
 _UPRIGHT_TILT = 0.05  # [rad] what is drawn as upright or flat before the insertion
 _LABEL_ASIDE = 0.3  # of the height
+_TALLEST = 200.0  # [in]
 _DPI = 150
 
 
@@ -184,7 +185,10 @@ def png(figure: Figure) -> bytes:
 
 
 def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white", layout="constrained")
+    # A shelf may be as narrow as anything: pixels of more would not go into memory
+    figure = Figure(
+        figsize=(width, min(height, _TALLEST)), dpi=_DPI, facecolor="white", layout="constrained"
+    )
     FigureCanvasAgg(figure)
     return figure
 

@@ -24,6 +24,7 @@ from climbplan.reports import palette
 Plan = TypeVar("Plan")
 
 WIDTH = 11.0  # [in]
+TALLEST = 200.0  # [in]; pixels of more would not go into memory
 DPI = 150
 _COMPRESSION = 3  # of zlib: twice as fast as its 6, files a tenth larger
 _LEGEND_COLUMNS = 9
@@ -45,8 +46,9 @@ class PanelGrid(NamedTuple):
 def new_figure(height: float, *, entries: int) -> Figure:
     """An empty white figure of the common width, with room for a legend of so many entries.
 
-    height: [in].
+    height: [in], of which no more than `TALLEST` is drawn: a plan file may claim any size.
     """
+    height = min(height, TALLEST)
     foot = _foot(entries)
     rect = (0.005, foot / height, 0.99, 1 - (foot + _HEAD) / height)
     layout = ConstrainedLayoutEngine(rect=rect)
@@ -71,6 +73,7 @@ def panel_grid(
     row and at the foot of a column; else they are pictures that only have a title. own_heights:
     panels have vertical axes of their own.
     """
+    height = min(height, TALLEST)
     foot = _foot(entries)
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)

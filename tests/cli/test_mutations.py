@@ -17,6 +17,7 @@ ALL = 1000
 # Mutants of earlier runs that ended in a bug
 KNOWN = [
     Case("spec", "envelopes_ground3.yaml", 956993),
+    Case("plan", "climb_tube", 352801),  # a body of 1e9 m, and a figure as tall
 ]
 
 

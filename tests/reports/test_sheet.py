@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from climbplan.reports.sheet import (
+    TALLEST,
     drawn_as_png,
     foot_legend,
     heading,
@@ -83,3 +84,9 @@ def test_equal_panels_leave_room_for_what_stands_round_them(own_heights: bool) -
     assert min(box.y0 for box in boxes) > foot - 8  # the legend's frame is not drawn
     sizes = {(round(ax.bbox.width), round(ax.bbox.height)) for ax in axes.ravel()}
     assert len(sizes) == 1
+
+
+def test_figures_end_somewhere() -> None:
+    """A plan file may claim postures a thousand kilometres high."""
+    for figure in (new_figure(1e9, entries=3), panel_grid(1e9, entries=3, rows=2).figure):
+        assert figure.get_size_inches()[1] == TALLEST

@@ -34,6 +34,9 @@ def finite_check(not_finite: Sequence[str]) -> Check:
     return faults_check("file.finite", not_finite)
 
 
+_FARTHEST = 10 * LENGTH.high  # [m] of a part of a robot from its body
+
+
 def robot_check(robot: Robot) -> Check:
     """Lengths, masses, torques and stiffnesses that a robot can have."""
     return faults_check("robot.data", list(_robot_faults(robot)))
@@ -85,6 +88,9 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
             yield f"{name} of {robot.limb_names[limb]} is not {allowed.expected}"
     for limb in np.flatnonzero(~(robot.joint_upper > robot.joint_lower).all(axis=1)):
         yield f"joint_upper - joint_lower of {robot.limb_names[limb]} is not above zero"
+    for name in ("shoulder_body", "stance_body", "body_hull"):
+        if not (np.abs(vars(robot)[name]) <= _FARTHEST).all():
+            yield f"{name} lies more than {_FARTHEST:g} m from the body"
     if not MASS.holds(robot.mass):
         yield f"mass {robot.mass:g} kg is not {MASS.expected}"
     if not robot.gravity >= 0:

@@ -192,7 +192,7 @@ def test_a_hostile_model_ends_with_exit_code_2(
     ("before", "after", "words"),
     [
         ('"right": 0.08111', '"right": 1' + "0" * 400, "a number of 401 digits"),
-        ('"right": 0.08111', '"right": NaN', "NaN is no number"),
+        ('"right": 0.08111', '"right": NaN', "holds NaN, a number that is not finite"),
         ('"right": 0.08111', '"right": true', "a shelf whose right is True"),
         ('"books": 3', '"books": 1' + "0" * 400, "a number of 401 digits"),
         ('"features": "gaps"', '"features": "raw"', "14 features, expected 17"),

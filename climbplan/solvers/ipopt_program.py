@@ -45,6 +45,8 @@ class IpoptProgram:
         hessian: the upper triangle of the Lagrangian's second derivatives, of (x, p, weight of the
         cost, multipliers of the rows); CasADi's own if left out.
         """
+        # Rows that are zero whatever x is have no entry, which CasADi's solvers do not take
+        problem = {k: ca.densify(v) if k == "g" else v for k, v in problem.items()}
         self.size = int(problem["x"].numel())
         sizes = (problem[key].numel() if key in problem else 0 for key in ("x", "g", "p"))
         self._deadline = Deadline(*sizes)

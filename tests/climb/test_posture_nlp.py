@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from climbplan.climb.benchmarks.random_climbs import random_climb
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import least_room, limb_points
@@ -29,7 +31,7 @@ from climbplan.climb.postures.nlp_starts import convex_guess, straight_guess
 from climbplan.climb.postures.nlp_statement import posture_nlp, turning_bulge
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.errors import LimitReached, NotProved, ReachFailure
+from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure
 from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -399,3 +401,11 @@ def test_progress_is_reported(walls: ClimbScene) -> None:
     seen: list[float] = []
     plan_postures_nlp(walls, lambda stage, fraction: seen.append(fraction))
     assert seen == [0.0, 0.5]
+
+
+def test_rows_that_are_always_zero_are_taken(tmp_path: Path) -> None:
+    """Limbs straight out from the middle of the body leave some rows without any entry."""
+    scene = load_climb(random_climb(13, tmp_path), ["solver.starts=1", "solver.time_limit=5"])
+    built = build_scene(scene.spec, scene.robot, scene.source, scene.directory)
+    with contextlib.suppress(NoPlanFound):
+        plan_postures_nlp(built)

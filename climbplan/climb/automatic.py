@@ -18,7 +18,7 @@ from climbplan.climb.proof import proof_of_infeasibility
 from climbplan.climb.remedies import candidates
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trials import Trial, first_trial, further_trials
-from climbplan.errors import LimitReached, NoPlanFound, NotProved, Remedy, UsageError
+from climbplan.errors import LimitReached, NoPlanFound, NotProved, Remedy, SpecError, UsageError
 from climbplan.plans.climb_file import Reading
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import verification_of
@@ -113,10 +113,10 @@ class Search:
                     because=f"method {trial.method} does not state all that is checked",
                     stage="verify",
                 )
-        except UsageError as error:
+        except (UsageError, SpecError) as error:
             if not self.tried:
                 raise
-            # A method that cannot state this climb (other envelopes, another robot)
+            # A method that cannot state this climb, or a change that the spec cannot have
             refused = NotProved(
                 str(error), because=f"method {trial.method} cannot state this climb"
             )

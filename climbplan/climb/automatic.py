@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.proof import SHARE as PROOF
-from climbplan.climb.proof import proof_of_infeasibility
+from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
 from climbplan.climb.remedies import candidates
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trials import Trial, first_trial, further_trials
@@ -91,6 +90,7 @@ class Search:
     plan: ByMethod
     begin: float = field(default_factory=time.monotonic)
     tried: list[Tried] = field(default_factory=list)
+    failing: ClimbPlan | None = None  # the first plan that failed its verification
 
     @property
     def limit(self) -> float:
@@ -108,6 +108,7 @@ class Search:
             plan = self.plan(prepared(self.loaded, trial), start + seconds)
             verification = verification_of(Reading(plan, ()))
             if not verification.passed:
+                self.failing = self.failing or plan
                 raise NotProved(
                     f"the plan fails its verification: {verification.headline()}",
                     because=f"method {trial.method} does not state all that is checked",
@@ -141,7 +142,8 @@ def plan_automatically(
     """The plan of the first trial that leads to one; its warnings tell what was chosen.
 
     scene: of a spec, to see what methods it admits. Raises Infeasible where it is proved that there
-    is no plan, and Refused where no trial led to one.
+    is no plan, and Refused where no trial led to one. A plan that fails its verification is
+    returned where no other was found.
     """
     search = Search(loaded, plan)
     here = scene(loaded.spec)
@@ -150,7 +152,7 @@ def plan_automatically(
     if found is not None:
         return found
     error = search.tried[0].error
-    proof = proof_of_infeasibility(here, time.monotonic() + PROOF * search.limit)
+    proof = proof_of_infeasibility(here, time.monotonic() + PROOF_SHARE * search.limit)
     if proof is not None:
         raise proof from error
     late = False
@@ -162,6 +164,8 @@ def plan_automatically(
         found = search.attempt(trial, max(_EACH * left, _LEAST))
         if found is not None:
             return _told(found, trial, search.tried[0])
+    if search.failing is not None:
+        return search.failing  # better than none: it is written, and marked as failing
     tried = tuple(search.tried)
     if all(isinstance(one.error, LimitReached) for one in tried):
         late = True

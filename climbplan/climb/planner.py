@@ -12,8 +12,7 @@ from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
 from climbplan.climb.motion import Progress, StageClock, plan_motion, plan_support
-from climbplan.climb.proof import SHARE as PROOF
-from climbplan.climb.proof import proof_of_infeasibility
+from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
 from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
 from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
@@ -61,7 +60,7 @@ def plan_climb(
             plan = by_method(loaded, begin + limit)
         except NoPlanFound as error:
             # What a method cannot do proves nothing; a proof is worth more than what it says
-            end = time.monotonic() + PROOF * limit
+            end = time.monotonic() + PROOF_SHARE * limit
             proof = proof_of_infeasibility(scene_of(loaded.spec), end)
             if proof is None:
                 raise

@@ -35,7 +35,7 @@ from climbplan.spec.climb import PostureSpec
 from climbplan.spec.stated import stated
 from climbplan.terrain.surfaces import Region
 
-SHARE = 0.08  # of a time limit that the search for a proof may use
+PROOF_SHARE = 0.08  # of a time limit that the search for a proof may use
 _EDGES = 64  # of the pyramid about a friction cone
 _LOOSE = 0.5  # relative gap: any point of the outer statement will do
 

@@ -38,18 +38,15 @@ def first_trial(scene: ClimbScene) -> Trial:
 def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
     """What the failure of the first trial suggests, the likeliest first."""
     first = first_trial(scene).method
-    methods = [m for m in _methods(scene, error) if m != first]
-    choices = list(_choices(scene))
-    suited = [choice for choice in choices if _may_help(choice, error)]
+    methods = _methods(scene, error)
+    suited = [choice for choice in _choices(scene) if _may_help(choice, error)]
     # Choices cost a run of the global method each, other methods tend to cost more
-    order = [(first, choice) for choice in suited]
     if not _needs_choices(error):
         yield from (Trial(method, method) for method in methods)
-        methods = []
-    for method, choice in order:
-        yield _chosen(method, choice)
+        methods = ()
+    yield from (_chosen(first, choice) for choice in suited)
     yield from (Trial(method, method) for method in methods)
-    if error.stage != "force" and "nlp" in _methods(scene, error) and first != "nlp":
+    if error.stage != "force" and "nlp" in _methods(scene, error):
         yield from (_chosen("nlp", choice) for choice in suited)
 
 

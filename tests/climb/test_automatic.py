@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ import pytest
 import yaml
 
 from climbplan.climb.automatic import Refused
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner import plan_by_method, plan_climb
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trials import first_trial, further_trials
 from climbplan.errors import Infeasible, NotProved, ReachFailure
 from climbplan.plans.climb_file import write_climb
+from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import verify
 from climbplan.spec.loading import LoadedClimb, load_climb
 
@@ -147,3 +149,28 @@ def test_a_choice_is_part_of_the_stored_spec(tmp_path: Path) -> None:
 def test_curved_terrain_goes_to_the_exact_method(tmp_path: Path) -> None:
     tube = load_climb(Path("specs/climb_tube.yaml"), ["solver.method=auto"])
     assert first_trial(build_scene(tube.spec, tube.robot)).method == "nlp"
+
+
+def test_a_plan_that_fails_its_verification_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 5 and a plan that is marked, rather than none: as with a method that is named."""
+
+    def dearer(*given: Any) -> ClimbPlan:
+        plan = plan_by_method(*given)
+        return replace(plan, objective=2 * plan.objective)
+
+    monkeypatch.setattr("climbplan.climb.planner.plan_by_method", dearer)
+    kept = plan_climb(loaded(tmp_path, SHAFT))
+    path = tmp_path / "plan.h5"
+    write_climb(kept, path)
+    assert [check.name for check in verify(path).failed] == ["file.objective"]
+
+
+def test_a_closest_sequence_is_not_always_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = "climbplan.climb.postures.explanation.least_violations"
+    monkeypatch.setattr(module, lambda *_: None)
+    with pytest.raises(NotProved, match="no posture sequence found under the given bounds"):
+        plan_climb(loaded(tmp_path, STAIRS, "solver.method=micp"))

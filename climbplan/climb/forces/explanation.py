@@ -29,10 +29,7 @@ _NAMED = 3  # constraints of one kind named before "and 2 more"
 _SAFE = 1e-4  # relative distance from the exact amount before it is rounded
 
 
-CHOSEN = (
-    "these are the forces of postures that the planner chose without regard to forces; others may "
-    "hold"
-)
+CHOSEN = "these are the forces of postures that the planner chose; others may hold"
 
 
 @dataclass(frozen=True)

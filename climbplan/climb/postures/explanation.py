@@ -150,16 +150,15 @@ def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) 
             changes = tuple(r for c in conflicts for r in c.remedies)
             bare = [replace(c, remedies=()) for c in conflicts]
             return NoPostures("no posture sequence found", bare, changes, because=because)
-    blocks: frozenset[str] = frozenset()
-    found = least_violations(instance, _straight(scene, program))
-    if found is not None:
-        conflicts = list(violated(scene, program, found))
-        changes = needed_changes(scene, program, found)
-        blocks = frozenset(_block(name) for _, name, _, _ in _lines(program, found))
     head = "no posture sequence found under the given bounds"
+    found = least_violations(instance, _straight(scene, program))
+    if found is None:
+        return NoPostures(head, [])
+    conflicts = list(violated(scene, program, found))
     if conflicts:
         head += "; the closest one found still has"
-    return NoPostures(head, conflicts, changes, blocks)
+    blocks = frozenset(_block(name) for _, name, _, _ in _lines(program, found))
+    return NoPostures(head, conflicts, needed_changes(scene, program, found), blocks)
 
 
 def _stances(scene: ClimbScene) -> Iterator[Conflict]:

@@ -42,9 +42,10 @@ _QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same s
 # Options that benchmarks know which do not know all of them
 _KNOWN = {
     "limms": ("methods", "count", "seconds"),
+    "refusals": ("count", "seconds"),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
-_PANEL = "bench bookshelf, bench strategies, bench limms, bench mpc"
+_PANEL = "bench bookshelf, bench strategies, bench limms, bench mpc, bench refusals"
 
 
 def bench(
@@ -98,7 +99,7 @@ def bench(
             metavar="N",
             min=0,
             help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30]. "
-            "Of mpc: walks under each push [100].",
+            "Of mpc: walks under each push [100]. Of refusals: climbs [60].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -128,7 +129,8 @@ def bench(
             "--time-limit",
             metavar="SECONDS",
             min=0.1,
-            help="Of one scene of the slowest methods [5]; of one plan of modules [300].",
+            help="Of one scene of the slowest methods [5]; of one plan of modules [300]; of one "
+            "random climb [20], ten times that for second tries.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -195,7 +197,8 @@ def bench(
 
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
-    --methods (offline, envelopes, bounds, ticks, recovery), --count, --library and --library-size.
+    --methods (offline, envelopes, bounds, ticks, recovery), --count, --library and --library-size,
+    `bench refusals` --count and --time-limit.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -221,8 +224,10 @@ def bench(
     if name not in _QUICK and name not in _KNOWN and (given or out is not None or as_json):
         raise UsageError(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
-            "some of them, `bench limms` and `bench mpc`"
+            "some of them, `bench limms`, `bench mpc` and `bench refusals`"
         )
+    if name == "refusals" and (out is not None or as_json):
+        raise UsageError("`bench refusals` has no --out and no --json")
     allowed = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
     if stray := sorted(set(given) - set(allowed)):
         raise UsageError(f"`bench {name}` has no {_option(stray[0])}")
@@ -239,6 +244,13 @@ def bench(
             continue
         if chosen == "mpc":
             bench_walks(session, {**given, "seed": seed, "quick": quick}, out, force, as_json)
+            continue
+        if chosen == "refusals":
+            from climbplan.climb.benchmarks.refusals import bench_refusals
+
+            known = {key: given[key] for key in _KNOWN["refusals"] if key in given}
+            with standard_output() as stream:
+                bench_refusals(seed, quick, stream, **known)
             continue
         if chosen == "transition":
             from climbplan.transition.benchmark import run_transition

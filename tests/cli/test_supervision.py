@@ -15,24 +15,30 @@ import climbplan
 
 ROOT = Path(climbplan.__file__).parents[1]
 START = """
-import hashlib, os, signal, subprocess, sys, time
+import hashlib, os, signal, subprocess, sys, threading, time
 from pathlib import Path
 from climbplan.cli.interrupts import interrupt_handled
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.supervision import supervised
 
-def deaf():
-    "Compiled code that is busy for many minutes."
-    hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
-
 def ready():
     print("ready", flush=True)
+
+def deaf():
+    "Compiled code that is busy for many minutes, and ready only when it is."
+    def tell():
+        time.sleep(0.01)  # and wait for the interpreter, which the main thread then lets go only once
+        ready()
+    sys.setswitchinterval(1e6)
+    threading.Thread(target=tell, daemon=True).start()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
 
 def inside(do):
     def command():
         with OutputDirectory(Path("below/deeper/out")) as directory:
             (directory.path / "half").write_text("written")
-            ready()
+            if do is not deaf:
+                ready()
             do()
             directory.publish()
         return 0
@@ -95,7 +101,6 @@ def test_what_the_command_had_started_goes_with_it(tmp_path: Path) -> None:
 def both():
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     print(child.pid, flush=True)
-    ready()
     deaf()
 
 sys.exit(supervised(lambda: both() or 0))
@@ -175,8 +180,10 @@ from climbplan.cli import supervision
 supervision.GRACE = 60.0  # so that a busy machine sees it too
 
 def command():
-    for _ in range(3):
+    for turn in range(3):
         try:
+            if turn == 0:
+                ready()
             time.sleep(60)
         except KeyboardInterrupt as stop:
             print(type(stop).__name__, flush=True)
@@ -186,7 +193,7 @@ def command():
     time.sleep(0.3)
     return 7
 
-sys.exit(supervised(lambda: ready() or command()))
+sys.exit(supervised(command))
 """
     run = start(tmp_path, script)
     run.send_signal(signal.SIGTERM)
@@ -200,8 +207,8 @@ from climbplan.cli import app
 
 @app.app.command()
 def swallow():
-    ready()
     try:
+        ready()
         time.sleep(60)
     except KeyboardInterrupt:
         pass

@@ -38,32 +38,37 @@ class Outcome:
     method: str
 
 
-def bench_refusals(seed: int, quick: bool, out: TextIO) -> None:
-    """Random climbs seed, seed + 1, ...: 60 of them, 6 with `quick`, which does not try again."""
-    count = 6 if quick else 60
+def bench_refusals(
+    seed: int, quick: bool, out: TextIO, count: int | None = None, seconds: float = _LIMIT
+) -> None:
+    """Random climbs seed, seed + 1, ...: 60 of them, 6 with `quick`, which does not try again.
+
+    seconds: limit of a climb.
+    """
+    count = count or (6 if quick else 60)
     found: list[Outcome] = []
     stood = fell = 0
     print(f"{'climb':>6}{'outcome':>12}{'wall s':>8}{'CPU s':>8}  method, remedies", file=out)
     with tempfile.TemporaryDirectory() as folder:
         for number in range(seed, seed + count):
             path = random_climb(number, Path(folder))
-            one = _planned(load_climb(path, [f"solver.time_limit={_LIMIT}"]))
+            one = _planned(load_climb(path, [f"solver.time_limit={seconds}"]))
             found.append(one)
             told = one.method or f"{one.remedies} remedies that work"
             line = f"{number:>6}{one.word:>12}{one.seconds:>8.1f}{one.cpu:>8.1f}  {told}"
             if one.word != "planned" and not quick:
-                by = _second_try(path)
+                by = _second_try(path, _LONGER * seconds)
                 stood, fell = stood + (by == ""), fell + (by != "")
                 line += f"; ten times as long: {by or 'no plan'}"
             print(line, file=out, flush=True)
-    late = sum(one.seconds > _KEPT * _LIMIT for one in found)
+    late = sum(one.seconds > _KEPT * seconds for one in found)
     words = {word: sum(one.word == word for one in found) for word in ("planned", "proved")}
     refused = count - words["planned"]
     print(
         f"{count} climbs: {words['planned']} planned, {words['proved']} proved impossible, "
         f"{refused - words['proved']} not proved; {sum(o.remedies > 0 for o in found)} of "
         f"{refused} refusals name a change with which a plan was found; {late} beyond "
-        f"{_KEPT:g} times the limit of {_LIMIT:g} s",
+        f"{_KEPT:g} times the limit of {seconds:g} s",
         file=out,
     )
     if not quick and refused:
@@ -87,14 +92,14 @@ def _planned(loaded: LoadedClimb) -> Outcome:
     return Outcome(word, time.perf_counter() - begin, spent, remedies, method)
 
 
-def _second_try(path: Path) -> str:
-    """The method that finds a plan after all, "" if none does."""
+def _second_try(path: Path, limit: float) -> str:
+    """The method that finds a plan after all within a limit [s], "" if none does."""
     for method in _METHODS:
         loaded = load_climb(
             path,
             [
                 f"solver.method={method}",
-                f"solver.time_limit={_LONGER * _LIMIT}",
+                f"solver.time_limit={limit}",
                 f"solver.starts={_STARTS}",
             ],
         )

@@ -10,7 +10,6 @@ from typing import TextIO
 from climbplan.climb.benchmarks.coupled import bench_coupled
 from climbplan.climb.benchmarks.force import bench_force
 from climbplan.climb.benchmarks.posture import bench_growth, bench_posture
-from climbplan.climb.benchmarks.refusals import bench_refusals
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
@@ -63,7 +62,6 @@ BENCHMARKS: dict[str, Callable[[int, bool, TextIO], None]] = {
     "plan": bench_plan,
     "coupled": bench_coupled,
     "growth": bench_growth,
-    "refusals": bench_refusals,
 }
 
 

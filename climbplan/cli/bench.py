@@ -248,9 +248,9 @@ def bench(
         if chosen == "refusals":
             from climbplan.climb.benchmarks.refusals import bench_refusals
 
-            known = {key: given[key] for key in _KNOWN["refusals"] if key in given}
+            own = {key: given[key] for key in _KNOWN["refusals"] if key in given}
             with standard_output() as stream:
-                bench_refusals(seed, quick, stream, **known)
+                bench_refusals(seed, quick, stream, **own)
             continue
         if chosen == "transition":
             from climbplan.transition.benchmark import run_transition

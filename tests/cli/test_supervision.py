@@ -27,7 +27,8 @@ def ready():
 def deaf():
     "Compiled code that is busy for many minutes, and ready only when it is."
     def tell():
-        time.sleep(0.01)  # and wait for the interpreter, which the main thread then lets go only once
+        # then waits for the interpreter, which the main thread lets go just once
+        time.sleep(0.01)
         ready()
     sys.setswitchinterval(1e6)
     threading.Thread(target=tell, daemon=True).start()

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from climbplan.climb.coupled.envelopes import braced_envelope, named_envelope, opposite
+from climbplan.climb.benchmarks.random_climbs import random_climb
+from climbplan.climb.coupled.envelopes import (
+    braced_envelope,
+    chosen_envelopes,
+    named_envelope,
+    opposite,
+)
 from climbplan.climb.coupled.planner import plan_coupled
 from climbplan.climb.coupled.preparation import Prepared, prepare
 from climbplan.climb.coupled.stages import (
@@ -138,6 +146,16 @@ def test_envelopes_that_do_not_exist_are_refused() -> None:
     scene = _scene()
     with pytest.raises(UsageError, match=r"unknown envelope 'wal5'.*wall5, expert"):
         named_envelope(scene, "wal5")
+
+
+@pytest.mark.parametrize(("climb", "legs", "name"), [(35, 4, "expert"), (1, 6, "wall5")])
+def test_a_robot_without_a_shipped_envelopes_limbs_has_the_experts(
+    climb: int, legs: int, name: str, tmp_path: Path
+) -> None:
+    loaded = load_climb(random_climb(climb, tmp_path), [])
+    scene = build_scene(loaded.spec, loaded.robot, loaded.source)
+    assert scene.robot.limb_count == legs
+    assert [one.name for one in chosen_envelopes(scene)] == [name]
 
 
 def test_limbs_have_mirror_images() -> None:

@@ -15,7 +15,7 @@ from typing import TextIO
 
 from climbplan.climb.benchmarks.random_climbs import random_climb
 from climbplan.climb.planner import plan_climb
-from climbplan.errors import Infeasible, NoPlanFound
+from climbplan.errors import Infeasible, NoPlanFound, UsageError
 from climbplan.plans.climb_file import Reading
 from climbplan.plans.verification import verification_of
 from climbplan.spec.loading import LoadedClimb, load_climb
@@ -105,7 +105,7 @@ def _second_try(path: Path, limit: float) -> str:
         )
         try:
             plan = plan_climb(loaded)
-        except NoPlanFound:
+        except (NoPlanFound, UsageError):  # or a method that cannot state the climb
             continue
         if verification_of(Reading(plan, ())).passed:
             return method

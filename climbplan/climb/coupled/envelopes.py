@@ -72,8 +72,7 @@ def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
 def spread(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> Envelope:
     """The envelope for all limbs of the scene's robot, as forces are bounded in its statement."""
     robot = scene.robot
-    unknown = [name for name in stored.limb_names if name not in robot.limb_names]
-    if unknown:
+    if not set(stored.limb_names) <= set(robot.limb_names):
         raise UsageError(f"envelopes of {', '.join(stored.limb_names)} do not fit {robot.name}")
     scale = np.array([stored.position_scale / POSITION_SCALE] * 3 + [1.0] * 3)
     lower, upper = envelope.lower * scale, envelope.upper * scale
@@ -106,7 +105,8 @@ def opposite(robot: Robot, limb: int) -> int:
 
 
 def _by_terrain(scene: ClimbScene) -> str:
-    """ground3 or wall5 where all regions are tilted as in their training, else the expert's."""
+    """ground3 or wall5 where the robot has their limbs and all regions are tilted as in their
+    training, else the expert's."""
     robot, terrain = scene.robot, scene.terrain
     side = np.sign(robot.shoulder_body[:, 0])
     for name, nominal in (
@@ -114,7 +114,8 @@ def _by_terrain(scene: ClimbScene) -> str:
         ("wall5", -side[:, None] * [1.0, 0.0, 0.0]),
     ):
         level = nominal @ np.stack([region.normal for region in terrain.regions]).T
-        if (level[terrain.allowed] >= _TILT).all():
+        limbs = shipped_envelopes(name).limb_names
+        if set(limbs) <= set(robot.limb_names) and (level[terrain.allowed] >= _TILT).all():
             return name
     return EXPERT
 

@@ -5,6 +5,7 @@ Each carries the exit code that the command line gives it (see the README's tabl
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -97,8 +98,7 @@ class Remedy:
         """The change as an option of the command line, "" where no key stands for it."""
         if not self.key:
             return ""
-        text = f"{self.key}={self.yaml}"
-        return f"--set '{text}'" if isinstance(self.value, tuple) else f"--set {text}"
+        return f"--set {shlex.quote(f'{self.key}={self.yaml}')}"
 
     @property
     def yaml(self) -> str:
@@ -125,13 +125,15 @@ class Conflict:
     constraints: tuple[str, ...]  # ("friction at RF", "torque of LR femur")
     remedies: tuple[Remedy, ...] = ()  # each enough on its own
     in_words: bool = False  # the constraints already say how they fail
+    enough: bool = True  # else each remedy is needed at least, and was not planned with
 
     def __str__(self) -> str:
         what = " and ".join(self.constraints)
         verb = " conflict" if len(self.constraints) > 1 else " cannot be met"
         if self.in_words:
             verb = ""
-        cure = f"; feasible with {' or '.join(map(str, self.remedies))}" if self.remedies else ""
+        cure = "; feasible with " if self.enough else "; at least needed: "
+        cure = cure + " or ".join(map(str, self.remedies)) if self.remedies else ""
         return f"{self.where}: {what}{verb}{cure}"
 
 

@@ -9,15 +9,23 @@ each lacked. Keys that the spec states are never changed.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
-from climbplan.climb.remedies import candidates
+from climbplan.climb.remedies import candidates, listed
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trials import Trial, first_trial, further_trials
-from climbplan.errors import LimitReached, NoPlanFound, NotProved, Remedy, SpecError, UsageError
+from climbplan.errors import (
+    Infeasible,
+    LimitReached,
+    NoPlanFound,
+    NotProved,
+    Remedy,
+    SpecError,
+    UsageError,
+)
 from climbplan.plans.climb_file import Reading
 from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.plans.verification import verification_of
@@ -28,6 +36,7 @@ from climbplan.spec.overrides import Override
 _FOR_PLANS = 0.7  # share of the time limit for trials; the rest is for remedies
 _FIRST = 0.6  # share of that which the global method may use
 _EACH = 0.5  # share of what is left that a later trial may use
+_AFTER_PROOF = 5  # changes planned with
 _REMEDIES = 3  # found before the search for them ends
 _LEAST = 0.2  # [s] with less a trial is not begun
 
@@ -48,7 +57,7 @@ class Tried:
         """In one line, with the first of several conflicts."""
         text = self.error.message.partition("\n")[0]
         if self.error.conflicts:
-            text += f" {str(self.error.conflicts[0]).partition(';')[0]}"
+            text += f"; {str(self.error.conflicts[0]).partition(';')[0]}"
         return text
 
     def __str__(self) -> str:
@@ -66,9 +75,7 @@ class Refused(NotProved):
         lines += [f"  {_plain(str(one))}" for one in tried]
         if late:
             lines.append("the time limit ended the search for a plan: more of it may help")
-        if remedies:
-            lines.append("with each of these changes a plan was found and verified:")
-            lines += [f"  {remedy.option}    ({remedy.words})" for remedy in remedies]
+        lines += listed(remedies)
         because = first.because if isinstance(first, NotProved) else "a limit was reached"
         super().__init__("\n".join(lines), because=because, stage=first.stage, remedies=remedies)
         self.conflicts = [replace(c, remedies=()) for c in first.conflicts]
@@ -154,7 +161,8 @@ def plan_automatically(
     error = search.tried[0].error
     proof = proof_of_infeasibility(here, time.monotonic() + PROOF_SHARE * search.limit)
     if proof is not None:
-        raise proof from error
+        changes = list(candidates(here, proof.remedies))[:_AFTER_PROOF]
+        raise _with_changes(proof, tuple(_that_work(search, here, changes))) from error
     late = False
     for trial in further_trials(here, error):
         left = search.left(_FOR_PLANS)
@@ -169,7 +177,9 @@ def plan_automatically(
     tried = tuple(search.tried)
     if all(isinstance(one.error, LimitReached) for one in tried):
         late = True
-    raise Refused(tried, tuple(_that_work(search, here, tried)), late)
+    named = [r for one in tried if isinstance(one.error, NoPostures) for r in one.error.changes]
+    named += [r for one in tried for r in one.error.remedies]
+    raise Refused(tried, tuple(_that_work(search, here, candidates(here, named))), late)
 
 
 def _told(plan: ClimbPlan, trial: Trial, first: Tried) -> ClimbPlan:
@@ -178,12 +188,19 @@ def _told(plan: ClimbPlan, trial: Trial, first: Tried) -> ClimbPlan:
     return replace(plan, warnings=(note, *plan.warnings))
 
 
-def _that_work(search: Search, scene: ClimbScene, tried: Sequence[Tried]) -> Iterator[Remedy]:
-    """Changes of the spec with which a plan was found and verified."""
-    changes = [r for one in tried if isinstance(one.error, NoPostures) for r in one.error.changes]
-    changes += [r for one in tried for r in one.error.remedies]
+def _with_changes(proof: Infeasible, remedies: Sequence[Remedy]) -> Infeasible:
+    """The proof with the changes that lead to a plan; those of its own are only needed."""
+    if not remedies:
+        return proof
+    lines = [proof.message, *listed(remedies)]
+    conflicts = [replace(conflict, remedies=()) for conflict in proof.conflicts]
+    return Infeasible("\n".join(lines), conflicts, stage=proof.stage, remedies=remedies)
+
+
+def _that_work(search: Search, scene: ClimbScene, changes: Iterable[Remedy]) -> Iterator[Remedy]:
+    """Those changes of the spec with which a plan was found and verified."""
     count = 0
-    for remedy in candidates(scene, changes):
+    for remedy in changes:
         left = search.left()
         if left < _LEAST or count == _REMEDIES:
             return

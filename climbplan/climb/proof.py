@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
@@ -24,6 +25,7 @@ from climbplan.climb.postures.outer import (
     own_toes,
     shoulder_balls,
 )
+from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene, MotionScene, Stance, load_wrench
 from climbplan.errors import Conflict, Infeasible, Remedy
 from climbplan.program.polytope import Array
@@ -47,7 +49,7 @@ def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | N
     """
     conflicts = [*buried(scene), *too_far(scene), *out_of_reach(scene), *no_support(scene)]
     if conflicts:
-        return Infeasible("no plan exists", conflicts, stage="proof")
+        return Infeasible("no plan exists", _needed(conflicts), stage="proof")
     if scene.terrain.curved:
         return None
     left = deadline - time.monotonic()
@@ -64,7 +66,12 @@ def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | N
     head = "no plan exists: no toes and bodies on the way are within reach of each other"
     if conflicts:
         head += "; the closest found still have"
-    return Infeasible(head, conflicts, stage="proof")
+    return Infeasible(head, _needed(conflicts), stage="proof")
+
+
+def _needed(conflicts: list[Conflict]) -> list[Conflict]:
+    """A change that a proof names takes the proof away, and may leave no plan all the same."""
+    return [replace(conflict, enough=False) for conflict in conflicts]
 
 
 def _straight(scene: ClimbScene) -> Array:
@@ -94,37 +101,14 @@ def buried(scene: MotionScene) -> Iterator[Conflict]:
 def too_far(scene: ClimbScene) -> Iterator[Conflict]:
     """The way to the goal against the rounds and the steps that the spec states."""
     spec = scene.spec
-    steps, goal, rounds = spec.posture.steps, spec.task.goal, spec.task.rounds
-    start, end = scene.start, scene.goal
-    ways: list[tuple[str, float, str]] = [
-        ("the body's way to the goal", float(np.linalg.norm(end.com - start.com)), "com_max")
-    ]
-    ends = zip(own_toes(spec.task.start, scene), own_toes(goal, scene), strict=True)
-    for limb, both in enumerate(ends):
-        if all(both):
-            way = float(np.linalg.norm(end.toes[limb] - start.toes[limb]))
-            ways.append((f"{scene.robot.limb_names[limb]}'s way to its goal", way, "toe_max"))
-    for what, whole, key in ways:
-        way, step = whole - goal.tolerance, float(getattr(steps, key))
-        needed = math.ceil(way / step - 1e-6)
-        if stated(spec, f"posture.steps.{key}") and needed > rounds:
-            text = f"{what}, {way:.3f} m in steps of at most {1e3 * step:.0f} mm, is too long"
-            least = math.ceil(1e3 * way / rounds) / 1e3
-            remedies = (
-                Remedy(f"rounds >= {needed}", "task.rounds", needed),
-                Remedy(f"steps of {1e3 * least:.0f} mm", f"posture.steps.{key}", least),
-            )
-            yield Conflict(f"{rounds} rounds", (text,), remedies, in_words=True)
-    if stated(spec, "task.goal.rpy_deg") and stated(spec, "posture.steps.rotation_max_deg"):
-        turn = float(np.rad2deg(np.abs(end.rpy - start.rpy).max())) - goal.rotation_tolerance_deg
-        needed = math.ceil(turn / steps.rotation_max_deg - 1e-6)
-        if needed > rounds:
-            text = (
-                f"the turn to the goal, {turn:.1f} deg in steps of at most "
-                f"{steps.rotation_max_deg:g} deg, is too far"
-            )
-            remedy = Remedy(f"rounds >= {needed}", "task.rounds", needed)
-            yield Conflict(f"{rounds} rounds", (text,), (remedy,), in_words=True)
+    ends = zip(own_toes(spec.task.start, scene), own_toes(spec.task.goal, scene), strict=True)
+    given = [all(both) for both in ends]
+    for way in ways_too_long(scene):
+        open_end = way.limb is not None and not given[way.limb]
+        if way.key == "rotation_max_deg":
+            open_end = not stated(spec, "task.goal.rpy_deg")
+        if stated(spec, f"posture.steps.{way.key}") and not open_end:
+            yield way.conflict
 
 
 def out_of_reach(scene: MotionScene) -> Iterator[Conflict]:

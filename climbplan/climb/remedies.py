@@ -33,6 +33,14 @@ def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]
     yield from list(named.values())[:_MOST]
 
 
+def listed(remedies: Sequence[Remedy]) -> list[str]:
+    """Changes in lines, if there are any."""
+    if not remedies:
+        return []
+    head = "with each of these changes a plan was found and verified:"
+    return [head, *(f"  {remedy.option}    ({remedy.words})" for remedy in remedies)]
+
+
 def _cleared(scene: ClimbScene) -> Iterator[Remedy]:
     """Without obstacles: that a plan exists then says that they are in the way."""
     spec = scene.spec.terrain

@@ -27,6 +27,15 @@ class LoadedTransition(LoadedSpec):
     spec: TransitionSpec
     robot: RobotSpec
 
+    def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedTransition:
+        """The same transition with other values.
+
+        Raises:
+            SpecError: with every mistake that the overrides bring.
+        """
+        text = SourceText(self.source, self.name, self.directory, self.text)
+        return transition_of_text(text, overrides)
+
 
 def load_transition(
     source: str | Path, overrides: Sequence[str | Override] = ()

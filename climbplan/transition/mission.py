@@ -7,21 +7,25 @@ verification are those of the whole.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.motion import Motion, StageClock, plan_motion
+from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene import ClimbScene, Stance, build_scene
-from climbplan.errors import NoPlanFound, NotProved
+from climbplan.errors import NoPlanFound, NotProved, Remedy
 from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import to_body
-from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, StartSpec, TaskSpec
+from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, StartSpec, TaskSpec
 from climbplan.spec.transition import TransitionPostureSpec, TransitionSpec
 from climbplan.spec.transition_loading import LoadedTransition
 from climbplan.transition.scene import TransitionScene
 
-CLIMB_METHOD = "its postures are planned by method micp alone"
+_SHARE = 0.5  # of the time limit, for the climb's postures
+_METHODS = ("micp", "nlp")  # the first whose postures hold is taken
+_OF_CLIMB = ("task.rounds", "task.goal", "task.gait", "posture.")  # of a climb's keys, in `climb`
 
 
 @dataclass(frozen=True)
@@ -41,20 +45,44 @@ def climb_after(loaded: LoadedTransition, scene: TransitionScene, clock: StageCl
     if scene.spec.climb is None:
         return None
     climb = _climb_scene(loaded, scene)
-    try:
-        motion = plan_motion(climb, clock)
-    except NoPlanFound as error:
-        named = [replace(c, where=f"climb, {c.where}") for c in error.conflicts]
-        message = str(error).partition("\n")[0]
-        raise NotProved(
-            f"the climb after the transition: {message}",
-            named,
-            because=f"{CLIMB_METHOD}; the transition's end is given",
-            stage=error.stage,
-            remedies=error.remedies,
-        ) from error
+    motion = _climb_motion(climb, clock)
     instants = replace(motion.instants, round=motion.instants.round + scene.spec.task.rounds)
     return Tail(motion.posture.rounds, instants, climb.goal)
+
+
+def _climb_motion(climb: ClimbScene, clock: StageClock) -> Motion:
+    """The climb's postures by the global method, and where that fails with exact rotations."""
+    deadline = time.monotonic() + climb.spec.solver.time_limit
+    first: NoPlanFound | None = None
+    lacked = []
+    for method in _METHODS:
+        solver = climb.spec.solver.model_copy(update={"method": method})
+        scene = replace(climb, spec=climb.spec.model_copy(update={"solver": solver}))
+        try:
+            return plan_motion(scene, clock, deadline=deadline)
+        except NoPlanFound as error:
+            first = first or error
+            lacked.append(f"{method}: {error.message.partition(chr(10))[0]}")
+    assert first is not None
+    changes = first.changes if isinstance(first, NoPostures) else ()
+    told = "\n".join(f"  {line}" for line in lacked)
+    raise NotProved(
+        f"no postures for the climb after the transition:\n{told}",
+        [
+            replace(c, where=f"climb, {c.where}", remedies=tuple(map(_renamed, c.remedies)))
+            for c in first.conflicts
+        ],
+        because="the transition's end is given, and method nlp is local",
+        stage=first.stage,
+        remedies=[_renamed(remedy) for remedy in (*first.remedies, *changes)],
+    ) from first
+
+
+def _renamed(remedy: Remedy) -> Remedy:
+    """A change of a climb as one of the spec that has it for a part."""
+    if not remedy.key.startswith(_OF_CLIMB):
+        return remedy
+    return replace(remedy, key="climb." + remedy.key.removeprefix("task."))
 
 
 def _climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> ClimbScene:
@@ -93,6 +121,7 @@ def _climb_spec(spec: TransitionSpec, start: StartSpec) -> ClimbSpec:
         posture=_within(climb.posture, spec.posture),
         force=spec.force,
         trajectory=spec.trajectory,
+        solver=SolverSpec(time_limit=_SHARE * spec.solver.time_limit),
         seed=spec.seed,
     )
 

@@ -13,7 +13,7 @@ from climbplan.climb.motion import Progress, StageClock
 from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import NoPlanFound, NotProved, UsageError
+from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
 from climbplan.plans.climb_file import Reading
 from climbplan.plans.climb_plan import (
     ClimbPlan,
@@ -33,12 +33,14 @@ from climbplan.transition.mission import Tail, climb_after, joined_instants, joi
 from climbplan.transition.motion import plan_motion
 from climbplan.transition.pose_ways import Sequence
 from climbplan.transition.refusal import OutOfReach, no_sequence
+from climbplan.transition.remedies import with_remedies
 from climbplan.transition.scene import TransitionScene, build_transition
 from climbplan.transition.search import Search
 from climbplan.transition.stances import Laboratory
 from climbplan.transition.summary import summary_lines
 
-_FOR_SEARCH = 0.7  # share of the time limit that `auto` gives to the search
+_FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
+_FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies
 _FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
 
 
@@ -160,9 +162,17 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     verified as it stands in memory; the file is verified on its own.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
-    scene = build_transition(loaded)
-    run = Run(loaded, scene, clock, climb_after(loaded, scene, clock))
-    return assemble(run, _METHODS[scene.spec.solver.method](run))
+    begin = time.monotonic()
+    options = loaded.spec.solver
+    try:
+        scene = build_transition(loaded)
+        run = Run(loaded, scene, clock, climb_after(loaded, scene, clock))
+        return assemble(run, _METHODS[options.method](run))
+    except NoPlanFound as error:
+        if options.method != "auto" or isinstance(error, Infeasible):
+            raise
+        refused = with_remedies(loaded, error, plan_transition, begin + options.time_limit)
+        raise refused from error
 
 
 def assemble(run: Run, found: Found) -> ClimbPlan:
@@ -302,7 +312,7 @@ def _automatic(run: Run) -> Found:
     except NoPlanFound as error:
         spent = time.monotonic() - began
         task = run.scene.spec.task
-        left = run.scene.spec.solver.time_limit - spent
+        left = _FOR_PLANS * run.scene.spec.solver.time_limit - spent
         if task.sequence is not None or left <= 0 or isinstance(error, OutOfReach):
             raise
         first, seconds = error, spent
@@ -318,7 +328,7 @@ def _automatic(run: Run) -> Found:
             stage=first.stage,
             remedies=first.remedies,
         ) from first
-    lacked = first.message.partition("\n")[0]
+    lacked = first.message.partition("\n")[0].partition(";")[0]
     return replace(
         found, warnings=(f"found by complementarity; by enumerate not: {lacked}", *found.warnings)
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -39,16 +40,18 @@ def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:
     task = scene.spec.task
     asked = f"{task.rounds} rounds" + (f" as {task.sequence}" if task.sequence else "")
     if not found:
+        conflicts, remedies = _unreached(kinematic)
         return OutOfReach(
             f"no contact sequence of {asked}",
-            _unreached(kinematic),
+            conflicts,
             because=SEARCHED,
             stage="search",
+            remedies=remedies,
         )
     _standing(kinematic.lab, scene)
     return NotProved(
         f"no contact sequence of {asked}: {len(found)} are within reach, none finds admissible "
-        "forces at the poses searched; nearest:",
+        "forces at the poses searched",
         _refusals(kinematic, found[:_LOOKED_INTO]),
         because=SEARCHED,
         stage="search",
@@ -63,13 +66,14 @@ def _standing(lab: Laboratory, scene: TransitionScene) -> None:
         plan_forces(scene, stance_instants(lab, row, np.array([pose])))
 
 
-def _unreached(search: Search) -> list[Conflict]:
+def _unreached(search: Search) -> tuple[list[Conflict], list[Remedy]]:
     """Limbs that cannot reach their goal from any pose, or not in so many rounds."""
     lab, names = search.lab, search.scene.robot.limb_names
-    conflicts = []
+    conflicts: list[Conflict] = []
+    longer: dict[str, float] = {}
     if not lab.footholds.real[:, START].any():
         text = "every toe stands where it has to in the end: no limb has to move"
-        return [Conflict("search", (text,), in_words=True)]
+        return [Conflict("search", (text,), in_words=True)], []
     for limb, name in enumerate(names):
         old, new = lab.reach.valid[:, limb, START], lab.reach.valid[:, limb, GOAL]
         if not lab.footholds.real[limb, START]:
@@ -87,10 +91,25 @@ def _unreached(search: Search) -> list[Conflict]:
                 f"footholds searched, and may step {1e3 * most:.0f} mm"
             )
             conflicts.append(Conflict("search", (text,), in_words=True))
+            longer[name] = needed
     if not conflicts:
         text = "limbs reach their footholds, but not in so few rounds or from the same poses"
-        conflicts.append(Conflict("search", (text,), (Remedy("more rounds"),), in_words=True))
-    return conflicts
+        conflicts.append(Conflict("search", (text,), in_words=True))
+    return conflicts, _longer_steps(search.scene, longer)
+
+
+def _longer_steps(scene: TransitionScene, needed: dict[str, float]) -> list[Remedy]:
+    """Largest steps of limbs with which they get to their goal; needed: by limb [m]."""
+    if not needed:
+        return []
+    asked = {name: np.ceil(1e3 * step + 1) / 1e3 for name, step in needed.items()}
+    own, most = scene.spec.task.step_max, scene.spec.posture.steps.toe_max
+    words = f"steps of {1e3 * max(asked.values()):.0f} mm"
+    if max(asked.values()) > most:
+        return [Remedy(words, "posture.steps.toe_max", float(max(asked.values())))]
+    whole = {**own, **asked}
+    text = ", ".join(f"{name}: {step:.6g}" for name, step in whole.items())
+    return [Remedy(words, "task.step_max", f"{{{text}}}")]
 
 
 def _longest_step(lab: Laboratory, limb: int, between: list[int]) -> float:
@@ -158,13 +177,34 @@ def _refusal(
     slips = slipping(lab, row, pose, factor)
     words = []
     for slip in slips[:3]:
-        surface = scene.terrain.surfaces[lab.footholds.region[slip.limb, row[slip.limb]]].name
+        surface = _surface_name(lab, slip.limb, row)
         words.append(
             f"{names[slip.limb]} slips on {surface!r}: it needs mu {slip.needed:.2f}, "
             f"and has {slip.available:.2f} / S_mu {asked:g} = {slip.available / asked:.2f}"
         )
-    remedy: tuple[Remedy, ...] = ()
+    remedies: list[Remedy] = []
     if factor >= 1:
-        remedy = (Remedy(f"S_mu <= {factor:.3g}", "force.safety_friction", factor),)
-    remedy += (Remedy(f"friction {asked / factor:.2f} times as high"),)
-    return Conflict(where, tuple(words) or ("friction",), remedy, in_words=bool(words))
+        remedies.append(Remedy(f"S_mu <= {factor:.3g}", "force.safety_friction", factor))
+    remedies += _rougher(scene, {_surface_name(lab, s.limb, row) for s in slips}, asked / factor)
+    remedies.append(Remedy(f"friction {asked / factor:.2f} times as high"))
+    return Conflict(where, tuple(words) or ("friction",), tuple(remedies), in_words=bool(words))
+
+
+def _surface_name(lab: Laboratory, limb: int, stance: Index) -> str:
+    return lab.scene.terrain.surfaces[lab.footholds.region[limb, stance[limb]]].name
+
+
+def _rougher(scene: TransitionScene, surfaces: set[str], times: float) -> Iterator[Remedy]:
+    """More friction where limbs slip: of boxes that have their own, and of all the rest."""
+    terrain = scene.spec.terrain
+    own = {f"terrain.boxes.{k}.friction": box for k, box in enumerate(terrain.boxes)}
+    rougher = {
+        key: box.friction
+        for key, box in own.items()
+        if box.friction is not None and box.name in surfaces
+    }
+    if surfaces - {box.name for box in own.values() if box.friction is not None}:
+        rougher["terrain.friction"] = terrain.friction
+    for key, friction in rougher.items():
+        value = np.ceil(1e3 * times * friction) / 1e3
+        yield Remedy(f"mu of {value:.3g}", key, float(value))

@@ -102,6 +102,13 @@ def test_stated_steps_make_it_a_proof(tmp_path: Path) -> None:
     with pytest.raises(Infeasible) as caught:
         plan_climb(spec)
     assert caught.value.exit_code == 3
+    # Its own changes take the proof away; those that are named were planned with
+    assert not any(conflict.remedies for conflict in caught.value.conflicts)
+    remedies = caught.value.remedies
+    assert "task.rounds" in [remedy.key for remedy in remedies]
+    for remedy in remedies:
+        assert remedy.option in str(caught.value)
+        plan_climb(spec.with_overrides([f"{remedy.key}={remedy.yaml}"]))
 
 
 def test_the_limit_is_kept(tmp_path: Path) -> None:

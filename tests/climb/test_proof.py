@@ -41,7 +41,8 @@ def test_steps_count_only_if_the_spec_states_them(demo_climb: SceneMaker, given:
     assert (found is not None) == given
     if found is not None:
         assert found.exit_code == 3
-        assert "0.580 m in steps of at most 150 mm, is too long" in str(found)
+        assert "0.580 m in steps of at most 150 mm, takes 4 rounds at least" in str(found)
+        assert "; at least needed: rounds >= 4 (--set task.rounds=4) or steps" in str(found)
         remedies = {r.key: r.value for r in found.remedies}
         assert remedies == {"task.rounds": 4, "posture.steps.com_max": 0.194}
 

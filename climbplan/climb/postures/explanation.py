@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.climb.postures.passage import closed_way
+from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene, Stance
 from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
 from climbplan.program import Program
@@ -143,7 +144,7 @@ def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) 
     """The error to raise for a posture program that is proved to have no solution."""
     for conflicts, because in (
         ([*_stances(scene), *closed_way(scene)], f"method micp has {BOUND_SCOPE}"),
-        (list(_distances(scene)), DEFAULT_STEPS),
+        ([way.conflict for way in ways_too_long(scene)], DEFAULT_STEPS),
     ):
         if conflicts:
             # Each remedy meets its own conflict; if it is enough is found out by planning with it
@@ -177,41 +178,6 @@ def _toes_body(stance: Stance) -> Array:
 def _reach_words(failure: ReachFailure) -> str:
     gap = f" by {1e3 * failure.missing:.1f} mm" if failure.missing > 0 else ""
     return f"{failure.limb} cannot reach its toe ({failure.reason}{gap})"
-
-
-def _distances(scene: ClimbScene) -> Iterator[Conflict]:
-    """The straight way against what the rounds can cover."""
-    steps, goal = scene.spec.posture.steps, scene.spec.task.goal
-    rounds = scene.spec.task.rounds
-    turn = np.abs(scene.goal.rpy - scene.start.rpy).max() - np.deg2rad(goal.rotation_tolerance_deg)
-    ways = [
-        (
-            "the body's way to the goal",
-            float(np.linalg.norm(scene.goal.com - scene.start.com)) - goal.tolerance,
-            steps.com_max,
-        ),
-        *(
-            (
-                f"{name}'s way to its goal",
-                float(np.linalg.norm(scene.goal.toes[i] - scene.start.toes[i])) - goal.tolerance,
-                steps.toe_max,
-            )
-            for i, name in enumerate(scene.robot.limb_names)
-        ),
-        ("the turn to the goal", float(turn), float(np.deg2rad(steps.rotation_max_deg))),
-    ]
-    for what, way, step in ways:
-        needed = math.ceil(way / step - 1e-9)
-        if needed > rounds:
-            unit = f"{np.rad2deg(way):.1f} deg" if "turn" in what else f"{way:.3f} m"
-            largest = f"{np.rad2deg(step):.0f} deg" if "turn" in what else f"{1e3 * step:.0f} mm"
-            text = f"{what}, {unit} in steps of at most {largest}, takes {needed} rounds at least"
-            yield Conflict(
-                f"{rounds} rounds",
-                (text,),
-                (Remedy(f"rounds >= {needed}", "task.rounds", needed),),
-                in_words=True,
-            )
 
 
 def _straight(scene: ClimbScene, program: Program) -> Array:

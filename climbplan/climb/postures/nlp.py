@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from climbplan.climb.postures.nlp_numbers import (
 from climbplan.climb.postures.nlp_starts import convex_guess, repinned, straight_guess
 from climbplan.climb.postures.nlp_statement import PostureNlp, posture_nlp
 from climbplan.climb.postures.planner import PostureResult, Progress
+from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, ReachFailure
 from climbplan.plans.climb_plan import Rounds
@@ -158,34 +159,16 @@ def refuse_hopeless(scene: ClimbScene) -> None:
     Raises ReachFailure for a start posture beyond a limb's reach, and NotProved where the sum of
     the largest steps is shorter than the way to the goal.
     """
-    start, goal, spec = scene.start, scene.goal, scene.spec
+    start, spec = scene.start, scene.spec
     toes, first = start.toes.copy(), scene.gait[0]
     require_reachable(scene.robot, to_body(start.com, start.rpy, toes), "start posture")
     normal = scene.terrain.surfaces[start.region[first]].normal_at(toes[first])
     toes[first] += spec.trajectory.lift * normal  # before the body has moved
     where = f"round 1, {scene.robot.limb_names[first]} lifted"
     require_reachable(scene.robot, to_body(start.com, start.rpy, toes), where)
-    m, steps, tolerance = spec.task.rounds, spec.posture.steps, spec.task.goal.tolerance
-    names = ["the body", *(f"toe {name}" for name in scene.robot.limb_names)]
-    ways = np.linalg.norm(np.vstack([goal.com - start.com, goal.toes - start.toes]), axis=1)
-    ranges = m * np.array([steps.com_max] + [steps.toe_max] * scene.robot.limb_count)
-    for name, way, most in zip(names, ways, ranges, strict=True):
-        if way > most + tolerance:
-            raise NotProved(
-                f"{name} has {way:.3f} m to go, {m} rounds allow {most:.3f} m: "
-                "more rounds or larger steps are needed",
-                because=DEFAULT_STEPS,
-                stage="posture",
-            )
-    turn = np.rad2deg(np.abs(goal.rpy - start.rpy).max())
-    most = m * steps.rotation_max_deg
-    if turn > most + spec.task.goal.rotation_tolerance_deg:
-        raise NotProved(
-            f"the body has {turn:.1f} deg to turn, {m} rounds allow {most:.1f} deg: "
-            "more rounds or larger turns are needed",
-            because=DEFAULT_STEPS,
-            stage="posture",
-        )
+    for way in ways_too_long(scene):
+        bare = replace(way.conflict, remedies=())  # needed at least, perhaps not enough
+        raise NotProved("no posture sequence found", [bare], because=DEFAULT_STEPS, stage="posture")
 
 
 def _guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:

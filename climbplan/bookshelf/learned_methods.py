@@ -21,8 +21,8 @@ from climbplan.learning.pipeline import (
 )
 from climbplan.learning.strategy import Strategy
 from climbplan.program.instance import Instance
-from climbplan.solvers.convex import ConvexBackend
-from climbplan.solvers.sqp import SqpOptions
+from climbplan.solvers.convex.sessions import ConvexBackend
+from climbplan.solvers.sqp.method import SqpOptions
 
 
 @dataclass(frozen=True)

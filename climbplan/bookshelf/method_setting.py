@@ -11,7 +11,7 @@ from climbplan.errors import UsageError
 from climbplan.spec.bookshelf import BookshelfSpec, Meaning, ShelfSolverSpec
 
 if TYPE_CHECKING:
-    from climbplan.solvers.convex import ConvexBackend
+    from climbplan.solvers.convex.sessions import ConvexBackend
 
 
 @dataclass(frozen=True)

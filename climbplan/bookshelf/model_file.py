@@ -19,7 +19,7 @@ def save_scene_model(setting: MethodSetting, scene: Scene, path: Path) -> None:
     from climbplan.bookshelf.statement_methods import Budget, Judge, Micp
     from climbplan.reformulations.disjunctions import BigM
     from climbplan.solvers.model_file import save_model
-    from climbplan.solvers.scip_bilinear import save_bilinear_model
+    from climbplan.solvers.scip.bilinear import save_bilinear_model
 
     solver = setting.solver
     judge = Judge(scene.count, setting.shelf, setting.meaning)

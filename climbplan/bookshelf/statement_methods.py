@@ -28,8 +28,8 @@ from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.mccormick import EnvelopeForm, McCormick
 from climbplan.solvers.admm import AdmmOptions, solve_admm
 from climbplan.solvers.bonmin import solve_bonmin
-from climbplan.solvers.ipopt import solve_pinned
-from climbplan.solvers.mpcc import STRAIGHT, solve_mpcc
+from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
 from climbplan.spec.bookshelf import Meaning

@@ -21,7 +21,7 @@ from climbplan.learning.model_file import read_model
 from climbplan.learning.pipeline import Checked, PipelineOptions, PipelineResult, run_pipeline
 from climbplan.learning.reduce import ReducedPrograms
 from climbplan.program.instance import Instance
-from climbplan.solvers.sqp import SqpOptions
+from climbplan.solvers.sqp.method import SqpOptions
 from climbplan.spec.strategy import ShelfFeatures
 
 MORE_CLUSTERS = 4  # that are tried while no placement was found

@@ -31,7 +31,7 @@ from climbplan.errors import Conflict, Infeasible, Remedy
 from climbplan.program.polytope import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.solvers.elastic import least_violations
-from climbplan.solvers.linear import LinearProgram, solve_linear
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.solvers.registry import solve
 from climbplan.spec.climb import PostureSpec
 from climbplan.spec.stated import stated

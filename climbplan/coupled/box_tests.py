@@ -11,7 +11,7 @@ from climbplan.coupled.search import least_error, without_products
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.ipopt import solve_ipopt
+from climbplan.solvers.ipopt.instances import solve_ipopt
 
 _TIME = 2.0  # [s]
 

@@ -23,8 +23,8 @@ from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
-from climbplan.solvers.ipopt import solve_ipopt
-from climbplan.solvers.linear import LinearProgram, solve_linear
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+from climbplan.solvers.ipopt.instances import solve_ipopt
 
 Manner = Literal["propagated", "tightened", "published"]
 _NLP_TIME = 2.0  # [s]

@@ -15,7 +15,7 @@ from scipy import sparse
 from climbplan.coupled.first_stage import FirstStage
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.ipopt import solve_ipopt
+from climbplan.solvers.ipopt.instances import solve_ipopt
 
 _TIME = 2.0  # [s]
 

@@ -19,7 +19,7 @@ from climbplan.coupled.statement import COM_RANGE, FACETS, ROTATION_LIMIT
 from climbplan.coupled.terrains import CORNERS, Patches
 from climbplan.mechanics.friction import contact_frame, regular_corners
 from climbplan.program.polytope import Array
-from climbplan.solvers.linear import LinearProgram, solve_linear
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 
 DIRECTIONS = ball_directions()
 

@@ -20,8 +20,8 @@ from climbplan.coupled.terrains import Patches
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.extension import no_implications
-from climbplan.solvers.ipopt import solve_ipopt
-from climbplan.solvers.linear import LinearProgram, solve_linear
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+from climbplan.solvers.ipopt.instances import solve_ipopt
 
 TOLERANCE = 1e-7  # of constraints at a point that counts as feasible
 _ROUNDS = 6  # of the alternation

@@ -15,7 +15,7 @@ from scipy import sparse
 from climbplan.errors import LimitReached
 from climbplan.learning.envelope_box import Envelope, Mask, exterior
 from climbplan.program.polytope import Array
-from climbplan.solvers.mixed_linear import MixedLinearProgram, solve_mixed_linear
+from climbplan.solvers.highs.mixed_linear import MixedLinearProgram, solve_mixed_linear
 
 _CLOSE = 1e-6  # of a box's span: how far a box ends before an excluded point
 _RIDGE = 1e-4  # of the mixture's covariances, in squared standard deviations

@@ -27,7 +27,7 @@ from climbplan.program.problem import Problem
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.grids import Encoding, Partition, pieces, uniform
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.solvers.mpcc import STRAIGHT, solve_mpcc
+from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
 from climbplan.solvers.separable_cost import separable_cost

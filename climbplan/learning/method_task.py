@@ -20,7 +20,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.admm import AdmmOptions
-from climbplan.solvers.ipopt import middle
+from climbplan.solvers.ipopt.instances import middle
 from climbplan.solvers.result import SolverResult
 from climbplan.spec.program import ProgramMethod, ProgramStart
 

@@ -18,7 +18,7 @@ from climbplan.program.box import Box, product_range
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
 from climbplan.reformulations.grids import Partition
-from climbplan.solvers.ipopt import middle
+from climbplan.solvers.ipopt.instances import middle
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 NEEDS_MODEL = ("forest", "boosting", "network", "reduce")

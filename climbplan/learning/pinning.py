@@ -13,10 +13,10 @@ from climbplan.learning.strategy import Candidate
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.convex import ConvexBackend, solve_convex
-from climbplan.solvers.ipopt import solve_ipopt
+from climbplan.solvers.convex.sessions import ConvexBackend, solve_convex
+from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.result import Answer, SolverResult, judged
-from climbplan.solvers.sqp import SqpSolver
+from climbplan.solvers.sqp.method import SqpSolver
 
 PinnedSolver = Literal["ipopt", "sqp", "clarabel", "daqp", "osqp"]
 PINNED_SOLVERS: tuple[PinnedSolver, ...] = get_args(PinnedSolver)

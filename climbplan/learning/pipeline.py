@@ -12,9 +12,9 @@ import numpy as np
 from climbplan.learning.strategy import Candidate
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.ipopt import solve_pinned
-from climbplan.solvers.sqp import SqpOptions, SqpSolver
-from climbplan.solvers.sqp_envelopes import EnvelopeSolver
+from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.sqp.envelopes import EnvelopeSolver
+from climbplan.solvers.sqp.method import SqpOptions, SqpSolver
 
 Local = Literal["sqp", "ipopt", "envelopes"]
 Stop = Literal["first", "best"]

@@ -20,7 +20,7 @@ from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.admm import solve_admm
-from climbplan.solvers.mpcc import HOMOTOPY, STRAIGHT, solve_mpcc
+from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
 

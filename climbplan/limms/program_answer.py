@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.limms.scene import Array
 from climbplan.limms.unknowns import Unknowns
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.solvers.ipopt_program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram
 
 FEASIBLE = 1e-6  # largest violation of an answer that is used
 

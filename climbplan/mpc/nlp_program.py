@@ -17,7 +17,7 @@ from climbplan.mpc.dynamics import BodyNumbers, knot_step, plain_knot_step, rota
 from climbplan.mpc.pinned import FACETS
 from climbplan.mpc.task import ANGLE_RANGE, LEGS, STATE, WalkTask
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.solvers.ipopt_program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
 ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000

@@ -17,7 +17,7 @@ from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.admm import AdmmSplit, Norm, Relaxation, admm_split
 from climbplan.reformulations.nlp_form import Consensus
-from climbplan.solvers.ipopt import ITERATIONS, TOLERANCE, minimise, solve_pinned
+from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, minimise, solve_pinned
 from climbplan.solvers.result import LEAST_OBJECTIVE, Answer, SolverResult, judged
 
 NAME = "admm"

@@ -10,7 +10,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.admm import AdmmOptions, solve_admm
-from climbplan.solvers.highs import solve_highs
+from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.result import SolverResult
 
 _BLOCK_GAP = 1e-3  # the next consensus moves the block anyway

@@ -19,7 +19,7 @@ import numpy as np
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.nlp_form import Manner, nlp_form
-from climbplan.solvers.ipopt import TOLERANCE, middle, solve_pinned
+from climbplan.solvers.ipopt.instances import TOLERANCE, middle, solve_pinned
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 NAME = "bonmin"

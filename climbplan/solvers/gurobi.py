@@ -11,9 +11,9 @@ from gurobipy import GRB
 
 from climbplan.errors import MissingSolver
 from climbplan.program.instance import Balls, Instance
-from climbplan.solvers.mending import mended
 from climbplan.solvers.mixed_integer_form import mixed_integer_form
 from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.tree.mending import mended
 
 NAME = "gurobi"
 TOLERANCE = 2e-6

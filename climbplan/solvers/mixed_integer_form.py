@@ -17,9 +17,9 @@ from scipy import sparse
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.solvers.bound_propagation import Box, propagated_box
-from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable, choice_tables
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
+from climbplan.solvers.tree.bound_propagation import Box, propagated_box
+from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, choice_tables
 
 _ENTRIES = 10e6  # of rows of binaries; some 200 bytes each once a model is built of them
 

@@ -40,11 +40,11 @@ def save_model(instance: Instance, path: Path) -> None:
         _write_by_scip(_bilinear(BigM().apply(instance).instance), path)
     elif features <= _SCIP_CONVEX:
         require("scip")
-        from climbplan.solvers.scip_model import scip_model
+        from climbplan.solvers.scip.model import scip_model
 
         _write_by_scip(scip_model(instance).model, path)
     elif features <= _BY_BIG_M and path.suffix != ".cip":
-        from climbplan.solvers.highs import save_highs_model
+        from climbplan.solvers.highs.instances import save_highs_model
 
         save_highs_model(BigM().apply(instance).instance, path)
     else:
@@ -53,7 +53,7 @@ def save_model(instance: Instance, path: Path) -> None:
 
 def _bilinear(instance: Instance) -> Any:
     require("minlp-scip")
-    from climbplan.solvers.scip_bilinear import bilinear_model
+    from climbplan.solvers.scip.bilinear import bilinear_model
 
     return bilinear_model(instance).model
 

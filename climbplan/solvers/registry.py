@@ -67,13 +67,13 @@ class Backend:
 
 
 def _branch_and_bound() -> SolveKnowing:
-    from climbplan.solvers.branch_and_bound import solve_branch_and_bound
+    from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
     return solve_branch_and_bound
 
 
 def _scip() -> Solve:
-    from climbplan.solvers.scip import solve_scip
+    from climbplan.solvers.scip.instances import solve_scip
 
     return solve_scip
 
@@ -85,25 +85,25 @@ def _gurobi() -> Solve:
 
 
 def _highs() -> Solve:
-    from climbplan.solvers.highs import solve_highs
+    from climbplan.solvers.highs.instances import solve_highs
 
     return solve_highs
 
 
 def _minlp_scip() -> Solve:
-    from climbplan.solvers.scip_bilinear import solve_minlp_scip
+    from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
     return solve_minlp_scip
 
 
 def _ipopt() -> Solve:
-    from climbplan.solvers.ipopt import solve_ipopt
+    from climbplan.solvers.ipopt.instances import solve_ipopt
 
     return solve_ipopt
 
 
 def _mpcc() -> Solve:
-    from climbplan.solvers.mpcc import solve_mpcc
+    from climbplan.solvers.ipopt.mpcc import solve_mpcc
 
     return solve_mpcc
 
@@ -122,7 +122,7 @@ def _admm() -> Solve:
 
 def _convex(backend: Literal["daqp", "clarabel", "osqp"]) -> Callable[[], Solve]:
     def load() -> Solve:
-        from climbplan.solvers.convex import solve_convex
+        from climbplan.solvers.convex.sessions import solve_convex
 
         def solve_once(
             instance: Instance, gap: float = 1e-4, time_limit: float = np.inf

@@ -30,7 +30,7 @@ from typing import Any
 import casadi as ca
 
 from climbplan.climb.postures.nlp_statement import rotation
-from climbplan.solvers.ipopt_program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram
 from climbplan.transition.limb_expressions import limb_expression, torques
 from climbplan.transition.motion_statement import COST_SCALE, Layout
 

@@ -33,7 +33,7 @@ from typing import Any
 import casadi as ca
 
 from climbplan.climb.postures.nlp_statement import rotation
-from climbplan.solvers.ipopt_program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram
 from climbplan.transition.limb_expressions import LimbExpression, limb_expression, torques
 
 CORNERS = 8

@@ -18,8 +18,8 @@ from climbplan.bookshelf.scene import Scene, Scenes, Shelf
 from climbplan.bookshelf.scene_file import read_scenes
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.solvers.ipopt import solve_pinned
-from climbplan.solvers.scip_bilinear import solve_minlp_scip
+from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
 SHELF = Shelf()
 

@@ -10,7 +10,7 @@ from scipy.linalg import solve_discrete_are
 from climbplan.learning.library import Frame, Library
 from climbplan.program import Program
 from climbplan.program.polytope import Array
-from climbplan.solvers.sqp import SqpSolver
+from climbplan.solvers.sqp.method import SqpSolver
 
 DAMPING = 0.1
 NONE = np.zeros(0, np.int64)

@@ -11,7 +11,7 @@ from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.logic_rows import add_logic
 from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STABLE, STANDS, setting_of
-from climbplan.solvers.highs_model import highs, linear_model
+from climbplan.solvers.highs.model import highs, linear_model
 
 K = 3  # intervals
 

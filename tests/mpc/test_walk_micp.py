@@ -19,7 +19,7 @@ from climbplan.mpc.micp.tube import Tube, tube_about, turning
 from climbplan.mpc.search import SearchLimits, search
 from climbplan.mpc.task import WalkTask
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.solvers.highs_model import highs
+from climbplan.solvers.highs.model import highs
 
 ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
 

@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.program import Instance, Polytope, Program
 from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.convex import solve_convex
+from climbplan.solvers.convex.sessions import solve_convex
 
 BOUND = 2.0
 

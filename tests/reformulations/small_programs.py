@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.program import Instance, Polytope, Program
-from climbplan.solvers.ipopt import solve_pinned
+from climbplan.solvers.ipopt.instances import solve_pinned
 
 TOLERANCE = 1e-6
 

@@ -11,7 +11,7 @@ from small_programs import TOLERANCE, random_numbers, small_program
 from climbplan.reformulations.admm import admm_split, single_envelopes
 from climbplan.reformulations.nlp_form import Consensus
 from climbplan.solvers.admm import AdmmOptions, solve_admm
-from climbplan.solvers.ipopt import solve_pinned
+from climbplan.solvers.ipopt.instances import solve_pinned
 
 
 def test_envelopes_contain_the_products() -> None:

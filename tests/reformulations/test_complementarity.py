@@ -13,8 +13,8 @@ from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.nlp_form import Gap, Manner, nlp_form
-from climbplan.solvers.ipopt import middle, solve_pinned
-from climbplan.solvers.mpcc import HOMOTOPY, STRAIGHT, follow, solve_mpcc
+from climbplan.solvers.ipopt.instances import middle, solve_pinned
+from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, follow, solve_mpcc
 
 KINDS: tuple[Gap, ...] = ("product", "fischer-burmeister")
 SCENES = 8

@@ -13,8 +13,8 @@ from climbplan.program import Polytope, Program
 from climbplan.program.box import propagated_box
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.solvers.highs import solve_highs
-from climbplan.solvers.scip_bilinear import solve_minlp_scip
+from climbplan.solvers.highs.instances import solve_highs
+from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
 SEEDS = range(6)
 

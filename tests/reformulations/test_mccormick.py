@@ -18,11 +18,11 @@ from climbplan.reformulations.grids import Partition, code, each, pieces, togeth
 from climbplan.reformulations.local_envelopes import LocalForm, LocalMcCormick
 from climbplan.reformulations.mccormick import Enveloped, McCormick
 from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.convex import solve_convex
-from climbplan.solvers.highs import solve_highs
-from climbplan.solvers.mending import mended
+from climbplan.solvers.convex.sessions import solve_convex
+from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.result import SolverResult
-from climbplan.solvers.scip_bilinear import solve_minlp_scip
+from climbplan.solvers.scip.bilinear import solve_minlp_scip
+from climbplan.solvers.tree.mending import mended
 
 SEEDS = range(4)
 

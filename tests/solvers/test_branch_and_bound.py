@@ -10,12 +10,12 @@ from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.program import Instance, Polytope, Program
-from climbplan.solvers import tree_search
-from climbplan.solvers.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.incumbent import IncumbentStore
-from climbplan.solvers.normal_form import normal_form
-from climbplan.solvers.relaxation import Relaxation
 from climbplan.solvers.result import Known, relative_gap
+from climbplan.solvers.tree import search as tree_search
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.tree.incumbent import IncumbentStore
+from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.relaxation import Relaxation
 
 GAP = 1e-4
 

@@ -8,7 +8,7 @@ from random_scenes import frame_of, polygon, random_polygon
 
 from climbplan.program import Polytope
 from climbplan.program.polytope import Array
-from climbplan.solvers.choice_table import UNBOUNDED, ChoiceTable
+from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable
 
 
 def patches(seed: int, count: int = 4, turned: bool = True) -> tuple[Polytope, ...]:

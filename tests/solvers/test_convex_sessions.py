@@ -9,8 +9,8 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.solvers.convex import ConvexBackend, session, solve_convex
-from climbplan.solvers.highs import solve_highs
+from climbplan.solvers.convex.sessions import ConvexBackend, session, solve_convex
+from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.weak_duality import weak_dual
 
 BACKENDS: tuple[ConvexBackend, ...] = ("daqp", "clarabel", "osqp")

@@ -11,9 +11,9 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.solvers.highs import save_highs_model, solve_highs
-from climbplan.solvers.mending import mended
-from climbplan.solvers.scip_bilinear import save_bilinear_model, solve_minlp_scip
+from climbplan.solvers.highs.instances import save_highs_model, solve_highs
+from climbplan.solvers.scip.bilinear import save_bilinear_model, solve_minlp_scip
+from climbplan.solvers.tree.mending import mended
 
 
 def knapsack(seed: int, quadratic: bool, items: int = 12, balls: bool = False) -> Instance:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from climbplan.solvers.highs_model import highs, linear_model, run_highs
+from climbplan.solvers.highs.model import highs, linear_model, run_highs
 
 
 @pytest.fixture(autouse=True)

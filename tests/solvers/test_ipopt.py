@@ -10,7 +10,7 @@ import pytest
 from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.solvers.bonmin import solve_bonmin
-from climbplan.solvers.ipopt import solve_ipopt
+from climbplan.solvers.ipopt.instances import solve_ipopt
 
 
 def hyperbola(least: float) -> Program:

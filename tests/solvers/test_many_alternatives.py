@@ -10,13 +10,14 @@ import pytest
 from random_scenes import frame_of, polygon, random_polygon, stepping_scene
 
 from climbplan.program import Instance, Polytope, Program
-from climbplan.solvers import choice_table, tree_search
-from climbplan.solvers.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.branching import violations
-from climbplan.solvers.choice_table import ChoiceTable
-from climbplan.solvers.normal_form import normal_form
-from climbplan.solvers.row_pool import RowPool
-from climbplan.solvers.sectors import sector_splits
+from climbplan.solvers.tree import choice_table
+from climbplan.solvers.tree import search as tree_search
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.tree.branching import violations
+from climbplan.solvers.tree.choice_table import ChoiceTable
+from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.row_pool import RowPool
+from climbplan.solvers.tree.sectors import sector_splits
 
 
 def as_if_many(monkeypatch: pytest.MonkeyPatch) -> None:

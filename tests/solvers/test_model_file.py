@@ -13,7 +13,7 @@ import pytest
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.model_file import save_model
-from climbplan.solvers.scip_bilinear import solve_minlp_scip
+from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
 
 def switched(bilinear: bool, choice: bool = False) -> Instance:

@@ -7,11 +7,11 @@ import pytest
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.program import Instance, Program
-from climbplan.solvers.bound_propagation import largest_cost, propagated_box
-from climbplan.solvers.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.choice_table import ChoiceTable
-from climbplan.solvers.normal_form import NormalForm, normal_form
-from climbplan.solvers.relaxation import Relaxation
+from climbplan.solvers.tree.bound_propagation import largest_cost, propagated_box
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.tree.choice_table import ChoiceTable
+from climbplan.solvers.tree.normal_form import NormalForm, normal_form
+from climbplan.solvers.tree.relaxation import Relaxation
 
 
 def cost(form: NormalForm, z: np.ndarray) -> float:

@@ -12,7 +12,7 @@ import pytest
 
 from climbplan.program import Program
 from climbplan.solvers.registry import solve
-from climbplan.solvers.scip_run import run_model
+from climbplan.solvers.scip.run import run_model
 
 
 class Endless:

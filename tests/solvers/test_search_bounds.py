@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from random_scenes import stepping_scene, tiny_instance
 
-from climbplan.solvers.block_minima import blocks
-from climbplan.solvers.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.branching import best_split, single_gains, violations
-from climbplan.solvers.certificate import proved_bound
-from climbplan.solvers.choice_table import UNBOUNDED
-from climbplan.solvers.dual_gains import row_rates
-from climbplan.solvers.normal_form import normal_form
-from climbplan.solvers.relaxation import Closed, Point, Relaxation
+from climbplan.solvers.tree.block_minima import blocks
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.tree.branching import best_split, single_gains, violations
+from climbplan.solvers.tree.certificate import proved_bound
+from climbplan.solvers.tree.choice_table import UNBOUNDED
+from climbplan.solvers.tree.dual_gains import row_rates
+from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.relaxation import Closed, Point, Relaxation
 
 
 def relaxed(relaxation: Relaxation) -> Point | None:

@@ -13,8 +13,8 @@ from random_scenes import stepping_scene
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.program import Program
 from climbplan.solvers import registry
-from climbplan.solvers.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.model_file import save_model
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
 
 def test_unknown_solver_lists_the_known() -> None:

@@ -11,12 +11,12 @@ from small_programs import random_numbers, small_program
 
 from climbplan.errors import UsageError
 from climbplan.program import Program
-from climbplan.solvers.convex import ConvexBackend
-from climbplan.solvers.ipopt import middle, solve_pinned
-from climbplan.solvers.sqp import SqpOptions, SqpSolver
-from climbplan.solvers.sqp_elimination import eliminated, settled, thin_product
-from climbplan.solvers.sqp_envelopes import EnvelopeSolver
-from climbplan.solvers.sqp_step import DaqpSteps, Quadratic, SessionSteps
+from climbplan.solvers.convex.sessions import ConvexBackend
+from climbplan.solvers.ipopt.instances import middle, solve_pinned
+from climbplan.solvers.sqp.elimination import eliminated, settled, thin_product
+from climbplan.solvers.sqp.envelopes import EnvelopeSolver
+from climbplan.solvers.sqp.method import SqpOptions, SqpSolver
+from climbplan.solvers.sqp.step import DaqpSteps, Quadratic, SessionSteps
 
 TIGHT = 1e-5
 NONE = np.zeros(0, np.int64)

@@ -9,10 +9,10 @@ import pytest
 from random_scenes import stepping_scene
 
 from climbplan.program import Instance
-from climbplan.solvers.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.incumbent import Incumbent
-from climbplan.solvers.normal_form import Flags, normal_form
-from climbplan.solvers.tree_search import Node, TreeSearch
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.tree.incumbent import Incumbent
+from climbplan.solvers.tree.normal_form import Flags, normal_form
+from climbplan.solvers.tree.search import Node, TreeSearch
 
 
 def scene(seed: int) -> Instance:

@@ -22,7 +22,7 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import build_scene
 from climbplan.errors import LimitReached
 from climbplan.program.polytope import Array
-from climbplan.solvers.ipopt import solve_ipopt
+from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import load_text
 

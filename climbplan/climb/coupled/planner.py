@@ -32,7 +32,7 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
 from climbplan.solvers.result import SolverResult, relative_gap
-from climbplan.solvers.scip_bilinear import solve_minlp_scip
+from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
 COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
 

@@ -19,8 +19,8 @@ from climbplan.program import Program
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.local_envelopes import LocalForm
-from climbplan.solvers.convex import solve_convex
-from climbplan.solvers.ipopt import solve_ipopt
+from climbplan.solvers.convex.sessions import solve_convex
+from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.registry import solve
 
 TOLERANCE = 1e-6  # of P's constraints: metres, weights, weights times metres

@@ -31,7 +31,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
 from climbplan.program.statement import Expression
-from climbplan.solvers.linear import LinearProgram, solve_linear
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.terrain.surfaces import Region
 
 FORCE_LIMIT = 1.0  # of a force's components: they lie in [-1, 1], eq. (5.8) [weights]

@@ -19,7 +19,7 @@ from climbplan.program.instance import Balls, Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
-from climbplan.solvers.convex import session, solve_convex
+from climbplan.solvers.convex.sessions import session, solve_convex
 from climbplan.solvers.separable_cost import separable_cost
 
 _NARROW = 1e-4  # ranges below this are left alone

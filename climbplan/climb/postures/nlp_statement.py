@@ -31,7 +31,7 @@ from climbplan.climb.postures.nlp_layout import (
 )
 from climbplan.climb.postures.nlp_links import link_points
 from climbplan.robots.rotations import Array
-from climbplan.solvers.ipopt_program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
 

@@ -26,7 +26,7 @@ from climbplan.limms.consensus.module_rows import AHEAD
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, Setting
 from climbplan.limms.scene import SIDE_NORMALS, Array
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.solvers.ipopt_program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram
 
 CUTS = 40  # planes between links that a program has room for
 ITERATIONS = 60

@@ -20,7 +20,7 @@ from climbplan.limms.consensus.module_rows import add_modules
 from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import FREE, LEAPS, Setting
 from climbplan.limms.scene import Array
-from climbplan.solvers.highs_model import highs, linear_model, run_highs
+from climbplan.solvers.highs.model import highs, linear_model, run_highs
 
 GOAL = 1000.0  # [1/m] cost of what is missing to the goal
 REACHED = 20.0  # cost of a plan that reaches it, more than all else together

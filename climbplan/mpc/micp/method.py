@@ -23,7 +23,7 @@ from climbplan.mpc.micp.statement import Relaxation, relaxation
 from climbplan.mpc.micp.tube import Tube, tube_about
 from climbplan.mpc.sqp import iterate_of, solve_gait
 from climbplan.mpc.task import Array, WalkTask, WalkTrajectory
-from climbplan.solvers.highs_model import highs, run_highs
+from climbplan.solvers.highs.model import highs, run_highs
 from climbplan.spec.mpc_solver import WalkSolverSpec
 
 _TOLERANCE = 1e-7  # of rows

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.mpc.task import Array, Whole
-from climbplan.solvers.highs_model import linear_model
+from climbplan.solvers.highs.model import linear_model
 
 _LEAST_SHARE = 1e-4  # of a square that tangents are added to
 

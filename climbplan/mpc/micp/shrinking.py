@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.mpc.micp.statement import Relaxation
 from climbplan.mpc.micp.tube import Tube
 from climbplan.mpc.task import ANGLES, POSITION, SPIN, Array
-from climbplan.solvers.highs_model import highs, run_highs
+from climbplan.solvers.highs.model import highs, run_highs
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
 _FIXED = 1e-6

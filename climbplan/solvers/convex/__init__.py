@@ -1,0 +1,1 @@
+"""Convex instances by DAQP, Clarabel or OSQP, each re-solved where only numbers change."""

@@ -1,0 +1,1 @@
+"""HiGHS: instances, and linear programs as they stand."""

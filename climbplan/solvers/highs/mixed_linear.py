@@ -1,0 +1,62 @@
+"""Mixed-integer linear programs as they stand, by HiGHS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import highspy
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.program.polytope import Array
+from climbplan.solvers.highs.linear import LinearProgram
+from climbplan.solvers.highs.model import highs, run_highs
+
+_FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
+
+
+@dataclass(frozen=True)
+class MixedLinearProgram(LinearProgram):
+    """min cost'x over bounds and rows, some of x whole."""
+
+    integer: NDArray[np.bool_]  # (n,)
+
+
+@dataclass(frozen=True)
+class MixedLinearAnswer:
+    """The incumbent (n,), None without one, and what is proved."""
+
+    x: Array | None
+    objective: float
+    bound: float
+    infeasible: bool  # proved
+
+    @property
+    def gap(self) -> float:
+        """Relative to the objective; 0 without an incumbent to compare."""
+        if self.x is None:
+            return 0.0
+        return max(0.0, self.objective - self.bound) / max(abs(self.objective), 1e-9)
+
+
+def solve_mixed_linear(
+    program: MixedLinearProgram,
+    time_limit: float = np.inf,
+    gap: float = 1e-4,
+    start: Array | None = None,
+) -> MixedLinearAnswer:
+    """The best point found in time [s]; start: (n,) a point to begin with."""
+    solver = highs(time_limit, gap)
+    solver.passModel(program.model(program.integer))
+    if start is not None:
+        point = highspy.HighsSolution()
+        point.col_value = list(start)
+        solver.setSolution(point)
+    code = run_highs(solver)
+    infeasible = solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible
+    info, solution = solver.getInfo(), solver.getSolution()
+    usable = info.primal_solution_status == _FEASIBLE_POINT and solution.value_valid
+    if code == highspy.HighsStatus.kError or not usable:
+        return MixedLinearAnswer(None, np.inf, np.inf if infeasible else -np.inf, infeasible)
+    x = np.array(solution.col_value)
+    return MixedLinearAnswer(x, float(program.cost @ x), float(info.mip_dual_bound), False)

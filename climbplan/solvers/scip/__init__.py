@@ -1,0 +1,1 @@
+"""SCIP: convex instances, and whole statements with products."""

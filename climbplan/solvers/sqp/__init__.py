@@ -1,0 +1,1 @@
+"""Local sequential quadratic programming on programs whose integers are given."""

@@ -1,0 +1,91 @@
+"""How much a violated row is sure to raise a relaxation's bound, without solving it.
+
+From multipliers l that are optimal for the active rows A, one step of a dual method adds a violated
+row p: l_p = t, l_A = l_A - t r. The dual function then rises by t v - 1/2 t^2 |p - A'r|^2 for a
+violation v, which is a valid gain for every r as long as no multiplier changes its sign. r = 0 and
+the projection onto the active rows are tried.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.program.polytope import Array
+from climbplan.solvers.result import Indices
+from climbplan.solvers.tree.cost_scaling import ScaledCost
+from climbplan.solvers.tree.normal_form import Flags
+
+_RIDGE = 1e-10  # keeps nearly dependent active rows solvable; the gain stays exact
+_SMALL = 1e-14
+
+
+@dataclass(frozen=True)
+class RowRates:
+    """Dual step data of some rows; far means projected onto the active rows, near r = 0."""
+
+    near: Array  # (P,) |p|^2 over curved coordinates
+    far: Array  # (P,) |p - A'r|^2
+    step: Array  # (2, P) longest steps at the upper and the lower bound
+    near_drag: Array  # (2, P) loss of slope in flat coordinates
+    far_drag: Array  # (2, P)
+
+    def take(self, rows: Indices) -> RowRates:
+        """The data of some of the rows, any shape of indices."""
+        return RowRates(
+            self.near[rows],
+            self.far[rows],
+            self.step[:, rows],
+            self.near_drag[:, rows],
+            self.far_drag[:, rows],
+        )
+
+    def gain(self, value: Array, lower: Array, upper: Array) -> Array:
+        """Largest gain of any one row whose value leaves its bounds, over the last axis."""
+        best = np.zeros(())
+        for side, violation in enumerate((value - upper, lower - value)):
+            v = np.maximum(violation - self.far_drag[side], 0.0)
+            step = np.minimum(v / np.maximum(self.far, _SMALL), self.step[side])
+            far = step * v - 0.5 * step**2 * self.far
+            v = np.maximum(violation - self.near_drag[side], 0.0)
+            near = 0.5 * v**2 / np.maximum(self.near, _SMALL)
+            best = np.maximum(best, np.maximum(far, near).max(axis=-1, initial=0.0))
+        return best
+
+
+def row_rates(
+    rows: Array, active: Array, multiplier: Array, fixed: Flags, z: Array, cost: ScaledCost
+) -> RowRates:
+    """Rates of rows (P, k) at active rows (a, k) and the point z (k,).
+
+    fixed: (a,) equations, whose multipliers may take either sign.
+    """
+    none = np.zeros((2, len(rows)))
+    near, near_drag = _split(rows, z, cost)
+    if not len(active):
+        return RowRates(near, near, none, near_drag, near_drag)
+    gram = active @ active.T
+    gram[np.diag_indices(len(gram))] *= 1.0 + _RIDGE
+    r = np.linalg.solve(gram, active @ rows.T)  # (a, P)
+    far, far_drag = _split(rows - r.T @ active, z, cost)
+    # At the upper bound the multipliers become l - t r: they keep their sign while t r / l <= 1.
+    share = np.where(fixed[:, None], 0.0, r / multiplier[:, None])
+    step = np.stack([share.max(axis=0), (-share).max(axis=0)])
+    return RowRates(near, far, 1.0 / np.maximum(step, 1e-300), near_drag, far_drag)
+
+
+def _split(rows: Array, z: Array, cost: ScaledCost) -> tuple[Array, Array]:
+    """Squared length over curved coordinates, and what flat ones take off a violation.
+
+    Along a flat coordinate the Lagrangian is linear: its least value over |z| <= extent is
+    extent |p| + p z below the value at z.
+    """
+    if not len(cost.flat):
+        return np.einsum("pk,pk->p", rows, rows), np.zeros((2, len(rows)))
+    flat = rows[:, cost.flat]
+    square = np.einsum("pk,pk->p", rows, rows) - np.einsum("pk,pk->p", flat, flat)
+    with np.errstate(invalid="ignore"):
+        spread = np.nan_to_num(np.abs(flat) * cost.extent[cost.flat], nan=0.0, posinf=np.inf)
+    here = flat @ z[cost.flat]
+    return square, np.stack([spread.sum(axis=1) + here, spread.sum(axis=1) - here])

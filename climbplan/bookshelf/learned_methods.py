@@ -12,14 +12,14 @@ from climbplan.bookshelf.points import features_of, theta_of
 from climbplan.bookshelf.scene import Array, Scene
 from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.bookshelf.statement_methods import Judge, Starts
-from climbplan.learning.pipeline import (
+from climbplan.learning.strategy import Strategy
+from climbplan.methods.pipeline import (
     Check,
     Checked,
     PipelineOptions,
     PipelineResult,
     run_pipeline,
 )
-from climbplan.learning.strategy import Strategy
 from climbplan.program.instance import Instance
 from climbplan.solvers.convex.sessions import ConvexBackend
 from climbplan.solvers.sqp.method import SqpOptions

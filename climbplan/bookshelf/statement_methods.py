@@ -19,7 +19,7 @@ from climbplan.bookshelf.meanings import check_placements
 from climbplan.bookshelf.points import as_stored, placement_of, point_of, settled, theta_of
 from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, movement_cost
 from climbplan.bookshelf.statement import bookshelf
-from climbplan.learning.envelope_rounds import MICP_SOLVERS
+from climbplan.methods.envelope_rounds import MICP_SOLVERS
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.complementarity import Complementarity

@@ -18,8 +18,8 @@ from climbplan.bookshelf.statement_methods import Judge
 from climbplan.errors import UsageError
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
-from climbplan.learning.pipeline import Checked, PipelineOptions, PipelineResult, run_pipeline
-from climbplan.learning.reduce import ReducedPrograms
+from climbplan.methods.pipeline import Checked, PipelineOptions, PipelineResult, run_pipeline
+from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
 from climbplan.solvers.sqp.method import SqpOptions
 from climbplan.spec.strategy import ShelfFeatures

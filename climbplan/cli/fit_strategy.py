@@ -83,7 +83,7 @@ def _data(problem: str | None, loaded: LoadedStrategy, progress: StageProgress) 
         from climbplan.bookshelf.training import shelf_data
 
         return shelf_data(loaded, progress.report)
-    from climbplan.learning.fit_run import program_data
+    from climbplan.methods.solved import program_data
 
     return program_data(load_problem(problem), loaded)
 

@@ -29,7 +29,7 @@ from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
 
 if TYPE_CHECKING:
-    from climbplan.learning.program_run import SolvedRows
+    from climbplan.methods.run import SolvedRows
     from climbplan.plans.program_plan import ProgramPlan
     from climbplan.plans.verification import Verification
     from climbplan.program.problem import Problem
@@ -81,7 +81,7 @@ def solve(
             _save(stated, loaded, save_model)
         target = out if out is not None else Path("outputs", loaded.name)
         with OutputDirectory(target, force=force) as directory:
-            from climbplan.learning.program_run import run
+            from climbplan.methods.run import run
             from climbplan.plans.program_file import marked, write_program
             from climbplan.plans.program_verification import verify_program
             from climbplan.reports.program_report import report_dict, write_report
@@ -121,7 +121,7 @@ def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:
 
 def _save(problem: Problem, loaded: LoadedProgram, path: Path) -> None:
     """The first row's program, for other solvers."""
-    from climbplan.learning.program_run import thetas_of
+    from climbplan.methods.run import thetas_of
     from climbplan.solvers.model_file import save_model
 
     save_model(problem.instance(thetas_of(problem, loaded)[0]), path)
@@ -140,7 +140,7 @@ def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:
     what = f"problem {problem.name!r}" + (f", all {plan.count} rows" if plan.count > 1 else "")
     last = done.rows[0].result
     if plan.overall == "infeasible":
-        from climbplan.learning.conflicts import conflicting_blocks
+        from climbplan.methods.conflicts import conflicting_blocks
 
         theta = problem.split(plan.parameters[0])
         conflicts = conflicting_blocks(problem, theta)

@@ -54,7 +54,7 @@ def verify_program_plan(
 
 def is_program_dataset(path: Path) -> bool:
     """Whether the file is a dataset of a stated program."""
-    from climbplan.learning.dataset_rows import KIND
+    from climbplan.methods.dataset_rows import KIND
     from climbplan.plans.dataset_file import FORMAT, read_dataset_file
     from climbplan.plans.plan_format import plan_format
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from climbplan.learning.dataset_rows import ProgramRows
-from climbplan.learning.program_run import library_of, model_of, settings_of
+from climbplan.methods.dataset_rows import ProgramRows
+from climbplan.methods.run import settings_of
+from climbplan.methods.solved import library_of, model_of
 from climbplan.program.problem import Problem
 from climbplan.spec.dataset import ProgramProblemSpec
 

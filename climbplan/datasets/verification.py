@@ -19,7 +19,7 @@ from climbplan.coupled import dataset_rows as terrains
 from climbplan.coupled.search import TOLERANCE, find_posture
 from climbplan.coupled.terrains import Patches
 from climbplan.errors import PlanFileError, SpecError, UsageError
-from climbplan.learning import dataset_rows as programs
+from climbplan.methods import dataset_rows as programs
 from climbplan.mpc import dataset_rows as walks
 from climbplan.mpc.checker import check_trajectory
 from climbplan.mpc.cost import objective

@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.learning.clusters import OUTLIER, ClusterOptions, solution_columns
+from climbplan.learning.clusters import OUTLIER, ClusterOptions
 from climbplan.learning.evaluation import Evaluation, evaluate, held_out
 from climbplan.learning.library import Library
 from climbplan.learning.model import FitOptions, StrategyModel, fit
 from climbplan.learning.model_file import ModelFile, marked, read_model, write_model
-from climbplan.learning.program_run import library_of
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
-from climbplan.program.problem import Problem
 from climbplan.spec.strategy import StrategySpec
 from climbplan.spec.strategy_loading import LoadedStrategy
 
@@ -73,39 +71,6 @@ def options_of(spec: StrategySpec) -> FitOptions:
         ),
         seed=spec.seed,
     )
-
-
-def program_data(problem: Problem, loaded: LoadedStrategy) -> TrainingData:
-    """Solved problems of one's own, from plan files of `climbplan solve` and datasets.
-
-    Raises as `program_run.library_of`.
-    """
-    parts = [library_of(problem, path) for path in loaded.files]
-    first = parts[0]
-    whole = Library.of(
-        first.frame,
-        *(np.concatenate([vars(p)[name] for p in parts]) for name in _ROWS),
-    )
-    size = loaded.spec.data.size
-    if size is not None:
-        whole = whole.subset(np.arange(min(size, whole.size)))
-    rows = np.arange(whole.size)
-    theta = problem.split(np.zeros(sum(_sizes(problem))))
-    instance = problem.program.at(theta)
-    return TrainingData(
-        library=whole,
-        group=rows,
-        hard=np.zeros(whole.size, bool),
-        columns=solution_columns(instance),
-        context={"problem": problem.name, "features": whole.features.shape[1]},
-    )
-
-
-_ROWS = ("features", "points", "objective", "alternatives")
-
-
-def _sizes(problem: Problem) -> list[int]:
-    return [int(np.prod(shape, dtype=int)) for shape in problem.program.parameters.values()]
 
 
 def train(

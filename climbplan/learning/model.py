@@ -10,13 +10,13 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.learning.boosting import Boosting, fit_boosting
+from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.clusters import OUTLIER, ClusterOptions, clustered, solution_vectors
 from climbplan.learning.forest import Forest, fit_forest
 from climbplan.learning.library import Library
 from climbplan.learning.neighbours import NearestProblems
 from climbplan.learning.network import Network, fit_network
 from climbplan.learning.ranking import RankedStrategies
-from climbplan.learning.reduce import ClusterRanking
 from climbplan.learning.strategy import Strategy
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.learning.pinning import at_point, solve_candidate
+from climbplan.methods.pinning import at_point, solve_candidate
 from climbplan.program import Instance, Polytope, Problem, Program
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from own_problems import islands_problem
 
-from climbplan.learning.envelope_rounds import (
+from climbplan.methods.envelope_rounds import (
     EnvelopeOptions,
     below_cost,
     default_partitions,
     solve_micp,
     variable_name,
 )
-from climbplan.learning.methods import solve_instance
+from climbplan.methods.table import solve_instance
 from climbplan.program import Problem, Program
 from climbplan.program.box import propagated_box
 

@@ -11,14 +11,14 @@ from own_problems import enumerated, impossible, islands_problem
 
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import solution_columns
-from climbplan.learning.conflicts import conflicting_blocks
-from climbplan.learning.envelope_rounds import EnvelopeOptions
 from climbplan.learning.library import Frame, Library
-from climbplan.learning.method_task import Method, MethodSettings
-from climbplan.learning.methods import METHODS, solve_instance
 from climbplan.learning.model import FitOptions, ModelKind, fit
-from climbplan.learning.pinned_methods import NEEDS_MODEL
-from climbplan.learning.pinning import PinnedSolver, at_point, solve_candidate
+from climbplan.methods.conflicts import conflicting_blocks
+from climbplan.methods.envelope_rounds import EnvelopeOptions
+from climbplan.methods.pinned_methods import NEEDS_MODEL
+from climbplan.methods.pinning import PinnedSolver, at_point, solve_candidate
+from climbplan.methods.table import METHODS, solve_instance
+from climbplan.methods.task import Method, MethodSettings
 from climbplan.program import Problem, Program
 
 SEEDS = range(5)

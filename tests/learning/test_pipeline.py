@@ -11,7 +11,8 @@ from cart_pole import random_theta
 
 from climbplan.learning.library import Library
 from climbplan.learning.neighbours import NearestCentroids, NearestProblems
-from climbplan.learning.pipeline import (
+from climbplan.learning.strategy import Candidate, Strategy
+from climbplan.methods.pipeline import (
     FALLBACK,
     Checked,
     Local,
@@ -19,7 +20,6 @@ from climbplan.learning.pipeline import (
     PipelineResult,
     run_pipeline,
 )
-from climbplan.learning.strategy import Candidate, Strategy
 from climbplan.program import Instance, Program
 from climbplan.program.polytope import Array
 from climbplan.solvers.registry import solve

@@ -12,9 +12,9 @@ from climbplan.errors import UsageError
 from climbplan.learning.clusters import OUTLIER, ClusterOptions, clustered, solution_columns
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import FitOptions, fit
-from climbplan.learning.pinning import at_point, solve_candidate
-from climbplan.learning.reduce import ClusterSolve, ReducedPrograms
-from climbplan.learning.reduced import Reduction
+from climbplan.methods.pinning import at_point, solve_candidate
+from climbplan.methods.reduced import Reduction
+from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
 from climbplan.program import Program
 from climbplan.reformulations.grids import each, uniform
 from climbplan.solvers.registry import solve

@@ -19,11 +19,11 @@ from climbplan.bookshelf.benchmarks.strategy_cases import Case
 from climbplan.bookshelf.learned_methods import check_of
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.trained_methods import ReducedScenes, model_method
-from climbplan.learning.envelope_rounds import MICP_SOLVERS
 from climbplan.learning.model import StrategyModel
-from climbplan.learning.pipeline import PipelineOptions, run_pipeline
-from climbplan.learning.reduce import ReducedPrograms
 from climbplan.learning.strategy import Candidate
+from climbplan.methods.envelope_rounds import MICP_SOLVERS
+from climbplan.methods.pipeline import PipelineOptions, run_pipeline
+from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.mccormick import McCormick

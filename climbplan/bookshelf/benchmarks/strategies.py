@@ -37,7 +37,7 @@ from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.ranking import RankedStrategies
-from climbplan.learning.reduce import ClusterSolve
+from climbplan.methods.reduced_programs import ClusterSolve
 from climbplan.program.instance import Index
 
 Contender = Literal["random", "knn", "forest", "boosting", "network", "reduce"]

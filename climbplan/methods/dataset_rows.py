@@ -14,8 +14,8 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.learning.library import Bits, Frame, Library
-from climbplan.learning.method_task import Method, MethodSettings
-from climbplan.learning.methods import solve_instance
+from climbplan.methods.table import solve_instance
+from climbplan.methods.task import Method, MethodSettings
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.plans.program_plan import Layouts

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from climbplan.errors import UsageError
-from climbplan.learning.envelope_rounds import (
+from climbplan.methods.envelope_rounds import (
     MICP_SOLVERS,
     default_partitions,
     solve_micp,
 )
-from climbplan.learning.method_task import Outcome, Task, best, origin_of
-from climbplan.learning.pinning import at_point, solve_candidate
+from climbplan.methods.pinning import at_point, solve_candidate
+from climbplan.methods.task import Outcome, Task, best, origin_of
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array

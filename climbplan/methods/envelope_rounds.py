@@ -18,8 +18,8 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.learning.pinning import at_point, solve_candidate
 from climbplan.learning.strategy import Candidate
+from climbplan.methods.pinning import at_point, solve_candidate
 from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.learning.envelope_rounds import (
+from climbplan.learning.library import Library
+from climbplan.methods.envelope_rounds import (
     default_partitions,
 )
-from climbplan.learning.library import Library
-from climbplan.learning.method_task import Method, Outcome, Task, all_pinned, best
-from climbplan.learning.pinning import at_point, distinct, solve_candidate
-from climbplan.learning.reduce import ReducedPrograms
+from climbplan.methods.pinning import at_point, distinct, solve_candidate
+from climbplan.methods.reduced_programs import ReducedPrograms
+from climbplan.methods.task import Method, Outcome, Task, all_pinned, best
 from climbplan.program.box import Box, product_range
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem

@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from climbplan.errors import UsageError
-from climbplan.learning.envelope_rounds import (
-    EnvelopeOptions,
-)
+from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.neighbours import NearestProblems
-from climbplan.learning.pinning import PINNED_SOLVERS, solve_candidate
-from climbplan.learning.reduce import ClusterRanking
 from climbplan.learning.strategy import Candidate
+from climbplan.methods.envelope_rounds import (
+    EnvelopeOptions,
+)
+from climbplan.methods.pinning import PINNED_SOLVERS, solve_candidate
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta

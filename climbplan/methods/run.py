@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from climbplan.errors import PlanFileError, SpecError, SpecMistake, UsageError
-from climbplan.learning.dataset_rows import library_of_dataset
-from climbplan.learning.envelope_rounds import EnvelopeOptions
-from climbplan.learning.library import Frame, Library
-from climbplan.learning.method_task import MethodSettings
-from climbplan.learning.methods import MethodResult, solve_instance
+from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
-from climbplan.learning.model_file import read_model
-from climbplan.plans import dataset_file
-from climbplan.plans.plan_format import plan_format
-from climbplan.plans.program_file import read_program
+from climbplan.methods.envelope_rounds import EnvelopeOptions
+from climbplan.methods.solved import library_of, model_of
+from climbplan.methods.table import MethodResult, solve_instance
+from climbplan.methods.task import MethodSettings
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, StatementError, Theta
@@ -58,48 +53,6 @@ def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array]
     if mistakes:
         raise loaded.placed(SpecError(loaded.source, mistakes))
     return tuple(thetas)
-
-
-def library_of(problem: Problem, path: Path) -> Library:
-    """The answered rows of an earlier plan or dataset of the same problem.
-
-    Raises PlanFileError for another file, UsageError for another problem's or an empty one.
-    """
-    if plan_format(path) == dataset_file.FORMAT:
-        try:
-            return library_of_dataset(problem, dataset_file.read_dataset_file(path))
-        except PlanFileError:
-            raise
-        except UsageError as error:
-            raise UsageError(f"{path}: {error}") from error
-    plan = read_program(path)
-    if not plan.layouts.same_columns(Layouts.of(problem.program)):
-        raise UsageError(
-            f"{path}: made for problem {plan.problem!r}, which has other variables or parameters "
-            f"than {problem.name!r}"
-        )
-    found = np.flatnonzero(plan.found)
-    if not len(found):
-        raise UsageError(f"{path}: none of its {plan.count} rows has an answer")
-    # The features are computed anew, so that a statement may change them after the run.
-    features = [problem.feature_vector(problem.split(plan.parameters[row])) for row in found]
-    frame = Frame.of(problem.program)
-    return Library.of(
-        frame, np.array(features), plan.x[found], plan.objective[found], plan.assignment[found]
-    )
-
-
-def model_of(problem: Problem, path: Path) -> StrategyModel:
-    """A trained strategy of the same problem.
-
-    Raises PlanFileError for another file, UsageError for another problem's model.
-    """
-    model = read_model(path).model
-    if model.context.get("problem") != problem.name:
-        raise UsageError(
-            f"{path}: made for problem {model.context.get('problem')!r}, not for {problem.name!r}"
-        )
-    return model
 
 
 def settings_of(

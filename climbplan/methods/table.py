@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from climbplan.errors import UsageError
-from climbplan.learning.method_task import Method, MethodSettings, Outcome, Task
-from climbplan.learning.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
-from climbplan.learning.whole_methods import admm, micp, minlp_bonmin, minlp_scip, mpcc
+from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
+from climbplan.methods.task import Method, MethodSettings, Outcome, Task
+from climbplan.methods.whole_methods import admm, micp, minlp_bonmin, minlp_scip, mpcc
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.result import SolverResult
 

@@ -1,4 +1,4 @@
-"""ReDUCE: a classifier from the problem to a cluster of solutions, and its reduced program.
+"""ReDUCE: the reduced programs of the clusters that a classifier ranks first.
 
 Online the reduced mixed-integer programs of the likeliest clusters are solved one after the other;
 the integers of each optimum become candidates, from the optimum itself and from the cluster's
@@ -16,12 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.learning.envelope_rounds import MICP_SOLVERS
-from climbplan.learning.library import Library
-from climbplan.learning.ranking import Scorer, checked_features
-from climbplan.learning.reduced import ROOM, ReducedForm, Reduction
+from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.strategy import Candidate, candidate_of
-from climbplan.program.instance import Index, Instance
+from climbplan.methods.envelope_rounds import MICP_SOLVERS
+from climbplan.methods.reduced import ROOM, ReducedForm, Reduction
+from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.grids import Partition
@@ -29,64 +28,6 @@ from climbplan.solvers.registry import require
 
 _STARTS = 3  # of the nearest solutions with the same integers, besides the optimum itself
 OTHERS = 20  # of a cluster's strategies that follow, at most
-
-
-@dataclass(frozen=True)
-class ClusterRanking:
-    """Which cluster each solved problem is in, and how probable each is for a new one."""
-
-    library: Library
-    cluster: Index  # (S,) negative: in none
-    scorer: Scorer
-    scale: Array  # (p,) of the features in distances
-
-    @property
-    def count(self) -> int:
-        """Clusters."""
-        return int(self.cluster.max()) + 1
-
-    def members(self, cluster: int) -> Index:
-        """Rows of the library in a cluster."""
-        return np.flatnonzero(self.cluster == cluster)
-
-    def ranked(self, features: Array, most: int) -> Index:
-        """The likeliest clusters, first the most probable."""
-        wanted = checked_features(features, self.library)
-        probability = self.scorer.probabilities(wanted)
-        return np.argsort(-probability, kind="stable")[:most]
-
-    def candidates(self, features: Array, most: int) -> list[Candidate]:
-        """Without solving anything: the strategies of the likeliest clusters, nearest first."""
-        found: list[Candidate] = []
-        seen: set[int] = set()
-        for cluster in self.ranked(features, self.count):
-            for row in self.strategies(features, int(cluster)):
-                number = int(self.library.strategy[row])
-                if number not in seen:
-                    seen.add(number)
-                    found.append(candidate_of(self.library, int(row), float(len(found))))
-                if len(found) >= most:
-                    return found
-        return found
-
-    def strategies(self, features: Array, cluster: int) -> Index:
-        """The cluster's nearest row of each of its strategies, nearest first."""
-        rows = self._near(features, self.members(cluster))
-        _, first = np.unique(self.library.strategy[rows], return_index=True)
-        return np.asarray(rows[np.sort(first)])
-
-    def alike(self, features: Array, cluster: int, values: Array, alternatives: Index) -> Index:
-        """The cluster's rows with these integers, nearest first."""
-        rows = self.members(cluster)
-        integer = self.library.frame.integer
-        same = (self.library.points[rows][:, integer] == np.round(values[integer])).all(axis=1)
-        same &= (self.library.alternatives[rows] == alternatives).all(axis=1)
-        return self._near(features, rows[same])
-
-    def _near(self, features: Array, rows: Index) -> Index:
-        apart = (self.library.features[rows] - features) / self.scale
-        order = np.argsort(np.einsum("sp,sp->s", apart, apart), kind="stable")
-        return np.asarray(rows[order])
 
 
 @dataclass(frozen=True)

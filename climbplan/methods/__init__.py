@@ -1,0 +1,1 @@
+"""Methods for any stated problem: candidates, pinned programs, conflicts, the exact check."""

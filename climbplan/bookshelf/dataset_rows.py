@@ -9,8 +9,8 @@ import numpy as np
 
 from climbplan.bookshelf.dataset_frame import frame_of
 from climbplan.bookshelf.generator import DropRules, draw_scene, shelf_for
-from climbplan.bookshelf.method_setting import MethodSetting
-from climbplan.bookshelf.methods import prepare
+from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.plan import Solutions
 from climbplan.bookshelf.runs import checked, compile_first
 from climbplan.bookshelf.scene import Array, Scene, Scenes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.scene import Scene
 
 
@@ -16,7 +16,7 @@ def save_scene_model(setting: MethodSetting, scene: Scene, path: Path) -> None:
     suffix or an unwritable place, MissingSolver without PySCIPOpt.
     """
     # These load CasADi and SCIP: not before they are needed.
-    from climbplan.bookshelf.statement_methods import Budget, Judge, Micp
+    from climbplan.bookshelf.methods.statement import Budget, Judge, Micp
     from climbplan.reformulations.disjunctions import BigM
     from climbplan.solvers.model_file import save_model
     from climbplan.solvers.scip.bilinear import save_bilinear_model

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.bookshelf.answer import Placement, SceneAnswer
-from climbplan.bookshelf.checker import slots
+from climbplan.bookshelf.check.checker import slots
 from climbplan.bookshelf.rectangles import separation
 from climbplan.bookshelf.scene import Array, Scenes, Shelf, States
 

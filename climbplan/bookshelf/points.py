@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from climbplan.bookshelf.answer import Placement
-from climbplan.bookshelf.checker import slots
-from climbplan.bookshelf.checker_published import line_past_corners
+from climbplan.bookshelf.check.checker import slots
+from climbplan.bookshelf.check.published import line_past_corners
 from climbplan.bookshelf.rectangles import corners, half_extents
 from climbplan.bookshelf.scene import Array, Scene, State, States
 from climbplan.bookshelf.statement import INSERTED_STATES, pairs

@@ -15,16 +15,16 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from climbplan.bookshelf.answer import SceneAnswer, Status
-from climbplan.bookshelf.checker import book_names
-from climbplan.bookshelf.exact import compile_once
-from climbplan.bookshelf.meanings import check_placements, fit_side_by_side
-from climbplan.bookshelf.method_setting import MethodSetting
-from climbplan.bookshelf.methods import prepare
+from climbplan.bookshelf.check.checker import book_names
+from climbplan.bookshelf.check.meanings import check_placements, fit_side_by_side
+from climbplan.bookshelf.exact.method import compile_once
+from climbplan.bookshelf.methods.scene_method import SceneMethod
+from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.model_file import save_scene_model
 from climbplan.bookshelf.oddities import oddities
 from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
-from climbplan.bookshelf.scene_method import SceneMethod
 from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 from climbplan.bookshelf.summary import summary_lines
 from climbplan.errors import Conflict, Infeasible, LimitReached, Remedy

@@ -21,8 +21,8 @@ def bench_walks(
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
-    from climbplan.mpc.benchmarks.online_options import OnlineOptions
-    from climbplan.mpc.benchmarks.run import run_mpc
+    from climbplan.walking.benchmarks.online_options import OnlineOptions
+    from climbplan.walking.benchmarks.run import run_mpc
 
     options = dict(given)
     tables = options.pop("methods", None)

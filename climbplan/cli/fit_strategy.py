@@ -80,7 +80,7 @@ def fit_strategy(
 def _data(problem: str | None, loaded: LoadedStrategy, progress: StageProgress) -> TrainingData:
     progress.report("read", 0.0)
     if problem is None:
-        from climbplan.bookshelf.training import shelf_data
+        from climbplan.bookshelf.methods.training import shelf_data
 
         return shelf_data(loaded, progress.report)
     from climbplan.methods.solved import program_data

@@ -81,23 +81,23 @@ KINDS = {
     "climbplan/transition": _CLIMB,
     "climbplan/bookshelf": PlanKind(
         csv_name="placements.csv",
-        verification="climbplan.bookshelf.verification",
+        verification="climbplan.bookshelf.check.verification",
         report="climbplan.reports.bookshelf_report",
         csv="climbplan.bookshelf.placement_csv",
         scene_function="climbplan.reports.viewer.shelf_scene:shelf_scene",
     ),
     "climbplan/limms": PlanKind(
         csv_name="motion.csv",
-        verification="climbplan.limms.verification",
+        verification="climbplan.limms.check.verification",
         report="climbplan.reports.limms_report",
         csv="climbplan.limms.motion_csv",
         scene_function="climbplan.reports.viewer.limms_scene:limms_scene",
     ),
     "climbplan/mpc": PlanKind(
         csv_name="walk.csv",
-        verification="climbplan.mpc.verification",
+        verification="climbplan.walking.check.verification",
         report="climbplan.reports.walk_report",
-        csv="climbplan.mpc.trajectory_csv",
+        csv="climbplan.walking.trajectory_csv",
         scene_function="climbplan.reports.viewer.walk_scene:walk_scene",
     ),
     "climbplan/dataset": PlanKind(

@@ -48,13 +48,13 @@ def plan_mpc(
     overrides += spec_overrides(assignments, seed, time_limit, method)
     loaded = load_mpc(spec, overrides)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.mpc.plan_file import write_walk_plan
-        from climbplan.mpc.planner import plan_walk
+        from climbplan.walking.plan_file import write_walk_plan
+        from climbplan.walking.planner import plan_walk
 
         with placed_mistakes(loaded):
             if loaded.spec.solver.method == "online":
-                from climbplan.mpc.library import write_library
-                from climbplan.mpc.online_run import run_online
+                from climbplan.walking.online.library import write_library
+                from climbplan.walking.online.run import run_online
 
                 walked = run_online(loaded, run.report)
                 found = walked.plan

@@ -209,7 +209,7 @@ def _climb(path: Path) -> tuple[str, _Run]:
 
 
 def _walk(path: Path) -> tuple[str, _Run]:
-    from climbplan.mpc.plan_file import read_walk_plan
+    from climbplan.walking.plan_file import read_walk_plan
 
     plan = read_walk_plan(path)
 

@@ -74,7 +74,7 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     ):
         return loaded.spec.kind
     if isinstance(loaded, LoadedMpc):
-        from climbplan.mpc.problem import build_task
+        from climbplan.walking.problem import build_task
 
         with placed_mistakes(loaded):
             build_task(loaded.spec, loaded.robot, loaded.source)

@@ -14,16 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.bookshelf import dataset_frame as shelf
-from climbplan.bookshelf.plan_checks import solution_checks
+from climbplan.bookshelf.check.plan_checks import solution_checks
 from climbplan.coupled import dataset_rows as terrains
 from climbplan.coupled.search import TOLERANCE, find_posture
 from climbplan.coupled.terrains import Patches
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.methods import dataset_rows as programs
-from climbplan.mpc import dataset_rows as walks
-from climbplan.mpc.checker import check_trajectory
-from climbplan.mpc.cost import objective
-from climbplan.mpc.library import sections_of
 from climbplan.plans.checks.check import Check, LeftOut
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import read_dataset_file
@@ -35,6 +31,10 @@ from climbplan.spec.dataset import ProgramDatasetSpec, ShelfDatasetSpec
 from climbplan.spec.kinds import Model, validate
 from climbplan.spec.program import ProgramSolverSpec
 from climbplan.spec.yaml_source import parse_yaml
+from climbplan.walking import dataset_rows as walks
+from climbplan.walking.check.checker import check_trajectory
+from climbplan.walking.cost import objective
+from climbplan.walking.online.library import sections_of
 
 MEANINGS = {
     "file.spec_hash": "sha256 of the spec's text is the stored one",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.mpc.dataset_rows import WalkRows
 from climbplan.spec.dataset_mpc import WalksProblemSpec
 from climbplan.spec.mpc_loading import load_body
+from climbplan.walking.dataset_rows import WalkRows
 
 
 def walk_source(spec: WalksProblemSpec, directory: Path) -> WalkRows:

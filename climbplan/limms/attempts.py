@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from climbplan.errors import LimitReached
-from climbplan.limms.answers import Outcome
-from climbplan.limms.leg_solver import LegOutcome
+from climbplan.limms.arms.answers import Outcome
+from climbplan.limms.legs.solver import LegOutcome
 
 T = TypeVar("T")
 

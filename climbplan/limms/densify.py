@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from climbplan.limms.chain import Pose, inverse
 from climbplan.limms.cubics import box_path, knot_samples
-from climbplan.limms.limbs import limb_frames
+from climbplan.limms.modules.chain import Pose, inverse
+from climbplan.limms.modules.limbs import limb_frames
+from climbplan.limms.modules.straight_ways import closest_branch, rates_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
-from climbplan.limms.straight_ways import closest_branch, rates_of
 from climbplan.limms.timeline import (
     FREE,
     MANIPULATED,
@@ -140,7 +140,7 @@ def _retreat(
 
 def _continued(scene: Scene, first: Pose, last: Pose, now: Array) -> Array | None:
     """Angles (n, 6) that go on from `now`; None where the ends are out of reach."""
-    from climbplan.limms.chain import BRANCHES, in_range
+    from climbplan.limms.modules.chain import BRANCHES, in_range
 
     for branch in BRANCHES:
         solution = inverse(scene.module, first, last, branch)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.limms.chain import Points, Pose, forward
 from climbplan.limms.convergence import Convergence
+from climbplan.limms.modules.chain import Points, Pose, forward
 from climbplan.limms.scene import Array, Index
 from climbplan.limms.timeline import Stretch
 

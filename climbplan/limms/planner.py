@@ -13,21 +13,21 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.errors import LimitReached
+from climbplan.limms.arms.carrying import carry
+from climbplan.limms.arms.chain_carrying import carry_on_chains
 from climbplan.limms.attempts import Attempts
-from climbplan.limms.carrying import carry
-from climbplan.limms.chain_carrying import carry_on_chains
+from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
+from climbplan.limms.legs.walking import walk
+from climbplan.limms.modules.relatching import relatch
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.refusal import ruled_out
-from climbplan.limms.relatching import relatch
 from climbplan.limms.scene import scene_of
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.sequences import search
 from climbplan.limms.summary import summary_lines
 from climbplan.limms.timeline import Progress
-from climbplan.limms.verification import verification_of
-from climbplan.limms.walking import walk
 from climbplan.spec.limms_loading import LoadedLimms
 
 Report = Callable[[str, float], None]

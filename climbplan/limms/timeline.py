@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.limms.chain import Points, Pose, forward
-from climbplan.limms.contact import link_segments
+from climbplan.limms.modules.chain import Points, Pose, forward
+from climbplan.limms.modules.contact import link_segments
 from climbplan.limms.scene import Array, Index, Scene
 
 STEP = 0.01  # [s] between samples at most

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from climbplan.bookshelf.check.plan_checks import LIMITS, MEANINGS
 from climbplan.bookshelf.plan import ShelfPlan
-from climbplan.bookshelf.plan_checks import LIMITS, MEANINGS
 from climbplan.reports.page_parts import Card, escape
 from climbplan.reports.page_template import (
     fill,

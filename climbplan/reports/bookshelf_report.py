@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from climbplan.bookshelf.check.verification import verify
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import FORMAT, FORMAT_VERSION, read_shelf_plan
-from climbplan.bookshelf.verification import verify
 from climbplan.plans.verification import Verification
 from climbplan.reports.bookshelf_figures import UNITS, gallery_pages, key_figures
 from climbplan.reports.bookshelf_page import build_page

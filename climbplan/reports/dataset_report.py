@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.bookshelf.plan_checks import LIMITS
-from climbplan.bookshelf.plan_checks import MEANINGS as PLACEMENTS
+from climbplan.bookshelf.check.plan_checks import LIMITS
+from climbplan.bookshelf.check.plan_checks import MEANINGS as PLACEMENTS
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import FORMAT, FORMAT_VERSION
 from climbplan.plans.dataset_statistics import statistics

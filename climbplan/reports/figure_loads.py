@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from climbplan.limms.loads import loads_of
+from climbplan.limms.modules.loads import loads_of
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.reports import palette

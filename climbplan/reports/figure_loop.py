@@ -10,9 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from climbplan.mpc.online import FALLBACK, LAST, SAFE
-from climbplan.mpc.plan import LoopRecord, WalkPlan
-from climbplan.mpc.task import LEGS, VELOCITY, Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,
@@ -22,6 +19,9 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
+from climbplan.walking.online.tick import FALLBACK, LAST, SAFE
+from climbplan.walking.plan import LoopRecord, WalkPlan
+from climbplan.walking.task import LEGS, VELOCITY, Array
 
 _BEFORE, _AFTER = 0.4, 1.0  # [s] of the window about a push
 _PUSH = palette.FAILURE

@@ -8,9 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 
-from climbplan.mpc.closed_loop import SUBSTEPS
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import ANGLES, LEGS, VELOCITY, Array, Whole
 from climbplan.reports import palette
 from climbplan.reports.figure_loop import even_runs, mark_pushes, push_times
 from climbplan.reports.sheet import (
@@ -22,6 +19,9 @@ from climbplan.reports.sheet import (
     style_axes,
 )
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.online.closed_loop import SUBSTEPS
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import ANGLES, LEGS, VELOCITY, Array, Whole
 
 _VELOCITY = "#B01E8C"
 _FORCE = palette.FAILURE

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.limms.limits import LIMITS
+from climbplan.limms.check.limits import LIMITS
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.scene import ground_patches
 from climbplan.reports import palette

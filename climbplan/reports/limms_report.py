@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from climbplan.limms.loads import loads_of
+from climbplan.limms.check.verification import verify
+from climbplan.limms.modules.loads import loads_of
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
 from climbplan.limms.summary import box_story, module_story
-from climbplan.limms.verification import verify
 from climbplan.plans.verification import Verification
 from climbplan.reports.limms_page import build_page
 from climbplan.reports.plan_report import FigureOf, PlanReport

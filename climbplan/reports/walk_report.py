@@ -7,14 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from climbplan.mpc.checker import LIMITS, LOOP_LIMITS
-from climbplan.mpc.closed_loop import RECOVERED, SUBSTEPS, fallen, mean_speed
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.plan_checks import LIMITS as FILE_LIMITS
-from climbplan.mpc.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
-from climbplan.mpc.summary import gait_words
-from climbplan.mpc.task import ANGLES, VELOCITY
-from climbplan.mpc.verification import verify
 from climbplan.plans.verification import Verification
 from climbplan.reports.page_parts import Card, pairs, plain_words
 from climbplan.reports.page_template import (
@@ -27,6 +19,14 @@ from climbplan.reports.page_template import (
 )
 from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
+from climbplan.walking.check.checker import LIMITS, LOOP_LIMITS
+from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
+from climbplan.walking.check.verification import verify
+from climbplan.walking.online.closed_loop import RECOVERED, SUBSTEPS, fallen, mean_speed
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
+from climbplan.walking.summary import gait_words
+from climbplan.walking.task import ANGLES, VELOCITY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import ANGLES, LEGS, POSITION, Array, Flags
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.comparison import SLIP, spans_of
 from climbplan.simulation.replay import planned_tilt
 from climbplan.simulation.walk_replay import WalkRun
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import ANGLES, LEGS, POSITION, Array, Flags
 
 LEAST_LOAD = 1.0  # [N] planned pressures below are left out of friction and lost contacts
 LOST = 0.02  # [s] without contact, longer than a toe that touches down a little late needs

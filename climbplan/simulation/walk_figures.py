@@ -8,8 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import ANGLES, LEGS, POSITION, Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,
@@ -23,6 +21,8 @@ from climbplan.reports.sheet import (
 from climbplan.simulation.comparison import spans_of
 from climbplan.simulation.walk_comparison import WalkComparison
 from climbplan.simulation.walk_replay import WalkRun, euler_angles
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import ANGLES, LEGS, POSITION, Array
 
 
 def path(plan: WalkPlan, run: WalkRun) -> Figure:

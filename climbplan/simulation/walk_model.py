@@ -11,9 +11,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import LEGS, POSITION, Array
 from climbplan.simulation.conditions import Conditions
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import LEGS, POSITION, Array
 
 TIME_STEP = 1e-3  # [s]
 TOE_RADIUS = 0.005  # [m]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import ANGLES, LEGS, Array, Flags
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import ANGLES, LEGS, Array, Flags
 
 
 @dataclass(frozen=True)

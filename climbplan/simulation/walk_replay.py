@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.mpc.closed_loop import fallen as lies_down
-from climbplan.mpc.estimation import logarithm
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import load_mujoco
 from climbplan.simulation.walk_model import TIME_STEP, TOE_MASS, TOE_RADIUS, build_mjcf
 from climbplan.simulation.walk_reference import WalkReference, walk_reference
+from climbplan.walking.online.closed_loop import fallen as lies_down
+from climbplan.walking.online.estimation import logarithm
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
 
 STIFF = 10.0  # [rad/s] natural frequency of the correction, critically damped
 REACH = 0.25  # [m] beyond its workspace at which a leg carries nothing any more

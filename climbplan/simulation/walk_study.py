@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.task import LEGS, POSITION
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.climb_report import conditions_dict, spread, trial_dict
 from climbplan.simulation.conditions import Conditions, require_possible
@@ -27,6 +25,8 @@ from climbplan.simulation.walk_comparison import WalkComparison, compare_walk
 from climbplan.simulation.walk_figures import forces, path
 from climbplan.simulation.walk_model import TIME_STEP, hips
 from climbplan.simulation.walk_replay import STIFF, WalkRun, simulate_walk
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import LEGS, POSITION
 
 MODEL = (
     "One rigid body with massless legs and point feet, as the plan has it: legs push with the "

@@ -8,8 +8,8 @@ import numpy as np
 from bookshelf_scenes import HALF_MM, random_theta
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.checker import check_contact
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.check.checker import check_contact
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 
 

@@ -28,8 +28,8 @@ from climbplan.bookshelf.benchmarks.strategy_cases import (
 )
 from climbplan.bookshelf.benchmarks.strategy_plots import comparison
 from climbplan.bookshelf.benchmarks.strategy_tables import write_files, write_text
-from climbplan.bookshelf.features import feature_map
 from climbplan.bookshelf.generator import shelf_for
+from climbplan.bookshelf.methods.features import feature_map
 from climbplan.bookshelf.points import theta_of
 from climbplan.errors import UsageError
 

@@ -25,7 +25,7 @@ from climbplan.bookshelf.benchmarks.run import (
     write_files,
     write_text,
 )
-from climbplan.bookshelf.exact import ExactLimits, ExactSolver
+from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.generator import generate_scenes, shelf_for
 from climbplan.errors import PlanFileError, UsageError
 

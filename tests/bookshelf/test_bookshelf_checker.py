@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.checker import check_contact, slots
-from climbplan.bookshelf.checker_published import check_published, published_states
-from climbplan.bookshelf.checks import PlacementCheck
+from climbplan.bookshelf.check.checker import check_contact, slots
+from climbplan.bookshelf.check.checks import PlacementCheck
+from climbplan.bookshelf.check.published import check_published, published_states
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
 
 SHELF = Shelf()

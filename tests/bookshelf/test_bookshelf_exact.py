@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.checker import check_contact
-from climbplan.bookshelf.exact import ExactSolver, SceneAnswer
+from climbplan.bookshelf.check.checker import check_contact
+from climbplan.bookshelf.exact.method import ExactSolver, SceneAnswer
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.errors import UsageError
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.generator import DropRules, generate_scene, generate_scenes, shelf_for
 from climbplan.bookshelf.rectangles import distance, half_extents, separation
 from climbplan.errors import LimitReached, MissingSolver

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.method_setting import MethodSetting
-from climbplan.bookshelf.methods import prepare
+from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import checked, run_shelf
 from climbplan.bookshelf.scene import Scenes, Shelf

@@ -10,7 +10,7 @@ from bookshelf_scenes import PUBLISHED
 from matplotlib.colors import to_hex
 from matplotlib.patches import FancyArrowPatch, Polygon
 
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.pictures import (
     COLORS,
     INSERTED,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.answer import Placement
-from climbplan.bookshelf.checker import check_contact
-from climbplan.bookshelf.checker_published import ROUNDING, check_published, published_states
-from climbplan.bookshelf.envelope_grids import published_partitions
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.check.checker import check_contact
+from climbplan.bookshelf.check.published import ROUNDING, check_published, published_states
+from climbplan.bookshelf.exact.method import ExactSolver
+from climbplan.bookshelf.methods.envelope_grids import published_partitions
 from climbplan.bookshelf.points import as_stored, placement_of, point_of, settled, theta_of
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf
 from climbplan.bookshelf.scene_file import read_scenes

@@ -15,7 +15,7 @@ from bookshelf_oracle import Oracle, Rules
 from bookshelf_scenes import HALF_MM, PUBLISHED
 from exact_cases import Case, non_trivial, require_valid, shelf_of, upright
 
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf
 
 

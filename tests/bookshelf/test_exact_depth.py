@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from climbplan.bookshelf.checker import check_contact
-from climbplan.bookshelf.exact import ExactSolver
-from climbplan.bookshelf.exact_pairs import box_row, pair_floor
+from climbplan.bookshelf.check.checker import check_contact
+from climbplan.bookshelf.exact.method import ExactSolver
+from climbplan.bookshelf.exact.pairs import box_row, pair_floor
 from climbplan.bookshelf.generator import generate_scenes
 from climbplan.bookshelf.rectangles import half_extents, separation
 from climbplan.bookshelf.scene import Scenes, Shelf

@@ -9,7 +9,7 @@ import pytest
 from exact_cases import require_valid, upright
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.exact import ExactLimits, ExactSolver
+from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
 from climbplan.errors import UsageError
 

@@ -10,8 +10,8 @@ from bookshelf_oracle import apart, farthest, outline
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from climbplan.bookshelf.exact_contact import contact_end, pair_ceiling
-from climbplan.bookshelf.exact_pairs import box_row, highest, lowest, pair_floor
+from climbplan.bookshelf.exact.contact import contact_end, pair_ceiling
+from climbplan.bookshelf.exact.pairs import box_row, highest, lowest, pair_floor
 
 GAP = 4.1
 RIGHT_ANGLE = math.pi / 2

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.exact import ExactLimits, ExactSolver
+from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State, movement_cost
 
 _LIMITS = ExactLimits(nodes=3000)  # what holds must hold of unfinished searches as well

@@ -6,7 +6,7 @@ import daqp
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.exact_qp import CUT_OFF, EMPTY, SOLVED, solve_least_distance
+from climbplan.bookshelf.exact.qp import CUT_OFF, EMPTY, SOLVED, solve_least_distance
 
 
 def _solve(C: np.ndarray, b: np.ndarray, cutoff: float = np.inf) -> tuple[int, ...]:

@@ -9,10 +9,10 @@ import pytest
 from bookshelf_oracle import LEFT, RIGHT, TILT, Oracle, Rules
 from bookshelf_scenes import HALF_MM, random_theta
 
-from climbplan.bookshelf.exact_problem import ALLOWED, LEAN_FROM, build_problem
-from climbplan.bookshelf.exact_qp import SOLVED
-from climbplan.bookshelf.exact_relax import relax
-from climbplan.bookshelf.exact_sheet import new_sheet
+from climbplan.bookshelf.exact.problem import ALLOWED, LEAN_FROM, build_problem
+from climbplan.bookshelf.exact.qp import SOLVED
+from climbplan.bookshelf.exact.relaxation import relax
+from climbplan.bookshelf.exact.sheet import new_sheet
 from climbplan.bookshelf.scene import Scenes, Shelf
 
 

@@ -10,7 +10,7 @@ from bookshelf_scenes import PUBLISHED, random_theta
 from exact_cases import non_trivial, require_valid
 
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.exact import ExactLimits, ExactSolver
+from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
 from climbplan.errors import UsageError
 

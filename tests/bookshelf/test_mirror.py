@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.checker import check_contact, slots
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.check.checker import check_contact, slots
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.mirror import Solved, mirrored
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 

@@ -14,13 +14,13 @@ import h5py
 import numpy as np
 import pytest
 
+from climbplan.bookshelf.check.plan_checks import LIMITS, MEANINGS
+from climbplan.bookshelf.check.verification import published_overlap, verify, verify_and_mark
 from climbplan.bookshelf.plan import ShelfPlan, status_of
-from climbplan.bookshelf.plan_checks import LIMITS, MEANINGS
 from climbplan.bookshelf.plan_file import read_shelf_plan, write_shelf_plan
 from climbplan.bookshelf.runs import run_shelf
 from climbplan.bookshelf.scene import Scenes
 from climbplan.bookshelf.scene_file import write_scenes
-from climbplan.bookshelf.verification import published_overlap, verify, verify_and_mark
 from climbplan.errors import PlanFileError
 from climbplan.spec.bookshelf_loading import load_shelf
 

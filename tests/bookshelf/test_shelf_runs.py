@@ -12,14 +12,14 @@ import pytest
 
 from climbplan.bookshelf import runs
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.exact import ExactSolver
-from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.check.verification import verify
+from climbplan.bookshelf.exact.method import ExactSolver
+from climbplan.bookshelf.methods.scene_method import SceneMethod
+from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.oddities import oddities
 from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import checked, run_shelf, solve_scenes
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf
-from climbplan.bookshelf.scene_method import SceneMethod
-from climbplan.bookshelf.verification import verify
 from climbplan.errors import Infeasible
 from climbplan.spec.bookshelf import ShelfSolverSpec
 from climbplan.spec.bookshelf_loading import LoadedShelf, load_shelf

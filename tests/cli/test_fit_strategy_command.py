@@ -10,9 +10,9 @@ import h5py
 import pytest
 from command_line import RunCommand
 
+from climbplan.bookshelf.methods.training import shelf_data
 from climbplan.bookshelf.scene import Scenes
 from climbplan.bookshelf.scene_file import read_scenes, write_scenes
-from climbplan.bookshelf.training import shelf_data
 from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
 from climbplan.learning.model import MODEL_KINDS
 from climbplan.spec.strategy_loading import load_strategy

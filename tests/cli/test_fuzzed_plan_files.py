@@ -24,13 +24,13 @@ from climbplan.climb.planner import plan_climb
 from climbplan.errors import ClimbplanError, ExitCode
 from climbplan.limms.plan_file import write_limms_plan
 from climbplan.limms.planner import plan_limms
-from climbplan.mpc.plan_file import write_walk_plan
-from climbplan.mpc.planner import plan_walk
 from climbplan.plans.climb_file import write_climb
 from climbplan.spec.bookshelf_loading import load_shelf
 from climbplan.spec.limms_loading import load_limms
 from climbplan.spec.loading import load_climb
 from climbplan.spec.mpc_loading import load_mpc
+from climbplan.walking.plan_file import write_walk_plan
+from climbplan.walking.planner import plan_walk
 
 SPECS = Path(__file__).parents[2] / "specs"
 A_KIND = 8  # changes of the files of each kind; which, the names of datasets decide

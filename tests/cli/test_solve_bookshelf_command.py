@@ -17,8 +17,8 @@ from command_line import RunCommand
 
 from climbplan.bookshelf import runs
 from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.exact import ExactSolver
-from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.exact.method import ExactSolver
+from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.plan_file import read_shelf_plan
 from climbplan.bookshelf.scene import Scene, Scenes
 from climbplan.bookshelf.scene_file import write_scenes

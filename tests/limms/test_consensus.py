@@ -11,6 +11,7 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached, NotProved
+from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.copies import Copy, Found
 from climbplan.limms.consensus.iteration import Parameters, agree, residual_of
 from climbplan.limms.consensus.mixed_integer import MixedInteger
@@ -30,7 +31,6 @@ from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import GRAVITY
-from climbplan.limms.verification import verification_of
 from climbplan.reports.figure_convergence import convergence
 
 

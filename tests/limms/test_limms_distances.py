@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.distances import block_gap, segment_to_block, segment_to_segment
+from climbplan.limms.modules.distances import block_gap, segment_to_block, segment_to_segment
 
 RNG = np.random.default_rng(3)
 

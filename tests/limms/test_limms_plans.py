@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from climbplan.errors import PlanFileError
+from climbplan.limms.check.verification import verification_of, verify_and_mark
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
-from climbplan.limms.verification import verification_of, verify_and_mark
 
 
 def failing(plan: LimmsPlan) -> set[str]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from limms_scenes import loaded
 
-from climbplan.limms.chain import BRANCHES, Pose, forward, from_last, inverse
+from climbplan.limms.modules.chain import BRANCHES, Pose, forward, from_last, inverse
 
 MODULE = loaded("limms_lift_light").module
 

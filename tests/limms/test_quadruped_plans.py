@@ -10,13 +10,13 @@ from limms_scenes import loaded, scene
 from scipy.optimize import linprog
 
 from climbplan.errors import Infeasible, LimitReached
-from climbplan.limms.leaps import find_leaps
-from climbplan.limms.legs import largest_share
+from climbplan.limms.check.verification import verify
+from climbplan.limms.legs.leaps import find_leaps
+from climbplan.limms.legs.standing import largest_share
 from climbplan.limms.plan_file import write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import GRAVITY
 from climbplan.limms.sequences import search
-from climbplan.limms.verification import verify
 
 
 def test_leap_down_from_a_platform_verifies(tmp_path: Path) -> None:

@@ -9,11 +9,11 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.limms.bounds import anchor_wrist, chain_stretch, side_wrist, span
-from climbplan.limms.loads import loads_of
-from climbplan.limms.logic import broken
+from climbplan.limms.check.logic import broken
+from climbplan.limms.check.verification import verification_of
+from climbplan.limms.modules.loads import loads_of
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.planner import plan_limms
-from climbplan.limms.verification import verification_of
 
 
 @pytest.fixture(scope="module")

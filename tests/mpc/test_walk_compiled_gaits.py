@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from walk_tasks import named, shorter, stairs_task, walk_task
 
-from climbplan.mpc.compiled_footing import HELD, SWINGING, stance_phases
-from climbplan.mpc.cost import objective
-from climbplan.mpc.dynamics import BodyNumbers, knot_step, plain_knot_step
-from climbplan.mpc.footing import gait_of
-from climbplan.mpc.gait_moves import contact_moves, region_moves
-from climbplan.mpc.gaits import mirror_even, mirrored
-from climbplan.mpc.pinned import PinnedProgram
-from climbplan.mpc.task import LEGS, STATE, Integrator
-from climbplan.mpc.truth import knot_rollout
+from climbplan.walking.check.truth import knot_rollout
+from climbplan.walking.cost import objective
+from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step
+from climbplan.walking.footing import gait_of
+from climbplan.walking.kernels.footing import HELD, SWINGING, stance_phases
+from climbplan.walking.offline.gait_moves import contact_moves, region_moves
+from climbplan.walking.offline.gaits import mirror_even, mirrored
+from climbplan.walking.offline.pinned import PinnedProgram
+from climbplan.walking.task import LEGS, STATE, Integrator
 
 RNG = np.random.default_rng(9)
 

@@ -11,17 +11,17 @@ import pytest
 from climbplan.datasets.verification import verify
 from climbplan.datasets.work import make_row
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.mpc.checker import check_trajectory, failures
-from climbplan.mpc.dataset_library import is_dataset, library_of_dataset
-from climbplan.mpc.dataset_rows import WalkRows, task_of_frame, walk_of
-from climbplan.mpc.library import SECTION
-from climbplan.mpc.online_run import library_key
-from climbplan.mpc.problem import build_task
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import write_dataset_file
 from climbplan.plans.dataset_row import dataset_of
 from climbplan.spec.dataset_mpc import WalksProblemSpec
 from climbplan.spec.mpc_loading import load_body
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.dataset_rows import WalkRows, task_of_frame, walk_of
+from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
+from climbplan.walking.online.library import SECTION
+from climbplan.walking.online.run import library_key
+from climbplan.walking.problem import build_task
 
 SPEC = WalksProblemSpec.model_validate(
     {

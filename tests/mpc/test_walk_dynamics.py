@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from walk_tasks import walk_task
 
-from climbplan.mpc.compiled_step import linearised
-from climbplan.mpc.dynamics import BodyNumbers
-from climbplan.mpc.dynamics import knot_step as symbolic_step
-from climbplan.mpc.task import ANGLES, LEGS, SPIN, STATE, VELOCITY, Integrator
-from climbplan.mpc.truth import (
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.check.truth import (
     continuous_rollout,
     euler_rates,
     knot_step,
     runge_kutta,
 )
-from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.dynamics import BodyNumbers
+from climbplan.walking.dynamics import knot_step as symbolic_step
+from climbplan.walking.kernels.step import linearised
+from climbplan.walking.task import ANGLES, LEGS, SPIN, STATE, VELOCITY, Integrator
 
 RNG = np.random.default_rng(5)
 BODY = walk_task().body

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from climbplan.mpc.estimation import (
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.online.estimation import (
     ACCEL_BIAS,
     GYRO_BIAS,
     POSITION,
@@ -25,8 +26,7 @@ from climbplan.mpc.estimation import (
     left_jacobian,
     logarithm,
 )
-from climbplan.mpc.sensors import SimulatedSensors
-from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.online.sensors import SimulatedSensors
 
 Array = NDArray[np.float64]
 DT, GRAVITY = 0.005, 9.81

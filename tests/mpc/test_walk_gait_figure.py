@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from climbplan.mpc.benchmarks.shipped_tasks import shipped
-from climbplan.mpc.online_run import run_online
-from climbplan.mpc.plan import LoopRecord, WalkPlan
 from climbplan.reports.figure_loop import even_runs, loop_gait, push_times
 from climbplan.reports.figure_walk import snapshots, tracking
 from climbplan.reports.walk_report import drawn_figures
+from climbplan.walking.benchmarks.shipped_tasks import shipped
+from climbplan.walking.online.run import run_online
+from climbplan.walking.plan import LoopRecord, WalkPlan
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from walk_tasks import named, shorter, stairs_task, walk_task
 
-from climbplan.mpc.checker import check_trajectory, failures
-from climbplan.mpc.compiled_footing import SWINGING
-from climbplan.mpc.draws import StartRanges, drawn_start
-from climbplan.mpc.footing import footing_of, gait_of
-from climbplan.mpc.gaits import CYCLES, starting_gaits
-from climbplan.mpc.nlp import solve_nlp
-from climbplan.mpc.pinned import PinnedProgram
-from climbplan.mpc.search import SearchLimits, search
-from climbplan.mpc.sqp import iterate_of, rolled_out, solve_gait
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.draws import StartRanges, drawn_start
+from climbplan.walking.footing import footing_of, gait_of
+from climbplan.walking.kernels.footing import SWINGING
+from climbplan.walking.offline.gaits import CYCLES, starting_gaits
+from climbplan.walking.offline.nlp import solve_nlp
+from climbplan.walking.offline.pinned import PinnedProgram
+from climbplan.walking.offline.search import SearchLimits, search
+from climbplan.walking.offline.sqp import iterate_of, rolled_out, solve_gait
 
 RNG = np.random.default_rng(7)
 

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from walk_tasks import shorter, stairs_task, walk_task
 
-from climbplan.mpc.answer import WalkAnswer
-from climbplan.mpc.checker import check_trajectory, failures
-from climbplan.mpc.draws import StartRanges, drawn_start
-from climbplan.mpc.micp.method import MicpLimits, solve_micp
-from climbplan.mpc.micp.model import Lin, LinearModel
-from climbplan.mpc.micp.ranges import ranges_below
-from climbplan.mpc.micp.shrinking import shrunk
-from climbplan.mpc.micp.statement import relaxation
-from climbplan.mpc.micp.tube import Tube, tube_about, turning
-from climbplan.mpc.search import SearchLimits, search
-from climbplan.mpc.task import WalkTask
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs.model import highs
+from climbplan.walking.answer import WalkAnswer
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.draws import StartRanges, drawn_start
+from climbplan.walking.micp.method import MicpLimits, solve_micp
+from climbplan.walking.micp.model import Lin, LinearModel
+from climbplan.walking.micp.ranges import ranges_below
+from climbplan.walking.micp.shrinking import shrunk
+from climbplan.walking.micp.statement import relaxation
+from climbplan.walking.micp.tube import Tube, tube_about, turning
+from climbplan.walking.offline.search import SearchLimits, search
+from climbplan.walking.task import WalkTask
 
 ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
 

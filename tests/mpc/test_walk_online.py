@@ -10,17 +10,23 @@ import pytest
 from walk_tasks import walk_task
 
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.mpc.checker import check_loop, failures
-from climbplan.mpc.closed_loop import LoopWorld, Push, recovered, run_loop, sampled_task
-from climbplan.mpc.compiled_body import moved
-from climbplan.mpc.library import Library, build_library, mirrored, read_library, write_library
-from climbplan.mpc.measurement import Situation
-from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings, horizon_of
-from climbplan.mpc.online_run import library_key
-from climbplan.mpc.perception import Noise
-from climbplan.mpc.safe_stance import safe_stance
-from climbplan.mpc.strategies import Neighbours, StrategyName, trained
-from climbplan.mpc.task import VELOCITY, Start, WalkTask
+from climbplan.walking.check.checker import check_loop, failures
+from climbplan.walking.kernels.body import moved
+from climbplan.walking.online.closed_loop import LoopWorld, Push, recovered, run_loop, sampled_task
+from climbplan.walking.online.library import (
+    Library,
+    build_library,
+    mirrored,
+    read_library,
+    write_library,
+)
+from climbplan.walking.online.measurement import Situation
+from climbplan.walking.online.perception import Noise
+from climbplan.walking.online.run import library_key
+from climbplan.walking.online.safe_stance import safe_stance
+from climbplan.walking.online.strategies import Neighbours, StrategyName, trained
+from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings, horizon_of
+from climbplan.walking.task import VELOCITY, Start, WalkTask
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

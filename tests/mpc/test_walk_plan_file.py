@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from climbplan.errors import LimitReached, PlanFileError
-from climbplan.mpc.plan_file import read_walk_plan, write_walk_plan
-from climbplan.mpc.planner import plan_walk
-from climbplan.mpc.trajectory_csv import export_csv
-from climbplan.mpc.verification import verify, verify_and_mark
 from climbplan.spec.mpc_loading import load_mpc
+from climbplan.walking.check.verification import verify, verify_and_mark
+from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
+from climbplan.walking.planner import plan_walk
+from climbplan.walking.trajectory_csv import export_csv
 
 SPEC = """\
 kind: mpc

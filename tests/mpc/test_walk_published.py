@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from walk_tasks import named, shorter, walk_task
 
-from climbplan.mpc.attempt import Budget, GaitTrials
-from climbplan.mpc.library import build_library
-from climbplan.mpc.measurement import Situation
-from climbplan.mpc.online import SAFE, OnlineController, OnlineSettings
-from climbplan.mpc.pinned import Iterate, PinnedProgram
-from climbplan.mpc.published import PublishedProgram
-from climbplan.mpc.published_rows import Rows
-from climbplan.mpc.sqp import guess, rolled_out
-from climbplan.mpc.task import Integrator, Start
+from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.sqp import guess, rolled_out
+from climbplan.walking.online.attempt import Budget, GaitTrials
+from climbplan.walking.online.library import build_library
+from climbplan.walking.online.measurement import Situation
+from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings
+from climbplan.walking.published.program import PublishedProgram
+from climbplan.walking.published.rows import Rows
+from climbplan.walking.task import Integrator, Start
 
 RNG = np.random.default_rng(3)
 

@@ -10,12 +10,12 @@ import pytest
 from walk_tasks import walk_task
 
 from climbplan.errors import UsageError
-from climbplan.mpc.benchmarks.online_options import OnlineOptions, in_words, online_inputs
-from climbplan.mpc.benchmarks.run import run_mpc
-from climbplan.mpc.closed_loop import LoopWorld
-from climbplan.mpc.library import build_library
-from climbplan.mpc.perception import Noise
-from climbplan.mpc.recovery import Study, Trial, run_study
+from climbplan.walking.benchmarks.online_options import OnlineOptions, in_words, online_inputs
+from climbplan.walking.benchmarks.run import run_mpc
+from climbplan.walking.online.closed_loop import LoopWorld
+from climbplan.walking.online.library import build_library
+from climbplan.walking.online.perception import Noise
+from climbplan.walking.online.recovery import Study, Trial, run_study
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

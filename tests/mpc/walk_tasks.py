@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.mpc.footing import gait_of
-from climbplan.mpc.gaits import cycle
-from climbplan.mpc.problem import build_task
-from climbplan.mpc.task import Gait, WalkTask
 from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loading import load_body
+from climbplan.walking.footing import gait_of
+from climbplan.walking.offline.gaits import cycle
+from climbplan.walking.problem import build_task
+from climbplan.walking.task import Gait, WalkTask
 
 
 def walk_task(velocity: tuple[float, float, float] = (0, 0, 0), **task: object) -> WalkTask:

@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 
 from climbplan.errors import UsageError
-from climbplan.mpc.plan import WalkPlan
-from climbplan.mpc.planner import plan_walk
-from climbplan.mpc.truth import continuous_rollout
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
 from climbplan.simulation.study import Asked
@@ -20,6 +17,9 @@ from climbplan.simulation.walk_reference import walk_reference
 from climbplan.simulation.walk_replay import euler_angles, simulate_walk
 from climbplan.simulation.walk_study import simulate_walk_plan, tell
 from climbplan.spec.mpc_loading import load_mpc
+from climbplan.walking.check.truth import continuous_rollout
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.planner import plan_walk
 
 FORWARD = Path(__file__).parents[2] / "specs" / "mpc_forward.yaml"
 

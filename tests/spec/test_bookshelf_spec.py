@@ -12,7 +12,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.pictures import moved
 from climbplan.bookshelf.scene import Shelf
 from climbplan.bookshelf.scene_source import scenes_of, shelf_of

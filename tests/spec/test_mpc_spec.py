@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.mpc.problem import build_task
 from climbplan.spec.mpc_loading import load_body, load_mpc
+from climbplan.walking.problem import build_task
 
 
 def mistakes(text: str, folder: Path) -> str:

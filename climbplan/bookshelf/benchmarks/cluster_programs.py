@@ -16,9 +16,9 @@ import numpy as np
 
 from climbplan.bookshelf.benchmarks.inputs import Progress
 from climbplan.bookshelf.benchmarks.strategy_cases import Case
-from climbplan.bookshelf.learned_methods import check_of
+from climbplan.bookshelf.methods.learned import check_of
+from climbplan.bookshelf.methods.trained import ReducedScenes, model_method
 from climbplan.bookshelf.points import theta_of
-from climbplan.bookshelf.trained_methods import ReducedScenes, model_method
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS

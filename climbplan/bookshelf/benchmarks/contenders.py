@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.scene import Shelf
 from climbplan.errors import UsageError
 from climbplan.spec.bookshelf import Meaning, ShelfSolverSpec

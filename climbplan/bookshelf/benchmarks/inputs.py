@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf.exact import ExactSolver
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.generator import generate_scene, shelf_for
 from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of
 from climbplan.bookshelf.plan_file import write_shelf_plan

@@ -11,9 +11,9 @@ import numpy as np
 
 from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.benchmarks.contenders import Contender
-from climbplan.bookshelf.meanings import check_placements
-from climbplan.bookshelf.method_setting import MethodSetting
-from climbplan.bookshelf.methods import prepare
+from climbplan.bookshelf.check.meanings import check_placements
+from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.runs import checked, compile_first
 from climbplan.bookshelf.scene import Array, Scenes
 from climbplan.bookshelf.summary import TRIVIAL

@@ -21,10 +21,10 @@ import numpy as np
 
 from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.benchmarks.inputs import FileGroup
-from climbplan.bookshelf.checker import LENGTH_LIMIT, check_contact
-from climbplan.bookshelf.checker_published import check_published, published_states
-from climbplan.bookshelf.checks import PlacementCheck
-from climbplan.bookshelf.exact import ExactLimits, ExactSolver
+from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
+from climbplan.bookshelf.check.checks import PlacementCheck
+from climbplan.bookshelf.check.published import check_published, published_states
+from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.generator import shelf_for
 from climbplan.bookshelf.plan import worst_overlap
 from climbplan.bookshelf.points import settled

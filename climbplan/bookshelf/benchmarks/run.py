@@ -30,7 +30,7 @@ from climbplan.bookshelf.benchmarks.measure import (
 from climbplan.bookshelf.benchmarks.plots import write_plots
 from climbplan.bookshelf.benchmarks.published import PublishedReport, compare_published
 from climbplan.bookshelf.benchmarks.table import write_context, write_methods, write_published
-from climbplan.bookshelf.exact import ExactLimits
+from climbplan.bookshelf.exact.method import ExactLimits
 from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.errors import MissingSolver

@@ -28,11 +28,11 @@ from climbplan.bookshelf.benchmarks.strategy_cases import (
     training_scenes,
     unseen_cases,
 )
-from climbplan.bookshelf.exact import ExactSolver
-from climbplan.bookshelf.learned_methods import Convex
+from climbplan.bookshelf.exact.method import ExactSolver
+from climbplan.bookshelf.methods.learned import Convex
+from climbplan.bookshelf.methods.trained import ReducedScenes, model_method
 from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
-from climbplan.bookshelf.trained_methods import ReducedScenes, model_method
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel

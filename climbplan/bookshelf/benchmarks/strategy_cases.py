@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.bookshelf.benchmarks.inputs import FileGroup, Progress
-from climbplan.bookshelf.exact import ExactSolver
-from climbplan.bookshelf.features import feature_map, feature_scale
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.generator import DropRules, generate_scene, shelf_for
-from climbplan.bookshelf.library import (
+from climbplan.bookshelf.methods.features import feature_map, feature_scale
+from climbplan.bookshelf.methods.library import (
     Priced,
     SceneLibrary,
     library_of,
@@ -20,13 +20,13 @@ from climbplan.bookshelf.library import (
     placed_scenes,
     solved_scenes,
 )
-from climbplan.bookshelf.method_setting import MethodSetting
+from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.shelf_context import context_of
+from climbplan.bookshelf.methods.statement import Judge
 from climbplan.bookshelf.mirror import Solved
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene, Shelf
 from climbplan.bookshelf.scene_file import read_scenes
-from climbplan.bookshelf.shelf_context import context_of
-from climbplan.bookshelf.statement_methods import Judge
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import ClusterOptions, solution_columns
 from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit

@@ -9,11 +9,11 @@ from typing import Any, Literal
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached, NotProved
+from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.iteration import GOOD
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.planner import plan_limms
-from climbplan.limms.verification import verification_of
 from climbplan.spec.limms_loading import LoadedLimms, limms_of
 from climbplan.spec.overrides import apply_overrides
 from climbplan.spec.source import SourceText

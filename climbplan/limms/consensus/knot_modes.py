@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.module_rows import MARGIN
 from climbplan.limms.consensus.setting import Setting
-from climbplan.limms.limbs import end_rotation, standing_rotation
+from climbplan.limms.modules.limbs import end_rotation, standing_rotation
 from climbplan.limms.scene import SIDE_NORMALS, Array
 
 NOTHING, FIXED, ON_BOX, ON_PATCH, UPRIGHT, ON_MODULE = range(6)

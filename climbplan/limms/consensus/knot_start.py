@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from climbplan.limms.chain import BRANCHES, Points, forward, from_last, in_range, inverse
-from climbplan.limms.chain import Pose as Frame
 from climbplan.limms.consensus.knot_modes import (
     FIXED,
     NOTHING,
@@ -19,8 +17,10 @@ from climbplan.limms.consensus.knot_modes import (
 )
 from climbplan.limms.consensus.knot_program import Pose
 from climbplan.limms.consensus.setting import CHAIN_POINTS, Setting
-from climbplan.limms.contact import gap_to_blocks, gap_within, link_segments
-from climbplan.limms.limbs import standing_rotation
+from climbplan.limms.modules.chain import BRANCHES, Points, forward, from_last, in_range, inverse
+from climbplan.limms.modules.chain import Pose as Frame
+from climbplan.limms.modules.contact import gap_to_blocks, gap_within, link_segments
+from climbplan.limms.modules.limbs import standing_rotation
 from climbplan.limms.scene import SIDE_NORMALS, Array, anchor_frame
 
 _DEEP = 50.0  # [1/m] what a collision counts against squared distances

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.chain import Points, forward, from_last
-from climbplan.limms.chain import Pose as Frame
 from climbplan.limms.consensus.copies import Copy, Modes
 from climbplan.limms.consensus.knot_modes import Hands, hands_at
 from climbplan.limms.consensus.knot_program import KnotPrograms, Pose, Solved
 from climbplan.limms.consensus.knot_start import start_at
 from climbplan.limms.consensus.planes import planes_at
 from climbplan.limms.consensus.setting import POINTS, STABLE, Setting, start_points
+from climbplan.limms.modules.chain import Points, forward, from_last
+from climbplan.limms.modules.chain import Pose as Frame
 from climbplan.limms.scene import Array
 
 BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of disagreements

@@ -11,12 +11,12 @@ from itertools import combinations
 
 import numpy as np
 
-from climbplan.limms.chain import Points
 from climbplan.limms.consensus.knot_modes import ON_BOX, Hands
 from climbplan.limms.consensus.knot_program import Plane
 from climbplan.limms.consensus.setting import POINTS, Setting
-from climbplan.limms.contact import gap_to_blocks, link_segments
-from climbplan.limms.distances import segment_to_segment
+from climbplan.limms.modules.chain import Points
+from climbplan.limms.modules.contact import gap_to_blocks, link_segments
+from climbplan.limms.modules.distances import segment_to_segment
 from climbplan.limms.scene import Array
 
 NEAR = 0.06  # [m] gap below which a pair gets a plane

@@ -6,18 +6,18 @@ import time
 
 import numpy as np
 
+from climbplan.limms.arms.carrying import carry
+from climbplan.limms.arms.chain_carrying import Chain, carry_on_chains
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection
-from climbplan.limms.carrying import carry
-from climbplan.limms.chain_carrying import Chain, carry_on_chains
 from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.iteration import Iterate
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
 from climbplan.limms.consensus.warm_start import carry_on
+from climbplan.limms.legs.walking import walk
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence
 from climbplan.limms.timeline import Progress
-from climbplan.limms.walking import walk
 
 
 def chains_of(modes: Modes) -> tuple[Chain, ...]:

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.limms.arms.carrying import limb_of, whole_carried
+from climbplan.limms.arms.chain_carrying import Chain
+from climbplan.limms.arms.guess import KNOTS, Piece, traces_along
+from climbplan.limms.arms.held import plan_held
+from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.attempts import Attempts
-from climbplan.limms.carrying import limb_of, whole_carried
-from climbplan.limms.chain import BRANCHES
-from climbplan.limms.chain_carrying import Chain
 from climbplan.limms.consensus.iteration import Iterate
 from climbplan.limms.consensus.setting import HELD, SECONDS
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow
-from climbplan.limms.held import plan_held
-from climbplan.limms.held_branches import HeldTask
-from climbplan.limms.held_guess import KNOTS, Piece, traces_along
-from climbplan.limms.limbs import limb_angles
-from climbplan.limms.moving import Blocked
+from climbplan.limms.modules.chain import BRANCHES
+from climbplan.limms.modules.limbs import limb_angles
+from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb

@@ -1,0 +1,1 @@
+"""The exact checks of placements, in the meaning `contact` and as published."""

@@ -1,0 +1,31 @@
+"""The exact check by the name of its meaning, and what refutes that there is no placement."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
+from climbplan.bookshelf.check.checks import PlacementCheck
+from climbplan.bookshelf.check.published import check_published
+from climbplan.bookshelf.scene import Array, Scenes, Shelf, States
+
+
+def check_placements(
+    scenes: Scenes, pose: Array, state: States, shelf: Shelf, meaning: str
+) -> PlacementCheck:
+    """Check placements of S scenes: pose (S, n + 1, 3) [m, rad], state (S, n + 1)."""
+    check = check_contact if meaning == "contact" else check_published
+    return check(scenes, pose, state, shelf)
+
+
+def fit_side_by_side(scenes: Scenes, shelf: Shelf) -> NDArray[np.bool_]:
+    """Scenes (S,) whose books all fit upright or flat beside one another: these have a placement.
+
+    In the meaning `contact`; books that fit to the last 0.01 mm are left out.
+    """
+    height, width = scenes.sizes[..., 0], scenes.sizes[..., 1]
+    upright = np.where(height <= shelf.height, width, np.inf)
+    flat = np.where(width <= shelf.height, height, np.inf)
+    fits: NDArray[np.bool_] = np.minimum(upright, flat).sum(axis=1) < shelf.width - LENGTH_LIMIT
+    return fits

@@ -1,7 +1,0 @@
-"""The decorator of compiled functions of the exact search."""
-
-from pathlib import Path
-
-from climbplan.solvers.compiling import compiler
-
-compiled = compiler(Path(__file__).parent, "exact_*.py")

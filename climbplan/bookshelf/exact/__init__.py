@@ -1,0 +1,1 @@
+"""Least movement, proved: geometric branch and bound in the meaning `contact`."""

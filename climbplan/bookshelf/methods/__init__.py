@@ -1,0 +1,1 @@
+"""The methods that solve scenes, by name."""

@@ -1,0 +1,1 @@
+"""Modules as arms that carry or throw the box."""

@@ -1,0 +1,62 @@
+"""Arms that hold the box, branch by branch of their inverse kinematics until one serves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from climbplan.limms.arms.answers import Outcome
+from climbplan.limms.arms.held import plan_held
+from climbplan.limms.arms.held_branches import HeldTask, combinations, path_choices
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.corridor import centre_blocks, ways
+from climbplan.limms.densify import Follow
+from climbplan.limms.modules.moving import Blocked
+from climbplan.limms.scene import Scene
+from climbplan.limms.statement import Limb
+
+_MOST = 4  # combinations of branches
+
+
+def delivery(
+    scene: Scene, attempts: Attempts, throw: bool = False, arrival_speed: float = 0.0
+) -> HeldTask | None:
+    """The box from start to goal through the free space; None without a way there."""
+    start = scene.box_start[0]
+    way = ways(centre_blocks(scene), start, scene.goal)
+    if way is None:
+        attempts.notes.append("there is no way for the box")
+        return None
+    return HeldTask(start, scene.goal, way, throw, arrival_speed)
+
+
+def solved_branches(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    name: str,
+    attempts: Attempts,
+    deadline: float,
+) -> Iterator[tuple[Sequence[Limb], Outcome]]:
+    """Branches by which arms at the box (`limbs`) bring it to its goal.
+
+    deadline: `time.monotonic` [s] at which other ways have their turn.
+    """
+    choices = path_choices(scene, limbs, task)
+    if not all(choices):
+        attempts.notes.append(f"{name}: out of reach at the start")
+        return
+    for combo in attempts.in_time(combinations(choices, most=_MOST), name, deadline):
+        outcome = plan_held(scene, combo, task, attempts.until(deadline))
+        attempts.count(outcome, name)
+        if outcome.solved:
+            yield combo, outcome
+
+
+@contextmanager
+def noted(attempts: Attempts, name: str) -> Iterator[None]:
+    """Go on after a motion that is not free all the way, with a note of what is in it."""
+    try:
+        yield
+    except (Blocked, Follow) as error:
+        attempts.notes.append(f"{name}: {error}")

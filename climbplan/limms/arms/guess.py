@@ -1,0 +1,147 @@
+"""Motions from which the programs of arms begin: straight ways, detours, parabolas."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from climbplan.limms.arms.held_branches import HeldTask, release_share, way_points
+from climbplan.limms.modules.limbs import limb_angles
+from climbplan.limms.scene import GRAVITY, Array, Scene
+from climbplan.limms.statement import Limb, Phase, Trace
+
+KNOTS = 8  # intervals of a phase
+BUMP = 0.2  # [m]
+SPEED = 0.45  # [m/s] of the guess
+RELEASES = (0.92, 0.75, 0.55)  # how far of what arms reach a guess throws
+
+
+def bumps(first: Array, last: Array) -> list[Array]:
+    """Sideways detours (3,) of a straight way: none, and both ways along two directions."""
+    along = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)
+    one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    one /= np.linalg.norm(one)
+    other = np.cross(along, one)
+    return [np.zeros(3), *(BUMP * sign * side for side in (one, other) for sign in (1, -1))]
+
+
+def guess_for(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    task: HeldTask,
+    bump: Array | None = None,
+    release: float = 0.92,
+) -> list[Trace]:
+    """A slow straight motion through the way, and a parabola if the box is thrown.
+
+    bump: a sideways detour of every leg of the way; release: how far of what arms reach they throw.
+    """
+    corners = way_points(task)
+    if task.throw:
+        reached = release * release_share(scene, limbs, corners[-2], corners[-1])
+        corners[-1] = corners[-2] + reached * (corners[-1] - corners[-2])
+    blocks = list(task.way.blocks)
+    if task.throw:
+        # Time runs differently in wind-up and throw: a phase of its own for each
+        corners = np.insert(corners, -1, 0.4 * corners[-2] + 0.6 * corners[-1], axis=0)
+        blocks.append(blocks[-1])
+    pieces = []
+    for (first, last), block in zip(pairwise(corners), blocks, strict=True):
+        length = float(np.linalg.norm(last - first))
+        share = np.linspace(0, 1, KNOTS + 1)[:, None]
+        position = first + share * (last - first)
+        if bump is not None:
+            position = np.clip(position + np.sin(np.pi * share) * bump, block[0], block[1])
+        velocity = (last - first) / max(length / SPEED, 0.4)
+        pieces.append(Piece(position, max(length / SPEED, 0.4), velocity, block))
+    return traces_along(scene, limbs, task, pieces)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A way of the box in one phase, as a guess."""
+
+    position: Array  # (KNOTS + 1, 3) [m]
+    duration: float  # [s]
+    velocity: Array  # (KNOTS + 1, 3) or (3,) [m/s]
+    block: Array  # (2, 3) of free centres of the box
+
+
+def traces_along(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[Piece]
+) -> list[Trace]:
+    """The guess that follows pieces of a way, and a parabola after them if the box is thrown."""
+    traces: list[Trace] = []
+    for piece in pieces:
+        position, block = piece.position, piece.block
+        velocity = np.broadcast_to(piece.velocity, position.shape)
+        feet = np.array([[limb.fixed_position for limb in limbs]] * (KNOTS + 1))
+        angles = np.stack(
+            [
+                limb_angles(scene, limb, position, feet[:, i], limb.branch)[0]
+                for i, limb in enumerate(limbs)
+            ],
+            axis=1,
+        )
+        if traces:  # whole turns as before
+            turn = np.round((traces[-1].angles[-1] - angles[0]) / (2 * np.pi)) * 2 * np.pi
+            angles = angles + turn
+        phase = Phase("held", block[0], block[1], KNOTS, 0.15, 12.0)
+        traces.append(
+            Trace(
+                phase,
+                piece.duration,
+                position,
+                velocity,
+                np.zeros_like(position),
+                angles,
+                feet,
+                np.zeros((KNOTS + 1, len(limbs), 3)),
+            )
+        )
+    if task.throw:
+        end = pieces[-1].position[-1]
+        traces.append(_flight(end, task.goal, task.way.blocks[-1], len(limbs)))
+    return traces
+
+
+def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
+    """A parabola with its top at the goal, or a third of a second long."""
+    rise = max(goal[2] - release[2], 0.0)
+    duration = max(float(np.sqrt(2 * rise / GRAVITY)), 0.15)
+    down = np.array([0, 0, -GRAVITY])
+    velocity = (goal - release) / duration - down * duration / 2
+    times = np.linspace(0, duration, 2)[:, None]
+    phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
+    return Trace(
+        phase,
+        duration,
+        release + velocity * times + down * times**2 / 2,
+        velocity + down * times,
+        np.broadcast_to(down, (2, 3)),
+        np.zeros((2, limbs, 6)),
+        np.zeros((2, limbs, 3)),
+        np.zeros((2, limbs, 3)),
+    )
+
+
+def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Trace]]:
+    """Guesses with and without detours, smoothest first; throws also from nearer the start."""
+    corners = way_points(task)
+    ranked: list[list[Trace]] = []
+    for share in RELEASES if task.throw else RELEASES[:1]:
+        guesses = [
+            guess_for(scene, limbs, task, bump, share) for bump in bumps(corners[0], corners[-1])
+        ]
+        ranked.append(min(guesses, key=jerkiness))
+    return ranked
+
+
+def jerkiness(traces: Sequence[Trace]) -> float:
+    """Largest turn of a joint between two knots of a guess [rad]."""
+    return max(
+        float(np.abs(np.diff(t.angles, axis=0)).max()) for t in traces if t.phase.kind == "held"
+    )

@@ -1,0 +1,218 @@
+"""The multi-phase nonlinear program of arms that carry or throw the box, for IPOPT through CasADi.
+
+Variables: durations; position, velocity and acceleration of the box at knots. Joint angles and
+speeds of the arms are closed functions of the box's centre and velocity (`symbols.py`), so that
+closed chains hold at every iterate, eqs. (6.1) and (6.2).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from climbplan.limms.arms.answers import Cut, Ends, Outcome
+from climbplan.limms.arms.symbols import arm_function, least_margins
+from climbplan.limms.modules.chain import inverse
+from climbplan.limms.modules.chain_symbols import chain_function
+from climbplan.limms.modules.limbs import limb_frames
+from climbplan.limms.program_answer import solve_unknowns
+from climbplan.limms.scene import GRAVITY, Array, Scene
+from climbplan.limms.statement import Limb, Trace, held_forces
+from climbplan.limms.unknowns import Unknowns
+
+SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
+FORCE_SHARE = 0.985  # of the limits of latches
+RANGE_MARGIN = 0.02  # [rad]
+APPROACH_MARGIN = 0.15  # [rad] further
+TURNING = 0.2  # weight of squared joint speeds against time
+SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
+_SETTINGS = {
+    "tol": 1e-5,
+    "constr_viol_tol": 1e-7,
+    "acceptable_tol": 1e-3,
+    "acceptable_constr_viol_tol": 1e-7,
+    "acceptable_iter": 6,
+    # Adaptive barriers took three times as long on random throws, and a start at 0.1 twice as long
+    "mu_strategy": "monotone",
+    "mu_init": 0.01,
+}
+
+
+def solve_arms(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    guess: Sequence[Trace],
+    ends: Ends,
+    cuts: Sequence[Cut] = (),
+    cpu_limit: float = 30.0,
+    deadline: float = np.inf,
+    iterations: int = 100,
+) -> Outcome:
+    """Build and solve the program of some phases from a guess; `guess` carries the phases.
+
+    cpu_limit: seconds of the processor; deadline: by `time.monotonic` [s].
+    """
+    began = time.perf_counter()
+    parts = _Arms(scene, limbs, ends)
+    for number, trace in enumerate(guess):
+        parts.phase(trace, [cut for cut in cuts if cut.phase == number])
+    parts.finish()
+    limits = {"max_iter": iterations, "max_cpu_time": cpu_limit}
+    answer = solve_unknowns(
+        "arms", parts.store, parts.cost, parts.outputs, {**_SETTINGS, **limits}, began, deadline
+    )
+    return Outcome(
+        traces=_traces(scene, limbs, answer.values, guess),
+        optimal=answer.optimal,
+        **answer.figures(),
+    )
+
+
+class _Arms:
+    """Adds phase after phase."""
+
+    def __init__(self, scene: Scene, limbs: Sequence[Limb], ends: Ends) -> None:
+        self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, Unknowns()
+        self.arms = [arm_function(scene, limb) for limb in limbs]
+        self.chain = chain_function(scene.module)
+        self.cost = ca.MX(0)
+        self.outputs: list[ca.MX] = []
+        self.last: tuple[ca.MX, ca.MX] | None = None  # position and velocity at the end
+
+    def phase(self, guess: Trace, cuts: Sequence[Cut]) -> None:
+        """One phase: motion of the box, and of the arms that hold it."""
+        store, phase = self.store, guess.phase
+        count = phase.intervals
+        duration = store.variable("T", guess.duration, phase.shortest, phase.longest)
+        step = duration / count
+        knots = range(count + 1)
+        p = [store.variable("p", guess.position[k], phase.lower, phase.upper) for k in knots]
+        v = [store.variable("v", guess.velocity[k], -8.0, 8.0) for k in knots]
+        a = [store.variable("a", guess.acceleration[k], -60.0, 60.0) for k in knots]
+        lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)
+        for k in range(count):
+            # The chain of cubics, and its control points inside the phase's free block
+            store.equal(v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
+            store.equal(p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6)
+            for control in (p[k] + step * v[k] / 3, p[k + 1] - step * v[k + 1] / 3):
+                store.add(control - lower, 0.0, np.inf)
+                store.add(upper - control, 0.0, np.inf)
+            self.cost += 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2)
+        self.cost += duration
+        is_first = self.last is None
+        begin = (ca.MX(ca.DM(self.ends.start)), ca.MX.zeros(3)) if self.last is None else self.last
+        store.equal(p[0] - begin[0])
+        store.equal(v[0] - begin[1])
+        if phase.kind == "flight":
+            for acceleration in a:
+                store.equal(acceleration + ca.DM([0, 0, GRAVITY]))
+        else:
+            self._latches(a)
+            self._joints(guess, p, v, step, cuts, is_first)
+        self.last = (p[-1], v[-1])
+        self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
+
+    def finish(self) -> None:
+        """The goal at the end."""
+        assert self.last is not None
+        store, ends = self.store, self.ends
+        p, v = self.last
+        store.equal(p - ca.DM(ends.goal))
+        if ends.arrival_speed > 0:
+            store.add(ca.sumsqr(v), 0.0, ends.arrival_speed**2)
+            self.cost += 0.5 * ca.sumsqr(v)
+        else:
+            store.equal(v)
+
+    def _latches(self, a: list[ca.MX]) -> None:
+        """Dynamics, eq. (6.5), within what the latches hold."""
+        scene, module = self.scene, self.scene.module
+        offsets = np.array([scene.side_offset(0, limb.side) for limb in self.limbs])
+        n = len(offsets)
+        share = ca.DM(held_forces(offsets, module.max_force, module.latch_moment))
+        mass = float(scene.box_mass[0])
+        limits = [FORCE_SHARE * module.max_force] * n + [FORCE_SHARE * module.latch_moment] * n
+        for acceleration in a:
+            both = share @ (mass * (acceleration + ca.DM([0, 0, GRAVITY])))
+            for i, limit in enumerate(limits):
+                self.store.add(ca.sumsqr(both[3 * i : 3 * i + 3]) / limit**2, 0.0, 1.0)
+
+    def _joints(
+        self,
+        guess: Trace,
+        p: list[ca.MX],
+        v: list[ca.MX],
+        step: ca.MX,
+        cuts: Sequence[Cut],
+        is_first: bool,
+    ) -> None:
+        """Joint ranges and speeds, no change of branch, and planes that links stay beyond."""
+        store, module = self.store, self.scene.module
+        reach = np.array(module.joint_range) - RANGE_MARGIN
+        limit = SPEED_SHARE * module.max_joint_speed
+        low, high = least_margins(SINGULAR)
+        for i, limb in enumerate(self.limbs):
+            before: ca.MX | None = None
+            for k in range(len(p)):
+                angles, rates, margins = self.arms[i](p[k], v[k], ca.DM(guess.angles[k, i]))
+                # Where latches close, a module still has to get there: along the anchor's normal
+                bound = reach - (APPROACH_MARGIN if is_first and k == 0 else 0.0)
+                store.add(angles, -bound, bound)
+                store.add(rates, -limit, limit)
+                store.add(margins, low, high)
+                if before is not None:
+                    change = angles - before
+                    store.add(change - limit * step, -np.inf, 0.0)
+                    store.add(change + limit * step, 0.0, np.inf)
+                    self.cost += TURNING * ca.sumsqr(change) / step
+                before = angles
+                for cut in cuts:
+                    if cut.limb == i and cut.knot == k:
+                        self._cut(cut, limb, angles, p[k])
+
+    def _cut(self, cut: Cut, limb: Limb, angles: ca.MX, p: ca.MX) -> None:
+        points, _, _ = self.chain(angles, ca.DM.zeros(6))
+        on_box = p + ca.DM(self.scene.side_offset(0, limb.side))
+        first = on_box if limb.box_end == 0 else ca.DM(limb.fixed_position)
+        turn = limb.box_rotation if limb.box_end == 0 else limb.other_rotation
+        point = first + ca.DM(turn) @ points[:, cut.point]
+        if cut.moves_with_box:
+            point = point - p
+        self.store.add(ca.dot(ca.DM(cut.normal), point), cut.offset, np.inf)
+
+
+def _traces(
+    scene: Scene, limbs: Sequence[Limb], read: Sequence[Array], guess: Sequence[Trace]
+) -> tuple[Trace, ...]:
+    """The answer, phase by phase; joint angles solved anew, so that chains close exactly."""
+    traces: list[Trace] = []
+    for number, old in enumerate(guess):
+        duration, position, velocity, acceleration = read[4 * number : 4 * number + 4]
+        angles = old.angles
+        if old.phase.kind != "flight":
+            angles = np.stack(
+                [_angles(scene, limb, position, old.angles[:, i]) for i, limb in enumerate(limbs)],
+                axis=1,
+            )
+        traces.append(
+            replace(
+                old,
+                duration=float(duration[0, 0]),
+                position=position,
+                velocity=velocity,
+                acceleration=acceleration,
+                angles=angles,
+            )
+        )
+    return tuple(traces)
+
+
+def _angles(scene: Scene, limb: Limb, position: Array, near: Array) -> Array:
+    first, last = limb_frames(scene, limb, position, limb.fixed_position)
+    angles = inverse(scene.module, first, last, limb.branch).angles
+    turned: Array = angles + np.round((near - angles) / (2 * np.pi)) * 2 * np.pi
+    return turned

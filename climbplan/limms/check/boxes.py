@@ -1,0 +1,133 @@
+"""Checks of the box: dynamics, forces, support, goal (eqs. (6.5) to (6.8))."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from climbplan.limms.check.dense import events, fine_times, hermite
+from climbplan.limms.check.limits import judge
+from climbplan.limms.check.worst import Worst
+from climbplan.limms.modules.distances import block_gap
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array
+from climbplan.plans.checks.check import Check
+from climbplan.spec.limms_module import ModuleSpec
+
+_STABLE, _FREE, _HELD, _QUADRUPED = 1, 2, 3, 4
+
+
+def box_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
+    """Everything about the boxes."""
+    worst = Worst()
+    for first, last in events(plan.motion.time):
+        _motion(plan, first, last, worst)
+        for b in range(len(plan.box_size)):
+            _forces(plan, module, b, first, last, worst)
+    for name in ("box.motion", "box.dynamics", "box.stable", "box.moment"):
+        yield worst.check(name)
+    yield worst.check("clear.box", gap=True)
+    for name in ("latch.moment", "force.limit", "force.friction", "force.unattached"):
+        yield worst.check(name)
+    yield worst.check("support.sides", gap=True)
+    off = float(np.linalg.norm(plan.motion.box_position[-1, 0] - plan.goal[0]))
+    yield judge("goal.reached", off, "", f"{1e3 * off:.3f} mm off")
+    speed = float(np.linalg.norm(plan.motion.box_velocity[-1, 0]))
+    yield judge("goal.speed", speed - plan.arrival_speed, "", f"{speed:.3f} m/s at the end")
+
+
+def _motion(plan: LimmsPlan, first: int, last: int, worst: Worst) -> None:
+    """Position, velocity and acceleration belong together; nothing in the box's way."""
+    motion = plan.motion
+    span = slice(first, last + 1)
+    time = motion.time[span]
+    h = np.diff(time)[:, None, None]
+    p, v, a = (x[span] for x in (motion.box_position, motion.box_velocity, motion.box_acceleration))
+    off_v = v[1:] - v[:-1] - h * (a[:-1] + a[1:]) / 2
+    off_p = p[1:] - p[:-1] - h * v[:-1] - h**2 * (2 * a[:-1] + a[1:]) / 6
+    worst.look("box.motion", time[1:], np.abs(off_v).max(axis=(1, 2)))
+    worst.look("box.motion", time[1:], np.abs(off_p).max(axis=(1, 2)))
+    at = fine_times(time)
+    box, _ = hermite(time, p, v, at)
+    half = plan.box_size / 2
+    for b in range(len(half)):
+        for low, high in plan.solids:
+            worst.look("clear.box", at, -block_gap(box[:, b], half[b], low, high), f"box {b}")
+        for other in range(b):
+            low, high = box[:, other] - half[other], box[:, other] + half[other]
+            worst.look("clear.box", at, -block_gap(box[:, b], half[b], low, high), f"box {b}")
+        if motion.box_mode[first, b] == _STABLE:
+            moved = np.abs(box[:, b] - box[0, b]).max(axis=1)
+            bottom = box[:, b].copy()
+            bottom[:, 2] -= half[b, 2]
+            worst.look("box.stable", at, np.maximum(moved, _above_ground(plan, bottom)))
+
+
+def _above_ground(plan: LimmsPlan, points: Array) -> Array:
+    best = np.full(len(points), np.inf)
+    for low, high in plan.solids:
+        over = ((points[:, :2] >= low[:2]) & (points[:, :2] <= high[:2])).all(axis=1)
+        best = np.minimum(best, np.where(over, np.abs(points[:, 2] - high[2]), np.inf))
+    return best
+
+
+def _forces(
+    plan: LimmsPlan, module: ModuleSpec, b: int, first: int, last: int, worst: Worst
+) -> None:
+    motion = plan.motion
+    span = slice(first, last + 1)
+    time, force = motion.time[span], motion.force[span, b]  # (n, 4, 3)
+    mode = int(motion.box_mode[first, b])
+    if mode != _STABLE:
+        mass = plan.box_mass[b]
+        needed = mass * (motion.box_acceleration[span, b] + np.array([0, 0, GRAVITY]))
+        worst.look("box.dynamics", time, np.abs(force.sum(axis=1) - needed))
+    size = np.linalg.norm(force, axis=-1)
+    worst.look("force.limit", time, size - module.max_force)
+    holders = _holders(plan, b, first)
+    for side in range(4):
+        m, end = holders[side]
+        what = plan.anchor_names[4 * b + side]
+        foot_down = m >= 0 and motion.ground_end[first, m] == 1 - end
+        loose = m < 0 or (mode == _QUADRUPED and not foot_down)
+        if loose:
+            worst.look("force.unattached", time, size[:, side], what)
+        if mode == _QUADRUPED and m >= 0:
+            foot = motion.joint_position[span, m, 7 * (1 - end)]
+            normal = SIDE_NORMALS[side]
+            half = float(np.abs(normal) @ plan.box_size[b] / 2)
+            ahead = (foot - motion.box_position[span, b]) @ normal
+            if foot_down:
+                worst.look("support.sides", time, half - ahead, what)
+                f = force[:, side]
+                sliding = np.hypot(f[:, 0], f[:, 1]) - plan.friction * f[:, 2]
+                worst.look("force.friction", time, sliding, what)
+    if mode == _QUADRUPED:
+        moment = np.zeros((len(time), 3))
+        for side, (m, end) in enumerate(holders):
+            if m >= 0:
+                foot = motion.joint_position[span, m, 7 * (1 - end)]
+                moment += np.cross(foot - motion.box_position[span, b], force[:, side])
+        worst.look("box.moment", time, np.abs(moment))
+    if mode == _HELD:
+        held = [side for side in range(4) if holders[side][0] >= 0]
+        if not held:
+            return
+        offsets = SIDE_NORMALS[held] * plan.box_size[b] / 2
+        # Moments that the latches have to hold, shared as little as can be
+        left = -np.cross(offsets, force[:, held]).sum(axis=1)
+        each = np.linalg.norm(left, axis=1) / len(held)
+        worst.look("latch.moment", time, each - module.latch_moment)
+
+
+def _holders(plan: LimmsPlan, b: int, sample: int) -> list[tuple[int, int]]:
+    """Module and end on each side of a box, (-1, 0) if none."""
+    motion = plan.motion
+    found = [(-1, 0)] * 4
+    for m in range(len(plan.module_names)):
+        for end, anchors in enumerate((motion.base_anchor, motion.tip_anchor)):
+            side = int(anchors[sample, m]) - 4 * b
+            if 0 <= side < 4:
+                found[side] = (m, end)
+    return found

@@ -1,0 +1,79 @@
+"""The plan answers the spec it carries: its scene and modules are those that the spec makes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from climbplan.errors import SpecError
+from climbplan.limms.check.limits import judge
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.scene import SIDE_NORMALS, Scene, scene_of
+from climbplan.plans.checks.check import Check, not_compared
+from climbplan.plans.checks.differences import Difference, largest, parts_apart, same
+from climbplan.spec.limms import LimmsSpec
+from climbplan.spec.limms_loading import stored_limms
+
+
+def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
+    """Scene and modules built anew by the loaders that planning uses, against those in the file.
+
+    Modules that are neither built in nor carried by the plan are taken from it, and that is told.
+    """
+    try:
+        stored = stored_limms(plan.spec_text, plan.module_text, plan.module)
+    except SpecError as error:
+        yield judge("file.spec_values", np.inf, str(error).splitlines()[0])
+        return
+    built = stored.loaded.module.model_dump(mode="json")
+    if stored.taken:
+        taken = f"{stored.taken}: the modules are taken from the plan file"
+        yield not_compared(judge("robot.spec", 0.0), taken, "modules as stored", taken)
+    else:
+        yield _worst("robot.spec", parts_apart("module", plan.module, built))
+    scene = scene_of(stored.loaded)
+    yield _worst("file.spec_values", _values(plan, scene, stored.loaded.spec))
+
+
+def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
+    motion, offset = plan.motion, scene.wall_offset
+    yield same("seed", plan.seed == spec.seed)
+    yield same("title", plan.title == spec.title)
+    yield same("solver.method", plan.method == spec.solver.method)
+    missed = float(np.linalg.norm(motion.box_position[-1, 0] - plan.goal[0]))
+    yield from parts_apart("objective", plan.objective, missed)
+    same_names = plan.module_names == scene.module_names
+    yield same("modules: names", same_names)
+    yield same("terrain.anchors: names", plan.anchor_names == scene.anchor_names)
+    pairs = {
+        "box.size": (plan.box_size, scene.box_size),
+        "box.mass": (plan.box_mass, scene.box_mass),
+        "box.goal": (plan.goal[0], scene.goal),
+        "box.start": (motion.box_position[0], scene.box_start),
+        "box.arrival_speed": (plan.arrival_speed, scene.arrival_speed),
+        "terrain.friction": (plan.friction, scene.friction),
+        "terrain.regions": (plan.solids, scene.solids),
+        "terrain.anchors": (motion.anchor_position[0, offset:], scene.wall_position),
+        "terrain.anchors: normals": (
+            plan.anchor_normal,
+            np.vstack([*([SIDE_NORMALS] * scene.boxes), scene.wall_normal]),
+        ),
+    }
+    for key, (stored, built) in pairs.items():
+        yield from parts_apart(key, stored, built)
+    if same_names:
+        held = np.where((scene.held >= 0)[:, None], _anchors(scene), scene.stand)
+        yield from parts_apart("modules", motion.joint_position[0, :, 0], held)
+
+
+def _anchors(scene: Scene) -> np.ndarray:
+    """Where modules' first ends are latched (L, 3), anything for those that stand."""
+    if not scene.walls:
+        return scene.stand
+    return scene.wall_position[np.maximum(scene.held - scene.wall_offset, 0)]
+
+
+def _worst(name: str, differences: Iterator[Difference]) -> Check:
+    worst = largest(differences)
+    return judge(name, worst.size, f"{worst.key}: {worst.values}" if worst.size > 0 else "")

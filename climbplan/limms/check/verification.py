@@ -1,0 +1,54 @@
+"""Verification of a LIMMS plan from its file alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.limms.check.checker import plan_checks
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_file import read_as_found
+from climbplan.limms.scene import GRAVITY
+from climbplan.plans.checks.check import LeftOut
+from climbplan.plans.held import held_against
+from climbplan.plans.verification import Verification, mark_verified
+from climbplan.spec.holding import HeldSpec
+
+
+def verify(path: Path, held: HeldSpec | None = None) -> Verification:
+    """Recompute all statements of the plan in a file; held: against another spec than its own.
+
+    Raises PlanFileError for a file that is not a whole LIMMS plan.
+    """
+    return verification_of(read_as_found(path), held)
+
+
+def verification_of(plan: LimmsPlan, held: HeldSpec | None = None) -> Verification:
+    """As `verify`, for a plan that was read already."""
+    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
+    with np.errstate(all="ignore"):
+        checks = tuple(plan_checks(plan, held))
+        found = Verification(checks, against=held_against(plan, held))
+        return found if found.unsound else replace(found, beyond=(massless(plan),))
+
+
+def massless(plan: LimmsPlan) -> LeftOut:
+    """What no check of a module plan looks at: modules have no mass, and weigh something."""
+    weight, held = plan.module["mass"] * GRAVITY, plan.module["max_force"]
+    words = (
+        f"modules have no mass: one weighs {weight:.1f} N, {weight / held:.1f} times the "
+        f"{held:g} N that a contact is said to hold"
+    )
+    return LeftOut("massless modules", words)
+
+
+def verify_and_mark(path: Path) -> Verification:
+    """Verify a plan file and write the outcome into it.
+
+    Raises PlanFileError for a file that is not a whole LIMMS plan.
+    """
+    verification = verify(path)
+    mark_verified(path, verification)
+    return verification

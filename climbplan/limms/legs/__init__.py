@@ -1,0 +1,1 @@
+"""Modules as legs of a quadruped whose body is the box."""

@@ -1,0 +1,126 @@
+"""The box as body of a quadruped made into a plan: footholds, gait, program, assembly."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+
+from climbplan.limms.assembly import initial, latch_box, stand_leg
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.corridor import centre_blocks, ways
+from climbplan.limms.legs.gaits import gaits
+from climbplan.limms.legs.motion import leg_motion
+from climbplan.limms.legs.quadruped import solve_sound, starts
+from climbplan.limms.legs.statement import LegEnds, LegTrace
+from climbplan.limms.legs.stretches import add_leg_traces
+from climbplan.limms.modules.moving import Blocked
+from climbplan.limms.scene import Array, Scene
+from climbplan.limms.statement import Limb
+from climbplan.limms.timeline import Progress
+
+
+def walk(
+    scene: Scene,
+    attempts: Attempts,
+    deadline: float,
+    most_steps: int,
+    rng: np.random.Generator,
+    only: str = "",
+    fault: Callable[[Progress], str] = lambda world: "",
+) -> Progress | None:
+    """A plan in which four modules are legs of the box, or None.
+
+    deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty; fault: what is
+    wrong with a plan, in words, empty if nothing: the search goes on with the next start then.
+
+    Raises:
+        LimitReached: the whole planning's time is over.
+    """
+    way = ways(centre_blocks(scene), scene.box_start[0], scene.goal)
+    if way is None:
+        attempts.notes.append("there is no way for the box")
+        return None
+    ends = LegEnds(scene.box_start[0], scene.goal)
+    reach = sum(scene.module.link_lengths[:5])  # the last link but one stands upright
+    shift = scene.goal - scene.box_start[0]
+    for gait in gaits(4, len(way.blocks), shift, reach, most_steps):
+        if only and gait.name != only:
+            continue
+        count = 0
+        for start in starts(scene, gait, way, rng, deadline):
+            count += 1
+            if attempts.left(deadline - time.monotonic()) <= 0:
+                return None
+            outcome = solve_sound(scene, start, ends, deadline)
+            attempts.count(outcome, f"quadruped, {gait.name}")
+            if not outcome.solved:
+                continue
+            try:
+                world = _whole(scene, start.limbs, outcome.traces, attempts, rng)
+            except Blocked as error:
+                attempts.notes.append(f"quadruped, {gait.name}: {error}")
+                continue
+            wrong = fault(world)
+            if not wrong:
+                return world
+            attempts.notes.append(f"quadruped, {gait.name}: {wrong}")
+        attempts.left()
+        if not count:
+            attempts.notes.append(f"quadruped, {gait.name}: no pose of the legs serves it")
+    return None
+
+
+def _whole(
+    scene: Scene,
+    limbs: Sequence[Limb],
+    traces: Sequence[LegTrace],
+    attempts: Attempts,
+    rng: np.random.Generator,
+) -> Progress:
+    """Modules drive up, latch at once, and the box moves.
+
+    Raises:
+        Blocked: a way to the box is not free.
+        LimitReached: the whole planning's time is over.
+    """
+    feet = traces[0].before
+    angles = leg_motion(scene, limbs, traces[0]).angles[0]
+    reason: Exception | None = None
+    for owners in _owners(scene, feet):
+        owned = [replace(limb, module=m) for limb, m in zip(limbs, owners, strict=True)]
+        for order in _orders(len(limbs)):
+            attempts.left()
+            world = initial(scene)
+            try:
+                for i in order:
+                    stand_leg(world, owned[i], feet[i], angles[i], rng)
+            except Blocked as error:
+                reason = error
+                continue
+            latch_box(world, owned)
+            add_leg_traces(world, owned, traces)
+            return world
+    raise Blocked(str(reason) if reason else "no module stands on the ground of the footholds")
+
+
+def _orders(n: int) -> Iterator[tuple[int, ...]]:
+    yield tuple(range(n))
+    yield tuple(reversed(range(n)))
+
+
+def _owners(scene: Scene, feet: Array) -> Iterator[tuple[int, ...]]:
+    """Which module goes to which foothold: least distance, on the same level of ground."""
+    free = [m for m in range(scene.count) if scene.held[m] < 0]
+    ranked = []
+    for modules in permutations(free, len(feet)):
+        away = scene.stand[list(modules)] - feet
+        if np.abs(away[:, 2]).max() > 1e-6:
+            continue
+        ranked.append((float(np.linalg.norm(away, axis=1).sum()), modules))
+    ranked.sort()
+    for _, modules in ranked[:3]:
+        yield modules

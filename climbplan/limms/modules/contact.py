@@ -1,0 +1,60 @@
+"""Distances of modules from solids, boxes and each other, for planning and for the checker.
+
+A link is a segment with the module's radius. The end links stop one radius short of the latch, so
+that a module stands on the ground or sits in an anchor without overlap: exactly touching.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.limms.modules.chain import Points
+from climbplan.limms.modules.distances import segment_to_block, segment_to_segment
+from climbplan.limms.scene import Array
+
+LINKS = ((0, 2), (2, 3), (3, 5), (5, 7))  # straight pieces between the points of a module
+_OWN_PAIRS = ((0, 2), (0, 3), (1, 3))  # that do not share a joint
+
+
+def link_segments(points: Points, radius: float) -> Array:
+    """Segments (..., 4, 2, 3) of modules [m]; the end ones shortened by the radius."""
+    p = points.position
+    first = p[..., 0, :] + radius * points.rotation[..., 0, :, 2]
+    last = p[..., 7, :] - radius * points.rotation[..., 7, :, 2]
+    ends = [(first, p[..., 2, :]), (p[..., 2, :], p[..., 3, :])]
+    ends += [(p[..., 3, :], p[..., 5, :]), (p[..., 5, :], last)]
+    return np.stack([np.stack(pair, axis=-2) for pair in ends], axis=-3)
+
+
+def gap_to_blocks(segments: Array, lower: Array, upper: Array, radius: float) -> Array:
+    """Gaps (..., 4, S) of links (..., 4, 2, 3) from blocks (S, 3) or (..., S, 3) [m]."""
+    low = lower if lower.ndim == 2 else lower[..., None, :, :]
+    high = upper if upper.ndim == 2 else upper[..., None, :, :]
+    gap: Array = (
+        segment_to_block(segments[..., 0, None, :], segments[..., 1, None, :], low, high) - radius
+    )
+    return gap
+
+
+def gap_between(one: Array, other: Array, radius: float) -> Array:
+    """Gaps (..., 4, 4) between the links of two modules [m]."""
+    a, b = one[..., :, None, :, :], other[..., None, :, :, :]
+    gap: Array = (
+        segment_to_segment(a[..., 0, :], a[..., 1, :], b[..., 0, :], b[..., 1, :]) - 2 * radius
+    )
+    return gap
+
+
+def gap_within(segments: Array, radius: float) -> Array:
+    """Gaps (..., 3) between links of one module that share no joint [m]."""
+    pairs = [
+        segment_to_segment(
+            segments[..., i, 0, :],
+            segments[..., i, 1, :],
+            segments[..., j, 0, :],
+            segments[..., j, 1, :],
+        )
+        for i, j in _OWN_PAIRS
+    ]
+    gap: Array = np.stack(pairs, axis=-1) - 2 * radius
+    return gap

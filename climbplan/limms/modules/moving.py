@@ -1,0 +1,67 @@
+"""One module that moves while all else rests: what is in its way, and its motion in a plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.limms.modules.chain import Points, Pose, forward, from_last
+from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
+from climbplan.limms.scene import Array
+from climbplan.limms.timeline import Progress
+
+
+class Blocked(Exception):
+    """No free way was found; says for whom and where to."""
+
+
+def gaps(world: Progress, module: int, points: Points, root_end: int | None = None) -> Array:
+    """Least gap (n) of a module's poses from solids, boxes, other modules and itself [m].
+
+    root_end: the end that is fixed; its link does not move, and touches what it stands on.
+    """
+    scene, radius = world.scene, world.scene.module.radius
+    segments = link_segments(points, radius)
+    half = scene.box_size / 2
+    centres = np.vstack([world.box, scene.box_start[1:]])
+    lower = np.vstack([scene.solids[:, 0], centres - half])
+    upper = np.vstack([scene.solids[:, 1], centres + half])
+    moving = segments
+    if root_end is not None:
+        moving = segments[..., 1:, :, :] if root_end == 0 else segments[..., :3, :, :]
+    found = [
+        gap_to_blocks(moving, lower, upper, radius).min(axis=(-1, -2)),
+        gap_within(segments, radius).min(axis=-1),
+    ]
+    found += [
+        gap_between(moving, world.segments(other), radius).min(axis=(-1, -2))
+        for other in range(scene.count)
+        if other != module
+    ]
+    worst: Array = np.min(found, axis=0)
+    return worst
+
+
+def rooted(world: Progress, root: Pose, root_end: int, angles: Array) -> Points:
+    """Poses (n) of a module with one end fixed."""
+    shape = angles.shape[:-1]
+    base = Pose(
+        np.broadcast_to(root.position, (*shape, 3)),
+        np.broadcast_to(root.rotation, (*shape, 3, 3)),
+    )
+    place = forward if root_end == 0 else from_last
+    return place(world.scene.module, base, angles)
+
+
+def add_motion(
+    world: Progress,
+    module: int,
+    points: Points,
+    time: Array,
+    angles: Array,
+    rates: Array,
+    name: str,
+) -> None:
+    """Add a motion of one module while all else rests."""
+    moving = world.rest(name, time)
+    moving.place(module, Pose(points.position[:, 0], points.rotation[:, 0]), angles, rates)
+    world.add(moving)

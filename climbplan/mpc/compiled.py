@@ -1,7 +1,0 @@
-"""The decorator of compiled functions of walking."""
-
-from pathlib import Path
-
-from climbplan.solvers.compiling import compiler
-
-compiled = compiler(Path(__file__).parent, "compiled_*.py")

@@ -1,0 +1,35 @@
+"""Tasks of the shipped specs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from climbplan.spec.document import Document
+from climbplan.spec.examples import example_text
+from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
+from climbplan.spec.overrides import apply_overrides
+from climbplan.spec.source import SourceText
+from climbplan.spec.yaml_source import parse_yaml
+from climbplan.walking.problem import build_task
+from climbplan.walking.task import WalkTask
+
+FORMS = {
+    "published": ("task.integrator=euler", "task.whole_stance=false"),
+    "mean": ("task.integrator=mean", "task.whole_stance=false"),
+    "shipped": (),
+}
+"""Euler steps and workspaces at knots; mean steps; and with them workspaces until toes lift."""
+TASKS = ("mpc_forward", "mpc_disturbance", "mpc_turn", "mpc_stairs")
+
+
+def shipped(name: str, *assignments: str) -> LoadedMpc:
+    """A shipped spec of kind `mpc`, with assignments as of `--set`."""
+    text = SourceText(name, name, Path.cwd(), example_text(name))
+    document: Document = apply_overrides(parse_yaml(text.text, text.shown), assignments)
+    return mpc_of(document, text)
+
+
+def shipped_task(name: str, *assignments: str) -> WalkTask:
+    """Its task."""
+    loaded = shipped(name, *assignments)
+    return build_task(loaded.spec, loaded.robot, loaded.source)

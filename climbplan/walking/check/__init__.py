@@ -1,0 +1,1 @@
+"""The exact checks of walks: nonlinear dynamics, contact, friction, workspace."""

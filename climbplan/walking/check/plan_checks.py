@@ -1,0 +1,144 @@
+"""What an MPC plan says about itself, recomputed from its file alone."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.errors import SpecError
+from climbplan.plans.checks.check import Check, Limit
+from climbplan.plans.held import held_check
+from climbplan.spec.holding import HeldSpec
+from climbplan.spec.kinds import validate
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_loading import stored_body
+from climbplan.spec.yaml_source import parse_yaml
+from climbplan.walking.check.checker import check_loop, check_trajectory
+from climbplan.walking.cost import cost_terms
+from climbplan.walking.online.closed_loop import sampled_task
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.problem import build_task
+from climbplan.walking.task import WalkTask
+
+LIMITS = {
+    "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
+    "file.finite": Limit(0, "", "entries that are NaN or infinite"),
+    "file.data": Limit(0, "", "values that no robot and no ground can have"),
+    "file.spec_values": Limit(
+        1e-9, "", "task, start, references and weights are those of the spec"
+    ),
+    "file.objective": Limit(1e-6, "", "the objective is that of the trajectory (relative)"),
+}
+
+
+def plan_checks(plan: WalkPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+    """All checks; if text or numbers are unsound only those, as nothing else would mean much.
+
+    held: a spec that the plan is to answer in place of its own.
+    """
+    digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
+    yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
+    yield _faults("file.finite", list(plan.not_finite))
+    wrong = list(_faults_of(plan.task))
+    wrong += [f"{name} is not that of the steps" for name in plan.at_odds]
+    yield _faults("file.data", wrong)
+    if plan.not_finite or wrong:
+        return
+    if held is not None:
+        yield held_check(held)
+        plan = replace(plan, spec_text=held.text, robot_text=held.robot_text)
+    yield _spec_values(plan)
+    yield _objective(plan)
+    if plan.loop is not None:
+        yield from check_loop(plan.task, plan.trajectory, plan.loop.push)
+    else:
+        yield from check_trajectory(plan.task, plan.trajectory)
+
+
+def _faults_of(task: WalkTask) -> Iterator[str]:
+    body, ground = task.body, task.ground
+    for name, value in (
+        ("mass", body.mass),
+        ("gravity", body.gravity),
+        ("force_limit", body.force_limit),
+        ("friction", ground.friction),
+        ("step", task.step),
+        ("lift", task.lift),
+    ):
+        if not value > 0:
+            yield f"{name} {value:g} is not above zero"
+    inertia = body.inertia
+    if not np.allclose(inertia, inertia.T) or not np.linalg.eigvalsh(inertia).min() > 0:
+        yield "the inertia is not symmetric and positive definite"
+    if not (body.toe_half > 0).all():
+        yield "a workspace box is empty"
+    if not (ground.lower < ground.upper).all():
+        yield "a region of the ground is empty"
+
+
+def _spec_values(plan: WalkPlan) -> Check:
+    """The stored task is the one that the stored spec and robot make."""
+    try:
+        spec, findings = validate(parse_yaml(plan.spec_text, "spec"), MpcSpec)
+    except SpecError as error:
+        return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
+    if spec is None:
+        return _judge("file.spec_values", math.inf, findings[0].message)
+    try:
+        asked = build_task(spec, stored_body(spec, plan.robot_text))
+    except SpecError as error:
+        return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
+    apart = {
+        "seed": 0.0 if plan.seed == spec.seed else math.inf,
+        "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
+    }
+    if plan.loop is not None:
+        asked = sampled_task(asked, plan.task.knots)
+    apart |= _task_apart(plan.task, asked)
+    worst = max(apart, key=lambda key: apart[key])
+    return _judge("file.spec_values", apart[worst], worst)
+
+
+def _task_apart(stored: WalkTask, asked: WalkTask) -> dict[str, float]:
+    """Largest difference of each part of two tasks."""
+    apart = {}
+    for holder in ("body", "ground", "start", "reference", "weights"):
+        one, other = vars(vars(stored)[holder]), vars(vars(asked)[holder])
+        for name, value in one.items():
+            apart[f"{holder}.{name}"] = _difference(value, other[name])
+    for name in ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance"):
+        apart[name] = _difference(vars(stored)[name], vars(asked)[name])
+    return apart
+
+
+def _difference(one: object, other: object) -> float:
+    if isinstance(one, str | tuple):
+        return 0.0 if one == other else math.inf
+    a, b = np.asarray(one, float), np.asarray(other, float)
+    return float(np.abs(a - b).max(initial=0.0)) if a.shape == b.shape else math.inf
+
+
+def _objective(plan: WalkPlan) -> Check:
+    terms = cost_terms(plan.task, plan.trajectory.state, plan.trajectory.force)
+    total = sum(terms.values())
+    off = {"objective": abs(plan.objective - total)}
+    for name, value in terms.items():
+        stored = plan.terms.get(name)
+        off[name] = abs(stored - value) if isinstance(stored, float) else math.inf
+    worst = max(off, key=lambda key: math.inf if math.isnan(off[key]) else off[key])
+    return _judge("file.objective", off[worst] / max(1.0, abs(total)), worst)
+
+
+def _faults(name: str, faults: list[str]) -> Check:
+    return _judge(name, float(len(faults)), faults[0] if faults else "")
+
+
+def _judge(name: str, residual: float, worst_at: str = "") -> Check:
+    limit = LIMITS[name]
+    passed = bool(residual <= limit.value)  # False for NaN
+    place = worst_at if residual > 0 or not passed else ""
+    return Check(name, residual, limit.value, limit.unit, passed, "", place)

@@ -1,0 +1,137 @@
+"""Walks from random starts as rows of a dataset, and read back (chapter 8.2.4.5).
+
+parameters: v_x and a_x as drawn, then the state and the toes of the start. integers: contacts at
+knots 0 to N - 1. solution: states, toes, forces, contacts, and what a section that begins at a knot
+is found by: `section_features`, with the toes of the knot before. Sections are of five knots.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.errors import PlanFileError
+from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.plans.dataset_row import RowAnswer
+from climbplan.spec.dataset_mpc import WalksProblemSpec
+from climbplan.spec.rigid_body import RigidBodySpec
+from climbplan.walking.answer import WalkAnswer
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.draws import DrawnStart, StartRanges, drawn_start
+from climbplan.walking.offline.nlp import solve_nlp
+from climbplan.walking.offline.search import SearchLimits, search
+from climbplan.walking.online.features import FEATURES
+from climbplan.walking.online.library import SECTION, sections_of
+from climbplan.walking.problem import build_task
+from climbplan.walking.task import LEGS, STATE, Array, Gait, Start, WalkTask, WalkTrajectory
+from climbplan.walking.task_facts import facts_of, task_of
+
+KIND = "mpc"
+
+
+class WalkRows:
+    """Draws starts and solves them."""
+
+    def __init__(self, spec: WalksProblemSpec, robot: RigidBodySpec) -> None:
+        self._spec = spec
+        self._task = build_task(spec.walk, robot)
+        self._ranges = StartRanges(**spec.start.model_dump())
+        self._frame = frame_of(self._task)
+
+    @property
+    def frame(self) -> DatasetFrame:
+        """Task and layouts."""
+        return self._frame
+
+    def draw(self, rng: np.random.Generator) -> DrawnStart:
+        """A start within the ranges."""
+        return drawn_start(self._task, self._ranges, rng)
+
+    def parameters(self, drawn: DrawnStart) -> Array:
+        """What was drawn, and the start."""
+        start, given = drawn.task.start, [drawn.forward, drawn.acceleration]
+        return np.concatenate([given, start.state, start.toes.ravel()])
+
+    def solve(self, drawn: DrawnStart) -> RowAnswer:
+        """The walk, if it passes the exact check."""
+        begin = time.perf_counter()
+        task, solver = drawn.task, self._spec.solver
+        if solver.method == "nlp":
+            answer = solve_nlp(task, "trot", solver.time_limit)
+        else:
+            answer = search(task, SearchLimits(solver.time_limit, qps=solver.qps))
+        spent = time.perf_counter() - begin
+        found = answer.trajectory
+        if found is None or answer.cut_short:
+            return RowAnswer("limit", answer.cut_short or answer.word, time=spent)
+        broken = failures(check_trajectory(task, found))
+        if broken:
+            return RowAnswer("failed", f"breaks {broken}", time=spent)
+        return _answered(task, found, answer, spent)
+
+
+def _answered(
+    task: WalkTask, found: WalkTrajectory, answer: WalkAnswer, seconds: float
+) -> RowAnswer:
+    return RowAnswer(
+        "feasible",
+        solution={
+            "state": found.state,
+            "toes": found.toes,
+            "force": found.force,
+            "contact": found.gait.contact.astype(np.int64),
+            "section_features": sections_of(task, found, 0).features,
+        },
+        integers=found.gait.contact[:-1].astype(np.int64).ravel(),
+        objective=answer.objective,
+        time=seconds,
+    )
+
+
+def frame_of(task: WalkTask) -> DatasetFrame:
+    """What rows of one task share."""
+    legs, N = task.body.leg_names, task.knots
+    state = [f"{part}_{a}" for part in ("com", "velocity", "angle", "spin") for a in "xyz"]
+    toes = [f"{leg}_toe_{a}" for leg in legs for a in "xyz"]
+    return DatasetFrame(
+        kind=KIND,
+        problem=f"{task.body.name}, {N} knots",
+        facts=facts_of(task),
+        parameter_names=("forward", "acceleration", *state, *toes),
+        integer_names=tuple(f"contact_{n}_{leg}" for n in range(N) for leg in legs),
+        layouts={
+            "state": solution_layout((N + 1, STATE), "m, m/s, rad, rad/s", "world"),
+            "toes": solution_layout((N + 1, LEGS, 3), "m", "world"),
+            "force": solution_layout((N + 1, LEGS, 3), "N", "world"),
+            "contact": solution_layout((N + 1, LEGS), kind="int"),
+            "section_features": solution_layout((N - SECTION + 1, FEATURES)),
+        },
+    )
+
+
+def task_of_frame(frame: DatasetFrame, path: Path) -> WalkTask:
+    """The task that starts were drawn for; raises PlanFileError for facts of something else."""
+    try:
+        task = task_of(frame.facts)
+        same = frame == frame_of(task)
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
+        raise PlanFileError(f"{path}: facts are not those of a walking task: {error}") from error
+    if not same:
+        raise PlanFileError(f"{path}: its columns are not those of walks")
+    return task
+
+
+def walk_of(task: WalkTask, data: Dataset, row: int) -> tuple[WalkTask, WalkTrajectory]:
+    """A row's task, from its own start, and its walk."""
+    state, toes = data.parameters[row, 2 : 2 + STATE], data.parameters[row, 2 + STATE :]
+    solution = data.solution
+    contact = solution["contact"][row] == 1
+    gait = Gait(contact, np.zeros(contact.shape, np.int64))
+    own = replace(task, start=Start(state, toes.reshape(LEGS, 3)))
+    found = WalkTrajectory(
+        solution["state"][row], solution["toes"][row], solution["force"][row], gait
+    )
+    return own, found

@@ -1,0 +1,104 @@
+"""The rigid-body dynamics as CasADi expressions: what solvers differentiate (eqs. 8.14 to 8.21)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from climbplan.walking.task import LEGS, RigidBody
+
+
+def rotation(angles: Any) -> Any:
+    """Body-to-world rotation, eq. (8.16)."""
+    (sr, sp, sy), (cr, cp, cy) = (ca.vertsplit(f(angles)) for f in (ca.sin, ca.cos))
+    return ca.vertcat(
+        ca.horzcat(cp * cy, sr * sp * cy - sy * cr, sr * sy + sp * cr * cy),
+        ca.horzcat(sy * cp, cr * cy + sr * sp * sy, sp * sy * cr - sr * cy),
+        ca.horzcat(-sp, sr * cp, cr * cp),
+    )
+
+
+def euler_rates(angles: Any, spin: Any) -> Any:
+    """Rates of roll, pitch, yaw, eq. (8.17) solved for them."""
+    along = ca.cos(angles[2]) * spin[0] + ca.sin(angles[2]) * spin[1]
+    roll = along / ca.cos(angles[1])
+    pitch = ca.cos(angles[2]) * spin[1] - ca.sin(angles[2]) * spin[0]
+    return ca.vertcat(roll, pitch, spin[2] + ca.sin(angles[1]) * roll)
+
+
+def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
+    """The state one knot later, eq. (8.19).
+
+    mean: 0 for forward Euler; 1 for Runge-Kutta over the interval, in which the body moves on above
+    the toes (`truth.knot_step` says how). toes, force: (12,) leg by leg.
+    """
+    position, velocity, angles, spin = ca.vertsplit(state, 3)
+    a, push, about_origin = _loads(body, toes, force)
+
+    def rates(turned: Any, turning: Any, arm: Any) -> Any:
+        moment = about_origin - ca.cross(arm, push)
+        alpha = _spin_acceleration(body, turned, turning, moment)
+        return ca.vertcat(euler_rates(turned, turning), alpha)
+
+    def stage(after: float, slope: Any) -> Any:
+        ahead = mean * dt * after
+        moved = ca.vertcat(angles, spin) + ahead * slope
+        return rates(moved[:3], moved[3:], position + ahead * (velocity + 0.5 * ahead * a))
+
+    k1 = rates(angles, spin, position)
+    k2 = stage(0.5, k1)
+    k3 = stage(0.5, k2)
+    k4 = stage(1.0, k3)
+    turn = ca.vertcat(angles, spin) + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    there = position + dt * (velocity + mean * 0.5 * dt * a)
+    return ca.vertcat(there, velocity + dt * a, turn)
+
+
+def plain_knot_step(
+    body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, force: Any
+) -> Any:
+    """As `knot_step` for `mean` 0; for 1 with one stage under the mean moment of the interval.
+
+    Where only second derivatives count: those of four stages have ten times as many operations.
+    """
+    position, velocity, angles, spin = ca.vertsplit(state, 3)
+    a, push, about_origin = _loads(body, toes, force)
+    arm = position + mean * dt * (velocity / 2 + dt * a / 6)
+    moment = about_origin - ca.cross(arm, push)
+    alpha = _spin_acceleration(body, angles, spin, moment)
+    turn = angles + dt * euler_rates(angles, spin + mean * 0.5 * dt * alpha)
+    there = position + dt * (velocity + mean * 0.5 * dt * a)
+    return ca.vertcat(there, velocity + dt * a, turn, spin + dt * alpha)
+
+
+def _loads(body: BodyNumbers, toes: Any, force: Any) -> tuple[Any, Any, Any]:
+    """Acceleration, eq. (8.14), sum of the forces, and their moment about the world's origin."""
+    legs = [slice(3 * i, 3 * i + 3) for i in range(LEGS)]
+    push = sum((force[leg] for leg in legs), ca.SX.zeros(3))
+    about_origin = sum((ca.cross(toes[leg], force[leg]) for leg in legs), ca.SX.zeros(3))
+    return push / body.mass - ca.vertcat(0, 0, body.gravity), push, about_origin
+
+
+def _spin_acceleration(body: BodyNumbers, angles: Any, spin: Any, moment: Any) -> Any:
+    """Angular acceleration under a moment, eq. (8.15), world frame."""
+    inertia = ca.DM(np.reshape(body.inertia, (3, 3)))
+    inverse = ca.DM(np.linalg.inv(np.reshape(body.inertia, (3, 3))))
+    R = rotation(angles)
+    seen = R.T @ spin  # in the body frame, where the inertia is constant
+    return R @ (inverse @ (R.T @ moment - ca.cross(seen, inertia @ seen)))
+
+
+@dataclass(frozen=True)
+class BodyNumbers:
+    """What the dynamics need of a body; hashable, so that compiled functions are shared."""
+
+    mass: float
+    gravity: float
+    inertia: tuple[float, ...]  # (9,) row by row
+
+    @classmethod
+    def of(cls, body: RigidBody) -> BodyNumbers:
+        return cls(body.mass, body.gravity, tuple(float(v) for v in body.inertia.ravel()))

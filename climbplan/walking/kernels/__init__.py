@@ -1,0 +1,1 @@
+"""Compiled numbers of walking: what a tick and a search over gaits need thousands of times."""

@@ -1,0 +1,125 @@
+"""Variables of a motion, and envelopes of products in perspective form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.walking.micp.model import Lin, LinearModel
+from climbplan.walking.micp.ranges import ranges_below
+from climbplan.walking.micp.tube import Tube, Turning, turning
+from climbplan.walking.task import LEGS, POSITION, VELOCITY, Array, WalkTask
+
+
+class Frame:
+    """States of all knots as variables, within a tube and below a cost."""
+
+    def __init__(
+        self,
+        task: WalkTask,
+        tube: Tube,
+        cost: float,
+        arms: int,
+        heights: int,
+        ratio: float,
+        within: tuple[Array, Array] | None,
+    ) -> None:
+        self.task, self.tube, self.cost = task, tube, cost
+        self.arm_pieces, self.height_pieces, self.ratio = arms, heights, ratio
+        self.model = LinearModel()
+        self.arms: dict[tuple[int, int], tuple[Lin, Lin]] = {}
+        self.unit = task.weight / LEGS
+        self.most = task.body.force_limit / self.unit
+        self.turns = [turning(task, tube, n) for n in range(task.knots)]
+        ranges = ranges_below(task, cost)
+        self.p_low, self.p_high = ranges.position
+        self.v_low, self.v_high = ranges.velocity
+        if within is not None:
+            self.p_low = np.maximum(self.p_low, within[0][:, POSITION])
+            self.p_high = np.maximum(np.minimum(self.p_high, within[1][:, POSITION]), self.p_low)
+            self.v_low = np.maximum(self.v_low, within[0][:, VELOCITY])
+            self.v_high = np.maximum(np.minimum(self.v_high, within[1][:, VELOCITY]), self.v_low)
+        level = task.ground.height
+        for n in range(2, task.knots):
+            low, high = self.body_heights(n)
+            self.p_low[n, 2] = max(self.p_low[n, 2], level.min() + low)
+            self.p_high[n, 2] = min(self.p_high[n, 2], level.max() + task.lift + high)
+        self.variables()
+
+    def variables(self) -> None:
+        """States at knots 0 to N."""
+        knots = self.task.knots
+        new = self.model.variable
+        p, v, angles, spin = [], [], [], []
+        for n in range(knots + 1):
+            p.append([new(a, b) for a, b in zip(self.p_low[n], self.p_high[n], strict=True)])
+            v.append([new(a, b) for a, b in zip(self.v_low[n], self.v_high[n], strict=True)])
+            middle, half = self.tube.angles[n], self.tube.angles_half[n]
+            angles.append([new(m - h, m + h) for m, h in zip(middle, half, strict=True)])
+            middle, half = self.tube.spin[n], self.tube.spin_half[n]
+            last = n == knots  # the last angular velocity turns nothing
+            spin.append(
+                [
+                    new(-np.inf if last else m - h, np.inf if last else m + h)
+                    for m, h in zip(middle, half, strict=True)
+                ]
+            )
+        self.p, self.v, self.angles, self.spin = p, v, angles, spin
+
+    def scaled(self, chosen: Lin, low: float, high: float) -> Lin:
+        """A variable within [low, high] if chosen, else zero."""
+        low, high = float(low), float(high)
+        new = self.model.variable(min(low, 0.0), max(high, 0.0))
+        self.model.least(new - chosen * low)
+        self.model.least(chosen * high - new)
+        return new
+
+    def product(self, x: Lin, ends: tuple[float, float], y: Lin, most: float, chosen: Lin) -> Lin:
+        """x y with y in [0, most] if chosen, eq. (8.26) in perspective form."""
+        low, high = ends
+        if high - low < 1e-12:
+            return y * low
+        model = self.model
+        w = model.variable(-np.inf, np.inf)
+        model.least(w - y * low)
+        model.least(w - y * high - x * most + chosen * (high * most))
+        model.least(y * high - w)
+        model.least(y * low + x * most - chosen * (low * most) - w)
+        return w
+
+    def sideways(
+        self, ends: tuple[float, float], y: Lin, normal: Lin, with_normal: Lin, friction: float
+    ) -> Lin:
+        """x y with |y| <= mu times a normal force: (x - end) (mu normal +- y) has its sign."""
+        low, high = ends
+        if high - low < 1e-12:
+            return y * low
+        model = self.model
+        w = model.variable(-np.inf, np.inf)
+        for side in (1.0, -1.0):
+            model.least(
+                with_normal * friction + w * side - normal * (low * friction) - y * (low * side)
+            )
+            model.least(
+                normal * (high * friction) + y * (high * side) - with_normal * friction - w * side
+            )
+        return w
+
+    def arm_range(self, t: Turning, leg: int) -> tuple[Array, Array]:
+        """Least and largest arm (3,) of a toe within its box."""
+        box, half = self.task.body.toe_center[leg], self.task.body.toe_half
+        middle = t.R @ box
+        room = np.abs(t.R) @ half + t.R_off @ (np.abs(box) + half)
+        return middle - room, middle + room
+
+    def body_heights(self, n: int) -> tuple[float, float]:
+        """Least and largest height of the body above a toe within its box."""
+        ends = [self.arm_range(self.turns[n], leg) for leg in range(LEGS)]
+        return float(max(-high[2] for _, high in ends)), float(min(-low[2] for low, _ in ends))
+
+    def extent(self, expression: Lin) -> tuple[float, float]:
+        """Least and largest value within the bounds of columns."""
+        low = high = expression.constant
+        for column, value in expression.terms.items():
+            ends = sorted((value * self.model.lower[column], value * self.model.upper[column]))
+            low, high = low + ends[0], high + ends[1]
+        return low, high

@@ -1,0 +1,198 @@
+"""Legs: contact and swing, workspace, regions, friction, and no slip."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from climbplan.walking.micp.frame import Frame
+from climbplan.walking.micp.model import Lin, total
+from climbplan.walking.micp.pieces import Piece
+from climbplan.walking.task import LEGS, POSITION, Array
+
+FACETS = 8  # of friction cones, around them
+
+
+class Legs(Frame):
+    """Rows of each leg at each knot."""
+
+    # Legs: workspace (8.20), (8.21), contact and swing (8.23), regions (8.24), friction (8.18)
+    def leg(self, n: int, leg: int) -> tuple[Piece, ...]:
+        task, model = self.task, self.model
+        first = n == 0
+        level, t = task.ground.height, self.turns[n]
+        held = task.start.toes[leg] - task.start.state[POSITION]
+        if first:
+            region = int(task.ground.nearest(task.start.toes[leg, :2]))
+            ends = [(region, held[:2], held[:2])]
+        else:
+            low, high = self.arm_range(t, leg)
+            knots = np.linspace(low[0], high[0], self.arm_pieces + 1)
+            ends = [
+                (s, np.array([a, low[1]]), np.array([b, high[1]]))
+                for s in self.regions(n, low, high)
+                for a, b in itertools.pairwise(knots)
+            ]
+        pieces = tuple(self.piece(*end) for end in ends)
+        standing = total(q.chosen for q in pieces)
+        model.add(standing, -np.inf, 1.0)
+        if first:
+            self.arms[n, leg] = (Lin(constant=held[0]), Lin(constant=held[1]))
+            return pieces
+        arm = (model.variable(low[0], high[0]), model.variable(low[1], high[1]))
+        self.arms[n, leg] = arm
+        for k in range(2):
+            chosen = total(q.arm[k] for q in pieces)
+            # A swinging toe is anywhere in reach.
+            model.add(arm[k] - chosen + standing * low[k], low[k], np.inf)
+            model.add(arm[k] - chosen + standing * high[k], -np.inf, high[k])
+        height = total(q.chosen * float(level[q.region]) for q in pieces)
+        clear = (float(level.min() + task.lift), float(level.max() + task.lift))
+        toe = model.variable(level.min(), clear[1])
+        model.add(toe - height + standing * clear[0], clear[0], np.inf)
+        model.add(toe - height + standing * clear[1], -np.inf, clear[1])
+        self.workspace(n, leg, (arm[0], arm[1], toe - self.p[n][2]))
+        for q in pieces:
+            self.in_region(n, q, arm)
+        return pieces
+
+    def workspace(self, n: int, leg: int, arm: tuple[Lin, Lin, Lin]) -> None:
+        """The toe in its box, seen from the body: R^T r = r' - w x r' + what is of second order.
+
+        r' is the arm seen from the middle of the tube and w the small turn from there.
+        """
+        model, t = self.model, self.turns[n]
+        box, half = self.task.body.toe_center[leg], self.task.body.toe_half
+        room = half + t.off @ (np.abs(box) + half)
+        low, high = box - room, box + room
+        ends = [self.extent(r) for r in arm]
+        seen = [total(arm[j] * float(t.R[j, k]) for j in range(3)) for k in range(3)]
+        for k in range(3):
+            corners = [sorted(float(t.R[j, k]) * e for e in ends[j]) for j in range(3)]
+            low[k] = max(low[k], sum(c[0] for c in corners))
+            high[k] = min(high[k], sum(c[1] for c in corners))
+            model.add(seen[k], low[k], high[k])
+        middle = self.tube.angles[n]
+        turn = [
+            total((self.angles[n][j] - float(middle[j])) * float(t.axes[i, j]) for j in range(3))
+            for i in range(3)
+        ]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            across = self.envelope(turn[i], t.turn_half[i], seen[j], low[j], high[j])
+            across = across - self.envelope(turn[j], t.turn_half[j], seen[i], low[i], high[i])
+            least = np.minimum(t.seen_low[k] * low, t.seen_low[k] * high)
+            least = np.minimum(least, np.minimum(t.seen_high[k] * low, t.seen_high[k] * high))
+            most = np.maximum(t.seen_low[k] * low, t.seen_low[k] * high)
+            most = np.maximum(most, np.maximum(t.seen_high[k] * low, t.seen_high[k] * high))
+            model.add(
+                seen[k] - across, box[k] - half[k] - most.sum(), box[k] + half[k] - least.sum()
+            )
+
+    def envelope(self, x: Lin, half: float, y: Lin, low: float, high: float) -> Lin:
+        """x y with |x| <= half and y in [low, high], by its four McCormick rows."""
+        if half < 1e-9:
+            return Lin()
+        if high - low < 1e-12:
+            return x * low
+        w = self.model.variable(-np.inf, np.inf)
+        for side in (1.0, -1.0):
+            self.model.least((w - x * low) * side + (y - low) * half)
+            self.model.least((x * high - w) * side + (high - y) * half)
+        return w
+
+    def piece(self, region: int, low: Array, high: Array) -> Piece:
+        model, most = self.model, self.most
+        friction = self.task.ground.friction
+        chosen = model.variable(0.0, 1.0, whole=True)
+        arm = (
+            self.scaled(chosen, float(low[0]), float(high[0])),
+            self.scaled(chosen, float(low[1]), float(high[1])),
+        )
+        force = (
+            self.scaled(chosen, -most, most),
+            self.scaled(chosen, -most, most),
+            self.scaled(chosen, 0.0, most),
+        )
+        for k in range(FACETS):
+            angle = 2 * np.pi * k / FACETS
+            pull = force[0] * float(np.cos(angle)) + force[1] * float(np.sin(angle))
+            model.least(force[2] * friction - pull)
+        products = []
+        for k in range(2):
+            ends = float(low[k]), float(high[k])
+            with_z = self.product(arm[k], ends, force[2], most, chosen)
+            across = self.sideways(ends, force[1 - k], force[2], with_z, friction)
+            products.append((across, with_z))
+        return Piece(region, low, high, chosen, arm, force, products[0], products[1])
+
+    def regions(self, n: int, low: Array, high: Array) -> list[int]:
+        """Regions that a toe can reach."""
+        ground = self.task.ground
+        least, largest = self.p_low[n, :2] + low[:2], self.p_high[n, :2] + high[:2]
+        reached = (ground.lower <= largest).all(axis=1) & (ground.upper >= least).all(axis=1)
+        return [int(s) for s in np.flatnonzero(reached)]
+
+    def in_region(self, n: int, piece: Piece, arm: tuple[Lin, Lin]) -> None:
+        ground = self.task.ground
+        if len(ground.height) == 1:
+            return
+        for k in range(2):
+            toe = arm[k] + self.p[n][k]
+            least = self.p_low[n, k] + min(self.end(n, arm[k], 0), 0.0)
+            largest = self.p_high[n, k] + max(self.end(n, arm[k], 1), 0.0)
+            low, high = float(ground.lower[piece.region, k]), float(ground.upper[piece.region, k])
+            if least < low:
+                self.model.least(toe - least - piece.chosen * (low - least))
+            if largest > high:
+                self.model.least(largest - toe - piece.chosen * (largest - high))
+
+    def end(self, n: int, arm: Lin, side: int) -> float:
+        column = next(iter(arm.terms))
+        return (self.model.lower, self.model.upper)[side][column]
+
+    # No slip, eq. (8.22): a leg stands through, and its arm changes by -v dt, or it does not; the
+    # hull of both instead of M
+    def no_slip(self, n: int, now: tuple[Piece, ...], later: tuple[Piece, ...]) -> None:
+        model, dt = self.model, self.task.step
+        before, after = total(q.chosen for q in now), total(q.chosen for q in later)
+        through = model.variable(0.0, 1.0)
+        model.least(before - through)
+        model.least(after - through)
+        model.least(through - before - after + 1.0)
+        for k in range(2):
+            arms = []
+            for pieces, standing in ((now, before), (later, after)):
+                low = min(float(q.low[k]) for q in pieces)
+                high = max(float(q.high[k]) for q in pieces)
+                arm = self.scaled(through, low, high)
+                left = total(q.arm[k] for q in pieces) - arm
+                model.least(left - (standing - through) * low)
+                model.least((standing - through) * high - left)
+                arms.append(arm)
+            low, high = float(self.v_low[n, k]), float(self.v_high[n, k])
+            velocity = self.scaled(through, low, high)
+            other = self.v[n][k] - velocity
+            model.least(other - (1.0 - through) * low)
+            model.least((1.0 - through) * high - other)
+            model.add(arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
+
+    def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
+        """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
+        knots, dt, held = self.task.knots, self.task.step, self.task.start
+        reach = [[self.arm_range(self.turns[n], leg) for leg in range(LEGS)] for n in range(knots)]
+        for leg in range(LEGS):
+            there = held.toes[leg] - held.state[POSITION]
+            reach[0][leg] = (there, there)
+            standing = [total(q.chosen for q in pieces[n][leg]) for n in range(knots)]
+            for n in range(knots):
+                for last in range(n + 1, knots):
+                    slow = dt * self.v_low[n:last, :2].sum(axis=0)
+                    fast = dt * self.v_high[n:last, :2].sum(axis=0)
+                    # The arm changes by minus the way of the body.
+                    least = reach[n][leg][0][:2] - reach[last][leg][1][:2]
+                    most = reach[n][leg][1][:2] - reach[last][leg][0][:2]
+                    if (slow > most + 1e-9).any() or (fast < least - 1e-9).any():
+                        self.model.add(total(standing[n : last + 1]), -np.inf, float(last - n))
+                        break

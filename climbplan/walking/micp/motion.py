@@ -1,0 +1,114 @@
+"""The body: moments by its height, dynamics, and the cost."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from climbplan.walking.micp.counts import Count, Counts
+from climbplan.walking.micp.model import Lin, total
+from climbplan.walking.micp.pieces import Height, Piece
+from climbplan.walking.task import LEGS, VELOCITY
+
+
+class Motion(Counts):
+    """Rows of the body from each knot to the next, and the squares of the cost."""
+
+    def height(self, n: int, force: list[Lin]) -> tuple[Height, tuple[Lin, Lin]]:
+        """p_z F_x and p_z F_y, eq. (8.26) on parts of the height."""
+        model = self.model
+        low, high = float(self.p_low[n, 2]), float(self.p_high[n, 2])
+        parts = self.height_pieces if high - low > 1e-9 else 1
+        knots = np.linspace(low, high, parts + 1)
+        chosen, height = [], []
+        sums: tuple[list[Lin], ...] = ([], [], [])
+        products: tuple[list[Lin], list[Lin]] = ([], [])
+        most, friction = LEGS * self.most, self.task.ground.friction
+        for a, b in itertools.pairwise(knots):
+            one = model.variable(1.0 if parts == 1 else 0.0, 1.0, whole=parts > 1)
+            z = self.scaled(one, a, b)
+            f = (
+                self.scaled(one, -most, most),
+                self.scaled(one, -most, most),
+                self.scaled(one, 0.0, most),
+            )
+            with_z = self.product(z, (float(a), float(b)), f[2], most, one)
+            for k in range(2):
+                ends = float(a), float(b)
+                products[k].append(self.sideways(ends, f[k], f[2], with_z, friction))
+                model.least(f[2] * friction - f[k])
+                model.least(f[2] * friction + f[k])
+            chosen.append(one)
+            height.append(z)
+            for k in range(3):
+                sums[k].append(f[k])
+        model.add(total(chosen), 1.0, 1.0)
+        model.add(total(height) - self.p[n][2], 0.0, 0.0)
+        for k in range(3):
+            model.add(total(sums[k]) - force[k], 0.0, 0.0)
+        found = Height(knots[:-1], knots[1:], tuple(chosen))
+        return found, (total(products[0]), total(products[1]))
+
+    # Dynamics, eqs. (8.14) to (8.17), (8.19)
+    def dynamics(
+        self,
+        n: int,
+        legs: tuple[tuple[Piece, ...], ...],
+        force: list[Lin],
+        raised: tuple[Lin, Lin],
+    ) -> None:
+        task, model, dt, t = self.task, self.model, self.task.step, self.turns[n]
+        level = task.ground.height
+        for k in range(3):
+            model.add(self.p[n + 1][k] - self.p[n][k] - self.v[n][k] * dt, 0.0, 0.0)
+            fall = dt * task.body.gravity if k == 2 else 0.0
+            gain = force[k] * (dt * self.unit / task.body.mass)
+            model.add(self.v[n + 1][k] - self.v[n][k] - gain + fall, 0.0, 0.0)
+        pieces = [q for leg in legs for q in leg]
+        moment = [
+            total(q.by_y[1] - q.force[1] * float(level[q.region]) for q in pieces) + raised[1],
+            total(q.force[0] * float(level[q.region]) - q.by_x[1] for q in pieces) - raised[0],
+            total(q.by_x[0] - q.by_y[0] for q in pieces),
+        ]
+        # How large moments can be: arms times forces within friction
+        friction = task.ground.friction
+        largest = []
+        reach = [np.zeros(3) for _ in range(LEGS)]
+        for leg in range(LEGS):
+            low, high = self.arm_range(t, leg)
+            reach[leg] = np.maximum(np.abs(low), np.abs(high))
+        for a, b in ((1, 2), (0, 2), (0, 1)):
+            parts = []
+            for leg in range(LEGS):
+                arm = reach[leg]
+                share = arm[a] + friction * arm[b] if b == 2 else friction * (arm[a] + arm[b])
+                parts += [q.force[2] * float(share) for q in legs[leg]]
+            largest.append(total(parts))
+        for k in range(3):
+            turned = total(self.spin[n][j] * float(t.rates[k, j]) for j in range(3))
+            most = np.abs(self.tube.spin[n]) + self.tube.spin_half[n]
+            off = dt * float(t.rates_off[k] @ most)
+            rise = self.angles[n + 1][k] - self.angles[n][k] - turned * dt
+            model.add(rise, -off, off)
+            push = total(moment[j] * float(t.inverse[k, j] * self.unit) for j in range(3))
+            change = self.spin[n + 1][k] - self.spin[n][k] - (push + float(t.gyro[k])) * dt
+            slack = total(largest[j] * float(t.inverse_off[k, j] * self.unit) for j in range(3))
+            slack = (slack + float(t.gyro_off[k])) * dt
+            model.least(change + slack)
+            model.least(slack - change)
+
+    # Objective, eq. (8.30)
+    def costs(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> list[tuple[Count, ...]]:
+        task, w = self.task, self.task.weights
+        step = task.start.state[VELOCITY] * task.step
+        self.model.constant += w.motion * float(step @ step)
+        counts = [self.counts(n, legs) for n, legs in enumerate(pieces)]
+        for n, legs in enumerate(pieces):
+            self.tracking(n + 1, counts[n], counts[n + 1] if n + 1 < task.knots else ())
+            self.differences(legs, counts[n])
+            for k in range(3):
+                off = self.angles[n + 1][k] - float(task.reference.euler[n, k])
+                self.square(float(w.angles[k]), off)
+            self.square(w.height, self.p[n + 1][2] - float(task.reference.height[n]))
+        return counts

@@ -1,0 +1,123 @@
+"""The statement of chapter 8.2.1 as a mixed-integer linear relaxation, in reduced form.
+
+In the world frame the arm of a standing toe has r_z = h - p_z for every leg, so that the eight
+products of r_z with forces are two, p_z F_x and p_z F_y. Arms are partitioned, not forces, in
+perspective form: each piece of an arm has its own binary, arm and force, and the binaries of a leg
+add up to its contact. Products of an arm with f_z are McCormick envelopes, those with f_x and f_y
+rows of (arm - end) (mu f_z +- f) >= 0, which vanish with the force. Attitudes and angular
+velocities stay within a tube; what turns is linear about its middle with bounded remainders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.walking.micp.counts import Count
+from climbplan.walking.micp.model import Lin, LinearModel, total
+from climbplan.walking.micp.motion import Motion
+from climbplan.walking.micp.pieces import Height, Piece
+from climbplan.walking.micp.tube import Tube
+from climbplan.walking.task import LEGS, POSITION, Array, Flags, WalkTask, WalkTrajectory, Whole
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """The program and the variables that integers are read from."""
+
+    model: LinearModel
+    pieces: tuple[tuple[tuple[Piece, ...], ...], ...]  # by knot and leg
+    heights: tuple[Height, ...]
+    counts: tuple[tuple[Count, ...], ...]  # by knot
+    unit: float  # [N] of forces
+    states: tuple[tuple[Lin, ...], ...]  # (N + 1) of 12 columns
+
+    def integers(self, found: WalkTrajectory) -> dict[int, float]:
+        """Values of all binaries at a motion, by column."""
+        values: dict[int, float] = {}
+        for n, legs in enumerate(self.pieces):
+            arms = found.toes[n] - found.state[n, POSITION]
+            for leg, pieces in enumerate(legs):
+                own = [q for q in pieces if q.region == found.gait.region[n, leg]]
+                held = min(own, key=lambda q: q.beyond(arms[leg]), default=None)
+                for q in pieces:
+                    stands = found.gait.contact[n, leg] and q is held
+                    values[q.chosen.column] = float(stands)
+            height, parts = found.state[n, 2], self.heights[n]
+            part = int(np.argmax((parts.high >= height - 1e-9) | (parts.high == parts.high[-1])))
+            for k, one in enumerate(parts.chosen):
+                values[one.column] = float(k == part)
+            for count in self.counts[n]:
+                values[count.chosen.column] = float(found.gait.contact[n].sum() == count.legs)
+        return values
+
+    def point(self, found: WalkTrajectory) -> dict[int, float]:
+        """Binaries, states and forces of a motion, by column: what is left are products."""
+        values = self.integers(found)
+        for row, columns in zip(found.state, self.states, strict=True):
+            values |= {c.column: float(v) for c, v in zip(columns, row, strict=True)}
+        for n, legs in enumerate(self.pieces):
+            for leg, pieces in enumerate(legs):
+                for q in pieces:
+                    share = values[q.chosen.column] / self.unit
+                    for part, force in zip(q.force, found.force[n, leg], strict=True):
+                        values[part.column] = float(share * force)
+        return values
+
+    def gait(self, x: Array, share: float = 0.5) -> tuple[Flags, Whole]:
+        """Contacts beyond a share and regions (N, 4) of a point; of swinging legs -1."""
+        contact = np.zeros((len(self.pieces), LEGS), bool)
+        region = np.full((len(self.pieces), LEGS), -1, np.int64)
+        for n, legs in enumerate(self.pieces):
+            for leg, pieces in enumerate(legs):
+                chosen = [piece.chosen.at(x) for piece in pieces]
+                if sum(chosen) > share:
+                    largest = pieces[int(np.argmax(chosen))]
+                    contact[n, leg], region[n, leg] = True, largest.region
+        return contact, region
+
+
+def relaxation(
+    task: WalkTask,
+    tube: Tube,
+    cost: float,
+    arm_pieces: int,
+    height_pieces: int,
+    ratio: float,
+    within: tuple[Array, Array] | None = None,
+) -> Relaxation:
+    """The program of all motions within a tube that cost no more than so much.
+
+    ratio: of tangents, as of `LinearModel.square`; within: least and largest states (N + 1, 12) of
+    such motions, where more is known of them.
+    """
+    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, within).done()
+
+
+class _Statement(Motion):
+    def done(self) -> Relaxation:
+        task, knots = self.task, self.task.knots
+        p, v, angles, spin = self.p, self.v, self.angles, self.spin
+        pieces = [tuple(self.leg(n, leg) for leg in range(LEGS)) for n in range(knots)]
+        heights = []
+        for n in range(knots):
+            force = [total(q.force[k] for leg in pieces[n] for q in leg) for k in range(3)]
+            height = self.height(n, force)
+            heights.append(height[0])
+            self.dynamics(n, pieces[n], force, height[1])
+            if task.least_contacts:
+                standing = total(q.chosen for leg in pieces[n] for q in leg)
+                self.model.add(standing, task.least_contacts, LEGS)
+        self.endurance(pieces)
+        for n in range(knots - 1):
+            for leg in range(LEGS):
+                self.no_slip(n, pieces[n][leg], pieces[n + 1][leg])
+        counts = self.costs(pieces)
+        # Nothing dearer than what is known
+        priced = {c: cost for c, cost in enumerate(self.model.cost) if cost}
+        self.model.add(Lin(priced), 0.0, self.cost - self.model.constant)
+        states = [(*p[n], *v[n], *angles[n], *spin[n]) for n in range(knots + 1)]
+        return Relaxation(
+            self.model, tuple(pieces), tuple(heights), tuple(counts), self.unit, tuple(states)
+        )

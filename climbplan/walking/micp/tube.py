@@ -1,0 +1,154 @@
+"""Where the attitude may be: a tube about a known motion, and what turns within it at most.
+
+The statement that the mixed-integer program bounds keeps roll, pitch, yaw and the angular velocity
+within a tube, as the published one keeps them within Table 8.4. Within it each entry of rotation,
+rates and inertia is its value at the middle, off by no more than what is found here: the largest on
+a grid, and a Lipschitz constant times the way to the nearest grid point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.robots.rotations import rotation_world_body, skew
+from climbplan.walking.check.truth import euler_rates, knot_step
+from climbplan.walking.task import ANGLES, SPIN, Array, WalkTask
+
+_GRID = 21  # points an angle
+_NEAR = 0.5  # [rad] a reference that near is part of the tube
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Middles and half widths at knots 0 to N."""
+
+    angles: Array  # (N + 1, 3) [rad]
+    angles_half: Array
+    spin: Array  # (N + 1, 3) [rad/s]
+    spin_half: Array
+
+    def holds(self, state: Array) -> bool:
+        """Whether a motion (N + 1, 12) is within it."""
+        inside = np.abs(state[:, ANGLES] - self.angles) <= self.angles_half + 1e-9
+        slow = np.abs(state[:, SPIN] - self.spin) <= self.spin_half + 1e-9
+        return bool(inside.all() and slow[:-1].all())
+
+
+def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube:
+    """So much room (3,) on either side of a motion (N + 1, 12), and of references near it.
+
+    Where the start alone decides, at the first two knots of forward Euler, there is no room.
+    """
+    reference = np.vstack([task.start.state[ANGLES], task.reference.euler])
+    turned = state[:, ANGLES]
+    near = np.where(np.abs(reference - turned) < _NEAR, reference, turned)
+    low, high = np.minimum(turned, near) - angles, np.maximum(turned, near) + angles
+    slow, fast = np.minimum(state[:, SPIN], 0.0), np.maximum(state[:, SPIN], 0.0)
+    still = np.abs(state[:, SPIN]) < _NEAR * 10
+    slow = np.where(still, slow, state[:, SPIN]) - spin
+    fast = np.where(still, fast, state[:, SPIN]) + spin
+    none = np.zeros((1, 4, 3))
+    after = knot_step(task.body, "euler", task.step, task.start.state[None], none, none)[0]
+    low[0] = high[0] = task.start.state[ANGLES]
+    low[1] = high[1] = after[ANGLES]
+    slow[0] = fast[0] = task.start.state[SPIN]
+    return Tube(0.5 * (low + high), 0.5 * (high - low), 0.5 * (slow + fast), 0.5 * (fast - slow))
+
+
+@dataclass(frozen=True)
+class Turning:
+    """Rotation, rates and inverse inertia at a knot of a tube, and how far off they are at most."""
+
+    R: Array  # (3, 3) at the middle
+    R_off: Array  # (3, 3)
+    rates: Array  # (3, 3) Euler rates by the angular velocity
+    rates_off: Array  # (3, 3)
+    inverse: Array  # (3, 3) inverse inertia, world frame
+    inverse_off: Array  # (3, 3)
+    gyro: Array  # (3,) angular acceleration by gyroscopic moments
+    gyro_off: Array  # (3,)
+    axes: Array  # (3, 3) small turn about the body's axes at the middle, by each angle
+    turn_half: Array  # (3,) of that turn at most
+    seen_low: Array  # (3, 3) R^T R_middle less its linearisation, from
+    seen_high: Array  # to
+    off: Array  # (3, 3) R_middle^T R less the identity, at most
+
+
+def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
+    """What turns at knot n."""
+    middle, half = tube.angles[n], tube.angles_half[n]
+    axes = [
+        np.linspace(m - h, m + h, _GRID) if h > 0 else np.array([m])
+        for m, h in zip(middle, half, strict=True)
+    ]
+    apart = sum(2 * h / (_GRID - 1) for h in half)
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    turns = rotation_world_body(grid)
+    R = rotation_world_body(middle)
+    inertia = task.body.inertia
+    body_inverse = np.linalg.inv(inertia)
+    spread = np.ptp(np.linalg.eigvalsh(body_inverse))
+    inverse = R @ body_inverse @ R.T
+    inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
+    rates = _rates(middle[None])[0]
+    steep = 1.0 / np.cos(np.abs(middle[1]) + half[1]) ** 2 if half.any() else 0.0
+    beside = 0.5 * apart  # an entry of R changes by at most the turn
+    R_off = np.abs(turns - R).max(axis=0) + beside
+    turned = np.einsum("ba,jbc->jac", R, _slopes(middle))  # skew: what a rotation is to first order
+    turns_by = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
+    seen = np.swapaxes(turns, -1, -2) @ R
+    second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
+    between = beside * float(half.sum())  # second derivatives are those of R: 1 at most
+    gyro, gyro_off = _gyroscopic(inertia, R, R_off, tube.spin[n], tube.spin_half[n])
+    return Turning(
+        R,
+        R_off,
+        rates,
+        np.abs(_rates(grid) - rates).max(axis=0) + steep * beside,
+        inverse,
+        np.abs(inverses - inverse).max(axis=0) + spread * beside,
+        gyro,
+        gyro_off,
+        turns_by,
+        np.abs(turns_by) @ half,
+        second.min(axis=0) - between,
+        second.max(axis=0) + between,
+        np.abs(seen - np.eye(3)).max(axis=0).T + beside,
+    )
+
+
+def _slopes(angles: Array) -> Array:
+    """Of the rotation by each angle (3, 3, 3): half a turn further it is its own derivative."""
+    ahead, back = angles + 0.5 * np.pi * np.eye(3), angles - 0.5 * np.pi * np.eye(3)
+    # Entries are constant, or sinusoids of each angle, so that the difference is exact.
+    result: Array = 0.5 * (rotation_world_body(ahead) - rotation_world_body(back))
+    return result
+
+
+def _rates(angles: Array) -> Array:
+    """Euler rates by the angular velocity (G, 3, 3)."""
+    each = [euler_rates(angles, np.broadcast_to(axis, angles.shape)) for axis in np.eye(3)]
+    return np.stack(each, axis=-1)
+
+
+def _gyroscopic(
+    inertia: Array, R: Array, R_off: Array, spin: Array, spin_half: Array
+) -> tuple[Array, Array]:
+    """Middle and half width of -I^-1 w x (I w), world frame, by interval arithmetic."""
+    seen = R.T @ spin
+    seen_off = np.abs(R.T) @ spin_half + R_off.T @ (np.abs(spin) + spin_half)
+    momentum, momentum_off = inertia @ seen, np.abs(inertia) @ seen_off
+    moment = -np.cross(seen, momentum)
+    off = np.zeros(3)
+    for k in range(3):
+        for a, b in (((k + 1) % 3, (k + 2) % 3), ((k + 2) % 3, (k + 1) % 3)):
+            off[k] += (
+                abs(seen[a]) * momentum_off[b]
+                + seen_off[a] * abs(momentum[b])
+                + seen_off[a] * momentum_off[b]
+            )
+    inverse = np.linalg.inv(inertia)
+    body, body_off = inverse @ moment, np.abs(inverse) @ off
+    return R @ body, np.abs(R) @ body_off + R_off @ (np.abs(body) + body_off)

@@ -1,0 +1,1 @@
+"""Whole walks: search over gaits, and all knots as one nonlinear program."""

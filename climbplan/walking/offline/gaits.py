@@ -1,0 +1,108 @@
+"""Gaits to start from: what legs do in turn, knot by knot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.footing import gait_of
+from climbplan.walking.offline.sqp import guessed_states
+from climbplan.walking.task import LEGS, POSITION, Array, Flags, Gait, WalkTask, Whole
+
+# Legs in the order left front, right front, left hind, right hind
+_ALL, _NONE = (1, 1, 1, 1), (0, 0, 0, 0)
+_TROT = ((1, 0, 0, 1), (0, 1, 1, 0))
+MIRROR = [1, 0, 3, 2]
+_ASIDE = np.array([1.0, -1.0, 1.0])
+CYCLES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "trot": _TROT,
+    "slow trot": (_TROT[0], _TROT[0], _TROT[1], _TROT[1]),
+    "jump": (_ALL, _NONE),
+    "walking trot": (_TROT[0], _ALL, _TROT[1], _ALL),
+    "pace": ((1, 0, 1, 0), (0, 1, 0, 1)),
+    "bound": ((1, 1, 0, 0), (0, 0, 1, 1)),
+    "walk": ((0, 1, 1, 1), (1, 1, 1, 0), (1, 0, 1, 1), (1, 1, 0, 1)),
+    "stand": (_ALL,),
+}
+
+
+def with_regions(task: WalkTask, contact: Flags, state: Array | None = None) -> Gait:
+    """A gait with these contacts (N + 1, 4), on the regions nearest to where feet would stand.
+
+    state: (N + 1, 12) the motion to judge that by; an even one to the reference if None.
+    """
+    return gait_of(contact, regions_under(task, state))
+
+
+def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
+    """Regions (N + 1, 4) nearest to the middle of the workspace boxes; at knot 0 to the toes."""
+    if len(task.ground.height) == 1:
+        return np.zeros((task.knots + 1, LEGS), np.int64)
+    motion = guessed_states(task) if state is None else state
+    R = rotation_world_body(motion[:, 6:9])
+    under = motion[:, None, :3] + task.body.toe_center @ np.swapaxes(R, -1, -2)
+    region = task.ground.nearest(under[..., :2])
+    region[0] = task.ground.nearest(task.start.toes[:, :2])
+    return region
+
+
+def cycle(name: str, knots: int, phase: int = 0) -> Flags:
+    """Contacts (N + 1, 4) of a named gait, started at one of its phases."""
+    steps = np.array(CYCLES[name], bool)
+    return steps[(np.arange(knots + 1) + phase) % len(steps)]
+
+
+def braked(contact: Flags, knots: int) -> Flags:
+    """The same with all legs on the ground for the first `knots` knots."""
+    result = contact.copy()
+    result[:knots] = True
+    return result
+
+
+def starting_gaits(
+    task: WalkTask, names: Sequence[str] = tuple(CYCLES), brakes: Iterable[int] = range(4)
+) -> Iterator[Gait]:
+    """Named gaits in all their phases that keep the least contacts.
+
+    brakes: knots in which they first brake with all legs.
+    """
+    region, seen = regions_under(task), set()
+    for brake in brakes:
+        for name in names:
+            for phase in range(len(CYCLES[name])):
+                contact = braked(cycle(name, task.knots, phase), brake)
+                gait = gait_of(contact, region)
+                if enough_contacts(task, contact) and gait.key not in seen:
+                    seen.add(gait.key)
+                    yield gait
+
+
+def enough_contacts(task: WalkTask, contact: Flags) -> bool:
+    """Every interval has its least number of standing legs."""
+    return bool((contact[:-1].sum(axis=1) >= task.least_contacts).all())
+
+
+def mirrored(gait: Gait) -> Gait:
+    """What left legs do is done by right ones."""
+    return Gait(gait.contact[:, MIRROR], gait.region[:, MIRROR])
+
+
+def mirror_even(task: WalkTask) -> bool:
+    """Left and right are the same in the task: mirrored gaits do equally well."""
+    if len(task.ground.height) > 1:
+        return False
+    body, reference = task.body, task.reference
+    toes = task.start.toes - task.start.state[POSITION]
+    aside = np.concatenate(
+        [
+            task.start.state[[4, 6, 8, 9, 11]],
+            reference.velocity[:, 1],
+            reference.euler[:, [0, 2]].ravel(),
+            (toes - toes[MIRROR] * _ASIDE).ravel(),
+            (body.toe_center - body.toe_center[MIRROR] * _ASIDE).ravel(),
+            body.inertia[1, [0, 2]],
+        ]
+    )
+    return bool(np.abs(aside).max() < 1e-9)

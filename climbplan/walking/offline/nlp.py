@@ -1,0 +1,224 @@
+"""All knots as one nonlinear program with contacts as complementarity, solved by IPOPT.
+
+Contacts c in [0, 1] with c (1 - c) <= eps start from a guessed gait; IPOPT may move them. What
+comes out is rounded, and forces, footholds and motion of that gait are made exact by SQP.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.walking.answer import Improvement, WalkAnswer
+from climbplan.walking.check.checker import passes
+from climbplan.walking.footing import toe_heights
+from climbplan.walking.offline.gaits import (
+    CYCLES,
+    cycle,
+    enough_contacts,
+    mirror_even,
+    mirrored,
+    starting_gaits,
+    with_regions,
+)
+from climbplan.walking.offline.nlp_program import NlpShape, compiled_nlp
+from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.sqp import (
+    REACH_SLACK,
+    ROUGHLY,
+    GaitAnswer,
+    guess,
+    iterate_of,
+    solve_gait,
+)
+from climbplan.walking.online.warm_up import warm_up
+from climbplan.walking.task import LEGS, STATE, Array, Gait, WalkTask
+
+_SETTLING = 3  # QPs before IPOPT: a third of its iterations less
+_LONGER = 6  # and more of them for gaits beyond the guessed one
+_INSIDE = 1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
+_POLISH = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
+_HOPELESS = 3e-3  # [m] toes that leave their boxes that far, then, are not brought back
+
+
+class NlpMethod:
+    """The program of one task, compiled once for all that differ in numbers only."""
+
+    def __init__(self, task: WalkTask) -> None:
+        self.task = task
+        self.program = compiled_nlp(NlpShape.of(task))
+
+    def solve(self, start: Gait, at: Iterate, seconds: float) -> WalkAnswer:
+        """From a motion of a gait, whose regions are kept."""
+        begin = time.perf_counter()
+        task = self.task
+        point = self._point(start, at)
+        program = self.program
+        answer = program.solver.solve(
+            np.clip(point, program.bounds.lower, program.bounds.upper),
+            self._numbers(start),
+            program.bounds,
+            time.monotonic() + seconds,
+        )
+        word, x = answer.word, answer.v
+        state, force, toes, relaxed = self._parts(x)
+        contact = relaxed > 0.5
+        gait = with_regions(task, contact, np.vstack([task.start.state, state]))
+        if not (np.isfinite(x).all() and enough_contacts(task, contact)):
+            return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=1)
+        if np.array_equal(contact, start.contact):
+            gait = start
+        program_of_gait = PinnedProgram(task, gait)
+        footing = program_of_gait.footing
+        found = _polished(
+            task,
+            gait,
+            Iterate(
+                np.vstack([task.start.state, state]),
+                np.where(gait.contact[:-1, :, None], force, 0.0),
+                toes[footing.first - 1, footing.leg],
+            ),
+        )
+        if not found.holds:
+            kept = _polished(task, start, at)
+            if kept.holds:
+                spent = time.perf_counter() - begin
+                return _judged(kept, spent, f"IPOPT: {word}, the motion before it kept")
+        spent = time.perf_counter() - begin
+        return _judged(found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait")
+
+    def _numbers(self, gait: Gait) -> Array:
+        task, reference = self.task, self.task.reference
+        ground, region = task.ground, gait.region[1:]
+        level = ground.height[region]
+        clear = toe_heights(ground, Gait(np.zeros_like(gait.contact), gait.region), task.lift)[1:]
+        return np.concatenate(
+            [
+                task.start.state,
+                task.start.toes.ravel(),
+                reference.velocity.ravel(),
+                reference.euler.ravel(),
+                reference.height,
+                level.ravel(),
+                clear.ravel(),
+                ground.lower[region].ravel(),
+                ground.upper[region].ravel(),
+            ]
+        )
+
+    def _point(self, gait: Gait, at: Iterate) -> Array:
+        toes = PinnedProgram(self.task, gait).toes(at.state, at.spots)
+        return np.concatenate(
+            [
+                at.state[1:].ravel(),
+                at.force.ravel(),
+                toes[1:, :, :2].ravel(),
+                gait.contact.astype(float).ravel(),
+            ]
+        )
+
+    def _parts(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """States 1 to N, forces, toes 1 to N (x, y), contacts 0 to N."""
+        knots = self.task.knots
+        sizes = np.cumsum([STATE * knots, 3 * LEGS * knots, 2 * LEGS * knots])
+        state, force, toes, contact = np.split(x, sizes)
+        return (
+            state.reshape(knots, STATE),
+            force.reshape(knots, LEGS, 3),
+            toes.reshape(knots, LEGS, 2),
+            contact.reshape(knots + 1, LEGS),
+        )
+
+
+def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
+    """From the guessed gait, its most promising phase first; the first that passes the exact check.
+
+    Its other phases, then other gaits and those after braking follow only if it does not.
+    """
+    method = NlpMethod(task)
+    warm_up(task)
+    begin, tried = time.perf_counter(), 0
+    word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
+    for gait, at in _guesses(task, guess_name):
+        left = seconds - (time.perf_counter() - begin)
+        if left <= 0:
+            word = "time limit"
+            break
+        answer = method.solve(gait, at, left)
+        tried += 1
+        if answer.trajectory is None:
+            word = answer.word
+            continue
+        spent = time.perf_counter() - begin
+        history = (Improvement(spent, answer.objective),)
+        return replace(answer, seconds=spent, tried=tried, history=history)
+    return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=tried)
+
+
+def _guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
+    """Phases of the gait, cheapest first by what one QP predicts; then others, nearest to holding.
+
+    Each with what a few QPs make of it. The mirror image of a gait is left out where it could not
+    do better.
+    """
+    phases = [with_regions(task, cycle(name, task.knots, k)) for k in range(len(CYCLES[name]))]
+    phases = [gait for gait in phases if enough_contacts(task, gait.contact)]
+    glances = [solve_gait(task, gait, None, 1, agreement=ROUGHLY).predicted for gait in phases]
+    even = mirror_even(task)
+    seen: set[bytes] = set()
+    for k in np.argsort(glances, kind="stable"):
+        if phases[k].key not in seen:
+            yield phases[k], _settled(task, phases[k], _SETTLING)[0]
+        seen |= _alike(phases[k], even)
+    for brakes in (range(1), range(1, 4)):
+        others: list[Gait] = []
+        for gait in starting_gaits(task, brakes=brakes):
+            if gait.key not in seen:
+                seen |= _alike(gait, even)
+                others.append(gait)
+        first = [_settled(task, gait, _SETTLING) for gait in others]
+        far: list[tuple[Gait, Iterate]] = []
+        for k in np.argsort([reach for _, reach in first], kind="stable"):
+            at, reach = _settled(task, others[k], _LONGER, first[k][0])
+            if reach <= _HOPELESS:
+                yield others[k], at
+            else:
+                far.append((others[k], at))
+        yield from far
+
+
+def _alike(gait: Gait, even: bool) -> set[bytes]:
+    """Keys of a gait and, if the task is even, of its mirror image."""
+    return {gait.key, mirrored(gait).key} if even else {gait.key}
+
+
+def _settled(
+    task: WalkTask, gait: Gait, qps: int, start: Iterate | None = None
+) -> tuple[Iterate, float]:
+    """A motion of the gait after a few QPs, if they lead anywhere; how far toes reach out [m]."""
+    start = guess(task, gait) if start is None else start
+    found = solve_gait(task, gait, start, qps, agreement=ROUGHLY)
+    if found.trajectory is None:
+        return start, np.inf
+    return iterate_of(found.trajectory, gait), max(found.reach, REACH_SLACK)
+
+
+def _polished(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
+    """IPOPT's answer made exact; most need no more than a few QPs."""
+    for iterations in _POLISH:
+        found = solve_gait(task, gait, at, iterations, _INSIDE, ROUGHLY)
+        if found.trajectory is None or found.reach > _HOPELESS:
+            return found
+        if found.holds and passes(task, found.trajectory):
+            return found
+        at = iterate_of(found.trajectory, gait)
+    return found
+
+
+def _judged(found: GaitAnswer, seconds: float, word: str) -> WalkAnswer:
+    if found.trajectory is None or not found.holds:
+        return WalkAnswer(None, np.inf, seconds, f"{word}, but its gait does not hold", tried=1)
+    return WalkAnswer(found.trajectory, found.objective, seconds, word, tried=1)

@@ -1,0 +1,328 @@
+"""The program with all integers given, linearised: states eliminated, a small dense QP left.
+
+Unknowns are the forces of standing legs and the footholds that are still free. Friction cones are
+inscribed pyramids, so that what the QP holds the cone holds too. What a gait alone decides is made
+once; the numbers of a linearisation are written by compiled code into arrays that serve again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from climbplan.walking.footing import Footing, footing_of, toe_heights
+from climbplan.walking.kernels.feet import place_toes, worst_beyond
+from climbplan.walking.kernels.footing import walk_cost
+from climbplan.walking.kernels.knots import knots_rolled
+from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
+from climbplan.walking.kernels.step import linearised
+from climbplan.walking.task import LEGS, STATE, Array, Gait, Start, WalkTask
+
+FACETS = 8
+FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
+_RIDGE = 1e-7  # curvature along directions that cost nothing
+_SOLVED = 1
+_SOLVED_SOFTLY = 2
+_AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
+_SOFT = 8  # rows that DAQP may break at a price
+_FAR = 1e30
+_MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """A point to linearise about."""
+
+    state: Array  # (N + 1, 12)
+    force: Array  # (N, 4, 3) zeros of swinging legs
+    spots: Array  # (F, 2) free footholds [m]
+
+
+@dataclass(frozen=True)
+class PinnedQp:
+    """min 1/2 z'Hz + g'z with bounds and rows; states are offset + sensitivity z.
+
+    Its arrays are the program's, which the next linearisation overwrites.
+    """
+
+    hessian: Array
+    gradient: Array
+    lower: Array  # variables, then rows
+    upper: Array
+    rows: Array
+    offset: Array  # (N + 1, 12)
+    sensitivity: Array  # (N + 1, 12, Z)
+
+
+class PinnedProgram:
+    """One gait of one task. `margin`: kept inside the boxes by toes yet to be placed [m]."""
+
+    def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
+        self.task, self.gait, self.margin = task, gait, margin
+        self.start = task.start
+        self.footing: Footing = footing_of(gait)
+        self.height = toe_heights(task.ground, gait, task.lift)
+        contact = gait.contact[:-1]
+        self.stand_knot, self.stand_leg = np.nonzero(contact)
+        self.forces = len(self.stand_knot)
+        self.foot_column = 3 * self.forces
+        self.size = self.foot_column + 2 * self.footing.count
+        self.force_scale = task.weight / LEGS
+        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
+        self._after = np.empty((task.knots, STATE))
+        self._slopes = np.empty((task.knots, 2 * STATE + 3 * LEGS, STATE))
+        self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
+        weights, reference = task.weights, task.reference
+        self._weight = np.concatenate([[weights.height], weights.velocity, weights.angles])
+        self._wanted = np.concatenate(
+            [reference.height[:, None], reference.velocity, reference.euler], axis=1
+        )
+        self._force_hessian = self._force_cost()
+        self._qp = self._empty_qp()
+        self._active: Array | None = None  # multipliers of the QP before: where to start
+        self.spent = 0  # DAQP iterations of the last step
+        self.softly = False  # its answer leaves the workspace where nothing else was possible
+
+    def begin(self, start: Start) -> None:
+        """The same gait from another start; a first guess of what will be active is kept."""
+        self.start = start
+
+    def split(self, z: Array) -> tuple[Array, Array]:
+        """Forces (N, 4, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
+        force = np.zeros((self.task.knots, LEGS, 3))
+        each = z[: self.foot_column].reshape(-1, 3) * self.force_scale
+        force[self.stand_knot, self.stand_leg] = each
+        return force, z[self.foot_column :].reshape(-1, 2) * FOOT_SCALE
+
+    def toes(self, state: Array, spots: Array) -> Array:
+        """All toes (N + 1, 4, 3)."""
+        body = self.task.body
+        toes: Array = place_toes(
+            body.toe_center,
+            body.toe_half,
+            self.footing.foothold,
+            state,
+            self.height,
+            self.start.toes,
+            spots,
+        )
+        return toes
+
+    def rolled(self, toes: Array, force: Array) -> Array:
+        """States (N + 1, 12) that forces (N, 4, 3) at toes (N + 1, 4, 3) bring about."""
+        task, body = self.task, self.task.body
+        states: Array = knots_rolled(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            task.integrator == "mean",
+            self.start.state,
+            toes,
+            force,
+        )
+        return states
+
+    def reach(self, state: Array, toes: Array) -> float:
+        """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m]."""
+        body, whole = self.task.body, self.task.whole_stance
+        contact = self.gait.contact
+        return float(worst_beyond(body.toe_center, body.toe_half, whole, contact, state, toes))
+
+    def cost(self, state: Array, force: Array) -> float:
+        """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, 4, 3)."""
+        weights = self.task.weights
+        difference = weights.force_difference
+        return float(
+            walk_cost(state, force, self._wanted, self._weight, weights.motion, difference)
+        )
+
+    def qp(self, at: Iterate) -> PinnedQp:
+        """The QP of the linearisation about an iterate."""
+        task, qp = self.task, self._qp
+        body, weights, foothold = task.body, task.weights, self.footing.foothold
+        contact = self.gait.contact
+        toes = self.toes(at.state, at.spots)
+        # Dynamics, eqs. (8.14) to (8.19), about the iterate
+        linearised(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            task.integrator == "mean",
+            at.state,
+            toes,
+            at.force,
+            self._after,
+            self._slopes,
+        )
+        states(
+            self._after,
+            self._slopes,
+            at.state,
+            at.force,
+            at.spots,
+            foothold,
+            contact,
+            self.start.state,
+            self.force_scale,
+            FOOT_SCALE,
+            self.foot_column,
+            qp.offset,
+            qp.sensitivity,
+        )
+        # Objective, eq. (8.30)
+        objective(
+            qp.offset,
+            qp.sensitivity,
+            self._wanted,
+            self._weight,
+            weights.motion,
+            self._columns,
+            self.foot_column,
+            self._force_hessian,
+            _RIDGE,
+            qp.hessian,
+            qp.gradient,
+        )
+        # Workspace boxes, eqs. (8.20), (8.21), at knots 1 to N
+        first = self.forces * FACETS
+        rows = qp.rows[first:]
+        low, high = qp.lower[self.size + first :], qp.upper[self.size + first :]
+        count = stance_rows(
+            body.toe_center,
+            body.toe_half,
+            self.margin,
+            task.whole_stance,
+            at.state,
+            toes,
+            at.spots,
+            foothold,
+            contact,
+            qp.offset,
+            qp.sensitivity,
+            FOOT_SCALE,
+            self.foot_column,
+            rows,
+            low,
+            high,
+        )
+        swing_rows(
+            body.toe_center,
+            body.toe_half,
+            body.toe_half[2] - self.margin,
+            at.state,
+            self.height,
+            contact,
+            qp.offset,
+            qp.sensitivity,
+            rows[count:],
+            low[count:],
+            high[count:],
+        )
+        return qp
+
+    def step(
+        self, at: Iterate, elastic: bool = False, soft: bool = False, most: int = _MOST_STEPS
+    ) -> Iterate | None:
+        """The optimum of that QP; None if it has none.
+
+        elastic: if it has none, the one with the least overreach, dearly paid for; soft: look for
+        that at once. most: DAQP iterations. `spent` and `softly` tell how it went.
+        """
+        self.spent, self.softly = 0, False
+        qp = self.qp(at)
+        if (qp.lower > qp.upper).any():
+            return None
+        if self.size == 0:  # no leg ever stands
+            return self.iterate(qp, np.zeros(0))
+        flag = 0
+        if not soft:
+            z, flag = self._minimised(qp, self._active, most)
+            if flag != _SOLVED and self._active is not None:
+                z, flag = self._minimised(qp, None, most - self.spent)
+        if flag != _SOLVED and (elastic or soft) and self.spent < most:
+            z, flag = self._minimised(qp, None, most - self.spent, _SOFT)
+            self.softly = flag == _SOLVED
+        if flag != _SOLVED:
+            return None
+        return self.iterate(qp, z)
+
+    def _minimised(
+        self, qp: PinnedQp, multipliers: Array | None, most: int, reach: int = 0
+    ) -> tuple[Array, int]:
+        """DAQP's answer and flag, from an active set if multipliers are given.
+
+        reach: how DAQP is to take the rows of the workspace.
+        """
+        sense = np.zeros(len(qp.lower), np.int32)
+        sense[self.size + self.forces * FACETS :] = reach
+        if multipliers is not None:
+            sense[multipliers > 0], sense[multipliers < 0] = _AT_UPPER, _AT_LOWER
+        z, _, flag, info = daqp.solve(
+            qp.hessian,
+            qp.gradient,
+            qp.rows,
+            qp.upper,
+            qp.lower,
+            sense,
+            primal_tol=1e-8,
+            iter_limit=max(most, 1),
+            eps_prox=0.0,
+        )
+        self.spent += int(info["iterations"])
+        solved = flag in (_SOLVED, _SOLVED_SOFTLY)
+        self._active = np.array(info["lam"]) if flag == _SOLVED and reach == 0 else None
+        return np.asarray(z), _SOLVED if solved else int(flag)
+
+    def iterate(self, qp: PinnedQp, z: Array) -> Iterate:
+        """The point that unknowns stand for, its states as the QP predicts them."""
+        force, spots = self.split(z)
+        return Iterate(qp.offset + qp.sensitivity @ z, force, spots)
+
+    def _empty_qp(self) -> PinnedQp:
+        """Arrays of the QP with what no linearisation changes: friction and bounds."""
+        knots, contact = self.task.knots, self.gait.contact
+        standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
+        leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
+        friction = self.forces * FACETS
+        rows = np.zeros((friction + 3 * int(standing + leaving) + 2 * int(lifted), self.size))
+        # Friction, eq. (8.18), as a pyramid inside the cone
+        angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
+        slope = self.task.ground.friction * np.cos(np.pi / FACETS)
+        facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
+        each = np.arange(self.forces)
+        blocks = rows[:friction, : self.foot_column].reshape(self.forces, FACETS, self.forces, 3)
+        blocks[each, :, each] = facets
+        # Force limits, eq. (8.23), and regions, eq. (8.24)
+        most = self.task.body.force_limit / self.force_scale
+        ground, region = self.task.ground, self.footing.region
+        lower, upper = np.empty(self.size + len(rows)), np.empty(self.size + len(rows))
+        lower[: self.foot_column] = np.tile([-most, -most, 0.0], self.forces)
+        upper[: self.foot_column] = most
+        lower[self.foot_column : self.size] = (ground.lower[region] / FOOT_SCALE).ravel()
+        upper[self.foot_column : self.size] = (ground.upper[region] / FOOT_SCALE).ravel()
+        lower[self.size :], upper[self.size :] = -_FAR, 0.0
+        return PinnedQp(
+            np.zeros((self.size, self.size)),
+            np.zeros(self.size),
+            lower,
+            upper,
+            rows,
+            np.zeros((knots + 1, STATE)),
+            np.zeros((knots + 1, STATE, self.size)),
+        )
+
+    def _force_cost(self) -> Array:
+        """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (4 sum f^2 - (sum f)^2) at each knot."""
+        hessian = np.zeros((self.size, self.size))
+        factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
+        same = self.stand_knot[:, None] == self.stand_knot[None, :]
+        legs = factor * (LEGS * np.eye(self.forces) - same)
+        for k in range(3):
+            hessian[k : self.foot_column : 3, k : self.foot_column : 3] = legs
+        return hessian

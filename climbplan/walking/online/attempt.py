@@ -1,0 +1,168 @@
+"""One gait tried within a tick: pinned QPs until the nonlinear dynamics bear their answer out.
+
+What is taken is judged by the rollout of its forces in continuous time: it stays within 0.05 m/s
+and 0.05 rad of the QP's prediction over 400 ms, and toes stay in their workspace. Friction holds
+because the QP's pyramids are inside the cones.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.walking.kernels.body import PARTS, rolled
+from climbplan.walking.kernels.feet import worst_beyond
+from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.sqp import guess
+from climbplan.walking.published.program import PublishedProgram
+from climbplan.walking.task import ANGLES, LEGS, VELOCITY, Array, Gait, WalkTask, WalkTrajectory
+
+SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
+REACH_SLACK = 5e-3  # [m]
+ASSEMBLY = 60  # DAQP iterations that take as long as a QP's assembly and check
+_MOST_STEPS = 500  # DAQP iterations of a QP
+_KEPT = 256  # programs of gaits
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A gait's trajectory, and by how many of the slacks it misses them."""
+
+    trajectory: WalkTrajectory
+    excess: float  # <= 0 if it holds
+
+    @property
+    def holds(self) -> bool:
+        """The nonlinear dynamics bear it out."""
+        return self.excess <= 0.0
+
+
+@dataclass
+class Budget:
+    """Work that a tick may still do, in DAQP iterations; a QP's assembly counts as so many."""
+
+    most: int
+    done: int = 0
+    qps: int = 0
+
+    @property
+    def left(self) -> int:
+        """Iterations that may still be made."""
+        return self.most - self.done
+
+    def book(self, iterations: int) -> None:
+        """A QP was solved."""
+        self.qps += 1
+        self.done += iterations + ASSEMBLY
+
+
+class GaitTrials:
+    """Programs of gaits, kept from tick to tick."""
+
+    def __init__(self, task: WalkTask, margin: float, beside: float = 0.0) -> None:
+        """margin: as of `PinnedProgram`; beside: as of `PublishedProgram`."""
+        self._margin, self._beside = margin, beside
+        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
+        self._programs: OrderedDict[bytes, PinnedProgram] = OrderedDict()
+        self._published: OrderedDict[bytes, PublishedProgram] = OrderedDict()
+
+    def program(self, task: WalkTask, gait: Gait) -> PinnedProgram:
+        """The program of a gait from the task's start."""
+        program = self._programs.get(gait.key)
+        if program is None:
+            program = PinnedProgram(task, gait, self._margin)
+            self._programs[gait.key] = program
+            if len(self._programs) > _KEPT:
+                self._programs.popitem(last=False)
+        else:
+            self._programs.move_to_end(gait.key)
+            program.begin(task.start)
+        return program
+
+    def attempt(
+        self,
+        task: WalkTask,
+        program: PinnedProgram,
+        at: Iterate | None,
+        iterations: int,
+        budget: Budget,
+        elastic: bool = False,
+    ) -> Attempt | None:
+        """The gait's best trajectory after up to so many QPs, fewer if one holds; None without one.
+
+        at: what to linearise about; an even motion if None.
+        """
+        here = guess(task, program.gait) if at is None else fitting(task, program, at)
+        best: Attempt | None = None
+        softly = False
+        for _ in range(iterations):
+            most = min(_MOST_STEPS, budget.left - ASSEMBLY)
+            if most <= 0:
+                break
+            found = program.step(here, elastic, softly, most)
+            budget.book(program.spent)
+            softly = program.softly
+            if found is None:
+                break
+            here = found
+            judged = self.judged(task, program, here)
+            if judged is not None and (best is None or judged.excess <= best.excess):
+                best = judged
+            if best is not None and best.holds:
+                break
+        return best
+
+    def published(
+        self, task: WalkTask, program: PinnedProgram, at: Iterate, budget: Budget
+    ) -> Attempt | None:
+        """The published program's answer in the regions of a motion; None where OSQP has none."""
+        key = program.gait.key
+        if key not in self._published:
+            self._published[key] = PublishedProgram(program, self._beside)
+            if len(self._published) > _KEPT:
+                self._published.popitem(last=False)
+        self._published.move_to_end(key)
+        answer = self._published[key].solve(fitting(task, program, at))
+        budget.book(0)
+        return None if answer.at is None else self.judged(task, program, answer.at)
+
+    def judged(self, task: WalkTask, program: PinnedProgram, at: Iterate) -> Attempt | None:
+        """The rollout of an iterate's forces in continuous time against its own states."""
+        body = task.body
+        state = rolled(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            PARTS,
+            task.start.state,
+            program.toes(at.state, at.spots),
+            at.force,
+        )
+        if not np.isfinite(state).all():
+            return None
+        toes = program.toes(state, at.spots)
+        off = np.abs(state - at.state)
+        reach = worst_beyond(
+            body.toe_center, body.toe_half, task.whole_stance, program.gait.contact, state, toes
+        )
+        excess = max(
+            float(off[:, VELOCITY].max()) / SPEED_SLACK,
+            float(off[:, ANGLES].max()) / ANGLE_SLACK,
+            reach / REACH_SLACK,
+        )
+        force = np.concatenate([at.force, np.zeros((1, LEGS, 3))])
+        return Attempt(WalkTrajectory(state, toes, force, program.gait), excess - 1.0)
+
+
+def fitting(task: WalkTask, program: PinnedProgram, at: Iterate) -> Iterate:
+    """The start with forces and footholds of the legs that stand in this program only."""
+    standing = program.gait.contact[:-1]
+    force: Array = np.where(standing[..., None], at.force, 0.0)
+    spots = at.spots
+    if len(spots) != program.footing.count:
+        spots = guess(task, program.gait).spots
+    return Iterate(at.state, force, spots)

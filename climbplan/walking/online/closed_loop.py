@@ -1,0 +1,297 @@
+"""The controller in a loop with the nonlinear rigid body, in continuous time, under pushes.
+
+Every 5 ms: sensors, at knots a tick of the controller, legs' forces, and a Runge-Kutta step with
+them constant. A command comes into force after the delay that computing and actuating it take.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from climbplan.walking.kernels.body import moved
+from climbplan.walking.kernels.feet import worst_standing
+from climbplan.walking.online.admittance import AdmittanceGains
+from climbplan.walking.online.estimation import SensorQuality
+from climbplan.walking.online.legs import Phase, Stance, phase_of, standing
+from climbplan.walking.online.measurement import Situation
+from climbplan.walking.online.perception import Noise, Perception
+from climbplan.walking.online.plant import LegForces
+from climbplan.walking.online.tick import Command, OnlineController
+from climbplan.walking.task import (
+    LEGS,
+    STATE,
+    VELOCITY,
+    Array,
+    Flags,
+    Gait,
+    WalkTask,
+    WalkTrajectory,
+)
+
+SUBSTEPS = 16  # Runge-Kutta steps in a knot: 5 ms at 80 ms
+RECOVERED = 0.25  # [m/s] off the reference at most
+FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell
+
+
+@dataclass(frozen=True)
+class Push:
+    """A sudden change of the body's velocity."""
+
+    time: float  # [s]
+    velocity: Array  # (3,) [m/s]
+
+
+@dataclass(frozen=True)
+class Lost:
+    """From a time on a leg makes no contact, whatever it is told."""
+
+    time: float  # [s]
+    leg: int
+
+
+@dataclass(frozen=True)
+class LoopWorld:
+    """What comes between the controller and an ideal robot."""
+
+    pushes: Sequence[Push] = ()
+    noise: Noise = field(default_factory=Noise)
+    delay: int = 0  # [5 ms] until a command is in force
+    compensate: bool = True  # the controller plans from the state that will be then
+    admittance: AdmittanceGains | None = None  # None: legs give the planned force exactly
+    estimation: SensorQuality | None = None  # None: the true state with `noise`
+    lost: Sequence[Lost] = ()
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What happened: samples every 5 ms, commands at every knot."""
+
+    trajectory: WalkTrajectory  # T samples; forces from each to the next
+    pushed: Array  # (T, 3) change of velocity at each sample, before its force acts
+    commands: tuple[Command, ...]  # (ticks,)
+    fell: float | None  # [s]
+    overreach: float  # [m] furthest that a standing toe was out of its box within a knot
+    told: Array  # (ticks, 12) the state that the controller was told
+    true: Array  # (ticks, 12) and what it was when the plan from it came into force
+    cut_short: bool = False  # the deadline came before the end
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of the controller."""
+        return len(self.commands)
+
+
+def run_loop(
+    controller: OnlineController,
+    start: WalkTask,
+    duration: float,
+    world: LoopWorld | None = None,
+    seed: int = 0,
+    report: Callable[[float], None] | None = None,
+    deadline: float = math.inf,
+) -> Loop:
+    """Walk from the start of a task until the end, or until the body falls.
+
+    duration [s]: whole knots, one at least. deadline: of `time.monotonic`; the walk ends at the
+    first tick after it.
+    """
+    return _Run(controller, start, world or LoopWorld(), seed).walked(duration, report, deadline)
+
+
+@contextmanager
+def collected_before() -> Iterator[None]:
+    """Garbage is collected now, and not among what is there now while ticks are timed.
+
+    A full collection takes as long as fifty ticks: a controller does it before it starts.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+class _Run:
+    """A run between two samples."""
+
+    def __init__(
+        self, controller: OnlineController, start: WalkTask, world: LoopWorld, seed: int
+    ) -> None:
+        self.controller, self.task, self.world = controller, controller.task, world
+        self.dt = self.task.step / SUBSTEPS
+        self.inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
+        self.state: Array = start.start.state.copy()
+        self.stance = standing(self.task, start.start.toes.copy())
+        self.begun = 0  # sample at which the phase began
+        self.queue: list[tuple[int, Phase]] = []  # phases to come
+        self.due = sorted(world.pushes, key=lambda push: push.time)
+        self.legs = LegForces(self.task, world.admittance, self.dt)
+        self.legs.begin(self.state, self.stance)
+        self.perception = Perception(
+            self.task, self.state, world.noise, world.estimation, np.random.default_rng(seed)
+        )
+        self.perception.listen(self.state, self.stance.toes, self.dt)
+        self.commands: list[Command] = []
+        self.told: list[Array] = []
+        self.true: list[Array] = []
+        self.rows: list[tuple[Array, Array, Array, Flags, Array]] = []
+        self.overreach = 0.0
+
+    def walked(
+        self, duration: float, report: Callable[[float], None] | None, deadline: float
+    ) -> Loop:
+        """Until the end, a fall, or the deadline."""
+        # At least one knot: a walk without a tick has nothing to judge.
+        samples = SUBSTEPS * max(1, math.ceil(duration / self.task.step - 1e-9))
+        fell, cut_short = None, False
+        for sample in range(samples):
+            if sample % SUBSTEPS == 0:
+                if sample and time.monotonic() > deadline:
+                    cut_short = True
+                    break
+                self.tick(sample)
+                if report is not None:
+                    report(min((sample + SUBSTEPS) / samples, 1.0))
+            if self.queue and self.queue[0][0] == sample:
+                self.begin(sample, self.queue.pop(0)[1])
+            self.step(sample)
+            if fallen(self.state):
+                fell = (sample + 1) * self.dt
+                break
+        toes, stood = self.stance.toes, self.stance.phase.contact & ~self.lost(samples)
+        self.rows.append((self.state, toes, np.zeros_like(toes), stood, np.zeros(3)))
+        columns = [np.stack(part) for part in zip(*self.rows, strict=True)]
+        states, feet, forces, contacts, jumps = columns
+        gait = Gait(contacts.astype(bool), np.zeros(contacts.shape, np.int64))
+        walk = WalkTrajectory(states, feet, forces, gait)
+        true = np.array(self.true).reshape(-1, STATE)
+        told = np.array(self.told).reshape(-1, STATE)[: len(true)]
+        commands = tuple(self.commands)
+        return Loop(walk, jumps, commands, fell, self.overreach, told, true, cut_short)
+
+    def tick(self, sample: int) -> None:
+        """Measure, look ahead over the delay, plan, and queue the plan."""
+        delay = self.world.delay
+        state, toes = self.perception.state_and_toes(self.state, self.stance)
+        stance = self.stance.thought(toes)
+        if self.world.compensate:
+            state, stance = self.ahead(state, stance, sample, sample + delay)
+        unfelt = tuple(int(leg) for leg in np.flatnonzero(stance.phase.contact & self.lost(sample)))
+        # The plan begins when the phase that is in force by then ends: legs in the air come down.
+        ended = stance.followed(self.task, state, stance.phase)
+        situation = Situation(state, ended.toes, ended.before, ended.stood, unfelt=unfelt)
+        command = self.controller.tick(situation)
+        self.commands.append(command)
+        self.told.append(state)
+        self.queue.append((sample + delay, phase_of(command.trajectory)))
+
+    def ahead(self, state: Array, stance: Stance, now: int, then: int) -> tuple[Array, Stance]:
+        """State and stance at a later sample, under the phases that are in force until then."""
+        body, coming = self.task.body, dict(self.queue)
+        for sample in range(now, then):
+            if sample in coming:
+                stance = stance.followed(self.task, state, coming[sample])
+            state = moved(
+                body.mass,
+                body.gravity,
+                body.inertia,
+                self.inverse,
+                self.dt,
+                1,
+                state,
+                stance.toes,
+                stance.phase.force,
+            )
+        return state, stance
+
+    def begin(self, sample: int, phase: Phase) -> None:
+        """A command comes into force: as planned, seen from where the body is."""
+        self.true.append(self.state.copy())
+        self.stance = self.stance.followed(self.task, self.state, phase.seen_from(self.state))
+        self.begun = sample
+        self.legs.begin(self.state, self.stance)
+
+    def step(self, sample: int) -> None:
+        """One sample: pushes, forces, motion, and what is felt of it."""
+        task, body = self.task, self.task.body
+        before = self.state.copy()
+        jump = np.zeros(3)
+        while self.due and self.due[0].time <= sample * self.dt + 1e-9:
+            jump = jump + self.due.pop(0).velocity
+        self.state[VELOCITY] += jump
+        contact = self.stance.phase.contact & ~self.lost(sample)
+        force = self.legs.force(self.state, self.stance, contact)
+        share = min((sample - self.begun) / SUBSTEPS, 1.0)
+        shown = self.stance.shown(share, task.lift)
+        self.rows.append((self.state.copy(), shown, force, contact, jump))
+        self.state = moved(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self.inverse,
+            self.dt,
+            1,
+            self.state,
+            self.stance.toes,
+            force,
+        )
+        self.overreach = max(
+            self.overreach,
+            worst_standing(body.toe_center, body.toe_half, self.state, self.stance.toes, contact),
+        )
+        later = self.stance.shown(min(share + 1 / SUBSTEPS, 1.0), task.lift)
+        self.perception.feel(before, self.state, later, contact, self.dt)
+
+    def lost(self, sample: int) -> Flags:
+        """(4,) legs that make no contact."""
+        lost = np.zeros(LEGS, bool)
+        for one in self.world.lost:
+            lost[one.leg] |= one.time <= sample * self.dt + 1e-9
+        return lost
+
+
+def fallen(state: Array) -> bool:
+    """Whether the body lies down, or is nowhere."""
+    if not np.isfinite(state).all():
+        return True
+    return bool(np.abs(state[6:8]).max() > FALLEN_TILT or state[2] < FALLEN_HEIGHT)
+
+
+def sampled_task(task: WalkTask, samples: int) -> WalkTask:
+    """The task of a loop's record: so many Runge-Kutta steps after the first sample."""
+    reference = task.reference
+    return replace(
+        task,
+        knots=samples,
+        step=task.step / SUBSTEPS,
+        integrator="rk4",
+        reference=replace(
+            reference,
+            velocity=np.tile(reference.velocity[-1], (samples, 1)),
+            euler=np.tile(reference.euler[-1], (samples, 1)),
+            height=np.full(samples, reference.height[-1]),
+        ),
+    )
+
+
+def recovered(loop: Loop, task: WalkTask, within: float = RECOVERED) -> bool:
+    """Whether the body kept up, and its mean velocity over the last 0.48 s is the reference's."""
+    if loop.fell is not None:
+        return False
+    off = mean_speed(loop.trajectory, task.step / SUBSTEPS) - task.reference.velocity[-1]
+    return bool(np.linalg.norm(off[:2]) < within)
+
+
+def mean_speed(walk: WalkTrajectory, dt: float) -> Array:
+    """(3,) mean velocity over the last 0.48 s of samples that are dt apart."""
+    last = max(1, round(0.48 / dt))
+    mean: Array = walk.state[-last:, VELOCITY].mean(axis=0)
+    return mean

@@ -1,0 +1,61 @@
+"""Numbers by which situations are near or far: what learned strategies are given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.walking.online.measurement import Situation
+from climbplan.walking.task import LEGS, SPIN, VELOCITY, Array
+
+# What a unit of distance between two situations is, for each kind of feature
+_SCALES = {
+    "velocity": 0.4,
+    "height": 0.05,
+    "tilt": 0.15,
+    "spin": 1.0,
+    "toes": 0.08,
+    "toes_before": 0.16,
+    "contact": 1.0,
+}
+MIRROR_LEGS = np.array([1, 0, 3, 2])
+MIRROR_POINT = np.array([1.0, -1.0, 1.0])
+MIRROR_TURN = np.array([-1.0, 1.0, -1.0])
+
+
+def features_of(situation: Situation, height: float) -> Array:
+    """(F,) features; height: reference of the body [m]."""
+    state = situation.state
+    parts = (
+        state[VELOCITY] / _SCALES["velocity"],
+        (state[2:3] - height) / _SCALES["height"],
+        state[6:8] / _SCALES["tilt"],
+        state[SPIN] / _SCALES["spin"],
+        (situation.toes[:, :2] - state[:2]).ravel() / _SCALES["toes"],
+        (situation.toes_before[:, :2] - state[:2]).ravel() / _SCALES["toes_before"],
+        situation.contact_before.astype(float) / _SCALES["contact"],
+    )
+    return np.concatenate(parts)
+
+
+def feature_mirror() -> Array:
+    """Features of the mirrored situation as a matrix (F, F)."""
+    flat = np.diag([1.0, -1.0])
+    swap = np.eye(LEGS)[MIRROR_LEGS]
+    blocks = [
+        np.diag(MIRROR_POINT),
+        np.eye(1),
+        np.diag(MIRROR_TURN[:2]),
+        np.diag(MIRROR_TURN),
+        np.kron(swap, flat),
+        np.kron(swap, flat),
+        swap,
+    ]
+    size = sum(len(block) for block in blocks)
+    whole, at = np.zeros((size, size)), 0
+    for block in blocks:
+        whole[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return whole
+
+
+FEATURES = len(feature_mirror())

@@ -1,0 +1,91 @@
+"""Where the simulated robot's toes are, phase by phase of a command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.task import ANGLES, LEGS, POSITION, Array, Flags, WalkTask, WalkTrajectory
+
+_LANDING_MARGIN = 0.01  # [m]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """What legs do for one knot."""
+
+    contact: Flags  # (4,) legs that are to stand
+    force: Array  # (4, 3) planned [N]
+    landing: Array  # (4, 3) where swinging toes are to come down
+    plan: WalkTrajectory | None = None  # None before the first command
+
+    def seen_from(self, state: Array) -> Phase:
+        """The same to the body that is in a state (12,) where the plan took it to be in its first.
+
+        Legs act in the body's frame: what is planned turns and shifts with the error of that.
+        """
+        if self.plan is None:
+            return self
+        thought = self.plan.state[0]
+        turn = rotation_world_body(state[ANGLES]) @ rotation_world_body(thought[ANGLES]).T
+        landing = state[POSITION] + (self.landing - thought[POSITION]) @ turn.T
+        return replace(self, force=self.force @ turn.T, landing=landing * [1.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Toes between two commands."""
+
+    toes: Array  # (4, 3) where legs stand, or where they left the ground
+    before: Array  # (4, 3) one phase earlier
+    stood: Flags  # (4,) in the phase before
+    phase: Phase
+
+    def followed(self, task: WalkTask, state: Array, phase: Phase) -> Stance:
+        """The next phase begins: legs in the air come down."""
+        down = landed(task, state, self.phase.landing)
+        toes = np.where(self.phase.contact[:, None], self.toes, down)
+        return Stance(toes, self.toes, self.phase.contact, phase)
+
+    def shown(self, share: float, lift: float) -> Array:
+        """Toes (4, 3) on the way: swinging ones straight on, lifted as half a sine."""
+        toes = self.toes.copy()
+        moving = ~self.phase.contact
+        landing = self.phase.landing
+        toes[moving, :2] += share * (landing[moving, :2] - toes[moving, :2])
+        toes[moving, 2] = lift * np.sin(np.pi * share)
+        return toes
+
+    def thought(self, toes: Array) -> Stance:
+        """The same as the controller knows it: toes as measured, the phase as it was planned.
+
+        Its world may have drifted away from the true one.
+        """
+        plan = self.phase.plan
+        return replace(self, toes=toes, phase=self.phase if plan is None else phase_of(plan))
+
+
+def phase_of(plan: WalkTrajectory) -> Phase:
+    """The first knot of a plan."""
+    return Phase(plan.gait.contact[0], plan.force[0], plan.toes[1], plan)
+
+
+def standing(task: WalkTask, toes: Array) -> Stance:
+    """All legs down with equal shares of the weight."""
+    force = np.zeros((LEGS, 3))
+    force[:, 2] = task.weight / LEGS
+    every = np.ones(LEGS, bool)
+    return Stance(toes, toes, every, Phase(every, force, toes))
+
+
+def landed(task: WalkTask, state: Array, landing: Array) -> Array:
+    """Where swinging toes (4, 3) come down: where planned, or as near as legs reach by then."""
+    body, R = task.body, rotation_world_body(state[ANGLES])
+    spots = (landing - state[POSITION]) @ R
+    half = body.toe_half[:2] - _LANDING_MARGIN
+    center = body.toe_center[:, :2]
+    spots[:, :2] = np.clip(spots[:, :2], center - half, center + half)
+    result: Array = (state[POSITION] + spots @ R.T) * [1.0, 1.0, 0.0]
+    return result

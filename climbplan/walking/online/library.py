@@ -1,0 +1,236 @@
+"""Solved walks cut into short sections: what the online controller takes its integers from."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import LimitReached, UsageError
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.walking.offline.search import SearchLimits, search
+from climbplan.walking.online.features import (
+    FEATURES,
+    MIRROR_LEGS,
+    MIRROR_POINT,
+    MIRROR_TURN,
+    feature_mirror,
+    features_of,
+)
+from climbplan.walking.online.measurement import Situation
+from climbplan.walking.task import (
+    ANGLES,
+    LEGS,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Array,
+    Flags,
+    Start,
+    WalkTask,
+    WalkTrajectory,
+    Whole,
+)
+
+FORMAT = "climbplan/walk-library"
+_NAMES = ("trot", "walking trot", "slow trot", "stand")  # gaits to begin with
+SECTION = 5  # knots of a section: 400 ms
+# K sections of M knots, F features
+_LAYOUT = {
+    "features": Layout(("K", "F")),
+    "state": Layout(("K", "M", STATE), "m, m/s, rad, rad/s", "world, from the first position"),
+    "toes": Layout(("K", "M", LEGS, 3), "m", "world, from the first position"),
+    "force": Layout(("K", "M", LEGS, 3), "N", "world"),
+    "contact": Layout(("K", "M", LEGS), kind="bool"),
+    "walk": Layout(("K",), kind="int"),
+}
+
+
+@dataclass(frozen=True)
+class Library:
+    """K sections with the features of their first knots."""
+
+    features: Array  # (K, F)
+    state: Array  # (K, M + 1, 12) horizontal positions from the first
+    toes: Array  # (K, M + 1, 4, 3) the same
+    force: Array  # (K, M + 1, 4, 3)
+    contact: Flags  # (K, M + 1, 4)
+    walk: Whole  # (K,) the walk it was cut from
+
+    @property
+    def walks(self) -> int:
+        """Stored trajectories."""
+        return len(np.unique(self.walk))
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    def first(self, walks: int) -> Library:
+        """Only the sections of so many walks."""
+        kept = self.walk < walks
+        return Library(*(value[kept] for value in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Ranges of random starts: the published one of the forward speed, and disturbances."""
+
+    forward: float = 1.5  # [m/s] either way
+    sideways: float = 0.5  # [m/s]
+    tilt: float = 0.1  # [rad]
+    spin: float = 0.6  # [rad/s]
+    toes: float = 0.04  # [m]
+
+
+def drawn_task(task: WalkTask, rng: np.random.Generator, ranges: Draw) -> WalkTask:
+    """The task from a random start on flat ground."""
+    state = task.start.state.copy()
+    state[VELOCITY] += [
+        rng.uniform(-ranges.forward, ranges.forward),
+        rng.uniform(-ranges.sideways, ranges.sideways),
+        0.0,
+    ]
+    state[VELOCITY] -= task.start.state[VELOCITY]
+    state[6:8] += rng.uniform(-ranges.tilt, ranges.tilt, 2)
+    state[SPIN] += rng.uniform(-ranges.spin, ranges.spin, 3)
+    toes = task.start.toes.copy()
+    toes[:, :2] += rng.uniform(-ranges.toes, ranges.toes, (LEGS, 2))
+    return replace(task, start=Start(state, toes))
+
+
+def build_library(
+    task: WalkTask,
+    walks: int,
+    seed: int,
+    gaits: int = 20,
+    report: Callable[[float], None] | None = None,
+    deadline: float = math.inf,
+) -> Library:
+    """Solve so many random starts of a task and cut the walks into sections.
+
+    A start that no gait answers counts as a walk without sections. Mirrored sections are added
+    where the task is the same in a mirror. Raises LimitReached at a deadline of `time.monotonic`.
+    """
+    parts: list[Library] = []
+    for k in range(walks):
+        if time.monotonic() > deadline:
+            raise LimitReached(
+                f"solver.time_limit ended the run after {k} of {walks} walks of its library; "
+                "`gen-data` solves many, and goes on where it was stopped: library.file takes them"
+            )
+        rng = np.random.default_rng([seed, k])
+        drawn = drawn_task(task, rng, Draw())
+        answer = search(drawn, SearchLimits(60.0, gaits, seed, _NAMES))
+        if answer.trajectory is not None:
+            parts.append(sections_of(drawn, answer.trajectory, k))
+        if report is not None:
+            report((k + 1) / walks)
+    if not parts:
+        return _empty()
+    whole = joined(parts)
+    return joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
+
+
+def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
+    """Every run of `SECTION` knots of a walk."""
+    rows: list[tuple[Any, ...]] = []
+    for n in range(task.knots - SECTION + 1):
+        before = max(n - 1, 0)
+        situation = Situation(
+            found.state[n],
+            _grounded(found.toes[n]),
+            _grounded(found.toes[before]),
+            found.gait.contact[before] if n else np.ones(LEGS, bool),
+        )
+        here = slice(n, n + SECTION + 1)
+        base = np.array([*found.state[n, :2], 0.0])
+        state, toes = found.state[here].copy(), found.toes[here] - base
+        state[:, POSITION] -= base
+        features = features_of(situation, float(task.reference.height[0]))
+        rows.append((features, state, toes, found.force[here], found.gait.contact[here]))
+    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+    features, state, toes, force, contact = columns
+    number = np.full(len(rows), walk, np.int64)
+    return Library(features, state, toes, force, contact.astype(bool), number)
+
+
+def symmetric(task: WalkTask) -> bool:
+    """Whether a walk seen in a mirror answers the same task."""
+    reference, center = task.reference, task.body.toe_center
+    inertia = task.body.inertia
+    same_legs = np.allclose(center[MIRROR_LEGS] * MIRROR_POINT, center)
+    sideways = np.abs(reference.velocity[:, 1]).max() + np.abs(reference.euler[:, [0, 2]]).max()
+    return bool(same_legs and sideways < 1e-9 and abs(inertia[0, 1]) + abs(inertia[1, 2]) < 1e-9)
+
+
+def mirrored(task: WalkTask, library: Library) -> Library:
+    """The same sections with left and right exchanged."""
+    state = library.state.copy()
+    state[..., POSITION] *= MIRROR_POINT
+    state[..., VELOCITY] *= MIRROR_POINT
+    state[..., ANGLES] *= MIRROR_TURN
+    state[..., SPIN] *= MIRROR_TURN
+    toes = library.toes[:, :, MIRROR_LEGS] * MIRROR_POINT
+    force = library.force[:, :, MIRROR_LEGS] * MIRROR_POINT
+    features = library.features @ feature_mirror().T
+    contact = library.contact[:, :, MIRROR_LEGS]
+    return Library(features, state, toes, force, contact, library.walk)
+
+
+def write_library(library: Library, path: Path, key: str) -> None:
+    """Write a library of plain arrays; key: of the task it was made for."""
+    with new_store(path) as file:
+        write_text(file, "format", FORMAT)
+        write_text(file, "task", key)
+        for name, layout in _LAYOUT.items():
+            write_dataset(file, name, vars(library)[name], layout)
+
+
+def read_library(path: Path, key: str) -> Library:
+    """A library of the task with this key.
+
+    Raises PlanFileError for a damaged file, UsageError for one of another task.
+    """
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
+            raise reader.refuse("no library of walks")
+        parts = {name: reader.array(name, layout) for name, layout in _LAYOUT.items()}
+        if reader.not_finite:
+            raise reader.refuse(f"NaN or infinity in {', '.join(reader.not_finite)}")
+        if parts["features"].shape[1] != FEATURES or parts["state"].shape[1] != SECTION + 1:
+            raise reader.refuse("its sections are of another shape")
+        if reader.text("", "task") != key:
+            raise UsageError(f"{path}: made for another robot, reference or weights")
+    return Library(**parts)
+
+
+def joined(parts: list[Library]) -> Library:
+    """All sections of some libraries."""
+    names = list(vars(parts[0]))
+    return Library(*(np.concatenate([vars(part)[name] for part in parts]) for name in names))
+
+
+def _empty() -> Library:
+    knots = SECTION + 1
+    return Library(
+        np.zeros((0, FEATURES)),
+        np.zeros((0, knots, STATE)),
+        np.zeros((0, knots, LEGS, 3)),
+        np.zeros((0, knots, LEGS, 3)),
+        np.zeros((0, knots, LEGS), bool),
+        np.zeros(0, np.int64),
+    )
+
+
+def _grounded(toes: Array) -> Array:
+    """Toes (4, 3) where they are to stand."""
+    return toes * [1.0, 1.0, 0.0]

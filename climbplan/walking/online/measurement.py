@@ -1,0 +1,61 @@
+"""What the controller is told at a tick, and whether it can be true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.walking.task import (
+    LEGS,
+    POSITION,
+    SPIN,
+    VELOCITY,
+    Array,
+    Flags,
+    RigidBody,
+)
+
+OLDEST = 0.1  # [s] of a measurement that is still used
+FEWEST = 2  # legs that have to feel the ground where they are to stand
+_LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement
+_HEIGHTS = (0.02, 2.0)  # [m] of the body above the ground
+_FARTHEST = 2.0  # [m] of a toe from the body
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the controller knows at a knot: the body, its toes, and what legs just did."""
+
+    state: Array  # (12,)
+    toes: Array  # (4, 3) world [m]
+    toes_before: Array  # (4, 3) one knot earlier
+    contact_before: Flags  # (4,) from one knot earlier until now
+    age: float = 0.0  # [s] since it was measured, beyond what was predicted since
+    unfelt: tuple[int, ...] = ()  # legs that were to stand and feel no ground
+
+
+def fault_of(situation: Situation, body: RigidBody) -> str:
+    """Why a measurement cannot be one, or is of no use; empty if it can be used."""
+    parts = (situation.state, situation.toes, situation.toes_before)
+    shapes = ((12,), (LEGS, 3), (LEGS, 3))
+    if any(part.shape != shape for part, shape in zip(parts, shapes, strict=True)):
+        return "the measurement has another shape"
+    numbers = np.concatenate([part.ravel() for part in parts])
+    if not np.isfinite(numbers).all() or not np.isfinite(situation.age):
+        return "the measurement is not a number"
+    if situation.age > OLDEST:
+        return f"the measurement is {1e3 * situation.age:.0f} ms old"
+    state = situation.state
+    if np.abs(state[VELOCITY]).max() > _LARGEST_SPEED or np.abs(state[SPIN]).max() > _LARGEST_SPIN:
+        return "the measured speed is impossible"
+    if not _HEIGHTS[0] < state[2] < _HEIGHTS[1]:
+        return "the measured height is impossible"
+    if np.abs(state[6:8]).max() > _LARGEST_TILT:
+        return "the measured tilt leaves no way to stand"
+    if np.abs(situation.toes - state[POSITION]).max() > _FARTHEST:
+        return "the measured toes are nowhere near the body"
+    if LEGS - len(situation.unfelt) < FEWEST:
+        legs = ", ".join(body.leg_names[leg] for leg in situation.unfelt)
+        return f"{legs} make no contact"
+    return ""

@@ -1,0 +1,98 @@
+"""What the controller is told of body and toes: the truth with noise, or an estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.walking.online.estimation import Beginning, ContactFilter, Sensed, SensorQuality
+from climbplan.walking.online.legs import Stance
+from climbplan.walking.online.sensors import SimulatedSensors
+from climbplan.walking.task import (
+    ANGLES,
+    LEGS,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Array,
+    Flags,
+    WalkTask,
+)
+
+_LISTENING = 2.0  # [s]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what the controller is told without an estimator."""
+
+    velocity: float = 0.0  # [m/s]
+    angles: float = 0.0  # [rad]
+    spin: float = 0.0  # [rad/s]
+    position: float = 0.0  # [m] of height and of toes against the body
+
+
+class Perception:
+    """Of one run; the estimator is fed with simulated sensors."""
+
+    def __init__(
+        self,
+        task: WalkTask,
+        state: Array,
+        noise: Noise,
+        quality: SensorQuality | None,
+        rng: np.random.Generator,
+    ) -> None:
+        self._noise, self._rng = noise, rng
+        self._filter: ContactFilter | None = None
+        self._sensed: Sensed | None = None
+        if quality is not None:
+            gravity = task.body.gravity
+            self._filter = ContactFilter(Beginning(state), quality, gravity)
+            self._sensors = SimulatedSensors(quality, gravity, rng)
+
+    def listen(self, state: Array, toes: Array, dt: float) -> None:
+        """Stand still before the walk: the gyroscope's bias shows, and most of the tilt."""
+        if not state[VELOCITY].any() and not state[SPIN].any():
+            for _ in range(round(_LISTENING / dt)):
+                self.feel(state, state, toes, np.ones(LEGS, bool), dt)
+
+    def feel(self, before: Array, after: Array, toes: Array, contact: Flags, dt: float) -> None:
+        """A sample of the sensors; toes (4, 3) in the world after it."""
+        if self._filter is not None:
+            self._sensed = self._sensors.sample(before, after, toes, contact, dt)
+            self._filter.predict(self._sensed, dt)
+            self._filter.correct(self._sensed)
+
+    def state_and_toes(self, state: Array, stance: Stance) -> tuple[Array, Array]:
+        """The state (12,), and where legs stand (4, 3); heights are above the ground."""
+        if self._filter is None or self._sensed is None:
+            return self._noisy(state, stance.toes)
+        found, sensed = self._filter, self._sensed
+        told = np.empty(STATE)
+        told[POSITION], told[VELOCITY] = found.p, found.v
+        R = found.R
+        told[ANGLES] = [
+            np.arctan2(R[2, 1], R[2, 2]),
+            np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)),
+            np.arctan2(R[1, 0], R[0, 0]),
+        ]
+        told[SPIN] = R @ (sensed.rate - found.gyro_bias)
+        toes = found.toes(sensed)
+        # The ground is where feet stand: where the world's zero is cannot be observed.
+        if found.standing.any():
+            told[2] -= toes[found.standing, 2].mean()
+        return told, toes * [1.0, 1.0, 0.0]
+
+    def _noisy(self, state: Array, toes: Array) -> tuple[Array, Array]:
+        noise, rng = self._noise, self._rng
+        off = np.zeros(STATE)
+        off[2] = noise.position * rng.normal()
+        off[VELOCITY] = noise.velocity * rng.normal(size=3)
+        off[ANGLES] = noise.angles * rng.normal(size=3)
+        off[SPIN] = noise.spin * rng.normal(size=3)
+        shift = np.zeros((LEGS, 3))
+        shift[:, :2] = noise.position * rng.normal(size=(LEGS, 2))
+        return state + off, toes + shift

@@ -1,0 +1,113 @@
+"""The stance where no plan is to be had: stay upright before all else, carry the weight and brake.
+
+Equal forces of all legs would brake too, and turn the body over within 0.2 s: their moment is that
+of half the weight 20 cm below. Forces are therefore the answer of a small QP, within friction
+pyramids and limits, that tracks the net moment by far the most, then vertical force and brake.
+"""
+
+from __future__ import annotations
+
+import daqp
+import numpy as np
+
+from climbplan.robots.rotations import rotation_world_body, skew
+from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.task import (
+    ANGLES,
+    LEGS,
+    POSITION,
+    SPIN,
+    VELOCITY,
+    Array,
+    Flags,
+    Gait,
+    WalkTask,
+    WalkTrajectory,
+)
+
+_SLACK = 0.02  # [m] out of its box that a toe may be told to stand
+_FEWEST = 2  # legs
+_DIAGONALS = ([0, 3], [1, 2])
+_FRICTION = 0.8  # share of the friction coefficient that is made use of
+_FACETS = 8
+_BRAKE = 0.1  # [s] in which the body is to come to rest
+_ANGLES, _SPIN = 60.0, 12.0  # [1/s^2], [1/s] pull upright, and damping
+_LIFT = 8.0  # [1/s] damping of vertical motion
+# Of moments over a length, vertical force, brake: pressing harder to brake harder is welcome
+_IMPORTANCE = (100.0, 1.0, 1.0)
+_LENGTH = 0.2  # [m] that makes moments comparable
+_RIDGE = 1e-6  # even shares where nothing else decides
+_SOLVED = 1
+
+
+def safe_stance(task: WalkTask) -> WalkTrajectory:
+    """Legs down that reach the ground, against motion and tilt; the body is taken to stay."""
+    start = task.start
+    stands = _standing(task)
+    state = np.tile(start.state, (task.knots + 1, 1))
+    toes = np.tile(start.toes, (task.knots + 1, 1, 1))
+    # Others are set down ahead of where the body moves.
+    R = rotation_world_body(start.state[ANGLES])
+    ahead = start.state[POSITION] + 1.5 * task.step * start.state[VELOCITY]
+    under = (ahead + task.body.toe_center @ R.T) * [1.0, 1.0, 0.0]
+    toes[1:, ~stands] = under[~stands]
+    force = np.zeros((task.knots + 1, LEGS, 3))
+    force[:-1] = _forces(task, stands)
+    contact = np.ones((task.knots + 1, LEGS), bool)
+    contact[0] = stands
+    force[1:-1, ~stands] = 0.0
+    return WalkTrajectory(state, toes, force, Gait(contact, np.zeros(contact.shape, np.int64)))
+
+
+def _standing(task: WalkTask) -> Flags:
+    """(4,) legs whose toes stay in reach while the body moves on, or the diagonal that does most.
+
+    The others step.
+    """
+    moved = task.start.state.copy()
+    beyond = np.zeros(LEGS)
+    for share in (0.0, 1.0):
+        moved[POSITION] = task.start.state[POSITION] + share * task.step * moved[VELOCITY]
+        off = np.abs(toes_in_body(moved, task.start.toes) - task.body.toe_center)
+        beyond = np.maximum(beyond, (off - task.body.toe_half).max(axis=1))
+    reached: Flags = beyond <= _SLACK
+    if reached.sum() < _FEWEST:
+        reached[min(_DIAGONALS, key=lambda pair: beyond[pair].max())] = True
+    return reached
+
+
+def _forces(task: WalkTask, stands: Flags) -> Array:
+    """(4, 3) contact forces, world frame."""
+    body, state = task.body, task.start.state
+    legs = np.flatnonzero(stands)
+    # The body moves on while they act: arms are those half-way through the knot.
+    arms = task.start.toes[legs] - state[POSITION] - 0.5 * task.step * state[VELOCITY]
+    weight = body.mass * body.gravity
+    R = rotation_world_body(state[ANGLES])
+    inertia = R @ body.inertia @ R.T
+    spin, angles = state[SPIN], np.array([*state[6:8], 0.0])
+    moment = inertia @ (-_ANGLES * angles - _SPIN * spin)
+    upward = max(0.0, weight - body.mass * _LIFT * state[5])
+    brake = -body.mass * state[3:5] / _BRAKE
+    room = _FRICTION * task.ground.friction * weight
+    brake = brake * min(1.0, room / max(float(np.hypot(*brake)), 1e-9))
+    wanted = np.array([*brake, upward, *moment / _LENGTH]) / weight
+    # Unknowns: forces in units of the weight
+    net = np.hstack([np.vstack([np.eye(3), skew(arm) / _LENGTH]) for arm in arms])
+    moments, vertical, sideways = _IMPORTANCE
+    scale = np.array([sideways, sideways, vertical, moments, moments, moments])
+    hessian = net.T @ (scale[:, None] * net) + _RIDGE * np.eye(3 * len(legs))
+    even = np.tile([0.0, 0.0, 1.0 / len(legs)], len(legs))
+    gradient = -net.T @ (scale * wanted) - _RIDGE * even
+    angle = 2 * np.pi * (np.arange(_FACETS) + 0.5) / _FACETS
+    slope = _FRICTION * task.ground.friction * np.cos(np.pi / _FACETS)
+    facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(_FACETS, -slope)])
+    rows = np.kron(np.eye(len(legs)), facets)
+    most = body.force_limit / weight
+    upper = np.concatenate([np.full(3 * len(legs), most), np.zeros(len(rows))])
+    lower = np.concatenate([np.tile([-most, -most, 0.0], len(legs)), np.full(len(rows), -1e30)])
+    z, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower)
+    share = np.asarray(z) if flag == _SOLVED else even
+    force = np.zeros((LEGS, 3))
+    force[legs] = weight * share.reshape(-1, 3)
+    return force

@@ -1,0 +1,99 @@
+"""Which stored sections a situation calls for, best first: neighbours, or trained strategies."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Literal, Protocol
+
+import numpy as np
+
+from climbplan.learning.boosting import fit_boosting
+from climbplan.learning.forest import fit_forest
+from climbplan.learning.library import Frame
+from climbplan.learning.library import Library as Rows
+from climbplan.learning.network import fit_network
+from climbplan.walking.online.library import Library
+from climbplan.walking.task import Array, Whole
+
+StrategyName = Literal["knn", "forest", "boosting", "network"]
+_TREES, _DEPTH = 60, 30
+_ROUNDS, _RATE, _LEAVES = 30, 0.15, 16
+_HIDDEN, _EPOCHS = (128, 128), 80
+
+
+class Ranking(Protocol):
+    """Ranks the sections of a library for a situation."""
+
+    def ranked(self, features: Array, count: int) -> Whole:
+        """Indices of at most `count` sections, best first; features (F,)."""
+        ...
+
+
+class _Classifier(Protocol):
+    def probabilities(self, features: Array) -> Array: ...
+
+
+class Neighbours:
+    """The k nearest, by the distance of features."""
+
+    def __init__(self, library: Library) -> None:
+        self._features = library.features
+        self._half_norm = 0.5 * (library.features**2).sum(axis=1)
+
+    def apart(self, features: Array) -> Array:
+        """(K,) half the squared distance of each section, less what is the same for all."""
+        apart: Array = self._half_norm - self._features @ features
+        return apart
+
+    def ranked(self, features: Array, count: int) -> Whole:
+        """Indices of the nearest sections, nearest first."""
+        apart = self.apart(features)
+        count = min(count, len(apart))
+        found = np.argpartition(apart, count - 1)[:count] if count else np.zeros(0, np.int64)
+        nearest: Whole = found[np.argsort(apart[found])]
+        return nearest
+
+
+class Trained:
+    """Gaits by a classifier's probability; of each the section nearest to the situation."""
+
+    def __init__(self, library: Library, gait: Whole, model: _Classifier) -> None:
+        """gait (K,): class of each section."""
+        self._model = model
+        self._near = Neighbours(library)
+        order = np.argsort(gait, kind="stable")
+        bounds = np.searchsorted(gait[order], np.arange(int(gait.max()) + 2))
+        self._sections = [order[a:b] for a, b in pairwise(bounds)]
+
+    def ranked(self, features: Array, count: int) -> Whole:
+        """One section of each of the likeliest gaits, likeliest first."""
+        chance = self._model.probabilities(features)
+        apart = self._near.apart(features)
+        count = min(count, len(chance))
+        likely = np.argpartition(-chance, count - 1)[:count]
+        likely = likely[np.argsort(-chance[likely], kind="stable")]
+        best = [self._sections[k][np.argmin(apart[self._sections[k]])] for k in likely]
+        return np.array(best, np.int64)
+
+
+def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
+    """A strategy by its name, trained on the library's sections where it has to be."""
+    if name == "knn" or not len(library):
+        return Neighbours(library)
+    rows = _rows(library)
+    gait, classes = rows.strategy, len(rows.strategies)
+    model: _Classifier
+    if name == "forest":
+        model = fit_forest(library.features, gait, classes, _TREES, _DEPTH, seed)
+    elif name == "boosting":
+        model = fit_boosting(rows, _ROUNDS, _RATE, _LEAVES, seed)
+    else:
+        model = fit_network(library.features, gait, classes, _HIDDEN, _EPOCHS, seed)
+    return Trained(library, gait, model)
+
+
+def _rows(library: Library) -> Rows:
+    """Sections as solved problems whose integers are their contacts."""
+    bits = library.contact.reshape(len(library), -1).astype(float)
+    frame = Frame("walk", np.ones(bits.shape[1], bool), np.zeros(0, np.int64))
+    return Rows.of(frame, library.features, bits, np.zeros(len(bits)))

@@ -1,0 +1,293 @@
+"""One tick of the online controller: candidates' gaits, pinned QPs, the nonlinear check.
+
+The library's sections give all integers. Each is linearised about the section's own motion; a
+second QP about the first one's answer follows if the first does not hold (`attempt.py`). So many
+QPs are solved in a tick and no more, which bounds its time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from climbplan.walking.cost import objective
+from climbplan.walking.kernels.body import PARTS, moved
+from climbplan.walking.offline.gaits import cycle
+from climbplan.walking.offline.pinned import Iterate
+from climbplan.walking.online.attempt import Attempt, Budget, GaitTrials
+from climbplan.walking.online.candidates import continued, flat_gait, reachable, usable
+from climbplan.walking.online.features import features_of
+from climbplan.walking.online.legs import landed
+from climbplan.walking.online.library import SECTION, Library
+from climbplan.walking.online.measurement import Situation, fault_of
+from climbplan.walking.online.safe_stance import safe_stance
+from climbplan.walking.online.strategies import Neighbours, Ranking
+from climbplan.walking.task import (
+    LEGS,
+    POSITION,
+    Array,
+    Gait,
+    Start,
+    WalkTask,
+    WalkTrajectory,
+)
+
+_FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
+_ELASTIC_QPS = 6
+_SECOND_LOOKS = 2  # candidates
+_FALLBACK_SHARE = 0.6  # of a tick's effort that is kept for named gaits
+_DOUBTED = 6  # ticks for which a leg that felt no ground is not stood on
+_MADE_BEFORE = 200  # programs of gaits
+_BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
+Form = Literal["pinned", "published"]
+LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
+
+
+@dataclass(frozen=True)
+class OnlineSettings:
+    """How a tick spends its time."""
+
+    candidates: int = 8  # gaits of the library that are tried at most
+    enough: int = 2  # answers that hold; the cheapest is taken
+    iterations: int = 2  # QPs of each gait
+    effort: int = 1400  # DAQP iterations in a tick, named gaits included; a QP's assembly counts
+    margin: float = 8e-3  # [m] kept inside the workspace boxes by toes yet to be placed
+    form: Form = "pinned"  # what is solved: `published.py` says what the other is
+    beside: float = 0.0  # share of regions beside the neighbour's that the published form allows
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the robot is to do from now on."""
+
+    trajectory: WalkTrajectory
+    winner: int  # section of the library, or LAST, FALLBACK, SAFE
+    tried: int
+    tick_time: float  # [s] of processor time of this thread
+    solve_time: float  # [s] of it in QPs and their checks
+    warning: str = ""
+    qps: int = 0
+    holds: bool = False  # on the nonlinear dynamics
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    winner: int
+    gait: Gait
+    at: Iterate | None  # what to linearise about; None for an even motion
+    elastic: bool = False  # the workspace may be left, at a price
+
+
+class OnlineController:
+    """Plans 400 ms ahead at each tick; keeps what it planned last as a candidate."""
+
+    def __init__(
+        self,
+        task: WalkTask,
+        library: Library,
+        settings: OnlineSettings,
+        ranking: Ranking | None = None,
+    ) -> None:
+        """task: gives body, ground, references and weights; its horizon is cut to the section's.
+
+        ranking: of the library's sections; their nearest neighbours if None.
+        """
+        self.task = horizon_of(task)
+        self.library, self.settings = library, settings
+        self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
+        self._trials = GaitTrials(self.task, settings.margin, settings.beside)
+        self._last: WalkTrajectory | None = None
+        self._expected = task.start  # at the next tick, if nothing is measured then
+        self._doubted = np.zeros(LEGS, np.int64)  # ticks for which a leg is not stood on
+        self._inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
+        self._warm_up()
+
+    def tick(self, situation: Situation) -> Command:
+        """A checked plan from a situation; a safe stance with a warning if there is none."""
+        choice = _Choice(Budget(self.settings.effort))
+        self._doubted = np.maximum(self._doubted - 1, 0)
+        self._doubted[list(situation.unfelt)] = _DOUBTED
+        if fault := fault_of(situation, self.task.body):
+            return self._safe(choice, fault, self._expected)
+        task = replace(self.task, start=Start(situation.state, situation.toes))
+        able = reachable(task) & (self._doubted == 0)
+        seen: set[bytes] = set()
+        for candidate in self._candidates(task, situation, choice):
+            gait = usable(task, candidate.gait, able)
+            # The published form has other integers, its regions, for the same gait.
+            again = candidate.elastic or self._published
+            if gait is None or (gait.key in seen and not again):
+                continue
+            seen.add(gait.key)
+            choice.tried += 1
+            before = time.perf_counter()
+            found = self._attempt(task, gait, candidate, choice.budget)
+            choice.solving += time.perf_counter() - before
+            if found is not None:
+                choice.weigh(task, found, candidate.winner)
+                if self._published:
+                    break  # what solves is taken, as published
+            if choice.held >= self.settings.enough or (choice.held and candidate.elastic):
+                break
+        words = [] if len(self.library) else ["the library is empty"]
+        if self._doubted.any():
+            legs = [
+                name
+                for name, ticks in zip(task.body.leg_names, self._doubted, strict=True)
+                if ticks
+            ]
+            words.append(f"{', '.join(legs)} without contact")
+        taken = choice.best
+        if taken is None:
+            words.append(f"none of {choice.tried} gaits holds")
+            if choice.nearest is None or (choice.nearest[0] >= _BEARABLE and not self._published):
+                return self._safe(choice, ", and ".join(words), task.start)
+            taken = choice.nearest
+            words[-1] += ", the nearest is taken"
+        self._last = taken[1]
+        self._expected = _after(task, taken[1], taken[1].state[1])
+        return choice.command(taken[1], taken[2], ", and ".join(words))
+
+    @property
+    def _published(self) -> bool:
+        return self.settings.form == "published"
+
+    def _warm_up(self) -> None:
+        """Load compiled code and make the programs of the commonest gaits, before time counts."""
+        contact = self.library.contact.reshape(-1, (SECTION + 1) * LEGS)
+        gaits, count = np.unique(contact, axis=0, return_counts=True)
+        for row in gaits[np.argsort(-count)[:_MADE_BEFORE]]:
+            self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
+        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None, elastic=True)
+        found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
+        if found is not None:
+            objective(self.task, found.trajectory.state, found.trajectory.force)
+
+    def _candidates(
+        self, task: WalkTask, situation: Situation, choice: _Choice
+    ) -> Iterator[_Candidate]:
+        """The plan before, sections of the library, and where none of them holds named gaits."""
+        first: list[_Candidate] = []
+        if self._last is not None and not self._published:
+            first.append(_Candidate(LAST, *continued(self._last)))
+            yield first[-1]
+        features = features_of(situation, float(task.reference.height[0]))
+        base = np.array([*situation.state[:2], 0.0])
+        named = len(self.library) and not self._published
+        kept = 0 if not named else round(_FALLBACK_SHARE * self.settings.effort)
+        for index in self._ranking.ranked(features, self.settings.candidates):
+            if choice.budget.left <= (0 if choice.held else kept):
+                break
+            gait = flat_gait(self.library.contact[index])
+            first.append(_Candidate(int(index), gait, self._section(int(index), gait, base)))
+            yield first[-1]
+        if choice.held or self._published:
+            return
+        # What is nearly right may leave the workspace a little; gaits by name are further off.
+        for candidate in first[:_SECOND_LOOKS]:
+            yield replace(candidate, elastic=True)
+        for name, phase in _FALLBACKS:
+            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None, elastic=True)
+
+    def _section(self, index: int, gait: Gait, base: Array) -> Iterate:
+        """A section of the library as a point to linearise about, moved to where the body is."""
+        library = self.library
+        state = library.state[index].copy()
+        state[:, POSITION] += base
+        footing = self._trials.program(self.task, gait).footing
+        spots = library.toes[index][footing.first, footing.leg, :2] + base[:2]
+        return Iterate(state, library.force[index, :-1], spots)
+
+    def _attempt(
+        self, task: WalkTask, gait: Gait, candidate: _Candidate, budget: Budget
+    ) -> Attempt | None:
+        program = self._trials.program(task, gait)
+        if self._published and candidate.at is not None:
+            return self._trials.published(task, program, candidate.at, budget)
+        elastic = candidate.elastic
+        iterations = _ELASTIC_QPS if elastic else self.settings.iterations
+        return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
+
+    def _safe(self, choice: _Choice, word: str, start: Start) -> Command:
+        """Legs down, against motion and tilt, of the measured state or the expected one."""
+        self._last = None
+        task = replace(self.task, start=start)
+        walk, body = safe_stance(task), task.body
+        # Without a measurement the stance goes on from where it leads: a brake must come to an end.
+        after = moved(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            task.step,
+            PARTS,
+            start.state,
+            start.toes,
+            walk.force[0],
+        )
+        if np.isfinite(after).all():
+            self._expected = _after(task, walk, after)
+        return choice.command(walk, SAFE, f"safe stance: {word}")
+
+
+@dataclass
+class _Choice:
+    """What a tick found so far.
+
+    best: (cost, walk, winner) of what holds; nearest: (excess, walk, winner) of what misses.
+    """
+
+    budget: Budget
+    best: tuple[float, WalkTrajectory, int] | None = None
+    nearest: tuple[float, WalkTrajectory, int] | None = None
+    tried: int = 0
+    held: int = 0
+    solving: float = 0.0  # [s] by the clock
+    begin: float = field(default_factory=time.thread_time)
+    clock: float = field(default_factory=time.perf_counter)
+
+    def weigh(self, task: WalkTask, found: Attempt, winner: int) -> None:
+        """Take it if it is the cheapest that holds, or the nearest miss."""
+        walk = found.trajectory
+        if found.holds:
+            self.held += 1
+            cost = objective(task, walk.state, walk.force)
+            if self.best is None or cost < self.best[0]:
+                self.best = (cost, walk, winner)
+        elif self.nearest is None or found.excess < self.nearest[0]:
+            self.nearest = (found.excess, walk, winner)
+
+    def command(self, walk: WalkTrajectory, winner: int, warning: str) -> Command:
+        """The command with what it took."""
+        spent = time.thread_time() - self.begin
+        # Asking for processor time takes as long as half a QP: once a tick, shares by the clock.
+        share = self.solving / max(time.perf_counter() - self.clock, 1e-9)
+        solving = min(share, 1.0) * spent
+        held = self.best is not None
+        return Command(walk, winner, self.tried, spent, solving, warning, self.budget.qps, held)
+
+
+def _after(task: WalkTask, walk: WalkTrajectory, state: Array) -> Start:
+    """Where a plan's first knot leads: standing toes stay, others come down."""
+    down = landed(task, state, walk.toes[1])
+    toes = np.where(walk.gait.contact[0][:, None], walk.toes[0], down)
+    return Start(state, toes * [1.0, 1.0, 0.0])
+
+
+def horizon_of(task: WalkTask) -> WalkTask:
+    """The task over the knots of a section; its references must be constant."""
+    reference = task.reference
+    return replace(
+        task,
+        knots=SECTION,
+        reference=replace(
+            reference,
+            velocity=np.tile(reference.velocity[-1], (SECTION, 1)),
+            euler=np.tile(reference.euler[-1], (SECTION, 1)),
+            height=np.full(SECTION, reference.height[-1]),
+        ),
+    )

@@ -1,0 +1,125 @@
+"""The task of an MPC plan in its file: robot, ground, start, references and weights."""
+
+from __future__ import annotations
+
+from typing import Any, cast, get_args
+
+import h5py
+
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader
+from climbplan.plans.hdf5_writing import write_dataset, write_text
+from climbplan.walking.ground import Ground
+from climbplan.walking.task import (
+    LEGS,
+    Integrator,
+    Reference,
+    RigidBody,
+    Start,
+    WalkTask,
+    Weights,
+)
+
+# S regions; legs in the order of robot/leg_names
+ROBOT = {
+    "inertia": Layout((3, 3), "kg m^2", "body"),
+    "toe_center": Layout((LEGS, 3), "m", "body"),
+    "toe_half": Layout((3,), "m", "body"),
+    "leg_names": Layout((LEGS,), kind="text"),
+}
+GROUND = {
+    "lower": Layout(("S", 2), "m", "world"),
+    "upper": Layout(("S", 2), "m", "world"),
+    "height": Layout(("S",), "m", "world"),
+    "names": Layout(("S",), kind="text"),
+}
+START = {
+    "state": Layout((12,), "m, m/s, rad, rad/s", "world"),
+    "toes": Layout((LEGS, 3), "m", "world"),
+}
+
+
+def write_task(file: h5py.File, task: WalkTask) -> None:
+    """Robot, ground, start and weights; references are samples of the plan."""
+    body = task.body
+    robot = file.create_group("robot")
+    write_text(robot, "name", body.name)
+    robot.attrs["mass"] = body.mass
+    robot.attrs["gravity"] = body.gravity
+    robot.attrs["friction"] = task.ground.friction
+    robot.attrs["force_limit"] = body.force_limit
+    robot.attrs["inertia"] = body.inertia
+    for name, layout in ROBOT.items():
+        write_dataset(robot, name, vars(body)[name], layout)
+    ground = file.create_group("ground")
+    for name, layout in GROUND.items():
+        write_dataset(ground, name, vars(task.ground)[name], layout)
+    start = file.create_group("start")
+    for name, layout in START.items():
+        write_dataset(start, name, vars(task.start)[name], layout)
+    weights = file.create_group("weights")
+    for name in ("velocity", "angles"):
+        write_dataset(weights, name, vars(task.weights)[name], Layout((3,)))
+    for name in ("height", "motion", "force_difference"):
+        weights.attrs[name] = vars(task.weights)[name]
+
+
+def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
+    """The task of a file; parts: its samples, of which the references are.
+
+    Raises PlanFileError for a value that no task has.
+    """
+    integrator = reader.text("", "integrator")
+    if integrator not in get_args(Integrator):
+        known = ", ".join(get_args(Integrator))
+        raise reader.refuse(f"integrator {integrator!r}, expected one of {known}")
+    reader.group("robot")
+    robot = {
+        name: reader.array(f"robot/{name}", layout)
+        for name, layout in ROBOT.items()
+        if layout.kind != "text"
+    }
+    ground = {
+        name: reader.array(f"ground/{name}", layout)
+        for name, layout in GROUND.items()
+        if layout.kind != "text"
+    }
+    if not len(ground["height"]):
+        raise reader.refuse("ground has no region")
+    weights = {
+        name: reader.array(f"weights/{name}", Layout((3,))) for name in ("velocity", "angles")
+    }
+    return WalkTask(
+        body=RigidBody(
+            name=reader.text("robot", "name"),
+            leg_names=reader.texts("robot/leg_names", ROBOT["leg_names"]),
+            mass=reader.number("robot", "mass"),
+            gravity=reader.number("robot", "gravity"),
+            force_limit=reader.number("robot", "force_limit"),
+            **robot,
+        ),
+        ground=Ground(
+            names=reader.texts("ground/names", GROUND["names"]),
+            friction=reader.number("robot", "friction"),
+            **ground,
+        ),
+        knots=len(parts["time"]) - 1,
+        step=reader.number("", "step"),
+        integrator=cast(Integrator, integrator),  # one of them, as was just checked
+        start=Start(
+            reader.array("start/state", START["state"]), reader.array("start/toes", START["toes"])
+        ),
+        reference=Reference(
+            parts["reference/velocity"][1:],
+            parts["reference/euler_zyx"][1:],
+            parts["reference/height"][1:],
+        ),
+        weights=Weights(
+            weights["velocity"],
+            weights["angles"],
+            *(reader.number("weights", name) for name in ("height", "motion", "force_difference")),
+        ),
+        lift=reader.number("", "lift"),
+        least_contacts=reader.integer("", "least_contacts"),
+        whole_stance=reader.flag("", "whole_stance"),
+    )

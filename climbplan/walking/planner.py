@@ -1,0 +1,112 @@
+"""Plan a walk: from a spec to a trajectory that the exact check judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import metadata
+
+from climbplan.errors import LimitReached
+from climbplan.spec.mpc_loading import LoadedMpc
+from climbplan.spec.mpc_solver import WalkSolverSpec
+from climbplan.walking.answer import WalkAnswer
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.cost import cost_terms
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.problem import build_task
+from climbplan.walking.summary import summary_lines
+from climbplan.walking.task import WalkTask
+
+Progress = Callable[[str, float], None]
+
+
+def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
+    """Solve the task of a spec by its method.
+
+    Raises:
+        SpecError: values that do not go together.
+        LimitReached: no gait was found that holds; the message says how the best one fails.
+    """
+    report = report or _silent
+    spec = loaded.spec
+    begin = time.perf_counter()
+    task = build_task(spec, loaded.robot, loaded.source)
+    report("solve", 0.0)
+    ready = time.perf_counter()
+    answer = solve_task(task, spec.solver, spec.seed)
+    solved = time.perf_counter()
+    if answer.trajectory is None:
+        raise LimitReached(
+            f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
+            f"{answer.seconds:.2g} s; {answer.word}"
+            + (f"; {answer.cut_short}" if answer.cut_short else ""),
+            stage=spec.solver.method,
+        )
+    broken = failures(check_trajectory(task, answer.trajectory))
+    gap = None
+    if answer.bound is not None and answer.objective:
+        gap = (answer.objective - answer.bound) / abs(answer.objective)
+    plan = WalkPlan(
+        name=loaded.name,
+        title=spec.title,
+        method=spec.solver.method,
+        status="limit" if answer.cut_short else "feasible",
+        task=task,
+        trajectory=answer.trajectory,
+        objective=answer.objective,
+        terms=cost_terms(task, answer.trajectory.state, answer.trajectory.force),
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        robot_text=loaded.robot_text,
+        seed=spec.seed,
+        timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
+        solvers=_solvers(spec.solver) | {"word": answer.word},
+        sizes={
+            "knots": task.knots,
+            "contact binaries": int(answer.trajectory.gait.contact.size),
+            "regions": len(task.ground.height),
+            "gaits tried": answer.tried,
+        }
+        | ({"QPs": answer.qps} if answer.qps else {}),
+        history=answer.history,
+        begun=answer.begun.state if answer.begun is not None else None,
+        bound=answer.bound,
+        gap=gap,
+        warnings=tuple(
+            told
+            for told in (f"the answer breaks {broken}" if broken else "", answer.cut_short)
+            if told
+        ),
+    )
+    return replace(plan, summary=summary_lines(plan))
+
+
+def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
+    """A task by a method of the spec."""
+    # One method's solver is not loaded for another's sake.
+    if solver.method == "nlp":
+        from climbplan.walking.offline.nlp import solve_nlp
+
+        return solve_nlp(task, solver.guess, solver.time_limit)
+    if solver.method == "micp":
+        from climbplan.walking.micp.method import limits_of, solve_micp
+
+        warm = solve_task(task, solver.model_copy(update={"method": solver.warm}), seed)
+        return solve_micp(task, limits_of(solver), warm)
+    from climbplan.walking.offline.search import SearchLimits, search
+
+    gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
+    return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.qps))
+
+
+def _solvers(solver: WalkSolverSpec) -> dict[str, str]:
+    used = {"method": solver.method, "daqp": metadata.version("daqp")}
+    used["casadi"] = metadata.version("casadi")
+    if solver.method == "micp":
+        used["highs"] = metadata.version("highspy")
+    return used
+
+
+def _silent(stage: str, fraction: float) -> None:
+    pass

@@ -1,0 +1,129 @@
+"""From an MPC spec to the numbers of its task."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.mpc_terrain import WalkTerrainSpec
+from climbplan.spec.rigid_body import RigidBodySpec
+from climbplan.walking.ground import Ground
+from climbplan.walking.task import (
+    ANGLES,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Array,
+    Reference,
+    RigidBody,
+    Start,
+    WalkTask,
+    Weights,
+)
+
+
+def build_body(spec: RigidBodySpec) -> RigidBody:
+    """The rigid body that a robot file describes."""
+    return RigidBody(
+        name=spec.name,
+        leg_names=tuple(spec.legs),
+        mass=spec.mass,
+        inertia=np.array(spec.inertia, float),
+        gravity=spec.gravity,
+        toe_center=np.array(list(spec.legs.values()), float),
+        toe_half=np.array(spec.toe_half, float),
+        force_limit=spec.force_limit,
+    )
+
+
+def build_ground(spec: WalkTerrainSpec) -> Ground:
+    """The level regions of a spec, or flat ground."""
+    if not spec.regions:
+        return Ground.flat(spec.friction)
+    x = np.array([r.x for r in spec.regions], float)
+    y = np.array([r.y for r in spec.regions], float)
+    return Ground(
+        tuple(r.name for r in spec.regions),
+        np.column_stack([x[:, 0], y[:, 0]]),
+        np.column_stack([x[:, 1], y[:, 1]]),
+        np.array([r.height for r in spec.regions], float),
+        spec.friction,
+    )
+
+
+def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> WalkTask:
+    """The task of a spec.
+
+    Raises:
+        SpecError: a force limit that cannot carry the robot, stated toes off the ground.
+    """
+    body, ground, mistakes = build_body(robot), build_ground(spec.terrain), []
+    if 4 * body.force_limit <= body.mass * body.gravity:
+        message = (
+            f"four legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "
+            f"({body.mass * body.gravity:.1f} N)"
+        )
+        mistakes.append(SpecMistake("robot", message))
+    start, begin = spec.task.start, np.zeros(STATE)
+    begin[:2] = start.position
+    angles = np.deg2rad(start.rpy_deg)
+    begin[2] = start.height + float(_ground_under(ground, body, begin[None, :2], angles)[0])
+    begin[VELOCITY], begin[SPIN] = start.velocity, start.angular_velocity
+    begin[ANGLES] = angles
+    toes = begin[POSITION] + body.toe_center @ rotation_world_body(angles).T
+    for leg, name in enumerate(body.leg_names):
+        if name in start.toes:
+            toes[leg, :2] = start.toes[name]
+        region = int(ground.nearest(toes[leg, :2]))
+        off = float(ground.outside(np.array(region), toes[leg, :2]))
+        if name in start.toes and off > 0:
+            message = f"{1e3 * off:.1f} mm off {ground.names[region]!r}, the nearest region"
+            mistakes.append(SpecMistake(f"task.start.toes.{name}", message))
+        toes[leg, :2] = np.clip(toes[leg, :2], ground.lower[region], ground.upper[region])
+        toes[leg, 2] = ground.height[region]
+    if mistakes:
+        raise SpecError(source, mistakes)
+    weights = spec.weights
+    return WalkTask(
+        body=body,
+        ground=ground,
+        knots=spec.task.knots,
+        step=spec.task.step,
+        integrator=spec.task.integrator,
+        start=Start(begin, toes),
+        reference=_reference(spec, ground, body, begin),
+        weights=Weights(
+            np.array(weights.velocity, float),
+            np.array(weights.angles, float),
+            weights.height,
+            weights.motion,
+            weights.force_difference,
+        ),
+        lift=spec.task.lift,
+        least_contacts=spec.task.least_contacts,
+        whole_stance=spec.task.whole_stance,
+    )
+
+
+def _reference(spec: MpcSpec, ground: Ground, body: RigidBody, begin: Array) -> Reference:
+    """Constant velocity and angles; the height follows the ground along the straight way."""
+    wanted, knots = spec.task.reference, spec.task.knots
+    angles = np.deg2rad(wanted.rpy_deg)
+    time = spec.task.step * np.arange(1, knots + 1)
+    way = begin[:2] + time[:, None] * np.array(wanted.velocity[:2])
+    below = _ground_under(ground, body, way, angles)
+    return Reference(
+        velocity=np.tile(np.array(wanted.velocity, float), (knots, 1)),
+        euler=np.tile(angles, (knots, 1)),
+        height=wanted.height + below,
+    )
+
+
+def _ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
+    """Mean height (n,) of the ground under the feet of a body at points (n, 2)."""
+    feet = xy[:, None, :] + (body.toe_center @ rotation_world_body(angles).T)[:, :2]
+    below: Array = ground.height[ground.nearest(feet)].mean(axis=-1)
+    return below

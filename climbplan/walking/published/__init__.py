@@ -1,0 +1,1 @@
+"""The published online program, for comparison."""

@@ -1,0 +1,294 @@
+"""The published online program: all integers given, McCormick planes in the neighbour's regions.
+
+Chapter 8.2.1.2: sines and cosines between chords and tangents, products between the planes of eq.
+(8.26). What is left is a convex QP, sparse and large, solved with OSQP as published. Nothing says
+that its answer obeys the dynamics: `attempt.py` judges it as it judges everything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import osqp
+from scipy import sparse
+
+from climbplan.walking.kernels.footing import HELD, SWINGING
+from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
+from climbplan.walking.published.layout import ENTRIES, SQUARES, Layout, tracked_columns
+from climbplan.walking.published.rows import Block, RowBlocks, Rows, Terms
+from climbplan.walking.task import LEGS, POSITION, Array
+
+TOLERANCE = 1e-3  # absolute and relative, of OSQP: its default
+_MOST_STEPS = 4000
+_RIDGE = 1e-9  # curvature of unknowns that cost nothing
+
+
+@dataclass(frozen=True)
+class PublishedAnswer:
+    """What OSQP answers, and what it took."""
+
+    at: Iterate | None  # None unless solved
+    status: str
+    iterations: int
+    values: Array | None = None  # of all unknowns of the layout, with `at`
+
+
+class PublishedProgram:
+    """The program of a gait; `program` gives task, gait, margin and toes."""
+
+    def __init__(self, program: PinnedProgram, beside: float = 0.0) -> None:
+        """beside: share of the regions on either side of the neighbour's that is allowed too."""
+        self.beside = beside
+        self.program = program  # its start is that of each solve
+        self.layout = Layout(program.task, program.gait, program.footing)
+        rows = Rows(self.layout.size)
+        self._begin = self._dynamics(rows)
+        self.arms, self.reaches = self._feet(rows)
+        self._friction(rows)
+        trig, angle = self.layout.trig, np.tile(self.layout.angle, (1, 2))
+        self.lines = [rows.add(((trig.ravel(), 1.0), (angle.ravel(), 1.0)), 0.0) for _ in range(3)]
+        w, self._x, self._y = self.layout.products()
+        terms = ((w, 1.0), (self._x, 1.0), (self._y, 1.0))
+        self.planes = [rows.add(terms, 0.0) for _ in range(4)]
+        self._boxed = np.unique(np.concatenate([self._x, self._y]))
+        self._box = rows.add(((self._boxed, 1.0),), 0.0)
+        self.rows: RowBlocks = rows.frozen()
+        self._hessian, self._gradient = self._cost()
+        self._solver: osqp.OSQP | None = None
+
+    def solve(self, near: Iterate) -> PublishedAnswer:
+        """The optimum in the regions that a neighbour's motion is in."""
+        program, layout = self.program, self.layout
+        toes = program.toes(near.state, near.spots)
+        state = near.state.copy()
+        state[0] = program.start.state
+        values = layout.values(state, near.force, toes, near.spots)
+        low, high = layout.cells(values, self.beside)
+        self.write(low, high)
+        rows = self.rows
+        if self._solver is None:
+            self._solver = osqp.OSQP()
+            self._solver.setup(
+                self._hessian,
+                self._gradient,
+                rows.matrix,
+                rows.low,
+                rows.high,
+                eps_abs=TOLERANCE,
+                eps_rel=TOLERANCE,
+                max_iter=_MOST_STEPS,
+                polishing=False,
+                verbose=False,
+            )
+        else:
+            self._solver.update(l=rows.low, u=rows.high, Ax=rows.matrix.data)
+        self._solver.warm_start(x=values, y=np.zeros(len(rows.low)))
+        found = self._solver.solve(raise_error=False)
+        if found.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
+            return PublishedAnswer(None, str(found.info.status), int(found.info.iter))
+        at = self._iterate(found.x)
+        return PublishedAnswer(at, "solved", int(found.info.iter), np.array(found.x))
+
+    def _iterate(self, x: Array) -> Iterate:
+        layout = self.layout
+        force = np.zeros((layout.task.knots, LEGS, 3))
+        force[layout.stand_knot, layout.stand_leg] = x[layout.force] * layout.force_unit
+        return Iterate(x[layout.state], force, x[layout.spot])
+
+    # Numbers that change with the neighbour and with the start
+    def write(self, low: Array, high: Array) -> None:
+        """All rows for regions from low to high (one number an unknown), which are clipped."""
+        layout, rows, program = self.layout, self.rows, self.program
+        self._equal(self._begin, program.start.state)
+        stood = program.footing.foothold[layout.stand_knot, layout.stand_leg]
+        ground = program.height[layout.stand_knot, layout.stand_leg]
+        toes = program.start.toes[layout.stand_leg]
+        for j in range(3):
+            free = ground if j == 2 else 0.0
+            self._equal(self.arms[j], np.where(stood == HELD, toes[:, j], free))
+        for k, blocks in enumerate(self.reaches):
+            reach = layout.reaches[k]
+            for j, block in blocks:
+                held = reach.foothold == HELD
+                free = program.height[reach.knot, reach.leg] if j == 2 else 0.0
+                if reach.lifts:
+                    free = program.height[reach.knot - 1, reach.leg] if j == 2 else 0.0
+                self._equal(block, program.start.toes[reach.leg, j] if held else free)
+        self._write_lines(low, high)
+        x, y = self._x, self._y
+        xl, xu, yl, yu = low[x], high[x], low[y], high[y]
+        # eq. (8.26): w - b x - a y against - a b, from below and from above
+        for k, (a, b) in enumerate(((xl, yl), (xu, yu), (xu, yl), (xl, yu))):
+            block = self.planes[k]
+            rows.value[block.values].reshape(3, -1)[1:] = -b, -a
+            rows.low[block.rows] = -a * b if k < 2 else -np.inf
+            rows.high[block.rows] = np.inf if k < 2 else -a * b
+        # Workspace boxes, eqs. (8.20), (8.21)
+        half = layout.task.body.toe_half - program.margin
+        low[layout.toe] = np.clip(low[layout.toe], -half, half)
+        high[layout.toe] = np.clip(high[layout.toe], -half, half)
+        rows.low[self._box.rows], rows.high[self._box.rows] = low[self._boxed], high[self._boxed]
+        rows.refresh()
+
+    def _equal(self, block: Block, value: Array | float) -> None:
+        self.rows.low[block.rows] = self.rows.high[block.rows] = value
+
+    def _write_lines(self, low: Array, high: Array) -> None:
+        """Sines and cosines between the chord of their region and the tangents at its ends."""
+        angle, rows = self.layout.angle, self.rows
+        begin, end = (np.tile(ends[angle], (1, 2)).ravel() for ends in (low, high))
+        sine = np.tile(np.arange(6) < 3, len(angle))
+        f = [np.where(sine, np.sin(at), np.cos(at)) for at in (begin, end)]
+        slope = [np.where(sine, np.cos(at), -np.sin(at)) for at in (begin, end)]
+        wide = end - begin
+        chord = np.where(wide > 1e-9, (f[1] - f[0]) / np.maximum(wide, 1e-9), slope[0])
+        hollow = sine & (begin < -1e-12) & (end < 1e-12)  # a convex piece: the sine below zero
+        lines = ((chord, begin, f[0]), (slope[0], begin, f[0]), (slope[1], end, f[1]))
+        # Where the sine bends both ways it grows faster than its least slope, slower than 1.
+        both = sine & (begin < -1e-12) & (end > 1e-12)
+        least = np.minimum(*slope)
+        for k, (block, (m, at, value)) in enumerate(zip(self.lines, lines, strict=True)):
+            rows.value[block.values].reshape(2, -1)[1] = -m
+            above = hollow if k else ~hollow
+            rows.low[block.rows] = np.where(above, value - m * at, -np.inf)
+            rows.high[block.rows] = np.where(above, np.inf, value - m * at)
+            steep = least if k == 0 else np.ones(len(least))
+            rows.value[block.values].reshape(2, -1)[1, both] = -steep[both]
+            ends = f[0] - steep * begin, f[1] - steep * end
+            rows.low[block.rows][both] = np.minimum(*ends)[both]
+            rows.high[block.rows][both] = np.maximum(*ends)[both]
+
+    def _dynamics(self, rows: Rows) -> Block:
+        """Eqs. (8.14) to (8.19); returns the rows of the first state."""
+        layout = self.layout
+        task, x = layout.task, layout.state
+        body, dt = task.body, task.step
+        share = 0.5 if layout.mean else 0.0  # of the later knot in averages over an interval
+        begin = rows.add(((x[0], 1.0),), 0.0)
+        now, then = x[:-1], x[1:]
+        for k in range(3):
+            p, v, angle, spin = k, 3 + k, 6 + k, 9 + k
+            moved = ((now[:, v], -dt * (1 - share)), (then[:, v], -dt * share))
+            rows.add(((then[:, p], 1.0), (now[:, p], -1.0), *moved), 0.0)
+            for n in range(task.knots):
+                pushes = layout.force[layout.stand_knot == n, k]
+                scale = -dt * layout.force_unit / body.mass
+                terms = [(np.array([f]), scale) for f in pushes]
+                weight = -dt * body.gravity if k == 2 else 0.0
+                rows.add(((then[n : n + 1, v], 1.0), (now[n : n + 1, v], -1.0), *terms), weight)
+            rows.add(((then[:, angle], 1.0), (now[:, angle], -1.0), (layout.rate[:, k], -dt)), 0.0)
+            middle = ((now[:, spin], share - 1.0), (then[:, spin], -share))
+            rows.add(((layout.spin[:, k], 1.0), *middle), 0.0)
+            rows.add(((layout.angle[: task.knots + 1, k], 1.0), (x[:, angle], -1.0)), 0.0)
+            if layout.mean:
+                halves = ((now[:, angle], -0.5), (then[:, angle], -0.5))
+                rows.add(((layout.angle[task.knots + 1 :, k], 1.0), *halves), 0.0)
+        # Angular velocity by Euler rates, eq. (8.17)
+        turning, swept, yaw_rate = layout.spin, layout.swept, layout.rate[:, 2]
+        rows.add(((turning[:, 0], 1.0), (swept[:, 0], -1.0), (swept[:, 1], 1.0)), 0.0)
+        rows.add(((turning[:, 1], 1.0), (swept[:, 2], -1.0), (swept[:, 3], -1.0)), 0.0)
+        rows.add(((turning[:, 2], 1.0), (yaw_rate, -1.0), (swept[:, 4], 1.0)), 0.0)
+        # Entries of R, eq. (8.16)
+        parts = np.concatenate([layout.pair, layout.triple, layout.trig[:, 1:2]], axis=1)
+        for entry, signs in enumerate(ENTRIES):
+            sums = [(parts[:, k], -float(sign)) for k, sign in signs]
+            rows.add(((layout.turn[:, entry], 1.0), *sums), 0.0)
+        self._turning(rows)
+        return begin
+
+    def _turning(self, rows: Rows) -> None:
+        """Eq. (8.15) as published: the inertia is that of the world frame."""
+        layout = self.layout
+        body, dt, x = layout.task.body, layout.task.step, layout.state
+        turn = np.zeros((3, len(SQUARES)))  # spin x (inertia spin) by squares
+        for k, (first, second) in enumerate(SQUARES):
+            one, other = np.eye(3)[first], np.eye(3)[second]
+            turn[:, k] = np.cross(one, body.inertia @ other)
+            if first != second:
+                turn[:, k] += np.cross(other, body.inertia @ one)
+        for n in range(layout.task.knots):
+            legs = layout.stand_knot == n
+            for i in range(3):
+                terms: Terms = []
+                for j in range(3):
+                    if body.inertia[i, j]:
+                        terms.append((x[n + 1 : n + 2, 9 + j], body.inertia[i, j] / dt))
+                        terms.append((x[n : n + 1, 9 + j], -body.inertia[i, j] / dt))
+                terms += [(layout.square[n, k : k + 1], turn[i, k]) for k in range(len(SQUARES))]
+                for moment in layout.moment[legs]:
+                    terms.append((moment[2 * i : 2 * i + 1], -layout.force_unit))
+                    terms.append((moment[2 * i + 1 : 2 * i + 2], layout.force_unit))
+                rows.add(terms, 0.0)
+
+    def _feet(self, rows: Rows) -> tuple[list[Block], list[list[tuple[int, Block]]]]:
+        """Moment arms of forces, and toes in the body at knots, eqs. (8.20), (8.21)."""
+        layout, footing = self.layout, self.program.footing
+        share = 0.5 if layout.mean else 0.0
+        stood = footing.foothold[layout.stand_knot, layout.stand_leg]
+        now, then = layout.state[layout.stand_knot], layout.state[layout.stand_knot + 1]
+        arms = []
+        for j in range(3):
+            terms: Terms = [(layout.arm[:, j], 1.0)]
+            terms += [(now[:, j], 1.0 - share), (then[:, j], share)]
+            if j < 2 and footing.count:
+                free = np.where(stood >= 0, -1.0, 0.0)
+                terms.append((layout.spot[np.maximum(stood, 0), j], free))
+            arms.append(rows.add(terms, 0.0))
+        reaches = []
+        for k, reach in enumerate(layout.reaches):
+            blocks = []
+            for j in range(3):
+                if j < 2 and reach.foothold == SWINGING:
+                    continue  # it may be anywhere in its box
+                entry = slice(3 * j, 3 * j + 3)
+                center = layout.task.body.toe_center[reach.leg]
+                turned, turn = layout.turned[k, entry], layout.turn[reach.knot, entry]
+                terms = [(layout.state[reach.knot, j : j + 1], 1.0)]
+                terms += [(turned[i : i + 1], 1.0) for i in range(3)]
+                terms += [(turn[i : i + 1], center[i]) for i in range(3)]
+                if j < 2 and reach.foothold >= 0:
+                    terms.append((layout.spot[reach.foothold, j : j + 1], -1.0))
+                blocks.append((j, rows.add(terms, 0.0)))
+            reaches.append(blocks)
+        return arms, reaches
+
+    def _friction(self, rows: Rows) -> None:
+        """Eq. (8.18), as a pyramid inside the cone."""
+        force = self.layout.force
+        slope = self.layout.task.ground.friction * np.cos(np.pi / FACETS)
+        for angle in 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS:
+            sides = ((force[:, 0], np.cos(angle)), (force[:, 1], np.sin(angle)))
+            rows.add((*sides, (force[:, 2], -slope)), -np.inf, 0.0)
+
+    def _cost(self) -> tuple[sparse.csc_matrix, Array]:
+        """Eq. (8.30): upper triangle of the Hessian, and the gradient."""
+        layout, task = self.layout, self.layout.task
+        weights, reference = task.weights, task.reference
+        size = layout.size
+        hessian: Any = sparse.lil_matrix((size, size))
+        hessian.setdiag(_RIDGE)
+        gradient = np.zeros(size)
+        weight = np.concatenate([[weights.height], weights.velocity, weights.angles])
+        wanted = np.column_stack([reference.height, reference.velocity, reference.euler])
+        for columns, goal in zip(tracked_columns(layout), wanted, strict=True):
+            for column, w, target in zip(columns, weight, goal, strict=True):
+                hessian[column, column] += 2 * w
+                gradient[column] -= 2 * w * target
+        before, after = layout.state[:-1, POSITION].ravel(), layout.state[1:, POSITION].ravel()
+        for a, b in zip(before, after, strict=True):
+            if weights.motion:
+                hessian[a, a] += 2 * weights.motion
+                hessian[b, b] += 2 * weights.motion
+                hessian[a, b] -= 2 * weights.motion
+        # Sum over ordered pairs of || f_s - f_t ||^2 = 2 (4 sum f^2 - (sum f)^2) at each knot
+        factor = 4.0 * weights.force_difference * layout.force_unit**2
+        for n in range(task.knots):
+            legs = layout.force[layout.stand_knot == n]
+            for k in range(3):
+                for s, one in enumerate(legs[:, k]):
+                    hessian[one, one] += factor * (LEGS - 1)
+                    for other in legs[s + 1 :, k]:
+                        hessian[one, other] -= factor
+        return sparse.csc_matrix(hessian), gradient

@@ -1,0 +1,113 @@
+"""What a walking problem is given: body, ground, start, references and weights, as numbers.
+
+Axes of chapter 8.2: body frame x forward, y to the left, z up; world frame z up. Legs are always
+in the order of `RigidBody.leg_names`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.walking.ground import Ground
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+Integrator = Literal["euler", "mean", "rk4"]
+
+LEGS = 4
+STATE = 12  # position, velocity, Z-Y-X Euler angles (roll, pitch, yaw), angular velocity (world)
+POSITION, VELOCITY, ANGLES, SPIN = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+ANGLE_RANGE = np.pi / 2  # [rad] Table 8.4
+RATE_RANGE = 10.0  # [rad/s] Table 8.4, of Euler rates and of the angular velocity
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A quadruped as a single rigid body with massless legs."""
+
+    name: str
+    leg_names: tuple[str, ...]
+    mass: float  # [kg]
+    inertia: Array  # (3, 3) about the centre of mass, body frame [kg m^2]
+    gravity: float  # [m/s^2]
+    toe_center: Array  # (4, 3) middle of each toe's workspace box, body frame [m]
+    toe_half: Array  # (3,) half extents of the boxes [m]
+    force_limit: float  # [N] of each component of a contact force
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the body is, and where its toes are (those that stand stay there)."""
+
+    state: Array  # (12,)
+    toes: Array  # (4, 3) world frame [m]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is tracked at knots 1 to N."""
+
+    velocity: Array  # (N, 3) world frame [m/s]
+    euler: Array  # (N, 3) roll, pitch, yaw [rad]
+    height: Array  # (N,) of the centre of mass [m]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of eq. (8.30)."""
+
+    velocity: Array  # (3,)
+    angles: Array  # (3,)
+    height: float
+    motion: float  # on the squared body step
+    force_difference: float  # [1/N^2] on squared differences between legs' forces
+
+
+@dataclass(frozen=True)
+class WalkTask:
+    """One problem of chapter 8.2.1."""
+
+    body: RigidBody
+    ground: Ground
+    knots: int  # N intervals
+    step: float  # [s]
+    integrator: Integrator
+    start: Start
+    reference: Reference
+    weights: Weights
+    lift: float  # [m] of a swinging toe above the ground it leaves and reaches
+    least_contacts: int  # standing legs in every interval
+    whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
+
+    @property
+    def weight(self) -> float:
+        """Weight of the robot [N]."""
+        return self.body.mass * self.body.gravity
+
+
+@dataclass(frozen=True)
+class Gait:
+    """All integers of a plan of N intervals."""
+
+    contact: Flags  # (N + 1, 4) the leg stands from this knot to the next
+    region: Whole  # (N + 1, 4) where it stands, or is to stand next
+
+    @property
+    def key(self) -> bytes:
+        """Equal for equal integers."""
+        return np.packbits(self.contact).tobytes() + self.region.astype(np.int16).tobytes()
+
+
+@dataclass(frozen=True)
+class WalkTrajectory:
+    """States, toes and forces of N intervals."""
+
+    state: Array  # (N + 1, 12)
+    toes: Array  # (N + 1, 4, 3) world frame [m]
+    force: Array  # (N + 1, 4, 3) world frame [N], from knot n to n + 1; zeros at the last
+    gait: Gait

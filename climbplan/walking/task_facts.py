@@ -1,0 +1,68 @@
+"""A walking task as plain values, for files that have to be understood from themselves alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from climbplan.walking.ground import Ground
+from climbplan.walking.task import LEGS, STATE, Reference, RigidBody, Start, WalkTask, Weights
+
+_PARTS: dict[str, type[Any]] = {
+    "body": RigidBody,
+    "ground": Ground,
+    "reference": Reference,
+    "weights": Weights,
+}
+_PLAIN = ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance")
+_WORDS = ("name", "leg_names", "names")
+
+
+def facts_of(task: WalkTask) -> dict[str, Any]:
+    """All but the start."""
+    facts: dict[str, Any] = {name: vars(task)[name] for name in _PLAIN}
+    for part in _PARTS:
+        facts[part] = {name: _plain(value) for name, value in vars(vars(task)[part]).items()}
+    return facts
+
+
+def task_of(facts: Mapping[str, Any]) -> WalkTask:
+    """The task of such facts, at rest at the origin; raises KeyError, TypeError or ValueError."""
+    if not all(isinstance(facts[part], Mapping) for part in _PARTS):
+        raise TypeError("a part of the task is no mapping")
+    parts = {
+        part: made(**{name: _read(name, value) for name, value in facts[part].items()})
+        for part, made in _PARTS.items()
+    }
+    knots = int(facts["knots"])
+    shapes = (
+        (parts["body"].inertia, (3, 3)),
+        (parts["body"].toe_center, (LEGS, 3)),
+        (parts["body"].toe_half, (3,)),
+        (parts["reference"].velocity, (knots, 3)),
+        (parts["reference"].euler, (knots, 3)),
+        (parts["reference"].height, (knots,)),
+        (parts["weights"].velocity, (3,)),
+        (parts["weights"].angles, (3,)),
+    )
+    if any(np.shape(value) != shape for value, shape in shapes):
+        raise ValueError("an array of the task has another shape")
+    rest = np.zeros(STATE)
+    rest[2] = parts["reference"].height[0]
+    return WalkTask(
+        **{name: facts[name] for name in _PLAIN}, **parts, start=Start(rest, np.zeros((LEGS, 3)))
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _read(name: str, value: Any) -> Any:
+    if name in _WORDS:
+        return tuple(value) if isinstance(value, list) else str(value)
+    return np.array(value, float) if isinstance(value, list) else float(value)

@@ -246,19 +246,19 @@ def bench(
             bench_walks(session, {**given, "seed": seed, "quick": quick}, out, force, as_json)
             continue
         if chosen == "refusals":
-            from climbplan.climb.benchmarks.refusals import bench_refusals
+            from climbplan.bench.climb.refusals import bench_refusals
 
             own = {key: given[key] for key in _KNOWN["refusals"] if key in given}
             with standard_output() as stream:
                 bench_refusals(seed, quick, stream, **own)
             continue
         if chosen == "transition":
-            from climbplan.transition.benchmark import run_transition
+            from climbplan.bench.transition import run_transition
 
             with standard_output() as stream:
                 run_transition(seed, quick, stream)
             continue
-        from climbplan.climb.benchmarks.run import run
+        from climbplan.bench.climb.run import run
 
         with standard_output() as stream:
             run(chosen, seed, quick, stream)

@@ -24,7 +24,7 @@ class Comparison:
 def comparison(name: str, given: dict[str, Any]) -> Comparison:
     """The one of this name, with these options."""
     if name == "bookshelf":
-        from climbplan.bookshelf.benchmarks import run as of_methods
+        from climbplan.bench.bookshelf import run as of_methods
 
         methods = of_methods.BenchOptions(**given)
         return Comparison(
@@ -34,7 +34,7 @@ def comparison(name: str, given: dict[str, Any]) -> Comparison:
             of_methods.write_text,
         )
     if name == "limms":
-        from climbplan.limms.benchmarks import run as of_modules
+        from climbplan.bench.limms import run as of_modules
 
         limms = of_modules.LimmsOptions(**given)
         return Comparison(
@@ -43,7 +43,7 @@ def comparison(name: str, given: dict[str, Any]) -> Comparison:
             lambda result, path: of_modules.write_files(result, limms, path),
             of_modules.write_text,
         )
-    from climbplan.bookshelf.benchmarks import strategies, strategy_tables
+    from climbplan.bench.bookshelf import strategies, strategy_tables
 
     options = strategies.StrategyOptions(**given)
     return Comparison(

@@ -19,10 +19,10 @@ def bench_walks(
 
     given: options by name, as of `OnlineOptions`, and `methods`.
     """
+    from climbplan.bench.walking.online_options import OnlineOptions
+    from climbplan.bench.walking.run import run_mpc
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
-    from climbplan.walking.benchmarks.online_options import OnlineOptions
-    from climbplan.walking.benchmarks.run import run_mpc
 
     options = dict(given)
     tables = options.pop("methods", None)

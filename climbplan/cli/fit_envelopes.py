@@ -11,7 +11,7 @@ from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
 
 if TYPE_CHECKING:
-    from climbplan.coupled.envelope_run import EnvelopeRun
+    from climbplan.climb.envelopes.run import EnvelopeRun
 
 ENVELOPES_FILE = "envelopes.h5"
 _CONDITIONS = "   (1) meets  (2) excludes  (3) projects"
@@ -56,8 +56,8 @@ def fit_envelopes(
     robot_spec = load_robot(loaded.spec.robot, loaded.directory)
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
-        from climbplan.coupled.envelope_file import write_envelopes
-        from climbplan.coupled.envelope_run import fit_envelopes as fit
+        from climbplan.climb.envelopes.file import write_envelopes
+        from climbplan.climb.envelopes.run import fit_envelopes as fit
         from climbplan.reports.envelope_report import write_report
         from climbplan.robots.model import Robot
 

@@ -59,8 +59,8 @@ def plan_climb(
     loaded = load_climb(spec, overrides)
     check_model_path(save_model)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
+        from climbplan.climb.plan.file import write_climb
         from climbplan.climb.planner import plan_climb as plan
-        from climbplan.plans.climb_file import write_climb
 
         with placed_mistakes(loaded):
             found = plan(loaded, report=run.report, jobs=jobs, save_model=save_model)

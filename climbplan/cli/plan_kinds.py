@@ -71,9 +71,9 @@ class PlanKind:
 
 _CLIMB = PlanKind(
     csv_name="trajectory.csv",
-    verification="climbplan.plans.verification",
+    verification="climbplan.climb.check.verification",
     report="climbplan.reports.climb_report",
-    csv="climbplan.plans.trajectory_csv",
+    csv="climbplan.climb.plan.trajectory_csv",
     scene_function="climbplan.reports.viewer.climb_scene:climb_scene",
 )
 KINDS = {

@@ -72,8 +72,8 @@ def plan_transition(
         overrides.append(Override("task.sequence", f'"{sequence}"', f"--sequence {sequence}"))
     loaded = load_transition(spec, overrides)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.plans.climb_file import write_climb
-        from climbplan.transition.planner import plan_transition as plan
+        from climbplan.climb.plan.file import write_climb
+        from climbplan.climb.transition.planner import plan_transition as plan
 
         with placed_mistakes(loaded):
             found = plan(loaded, report=run.report)

@@ -189,7 +189,7 @@ _Run = Callable[["Asked", _Progress], tuple["Told", list[str]]]
 
 
 def _climb(path: Path) -> tuple[str, _Run]:
-    from climbplan.plans.climb_file import read_climb
+    from climbplan.climb.plan.file import read_climb
 
     plan = read_climb(path)
 

@@ -95,7 +95,7 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
             build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
         return loaded.spec.kind
     if isinstance(loaded, LoadedTransition):
-        from climbplan.transition.scene import build_transition
+        from climbplan.climb.transition.scene import build_transition
 
         with placed_mistakes(loaded):
             build_transition(loaded)

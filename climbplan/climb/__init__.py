@@ -1,1 +1,1 @@
-"""The decoupled climbing planner (chapter 5.1): postures first, then forces."""
+"""Climbing (chapter 5): postures, forces, both together, transitions, grips, and their checks."""

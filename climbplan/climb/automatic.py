@@ -12,6 +12,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import Reading
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
 from climbplan.climb.remedies import candidates, listed
@@ -26,9 +29,6 @@ from climbplan.errors import (
     SpecError,
     UsageError,
 )
-from climbplan.plans.climb_file import Reading
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import verification_of
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override

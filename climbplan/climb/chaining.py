@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_as_found
 from climbplan.errors import PlanFileError, SpecError, SpecMistake
-from climbplan.plans.climb_file import read_as_found
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import verification_of
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene import MotionScene
-from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.model import FreeRegion
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.climb.instants import instants_at, joint_angles
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene
-from climbplan.plans.climb_plan import Instants, Rounds
 
 
 def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Array, Index, Instants, Mask
 from climbplan.climb.scene import MotionScene, load_wrench
-from climbplan.plans.climb_plan import Array, Index, Instants, Mask
 from climbplan.robots.kinematics import inverse, require_reachable, to_body
 from climbplan.robots.model import Robot
 

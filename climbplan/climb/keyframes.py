@@ -16,13 +16,13 @@ from climbplan.climb.forces.statement import state_forces
 from climbplan.climb.grips.planner import answers_of
 from climbplan.climb.grips.solving import solve_grips
 from climbplan.climb.grips.statement import state_grips
+from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds
+from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import together
 from climbplan.errors import NoPlanFound, NotProved
 from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import deflections_for_forces, rigid_motion
-from climbplan.plans.climb_plan import Forces, Index, Instants, Mask, Rounds
-from climbplan.plans.grip_plan import GripForces
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
 from climbplan.climb.scene import ClimbScene, MotionScene
-from climbplan.plans.climb_plan import Instants, Mask, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid

@@ -17,6 +17,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.grips.plan import require_wrists
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
+from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.postures.nlp import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
@@ -24,7 +25,6 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
-from climbplan.plans.climb_plan import Forces, Instants, Rounds
 from climbplan.robots.rotations import Array
 
 Progress = Callable[[str, float], None]

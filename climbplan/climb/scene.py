@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.climb.plan.climb_plan import Index
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
-from climbplan.plans.climb_plan import Index
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.plan.climb_plan import Study
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import NoPlanFound, UsageError
-from climbplan.plans.climb_plan import Study
 from climbplan.spec.loading import LoadedClimb
 
 Progress = Callable[[str, float], None]

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.limb_clearance import LimbShortfall, closest_link, least_room
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, NotProved
-from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body

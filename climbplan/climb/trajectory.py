@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.keyframes import PACKED, Keyframes, keyframes
+from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Rounds, Trajectory
+from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths
 from climbplan.errors import ReachFailure, UsageError
@@ -19,8 +21,6 @@ from climbplan.mechanics.stiffness import (
     joint_softness,
     joint_turns,
 )
-from climbplan.plans.climb_plan import Forces, Index, Instants, Rounds, Trajectory
-from climbplan.plans.grip_plan import GripForces
 from climbplan.robots.kinematics import (
     inverse,
     jacobian_world,

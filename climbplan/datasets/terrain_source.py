@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.coupled.dataset_rows import TerrainRows
+from climbplan.climb.envelopes.dataset_rows import TerrainRows
 from climbplan.robots.model import Robot
 from climbplan.spec.dataset import TerrainsProblemSpec
 from climbplan.spec.robot_source import load_robot

@@ -15,12 +15,12 @@ import numpy as np
 
 from climbplan.bookshelf import dataset_frame as shelf
 from climbplan.bookshelf.check.plan_checks import solution_checks
-from climbplan.coupled import dataset_rows as terrains
-from climbplan.coupled.search import TOLERANCE, find_posture
-from climbplan.coupled.terrains import Patches
+from climbplan.climb.envelopes import dataset_rows as terrains
+from climbplan.climb.envelopes.search import TOLERANCE, find_posture
+from climbplan.climb.envelopes.terrains import Patches
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.methods import dataset_rows as programs
-from climbplan.plans.checks.check import Check, LeftOut
+from climbplan.plans.check import Check, LeftOut
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import read_dataset_file
 from climbplan.plans.held import held_against

@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from climbplan.plans.checks.check import Check
+from climbplan.plans.check import Check
 from climbplan.spec.holding import HeldSpec, KeyDifference
 
 _SHOWN = 8  # digits of a hash

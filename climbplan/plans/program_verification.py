@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.errors import SpecError, UsageError
-from climbplan.plans.checks.check import Check, LeftOut
+from climbplan.plans.check import Check, LeftOut
 from climbplan.plans.held import held_against, held_check
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.plans.verification import Verification

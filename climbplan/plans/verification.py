@@ -1,42 +1,18 @@
-"""Verification of a climb plan from its file alone.
-
-`verify` recomputes every statement a plan makes about itself from the stored arrays, without the
-planner's kinematics, mechanics or solvers. What each check says and lets pass is in
-`checks.check.LIMITS`.
-"""
+"""What the checks of a plan come to: passed, failed, not judged, and what the badge says."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from climbplan.errors import UnsoundPlan
-from climbplan.plans.checks.check import Check, LeftOut
-from climbplan.plans.checks.check_table import check_table
-from climbplan.plans.checks.clearance_checks import clearance_checks
-from climbplan.plans.checks.file_checks import (
-    finite_check,
-    limits_check,
-    robot_check,
-    spec_hash_check,
-    terrain_check,
-)
-from climbplan.plans.checks.force_checks import force_checks
-from climbplan.plans.checks.grip_checks import gripper_check
-from climbplan.plans.checks.posture_checks import posture_checks
-from climbplan.plans.checks.spec_checks import answering, spec_checks
-from climbplan.plans.checks.static_checks import static_checks
-from climbplan.plans.checks.subject import subject_of
-from climbplan.plans.checks.trajectory_checks import trajectory_checks
-from climbplan.plans.climb_file import Reading, read_as_found
+from climbplan.plans.check import Check, LeftOut
+from climbplan.plans.check_table import check_table
 from climbplan.plans.hdf5_writing import amended_store, write_json, write_text
-from climbplan.plans.held import Against, held_against, held_check
-from climbplan.plans.plausibility import implausible_climb
-from climbplan.spec.holding import HeldSpec
+from climbplan.plans.held import Against
 
 # Where one of these fails the others are not made: numbers that no robot and no task can have
 SOUNDNESS = (
@@ -149,53 +125,6 @@ class Verification:
         return {"passed": self.passed, "checks": checks, **self.scope()}
 
 
-def verify(path: Path, held: HeldSpec | None = None) -> Verification:
-    """Recompute all statements of the plan in a file; held: against another spec than its own.
-
-    If text, numbers, robot or terrain are unsound, only those checks are made: nothing else
-    would mean anything. Raises PlanFileError for a file that is not a whole climb plan.
-    """
-    return verification_of(read_as_found(path), held)
-
-
-def verification_of(reading: Reading, held: HeldSpec | None = None) -> Verification:
-    """As `verify`, for a plan that was read already."""
-    plan = reading.plan
-    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
-    with np.errstate(all="ignore"):
-        checks = tuple(_checks(reading, held))
-        found = Verification(checks, against=held_against(plan, held))
-        return found if found.unsound else replace(found, implausible=implausible_climb(plan))
-
-
-def _checks(reading: Reading, held: HeldSpec | None) -> Iterator[Check]:
-    plan = reading.plan
-    yield spec_hash_check(plan)
-    finite = finite_check(reading.not_finite)
-    yield finite
-    if not finite.passed:
-        return
-    sound = (
-        robot_check(plan.robot),
-        terrain_check(plan.terrain),
-        limits_check(plan.limits),
-        *([gripper_check(plan)] if plan.robot.gripper is not None else []),
-    )
-    yield from sound
-    if not all(check.passed for check in sound):
-        return
-    if held is not None:
-        yield held_check(held)
-        plan = answering(plan, held)
-    subject = subject_of(plan)
-    yield from spec_checks(subject, None if held is None else held.robot)
-    yield from posture_checks(subject)
-    yield from force_checks(subject)
-    yield from static_checks(subject)
-    yield from clearance_checks(subject)
-    yield from trajectory_checks(subject)
-
-
 def mark_verified(path: Path, verification: Verification) -> None:
     """Write the outcome into the file's attributes; the file changes whole or not at all.
 
@@ -206,13 +135,3 @@ def mark_verified(path: Path, verification: Verification) -> None:
         write_text(file, "badge", verification.badge)
         write_text(file, "verified_in", verification.model)
         write_json(file, "leaves_out", list(verification.leaves_out))
-
-
-def verify_and_mark(path: Path) -> Verification:
-    """Verify a plan file and write the outcome into it.
-
-    Raises PlanFileError for a file that is not a whole climb plan.
-    """
-    verification = verify(path)
-    mark_verified(path, verification)
-    return verification

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports.plan_spec import plan_spec
 from climbplan.reports.series import least_at
 from climbplan.reports.study_grid import study_axes

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from typing import Any
 
-from climbplan.plans.checks.check import LIMITS
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.plans.check import LIMITS
 from climbplan.reports.page_data import page_data
 from climbplan.reports.page_parts import Card, read_part, sequence_section
 from climbplan.reports.page_template import (

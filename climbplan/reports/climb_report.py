@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from climbplan.plans.climb_file import read_climb
-from climbplan.plans.climb_layout import FORMAT_VERSION, FORMATS
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import Verification, verify
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb
+from climbplan.climb.plan.layout import FORMAT_VERSION, FORMATS
+from climbplan.plans.verification import Verification
 from climbplan.reports.climb_figures import UNITS, key_figures
 from climbplan.reports.climb_page import build_page
 from climbplan.reports.grip_figures import UNITS as GRIP_UNITS

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.rotations import Array
 
 RING_POINTS = 40

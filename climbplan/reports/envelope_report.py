@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import climbplan
-from climbplan.coupled.envelope_file import FORMAT, FORMAT_VERSION, drawn
-from climbplan.coupled.envelope_run import EnvelopeRun
+from climbplan.climb.envelopes.file import FORMAT, FORMAT_VERSION, drawn
+from climbplan.climb.envelopes.run import EnvelopeRun
 from climbplan.reports.figure_envelopes import boxes, fitness
 from climbplan.reports.page_parts import Card, escape, plain_words
 from climbplan.reports.page_template import fill, frame_fields, number_table, run_fields

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from climbplan.coupled.envelope_run import EnvelopeRun
+from climbplan.climb.envelopes.run import EnvelopeRun
 from climbplan.program.polytope import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch as Swatch
 from matplotlib.patheffects import withStroke
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
 from climbplan.reports.cones import ContactForce, contact_forces, force_scale, round_newtons

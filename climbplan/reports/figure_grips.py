@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.figure_series import mark_rounds, rounds_label
 from climbplan.reports.sheet import (

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, plain, style_axes
 from climbplan.reports.study_grid import StudyAxis, cell_edges, study_axes

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.gripper import WRIST_JOINTS
 
 UNITS = {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
 from climbplan.reports.cones import force_scale
 from climbplan.reports.patches import (

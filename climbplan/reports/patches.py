@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.camera import Camera, clear_view
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body

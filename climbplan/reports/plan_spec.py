@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import SpecError
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.transition import TransitionSpec

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.plans.climb_plan import ClimbPlan, Index, Mask
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
 from climbplan.reports.patches import limb_points
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array

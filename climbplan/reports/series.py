@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.plans.climb_plan import ClimbPlan, Index
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.robots.rotations import Array
 
 

@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial import ConvexHull, QhullError
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
 from climbplan.reports.patches import (

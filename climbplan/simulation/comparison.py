@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.plans.checks.static_pose import Braced, settle
-from climbplan.plans.climb_plan import ClimbPlan, Index, Mask
+from climbplan.climb.check.anew.static_pose import Braced, settle
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot

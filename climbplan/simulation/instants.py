@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan, Index
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.reports.replay import sample_instants
 
 

@@ -13,8 +13,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from climbplan.climb.limb_clearance import NARROW
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array

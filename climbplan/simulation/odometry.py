@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan, Mask
+from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.rotations import Array, rotation_world_body

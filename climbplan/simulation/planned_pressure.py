@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.mechanics.stiffness import joint_softness
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import jacobian_world
 from climbplan.robots.rotations import Array

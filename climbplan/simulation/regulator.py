@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.rotations import Array, rotation_world_body, skew

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.errors import MissingSolver
-from climbplan.plans.climb_plan import ClimbPlan, Mask
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array, rotation_world_body

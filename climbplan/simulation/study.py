@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import Comparison, compare
 from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.pictures import Camera, open_camera

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, ReachFailure
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.variations import (
     Share,
@@ -21,7 +22,6 @@ from climbplan.simulation.variations import (
 from climbplan.spec.loading import load_text
 from climbplan.spec.source import SourceText
 from climbplan.spec.transition_loading import transition_of_text
-from climbplan.transition.planner import plan_transition
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import find_slips
 from climbplan.simulation.conditions import Conditions, ContactLoss
 from climbplan.simulation.replay import simulate

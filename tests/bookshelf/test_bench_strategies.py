@@ -12,22 +12,22 @@ import pytest
 
 pytest.importorskip("pymunk")
 
-from climbplan.bookshelf.benchmarks.cluster_programs import WHOLE
-from climbplan.bookshelf.benchmarks.strategies import (
+from climbplan.bench.bookshelf.cluster_programs import WHOLE
+from climbplan.bench.bookshelf.strategies import (
     CANDIDATES,
     StrategyOptions,
     StrategyResult,
     as_json,
     bench_strategies,
 )
-from climbplan.bookshelf.benchmarks.strategy_cases import (
+from climbplan.bench.bookshelf.strategy_cases import (
     KINDS,
     case_of,
     drawn_scenes,
     training_scenes,
 )
-from climbplan.bookshelf.benchmarks.strategy_plots import comparison
-from climbplan.bookshelf.benchmarks.strategy_tables import write_files, write_text
+from climbplan.bench.bookshelf.strategy_plots import comparison
+from climbplan.bench.bookshelf.strategy_tables import write_files, write_text
 from climbplan.bookshelf.generator import shelf_for
 from climbplan.bookshelf.methods.features import feature_map
 from climbplan.bookshelf.points import theta_of

@@ -12,12 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.benchmarks.contenders import CONTENDERS, chosen
-from climbplan.bookshelf.benchmarks.inputs import FileGroup, bench_inputs, in_turn
-from climbplan.bookshelf.benchmarks.measure import Run, figures_of, wilson
-from climbplan.bookshelf.benchmarks.published import compare_published, read_published
-from climbplan.bookshelf.benchmarks.run import (
+from climbplan.bench.bookshelf.contenders import CONTENDERS, chosen
+from climbplan.bench.bookshelf.inputs import FileGroup, bench_inputs, in_turn
+from climbplan.bench.bookshelf.measure import Run, figures_of, wilson
+from climbplan.bench.bookshelf.published import compare_published, read_published
+from climbplan.bench.bookshelf.run import (
     BenchOptions,
     BenchResult,
     as_json,
@@ -25,6 +24,7 @@ from climbplan.bookshelf.benchmarks.run import (
     write_files,
     write_text,
 )
+from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.generator import generate_scenes, shelf_for
 from climbplan.errors import PlanFileError, UsageError

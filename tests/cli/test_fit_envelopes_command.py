@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import RunCommand
 
-from climbplan.coupled.envelope_file import read_envelopes
+from climbplan.climb.envelopes.file import read_envelopes
 from climbplan.errors import PlanFileError
 
 SPEC = Path(__file__).parents[2] / "specs" / "envelopes_wall3.yaml"

@@ -20,11 +20,11 @@ from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import run_shelf
 from climbplan.cli.app import run
 from climbplan.cli.plan_kinds import plan_kind
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import ClimbplanError, ExitCode
 from climbplan.limms.plan_file import write_limms_plan
 from climbplan.limms.planner import plan_limms
-from climbplan.plans.climb_file import write_climb
 from climbplan.spec.bookshelf_loading import load_shelf
 from climbplan.spec.limms_loading import load_limms
 from climbplan.spec.loading import load_climb

@@ -96,7 +96,7 @@ def test_paths_that_are_wrong(run_command: RunCommand) -> None:
 def test_a_plan_that_fails_is_told_with_what_it_is(
     run_command: RunCommand, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import climbplan.plans.climb_file as climb_file
+    import climbplan.climb.plan.file as climb_file
 
     whole = climb_file.write_climb
 

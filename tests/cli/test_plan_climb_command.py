@@ -92,9 +92,9 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     fakes = Stages()
     for module, names in {
         "climbplan.climb.planner": ["plan_climb"],
-        "climbplan.plans.climb_file": ["write_climb"],
+        "climbplan.climb.plan.file": ["write_climb"],
         "climbplan.plans.plan_format": ["plan_format"],
-        "climbplan.plans.verification": ["verify_and_mark"],
+        "climbplan.climb.check.verification": ["verify_and_mark"],
         "climbplan.reports.climb_report": ["write_report"],
     }.items():
         stand_in = types.ModuleType(module)
@@ -136,7 +136,7 @@ def test_what_is_implausible_comes_first_and_what_is_left_out_last(
         ("the body is held 12 mm off",),
         ("friction 9 of left",),
     )
-    module = sys.modules["climbplan.plans.verification"]
+    module = sys.modules["climbplan.climb.check.verification"]
     monkeypatch.setattr(module, "verify_and_mark", lambda path: found)
     lines = run_command("plan-climb", "small.yaml").err.splitlines()
     assert lines[0] == "warning: implausible: friction 9 of left"

@@ -12,8 +12,8 @@ import h5py
 import pytest
 from command_line import RunCommand
 
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
-from climbplan.plans.climb_file import write_climb
 from climbplan.simulation.report_files import End
 from climbplan.spec.loading import load_text
 

@@ -240,8 +240,8 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory that looks finished, and stand-ins for what reads it."""
     for module, members in {
         "climbplan.plans.plan_format": {"plan_format": lambda path: "climbplan/climb"},
-        "climbplan.plans.verification": {"verify": fake_verify},
-        "climbplan.plans.trajectory_csv": {"export_csv": fake_export},
+        "climbplan.climb.check.verification": {"verify": fake_verify},
+        "climbplan.climb.plan.trajectory_csv": {"export_csv": fake_export},
         "climbplan.reports.climb_report": {
             "write_report": fake_report,
             "report_dict": lambda plan: {"size": len(plan.name)},

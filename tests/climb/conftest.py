@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from climbplan.climb.benchmarks.force import straight_rounds
+from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.robot import RobotSpec
 from climbplan.spec.robot_source import load_robot

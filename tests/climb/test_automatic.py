@@ -11,13 +11,13 @@ import pytest
 import yaml
 
 from climbplan.climb.automatic import Refused
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_by_method, plan_climb
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trials import first_trial, further_trials
 from climbplan.errors import Infeasible, NotProved, ReachFailure
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import verify
 from climbplan.spec.loading import LoadedClimb, load_climb
 
 # Two stairs of 50 mm as boxes, which are obstacles to limbs and places for toes at once

@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from climbplan.climb.benchmarks.posture import published_scene
-from climbplan.climb.benchmarks.run import run
+from climbplan.bench.climb.posture import published_scene
+from climbplan.bench.climb.run import run
 from climbplan.climb.postures.statement import posture_program
 from climbplan.errors import UsageError
 

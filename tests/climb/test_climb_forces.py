@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from climbplan.climb.benchmarks.force import straight_rounds
+from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.forces import solving as forces_module
 from climbplan.climb.forces.literal import literal_problems, solve_cvxpy, solve_literal
 from climbplan.climb.forces.planner import plan_forces
@@ -26,11 +26,11 @@ from climbplan.climb.forces.statement import (
     state_forces,
 )
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.plan.climb_plan import Array, Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.mechanics.stability import loaded_stiffness
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
-from climbplan.plans.climb_plan import Array, Instants
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.model import Robot
 from climbplan.spec.robot import RobotSpec

@@ -8,8 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from climbplan.climb.benchmarks import force as benchmark_force
-from climbplan.climb.benchmarks.force import bench_climb, bench_force
+from climbplan.bench.climb import force as benchmark_force
+from climbplan.bench.climb.force import bench_climb, bench_force
 from climbplan.errors import MissingSolver
 
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.climb.benchmarks.force import straight_rounds
+from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.forces.cones import FEASIBLE, instant_cones
 from climbplan.climb.forces.conflict import all_members, conflicting_members, relax
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, state_forces
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
-from climbplan.plans.climb_plan import Instants
 from climbplan.spec.robot import RobotSpec
 
 SceneMaker = Callable[..., ClimbScene]

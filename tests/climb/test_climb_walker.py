@@ -13,12 +13,13 @@ import pytest
 from urdf_walkers import QUADRUPED
 
 from climbplan.climb.chaining import started
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
+from climbplan.climb.plan.trajectory_csv import export_csv
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import SpecError
-from climbplan.plans.climb_file import read_as_found, read_climb, write_climb
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.trajectory_csv import export_csv
-from climbplan.plans.verification import mark_verified, verification_of
+from climbplan.plans.verification import mark_verified
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.spec.examples import example_data, example_text

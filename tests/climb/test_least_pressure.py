@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.climb.check.verification import verify
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, objective_of, state_forces
+from climbplan.climb.plan.climb_plan import Array, Instants
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import Array, Instants
-from climbplan.plans.verification import verify
 from climbplan.spec.loading import load_text
 
 SceneMaker = Callable[..., ClimbScene]

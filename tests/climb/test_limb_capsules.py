@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from climbplan.climb.check.convex import hull_distance
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import (
     BETWEEN,
@@ -19,14 +20,13 @@ from climbplan.climb.limb_clearance import (
     standing_room,
 )
 from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.postures import statement
 from climbplan.climb.postures.limb_shape import limb_shape
 from climbplan.climb.postures.statement import LinearRotation, limb_polytopes
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.swing import Swing, SwingBlocked, swing_path, swing_paths, swings_of
-from climbplan.plans.checks.convex import hull_distance
-from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import load_text

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import verify
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.loading import load_climb
 from climbplan.spec.robot_source import robot_text

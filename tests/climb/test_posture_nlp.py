@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import yaml
 
-from climbplan.climb.benchmarks.random_climbs import random_climb
+from climbplan.bench.climb.random_climbs import random_climb
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import least_room, limb_points
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp import plan_postures_nlp, refined, solve_from
 from climbplan.climb.postures.nlp_check import check_postures, posture_cost
 from climbplan.climb.postures.nlp_layout import Layout, variable_layout
@@ -32,7 +33,6 @@ from climbplan.climb.postures.nlp_statement import posture_nlp, turning_bulge
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure
-from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.loading import load_climb

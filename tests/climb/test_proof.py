@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.climb.benchmarks.force import straight_rounds
+from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.postures.outer import outer_program, shoulder_balls
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.proof import proof_of_infeasibility

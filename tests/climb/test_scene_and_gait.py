@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import ReachFailure, SpecError
-from climbplan.plans.climb_plan import Rounds
 from climbplan.robots.kinematics import toe_world
 from climbplan.spec.climb import ClimbSpec
 from climbplan.spec.robot_source import load_robot

@@ -9,12 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import NotProved, UsageError
-from climbplan.plans.checks.check import GRIP_LIMITS
-from climbplan.plans.climb_file import read_climb, write_climb
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import verify
+from climbplan.plans.check import GRIP_LIMITS
 from climbplan.spec.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"

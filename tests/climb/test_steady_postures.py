@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from climbplan.climb.check.verification import verify
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.verification import verify
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import LoadedClimb, load_text
 

@@ -7,14 +7,14 @@ import json
 
 import pytest
 
-from climbplan.limms.benchmarks.run import (
+from climbplan.bench.limms.run import (
     LimmsOptions,
     LimmsResult,
     as_json,
     bench_limms,
     write_text,
 )
-from climbplan.limms.benchmarks.trial import METHODS, Trial, attempt
+from climbplan.bench.limms.trial import METHODS, Trial, attempt
 from climbplan.limms.random_jumps import random_jump
 from climbplan.limms.scene import scene_of
 

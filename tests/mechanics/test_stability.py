@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Array
 from climbplan.mechanics.stability import (
     BracedBody,
     braced_body,
@@ -14,7 +15,6 @@ from climbplan.mechanics.stability import (
     stiffness_lost_matrices,
 )
 from climbplan.mechanics.stiffness import joint_bending, joint_softness, limb_compliance
-from climbplan.plans.climb_plan import Array
 from climbplan.robots.kinematics import inverse, jacobian_body, jacobian_world, toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body, skew

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from climbplan.climb.plan.climb_plan import Array
 from climbplan.mechanics.equilibrium import wrench_of
 from climbplan.mechanics.stiffness import (
     SingularPosture,
@@ -19,7 +20,6 @@ from climbplan.mechanics.stiffness import (
     rigid_motion,
     whole_body_stiffness,
 )
-from climbplan.plans.climb_plan import Array
 from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body

@@ -11,7 +11,7 @@ import h5py
 import pytest
 from example_climb import Climb, example_climb
 
-from climbplan.plans.climb_file import write_climb
+from climbplan.climb.plan.file import write_climb
 
 Editor = Callable[[], AbstractContextManager[h5py.File]]
 

@@ -15,8 +15,7 @@ import yaml
 from scipy.linalg import block_diag
 
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.plans.climb_plan import (
+from climbplan.climb.plan.climb_plan import (
     Array,
     ClimbPlan,
     Forces,
@@ -25,6 +24,7 @@ from climbplan.plans.climb_plan import (
     StepLimits,
     Trajectory,
 )
+from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.robots.kinematics import inverse, jacobian_world, to_body, toe_world
 from climbplan.robots.rotations import skew
 from climbplan.spec.climb import ClimbSpec

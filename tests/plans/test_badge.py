@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
-from climbplan.plans.checks.check import Check, LeftOut, judge, not_compared, unjudged
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.verification import Verification, mark_verified, verify
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.file import write_climb
+from climbplan.plans.check import Check, LeftOut, judge, not_compared, unjudged
+from climbplan.plans.verification import Verification, mark_verified
 from climbplan.reports.page_parts import check_rows, verdict
 
 GOOD = judge("force.friction", -0.1)

@@ -13,12 +13,12 @@ from example_climb import Climb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from climbplan.plans.checks.check import Check
-from climbplan.plans.checks.convex import ConvexBody, chain_separation, hull_distance, hull_of
-from climbplan.plans.checks.distances import body_edges, chain_distance
-from climbplan.plans.checks.subject import subject_of
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.verification import verify
+from climbplan.climb.check.convex import ConvexBody, chain_separation, hull_distance, hull_of
+from climbplan.climb.check.distances import body_edges, chain_distance
+from climbplan.climb.check.subject import subject_of
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.file import write_climb
+from climbplan.plans.check import Check
 from climbplan.spec.climb import ClimbSpec
 from climbplan.terrain.model import build_terrain
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from climbplan.plans.checks.chains_anew import chains_at, settled_chains
+from climbplan.climb.check.anew.chains import chains_at, settled_chains
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from climbplan.plans.checks.convex import (
+from climbplan.climb.check.anew.kinematics import body_axes, limbs_at, placed, standing_limbs
+from climbplan.climb.check.convex import (
     ConvexBody,
     body_clearance,
     chain_separation,
     hull_distance,
     hull_of,
 )
-from climbplan.plans.checks.kinematics_anew import body_axes, limbs_at, placed, standing_limbs
 from climbplan.robots.kinematics import jacobian_world, joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
 

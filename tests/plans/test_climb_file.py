@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.climb_file import read_climb, write_climb
-from climbplan.plans.climb_plan import ClimbPlan, Study
 
 N, M = 6, 2
 K = 2 * N * M

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.plausibility import implausible_climb, massless_links
-from climbplan.plans.verification import verify
+from climbplan.climb.check.plausibility import implausible_climb, massless_links
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import write_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 Change = Callable[[ClimbPlan], ClimbPlan]

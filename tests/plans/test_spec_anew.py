@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from example_climb import Climb, _robot
 
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan import layout
+from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.errors import UnsoundPlan
-from climbplan.plans import climb_layout as layout
-from climbplan.plans.checks.check import Check
-from climbplan.plans.climb_file import read_climb, write_climb
-from climbplan.plans.verification import verify
+from climbplan.plans.check import Check
 from climbplan.spec.stored_robot import RobotTexts
 from climbplan.spec.yaml_source import write_yaml
 

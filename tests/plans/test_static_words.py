@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from example_climb import Climb
 
-from climbplan.plans.checks import static_checks
-from climbplan.plans.checks.static_pose import Settled, settle
-from climbplan.plans.verification import verify
+from climbplan.climb.check import statics as static_checks
+from climbplan.climb.check.anew.static_pose import Settled, settle
+from climbplan.climb.check.verification import verify
 
 
 def friction_margin(path: Path) -> str:

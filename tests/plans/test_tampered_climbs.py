@@ -14,10 +14,10 @@ import pytest
 import yaml
 from example_climb import Climb
 
-from climbplan.plans.checks.check import LIMITS
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan
-from climbplan.plans.verification import verify
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import write_climb
+from climbplan.plans.check import LIMITS
 from climbplan.spec.climb import ClimbSpec
 from climbplan.terrain.model import build_terrain
 
@@ -416,7 +416,7 @@ def test_every_check_was_seen_to_fail() -> None:
 
 def float_datasets() -> list[str]:
     """Every place in a file that holds numbers."""
-    from climbplan.plans import climb_layout as layout
+    from climbplan.climb.plan import layout
 
     tables = {
         "robot": layout.ROBOT,

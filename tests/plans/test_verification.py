@@ -12,10 +12,11 @@ import h5py
 import pytest
 from example_climb import SPEC, Climb, example_climb
 
+from climbplan.climb.check.verification import verify, verify_and_mark
+from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.errors import PlanFileError
-from climbplan.plans.checks.check import LIMITS
-from climbplan.plans.climb_file import read_climb, write_climb
-from climbplan.plans.verification import Verification, mark_verified, verify, verify_and_mark
+from climbplan.plans.check import LIMITS
+from climbplan.plans.verification import Verification, mark_verified
 
 NONPARALLEL = """
 kind: climb
@@ -168,7 +169,7 @@ def test_what_is_no_plan_is_refused(tmp_path: Path) -> None:
 
 def test_verification_does_not_touch_the_planner() -> None:
     code = (
-        "import sys, climbplan.plans.verification\n"
+        "import sys, climbplan.climb.check.verification\n"
         "used = ('robots.kinematics', 'mechanics', 'climb', 'solvers', 'program')\n"
         "print([m for m in sys.modules if m.startswith(tuple('climbplan.' + u for u in used))])"
     )

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.scene import build_scene
-from climbplan.plans.climb_plan import (
+from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
     Forces,
     Instants,
@@ -20,6 +19,7 @@ from climbplan.plans.climb_plan import (
     Study,
     Trajectory,
 )
+from climbplan.climb.scene import build_scene
 from climbplan.robots.kinematics import inverse, jacobian_world, to_body
 from climbplan.robots.model import Robot
 from climbplan.spec.climb import ClimbSpec

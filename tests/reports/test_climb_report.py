@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import yaml
 
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.file import write_climb
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan, Study
-from climbplan.plans.verification import verify
 from climbplan.reports.climb_figures import UNITS, key_figures
 from climbplan.reports.climb_report import report_dict, write_report
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.camera import FRONT, SIDE, Camera, clear_view
 from climbplan.reports.patches import (
     MARGIN,

@@ -14,7 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports.climb_report import figure_functions
 from climbplan.reports.cones import contact_forces, force_scale, round_newtons
 from climbplan.reports.figure_forces import chosen_instants

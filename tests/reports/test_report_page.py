@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from headless_chromium import Browser, chromium_path
 
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
+from climbplan.climb.plan.file import write_climb
 from climbplan.reports.climb_page import build_page
 from climbplan.reports.climb_report import report_dict
 

@@ -19,9 +19,9 @@ from headless_chromium import Browser, chromium_path
 
 from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import run_shelf
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import write_climb
 from climbplan.errors import UsageError
-from climbplan.plans.climb_file import write_climb
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.reports.viewer.climb_scene import climb_scene
 from climbplan.reports.viewer.scene import Scene, between, polygons
 from climbplan.reports.viewer.shelf_scene import shelf_scene

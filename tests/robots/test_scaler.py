@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.climb.check.anew.five_bars import five_bars_at, settled_five_bars
 from climbplan.errors import SpecError
-from climbplan.plans.checks.five_bars_anew import five_bars_at, settled_five_bars
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.gripper import wrists_at
 from climbplan.robots.kinematics import inverse, jacobian_body, toe_body

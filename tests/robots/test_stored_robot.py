@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.plans.checks.differences import largest, parts_apart
+from climbplan.plans.differences import largest, parts_apart
 from climbplan.robots.any_robot import build_robot
 from climbplan.spec.loading import load_climb
 from climbplan.spec.stored_robot import NotKept, RobotTexts, robot_texts, stored_robot

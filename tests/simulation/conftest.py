@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.spec.loading import load_text
 
 SPEC = """

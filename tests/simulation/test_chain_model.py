@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from urdf_walkers import QUADRUPED
 
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import UsageError
-from climbplan.plans.climb_plan import ClimbPlan
 from climbplan.robots.kinematics import joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.chain_limb import motor_names

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body

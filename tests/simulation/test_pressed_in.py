@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.simulation.comparison import compare
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.replay import simulate
 from climbplan.spec.transition_loading import load_transition
-from climbplan.transition.planner import plan_transition
 
 Planned = Callable[..., ClimbPlan]
 BRICKS = Path(__file__).parents[2] / "specs" / "transition_bricks.yaml"

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.comparison import compare, find_losses, find_slips
@@ -19,7 +20,6 @@ from climbplan.simulation.model import build_mjcf, motor_stiffness
 from climbplan.simulation.replay import planned_tilt, simulate
 from climbplan.spec.transition_loading import load_transition
 from climbplan.terrain.surfaces import Region, Tube
-from climbplan.transition.planner import plan_transition
 
 SPECS = Path(__file__).parents[2] / "specs"
 Planned = Callable[..., ClimbPlan]

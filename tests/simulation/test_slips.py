@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import LEAST_HELD, find_slips
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.instants import instant_samples

@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.sweep import Sweep, sweep
 from climbplan.simulation.variations import Share, climb_trial, drawn_conditions, run_trials

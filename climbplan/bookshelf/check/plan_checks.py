@@ -22,7 +22,7 @@ from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, 
 from climbplan.bookshelf.scene import Array, Scenes, State, movement_cost
 from climbplan.bookshelf.scene_source import scenes_of, scenes_of_inline, shelf_of
 from climbplan.errors import SpecError, UsageError
-from climbplan.plans.checks.check import Check, LeftOut, Limit
+from climbplan.plans.check import Check, LeftOut, Limit
 from climbplan.plans.held import held_check
 from climbplan.spec.bookshelf import BookshelfSpec, ShelfSolverSpec
 from climbplan.spec.holding import HeldSpec

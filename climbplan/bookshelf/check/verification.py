@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.bookshelf.check.plan_checks import plan_checks
 from climbplan.bookshelf.plan import ShelfPlan, worst_overlap
 from climbplan.bookshelf.plan_file import read_as_found
-from climbplan.plans.checks.check import LeftOut
+from climbplan.plans.check import LeftOut
 from climbplan.plans.held import held_against
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.spec.holding import HeldSpec

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.climb.coupled.preparation import Prepared
 from climbplan.climb.coupled.statement import envelope_range
-from climbplan.coupled.search import least_error, linear_with
+from climbplan.climb.envelopes.search import least_error, linear_with
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Program
 from climbplan.program.instance import Index, Instance

@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.climb.envelopes.legs import POSITION_SCALE
+from climbplan.climb.envelopes.statement import cone_rows, cross
 from climbplan.climb.postures.statement import (
     PostureMargins,
     posture_program,
@@ -22,8 +24,6 @@ from climbplan.climb.postures.statement import (
     sum_of_squares,
 )
 from climbplan.climb.scene import ClimbScene, load_wrench
-from climbplan.coupled.legs import POSITION_SCALE
-from climbplan.coupled.statement import cone_rows, cross
 from climbplan.errors import NotProved
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program

@@ -17,7 +17,7 @@ from climbplan.climb.forces.cones import (
     InstantCones,
     friction_rows,
 )
-from climbplan.plans.climb_plan import Array
+from climbplan.climb.plan.climb_plan import Array
 
 LARGEST_MU = 5.0  # beyond any dry contact: friction is no remedy there
 LARGEST_TORQUE_FACTOR = 100.0

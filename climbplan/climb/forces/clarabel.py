@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.climb.forces.reduction import ReducedForces, halfspaces
-from climbplan.plans.climb_plan import Array, Mask
+from climbplan.climb.plan.climb_plan import Array, Mask
 
 _LOOSER, _REGULARISATION = 1e-8, 1e-6
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load

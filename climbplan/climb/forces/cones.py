@@ -16,9 +16,9 @@ from scipy import sparse
 from climbplan.climb.forces.clarabel import clarabel_settings
 from climbplan.climb.forces.restrictions import stability_cone
 from climbplan.climb.forces.statement import ForceStatement
+from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
-from climbplan.plans.climb_plan import Array, Index
 
 _GAVE_UP = ("NumericalError", "InsufficientProgress", "MaxIterations")
 FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, that counts as none

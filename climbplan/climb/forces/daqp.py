@@ -7,7 +7,7 @@ import numpy as np
 
 from climbplan.climb.forces.pyramids import Optima
 from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
-from climbplan.plans.climb_plan import Mask
+from climbplan.climb.plan.climb_plan import Mask
 
 _UNBOUNDED = -1e30  # no lower bound, in DAQP's terms
 _PRIMAL_TOLERANCE = 1e-10  # on rows of unit length

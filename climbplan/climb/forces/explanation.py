@@ -18,9 +18,9 @@ from climbplan.climb.forces.cones import InstantCones, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
-from climbplan.plans.climb_plan import Instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 

@@ -17,10 +17,10 @@ from scipy import sparse
 
 from climbplan.climb.forces.clarabel import clarabel_settings
 from climbplan.climb.forces.statement import ForceStatement
+from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.errors import MissingSolver
 from climbplan.mechanics.friction import contact_frame
 from climbplan.mechanics.stiffness import rigid_motion, whole_body_stiffness
-from climbplan.plans.climb_plan import Array, Mask
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from scipy import sparse
 
 from climbplan.climb.forces.pyramids import Optima
 from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
-from climbplan.plans.climb_plan import Mask
+from climbplan.climb.plan.climb_plan import Mask
 
 _TOLERANCE = 1e-6  # before polishing
 _ITERATIONS = 10_000

@@ -18,11 +18,11 @@ from climbplan.climb.forces.statement import (
     torques_of,
 )
 from climbplan.climb.grips.planner import plan_grip_forces
+from climbplan.climb.plan.climb_plan import Array, Forces, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import critical_friction
 from climbplan.mechanics.stiffness import deflections_for_forces
-from climbplan.plans.climb_plan import Array, Forces, Instants
 from climbplan.robots.kinematics import toe_world
 
 

@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from climbplan.climb.forces.reduction import Halfspaces, ReducedForces, halfspaces, set_friction
+from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.mechanics.friction import regular_corners
-from climbplan.plans.climb_plan import Array, Mask
 
 _COARSE = 3  # corners that close the second pyramid on its far side
 _WINDOW = 0.75  # half width of the fine part, in sides of the first pyramid

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.forces.statement import ForceStatement
+from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.equilibrium import balance_load
 from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid_rows
-from climbplan.plans.climb_plan import Array, Index
 
 # A linear objective leaves forces open wherever they do not matter to the worst joint. Among
 # equally good ones this weight, on half the sum of squared limb deflections |C f|^2 over BEND^2,

@@ -21,8 +21,8 @@ from climbplan.climb.forces.statement import (
     depth_missing,
     kept,
 )
+from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost, stiffness_lost_matrices
-from climbplan.plans.climb_plan import Array, Index
 
 _STIFFNESS_RESERVE = 1e-3  # of the elastic stiffness: cuts ask for this much more than is needed
 _TOLERANCE = 1e-9  # [rad, m] by which commands may enter their reserve or miss their depth

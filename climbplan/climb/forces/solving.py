@@ -20,8 +20,8 @@ from climbplan.climb.forces.pyramids import solve_pyramids
 from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
 from climbplan.climb.forces.restrictions import Restrictions, stability_cone
 from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
+from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.errors import UsageError
-from climbplan.plans.climb_plan import Array, Index, Mask
 
 _CUT_ROUNDS = 8  # times an instant is solved again with new restrictions
 

@@ -23,12 +23,12 @@ from functools import cached_property
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Array, Instants, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
 from climbplan.mechanics.stiffness import commanded_depth, joint_bending, limb_compliance
-from climbplan.plans.climb_plan import Array, Instants, Mask
 from climbplan.robots.kinematics import jacobian_world
 from climbplan.robots.model import Robot
 

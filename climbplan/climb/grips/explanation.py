@@ -15,9 +15,9 @@ from climbplan.climb.forces.cones import ConicAnswer, ConicProgram
 from climbplan.climb.forces.explanation import CHOSEN
 from climbplan.climb.grips.program import GripInstant, conic_program, grip_instant
 from climbplan.climb.grips.statement import GripStatement
+from climbplan.climb.plan.climb_plan import Array, Index, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
-from climbplan.plans.climb_plan import Array, Index, Instants
 from climbplan.robots.rotations import rotation_world_body
 
 LISTED = 5  # instants described one by one

@@ -6,11 +6,11 @@ import numpy as np
 
 from climbplan.climb.grips.planner import pull_margins, wrist_torques
 from climbplan.climb.grips.statement import grip_wrists, state_grips
+from climbplan.climb.plan.climb_plan import Forces, Instants, Trajectory
+from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import ReachFailure
 from climbplan.mechanics.grip import outside_training, parts_of
-from climbplan.plans.climb_plan import Forces, Instants, Trajectory
-from climbplan.plans.grip_plan import GripPlan, SpineModel
 from climbplan.robots.gripper import WRIST_JOINTS
 
 _BOUND_SLACK = 1e-9  # [rad]

@@ -9,11 +9,11 @@ import numpy as np
 from climbplan.climb.grips.explanation import explain_grips
 from climbplan.climb.grips.solving import SolvedGrips, solve_grips
 from climbplan.climb.grips.statement import GripStatement, state_grips
+from climbplan.climb.plan.climb_plan import Array, Forces, Instants
+from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import UsageError
 from climbplan.mechanics.grip import FIRST, PALM, SECOND, Grippers, pull_margin
-from climbplan.plans.climb_plan import Array, Forces, Instants
-from climbplan.plans.grip_plan import GripForces
 from climbplan.robots.kinematics import toe_world
 
 NO_SHEAR = 1e-6  # in units of the load: less is rounding of forces that are zero

@@ -8,8 +8,8 @@ import numpy as np
 
 from climbplan.climb.forces.cones import ConicProgram
 from climbplan.climb.grips.statement import GripStatement
+from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.friction import contact_frame, pyramid_rows, regular_corners
-from climbplan.plans.climb_plan import Array, Index
 
 PARTS = 3  # palm and two fingers
 SIZE = 3 * PARTS  # unknowns of a limb in contact

@@ -22,7 +22,7 @@ from climbplan.climb.grips.program import (
     open_fingers,
 )
 from climbplan.climb.grips.statement import RESIDUAL_LIMIT, GripStatement
-from climbplan.plans.climb_plan import Array, Index
+from climbplan.climb.plan.climb_plan import Array, Index
 
 # Among forces of equal worst torque those of least squares are preferred, which makes answers
 # unique; the weight is small against s, so that it costs little of the optimum.

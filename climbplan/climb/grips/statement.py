@@ -22,11 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Array, Instants, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import total_load
 from climbplan.mechanics.grip import FIRST, SECOND, GripCones, Grippers, grip_cones
 from climbplan.mechanics.stiffness import joint_softness
-from climbplan.plans.climb_plan import Array, Instants, Mask
 from climbplan.robots.gripper import Gripper, Wrists, wrists_at
 from climbplan.robots.kinematics import jacobian_world
 from climbplan.robots.last_link import joint_axes_body, last_link_body

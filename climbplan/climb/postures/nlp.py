@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import DEFAULT_STEPS
 from climbplan.climb.postures.nlp_check import Violation, check_postures, posture_cost
 from climbplan.climb.postures.nlp_numbers import (
@@ -34,7 +35,6 @@ from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, ReachFailure
-from climbplan.plans.climb_plan import Rounds
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import require_reachable, to_body
 

@@ -19,10 +19,10 @@ from climbplan.climb.limb_clearance import (
     limb_points,
     limb_shortfall,
 )
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
 from climbplan.errors import NotProved, ReachFailure
-from climbplan.plans.climb_plan import Instants, Rounds
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.surfaces import Tube
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.limb_clearance import standing_room
+from climbplan.climb.plan.climb_plan import Index, Rounds
 from climbplan.climb.postures.nlp_layout import (
     MOMENTS,
     Moment,
@@ -18,7 +19,6 @@ from climbplan.climb.postures.nlp_layout import (
 )
 from climbplan.climb.postures.nlp_links import parting_planes
 from climbplan.climb.scene import ClimbScene
-from climbplan.plans.climb_plan import Index, Rounds
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.surfaces import Region, Tube

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
+from climbplan.climb.plan.climb_plan import Index, Rounds
 from climbplan.climb.postures.nlp_numbers import Guess
 from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NoPlanFound
-from climbplan.plans.climb_plan import Index, Rounds
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.model import FreeRegion

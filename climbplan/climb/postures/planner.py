@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import BOUND_SCOPE, explain_infeasible
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, UsageError
-from climbplan.plans.climb_plan import Rounds
 from climbplan.program import Program
 from climbplan.program.polytope import Array
 from climbplan.solvers.model_file import save_model as write_model

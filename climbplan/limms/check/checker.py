@@ -16,7 +16,7 @@ from climbplan.limms.check.motion import motion_checks
 from climbplan.limms.check.spec import spec_checks
 from climbplan.limms.modules.chain import Pose, forward
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.plans.checks.check import Check
+from climbplan.plans.check import Check
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.limms_module import ModuleSpec

@@ -14,7 +14,7 @@ from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_with
 from climbplan.limms.modules.limbs import joined_rotation, standing_rotation
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
-from climbplan.plans.checks.check import Check
+from climbplan.plans.check import Check
 from climbplan.spec.limms_module import ModuleSpec
 
 _DRIVING = 1

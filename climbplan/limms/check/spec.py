@@ -10,8 +10,8 @@ from climbplan.errors import SpecError
 from climbplan.limms.check.limits import judge
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import SIDE_NORMALS, Scene, scene_of
-from climbplan.plans.checks.check import Check, not_compared
-from climbplan.plans.checks.differences import Difference, largest, parts_apart, same
+from climbplan.plans.check import Check, not_compared
+from climbplan.plans.differences import Difference, largest, parts_apart, same
 from climbplan.spec.limms import LimmsSpec
 from climbplan.spec.limms_loading import stored_limms
 

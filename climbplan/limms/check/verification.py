@@ -11,7 +11,7 @@ from climbplan.limms.check.checker import plan_checks
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_as_found
 from climbplan.limms.scene import GRAVITY
-from climbplan.plans.checks.check import LeftOut
+from climbplan.plans.check import LeftOut
 from climbplan.plans.held import held_against
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.spec.holding import HeldSpec

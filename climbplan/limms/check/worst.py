@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.limms.check.limits import judge
 from climbplan.limms.scene import Array
-from climbplan.plans.checks.check import Check
+from climbplan.plans.check import Check
 
 
 @dataclass

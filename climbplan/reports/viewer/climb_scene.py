@@ -6,8 +6,8 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from climbplan.plans.climb_file import read_climb
-from climbplan.plans.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb
 from climbplan.reports import palette
 from climbplan.reports.patches import (
     Box,

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.plans.checks.check import Check, Limit, unjudged
+from climbplan.plans.check import Check, Limit, unjudged
 from climbplan.walking.check.truth import continuous_rollout, knot_step, toes_in_body
 from climbplan.walking.task import (
     ANGLE_RANGE,

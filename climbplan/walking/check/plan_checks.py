@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.errors import SpecError
-from climbplan.plans.checks.check import Check, Limit
+from climbplan.plans.check import Check, Limit
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate

@@ -1,0 +1,1 @@
+"""`climbplan bench` of climbs: posture, force, plan, coupled, growth, refusals."""

@@ -1,0 +1,72 @@
+"""Benchmarks of the climb planner: every figure beside a named alternative of the same run."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import TextIO
+
+from climbplan.bench.climb.coupled import bench_coupled
+from climbplan.bench.climb.force import bench_force
+from climbplan.bench.climb.posture import bench_growth, bench_posture
+from climbplan.climb.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.scene import build_scene
+from climbplan.climb.trajectory import plan_trajectory
+from climbplan.errors import UsageError
+from climbplan.spec.examples import example_text
+from climbplan.spec.loading import load_text
+
+_PUBLISHED_TOTAL = 1.380  # [s] Gurobi, i7-8750H, posture and force stages (Table 5.1)
+
+
+def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
+    """The whole decoupled plan of climb_obstacle: postures, kinematics, forces, trajectory."""
+    loaded = load_text(example_text("climb_obstacle"), "climb_obstacle", [f"seed={seed}"])
+    repeats = 3 if quick else 9
+    stages: dict[str, list[float]] = {}
+    for _ in range(repeats):
+        clock = StageClock(lambda stage, fraction: None)
+        begin, spent = time.perf_counter(), time.process_time()
+        with clock.stage("scene"):
+            scene = build_scene(loaded.spec, loaded.robot, loaded.source)
+        supported = plan_support(scene, plan_motion(scene, clock), clock)
+        motion, forces = supported.motion, supported.forces
+        planned = time.perf_counter() - begin
+        busy = time.process_time() - spent
+        with clock.stage("trajectory"):
+            plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
+        for stage, seconds in {**clock.seconds, "plan": planned, "busy": busy}.items():
+            stages.setdefault(stage, []).append(seconds)
+    rounds = loaded.spec.task.rounds
+    print(f"climb_obstacle: {rounds} rounds, {motion.instants.count} force problems", file=out)
+    print(f"{'stage':<28}{'median s':>10}{'of plan':>10}", file=out)
+    whole = statistics.median(stages["plan"])
+    for stage in ("scene", "posture", "kinematics", "force", "plan"):
+        median = statistics.median(stages[stage])
+        print(f"{stage:<28}{median:>10.4f}{median / whole:>9.0%}", file=out)
+    after = statistics.median(stages["trajectory"])
+    print(f"{'trajectory, beside the plan':<28}{after:>10.4f}", file=out)
+    used = statistics.median(stages["busy"])
+    print(f"{'plan, processor time':<28}{used:>10.4f}", file=out)
+    print(
+        f"plan = scene + posture + kinematics + force, checks included; published with Gurobi on "
+        f"another machine: {_PUBLISHED_TOTAL:.2f} s for posture + force",
+        file=out,
+    )
+
+
+BENCHMARKS: dict[str, Callable[[int, bool, TextIO], None]] = {
+    "posture": bench_posture,
+    "force": bench_force,
+    "plan": bench_plan,
+    "coupled": bench_coupled,
+    "growth": bench_growth,
+}
+
+
+def run(name: str, seed: int, quick: bool, out: TextIO) -> None:
+    """Run one benchmark by name and print its table; raises UsageError for an unknown name."""
+    if name not in BENCHMARKS:
+        raise UsageError(f"unknown benchmark {name!r}: expected one of {', '.join(BENCHMARKS)}")
+    BENCHMARKS[name](seed, quick, out)

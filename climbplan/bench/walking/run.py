@@ -1,0 +1,56 @@
+"""`climbplan bench mpc`: offline methods, envelopes, bounds, online, a table each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, TextIO
+
+from climbplan.bench.walking.bounds import bound_table
+from climbplan.bench.walking.envelope_accuracy import accuracy_table
+from climbplan.bench.walking.offline import offline_tables
+from climbplan.bench.walking.online import tick_tables
+from climbplan.bench.walking.online_options import OnlineOptions, online_inputs
+from climbplan.bench.walking.recovery import recovery_table
+from climbplan.errors import UsageError
+
+Section = Callable[[int, bool, TextIO], None]  # seed, quick, where to print
+OFFLINE: dict[str, Section] = {
+    "offline": offline_tables,
+    "envelopes": accuracy_table,
+    "bounds": bound_table,
+}
+ONLINE = ("ticks", "recovery")
+
+
+def run_mpc(
+    options: OnlineOptions,
+    tables: str | None,
+    stream: TextIO,
+    report: Callable[[str, float], None],
+) -> dict[str, Any]:
+    """Print tables, all if none are named; gives the figures of the online ones.
+
+    Raises:
+        UsageError: a table that does not exist, or files that cannot be used.
+    """
+    chosen = _chosen(tables)
+    # Files and assignments are looked at before anything runs for minutes.
+    inputs = online_inputs(options, report) if set(chosen) & set(ONLINE) else None
+    found: dict[str, Any] = {"benchmark": "mpc", "seed": options.seed, "load": os.getloadavg()[0]}
+    for name in chosen:
+        if name in OFFLINE:
+            OFFLINE[name](options.seed, options.quick, stream)
+        elif inputs is not None and name == "ticks":
+            found[name] = tick_tables(inputs, options.seed, options.quick, stream)
+        elif inputs is not None:
+            found[name] = recovery_table(inputs, options, stream, report)
+    return found
+
+
+def _chosen(tables: str | None) -> list[str]:
+    known = [*OFFLINE, *ONLINE]
+    names = known if tables is None else [name.strip() for name in tables.split(",")]
+    if unknown := [name for name in names if name not in known]:
+        raise UsageError(f"--methods: expected some of {', '.join(known)}, got {unknown[0]!r}")
+    return names

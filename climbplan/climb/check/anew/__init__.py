@@ -1,0 +1,1 @@
+"""Robots, gaits and grips built anew from plan files and specs, without the planner's code."""

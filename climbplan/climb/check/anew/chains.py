@@ -1,0 +1,111 @@
+"""Chains of joints built anew from what the plan file says of them: poses, and what they settle to.
+
+A chain is turned from its toe inwards, joint by joint, each about where it is at zero angles. Where
+a limb has more than three joints, a toe that is held leaves it free to move: its joints, springs
+about their commands, settle where their energy is least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.plans.check import Array
+from climbplan.robots.serial_chain import SerialChain
+
+_ITERATIONS = 40
+_LONGEST = 0.3  # [rad] of a Newton step
+_STILL = 1e-13  # [rad] of the last step
+_SLIGHT = 1e-14  # [m/N] give of the toe, by which singular limbs have an answer
+
+
+@dataclass(frozen=True)
+class ChainLimbs:
+    """Chains in the body frame."""
+
+    joints: Array  # (..., N, J, 3) [m]
+    axes: Array  # (..., N, J, 3)
+    toe: Array  # (..., N, 3) [m]
+
+    def jacobian(self) -> Array:
+        """(..., N, 3, J)."""
+        return np.swapaxes(np.cross(self.axes, self.toe[..., None, :] - self.joints), -1, -2)
+
+    def bending(self, force: Array) -> Array:
+        """(..., N, J, J) Hessian of force . toe by the angles, for forces (..., N, 3)."""
+        columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
+        # f . (a_i x c_j) for i <= j, mirrored
+        upper = np.einsum("...id,...jd->...ij", np.cross(force[..., None, :], self.axes), columns)
+        upper = np.triu(upper)
+        return np.asarray(upper + np.swapaxes(np.triu(upper, 1), -1, -2))
+
+
+def chains_at(chain: SerialChain, angles: Array) -> ChainLimbs:
+    """Chains at angles (..., N, J) [rad], body frame."""
+    count = angles.shape[-1]
+    shape = angles.shape[:-1]
+    joints = np.broadcast_to(chain.joint_zero, (*shape, count, 3)).copy()
+    axes = np.broadcast_to(chain.axis_zero, (*shape, count, 3)).copy()
+    toe = np.broadcast_to(chain.toe_zero, (*shape, 3)).copy()
+    for j in reversed(range(count)):
+        about, axis = chain.joint_zero[:, j], chain.axis_zero[:, j]
+        angle = angles[..., j]
+        toe = about + _turned(toe - about, axis, angle)
+        for later in range(j + 1, count):
+            joints[..., later, :] = about + _turned(joints[..., later, :] - about, axis, angle)
+            axes[..., later, :] = _turned(axes[..., later, :], axis, angle)
+    return ChainLimbs(joints, axes, toe)
+
+
+@dataclass(frozen=True)
+class SettledChains:
+    """Chains whose toes are held."""
+
+    angles: Array  # (..., N, J) [rad]
+    missing: Array  # (..., N) distance of the toes from their places [m]
+
+
+def settled_chains(
+    chain: SerialChain, toes: Array, alike: Array, command: Array, spring: Array
+) -> SettledChains:
+    """Angles near `alike` (..., N, J) with toes at (..., N, 3), body frame, and least energy.
+
+    spring: (N, J) of joints about `command` (..., N, J). Newton's method on k (q - command) = J^T f
+    and toe(q) = x for angles q and toe forces f; the energy counts where a limb has a choice.
+    """
+    shape, count = alike.shape, alike.shape[-1]
+    q = alike.copy()
+    limbs = chains_at(chain, q)
+    jacobian = limbs.jacobian()
+    give = jacobian / spring[:, None, :] @ np.swapaxes(jacobian, -1, -2) + _SLIGHT * np.eye(3)
+    pressed = np.linalg.solve(give, (jacobian @ (q - command)[..., None]))
+    force = np.asarray(pressed[..., 0], np.float64)
+    matrix = np.zeros((*shape[:-1], count + 3, count + 3))
+    matrix[..., count:, count:] = _SLIGHT * np.eye(3)
+    for _ in range(_ITERATIONS):
+        transposed = np.swapaxes(jacobian, -1, -2)
+        matrix[..., :count, :count] = spring[:, None, :] * np.eye(count) - limbs.bending(force)
+        matrix[..., :count, count:] = -transposed
+        matrix[..., count:, :count] = jacobian
+        pull = (transposed @ force[..., None])[..., 0] - spring * (q - command)
+        right = np.concatenate([pull, toes - limbs.toe], axis=-1)
+        step = np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
+        most = np.abs(step[..., :count]).max(axis=-1, keepdims=True)
+        step = step * np.minimum(1.0, _LONGEST / np.maximum(most, 1e-300))
+        q = q + step[..., :count]
+        force = force + step[..., count:]
+        limbs = chains_at(chain, q)
+        jacobian = limbs.jacobian()
+        if not (most > _STILL).any():
+            break
+    return SettledChains(q, np.linalg.norm(toes - limbs.toe, axis=-1))
+
+
+def _turned(vector: Array, axis: Array, angle: Array) -> Array:
+    """Vectors (..., N, 3) turned about axes (N, 3), unit or zero, by angles (..., N) [rad]."""
+    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
+    there = (axis * axis).sum(axis=-1, keepdims=True) > 0
+    turned = along + cos * (vector - along) + sin * np.cross(axis, vector)
+    return np.asarray(np.where(there, turned, vector))

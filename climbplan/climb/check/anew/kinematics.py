@@ -1,0 +1,222 @@
+"""Limb geometry from the definitions of the file format, by rotations about joint axes.
+
+A limb, unless it is another chain (`chains.py`): the coxa turns about the body's z at the
+shoulder, femur and tibia about the horizontal axis through the limb's plane; at zero angles coxa
+and femur point outward, the tibia down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.check.anew.chains import chains_at, settled_chains
+from climbplan.climb.check.anew.five_bars import five_bars_at, settled_five_bars
+from climbplan.plans.check import Array
+from climbplan.robots.five_bar import FiveBar
+from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
+
+_CLOSED = 1e-9  # [m] rounding of legs that reach their toes
+
+
+def turned(vector: Array, axis: Array, angle: Array) -> Array:
+    """Vectors (..., 3) turned about unit axes (..., 3) by angles (...) [rad] (Rodrigues)."""
+    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    along = (vector * axis).sum(axis=-1, keepdims=True)
+    return vector * cos + np.cross(axis, vector) * sin + axis * along * (1 - cos)
+
+
+def body_axes(rpy: Array) -> Array:
+    """The body's x, y, z axes as rows (..., 3, 3), world: Rz(yaw) Ry(pitch) Rx(roll) applied."""
+    axes = np.broadcast_to(np.eye(3), (*rpy.shape[:-1], 3, 3))
+    for world_axis, angle in enumerate(np.moveaxis(rpy, -1, 0)):  # about x, then y, then z
+        axes = turned(axes, np.eye(3)[world_axis], angle[..., None])
+    return axes
+
+
+def placed(com: Array, axes: Array, points: Array) -> Array:
+    """World positions (..., P, 3) of body points (P, 3) for bodies at com (..., 3)."""
+    return com[..., None, :] + points @ axes
+
+
+@dataclass(frozen=True)
+class Limbs:
+    """Joint positions and axes of all limbs in the world."""
+
+    joints: Array  # (..., N, J, 3) coxa, femur and tibia joint, or those of a chain [m]
+    axes: Array  # (..., N, J, 3) their unit axes
+    toe: Array  # (..., N, 3) [m]
+    drive: Array | None = None  # (..., N, J, J) speeds about the axes by joint speeds, if not alike
+
+    @property
+    def points(self) -> Array:
+        """Shoulder, femur joint, knee, toe (..., N, J + 1, 3)."""
+        return np.concatenate([self.joints, self.toe[..., None, :]], axis=-2)
+
+    def jacobian(self) -> Array:
+        """Toe velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe - joint_j)."""
+        columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
+        own = np.swapaxes(columns, -1, -2)
+        return own if self.drive is None else own @ self.drive
+
+    def turning(self) -> Array:
+        """Rows (..., N, J, 3): turning velocity of the last link by joint speed."""
+        if self.drive is None:
+            return self.axes
+        return np.asarray(np.swapaxes(self.drive, -1, -2) @ self.axes)
+
+    def last_link(self) -> Array:
+        """Rows x along the last link, y = z x x, z along the last joint's axis (..., N, 3, 3)."""
+        along = self.toe - self.joints[..., -1, :]
+        x = along / np.maximum(_length(along), 1e-12)
+        z = self.axes[..., -1, :]
+        return np.stack([x, np.cross(z, x), z], axis=-2)
+
+
+def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
+    """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, J) [rad]."""
+    if isinstance(robot.mechanism, FiveBar):
+        return _five_bars_at(robot.mechanism, com, axes, angles)
+    if robot.mechanism is not None:
+        return _chains_at(chain_of(robot), com, axes, angles)
+    shoulder = placed(com, axes, robot.shoulder_body)
+    up = np.broadcast_to(axes[..., 2:3, :], shoulder.shape)
+    forward = np.broadcast_to(axes[..., 0:1, :], shoulder.shape)
+    out = turned(forward, up, robot.mount_yaw + angles[..., 0])
+    hinge = np.cross(out, up)
+    femur = turned(out, hinge, angles[..., 1])
+    tibia = turned(-up, hinge, angles[..., 1] + angles[..., 2])
+    coxa_length, femur_length, tibia_length = (robot.link_lengths[:, j, None] for j in range(3))
+    hip = shoulder + coxa_length * out
+    knee = hip + femur_length * femur
+    return Limbs(
+        joints=np.stack([shoulder, hip, knee], axis=-2),
+        axes=np.stack([up, hinge, hinge], axis=-2),
+        toe=knee + tibia_length * tibia,
+    )
+
+
+@dataclass(frozen=True)
+class StandingLimbs:
+    """Limbs whose toes are held by the terrain while the body moves."""
+
+    points: Array  # (..., N, J + 1, 3) shoulder, femur joint, knee, toe [m]
+    angles: Array  # (..., N, J) [rad]
+    missing: Array  # (..., N) distance by which the links do not reach the toe [m]
+
+
+def standing_limbs(
+    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array, command: Array
+) -> StandingLimbs:
+    """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, J).
+
+    Angles are those within half a turn of `alike`. The knee is where the circles of femur and tibia
+    meet in the limb's plane. A chain of more than three joints
+    settles as springs about their commands (..., N, J) do.
+    """
+    if isinstance(robot.mechanism, FiveBar):
+        return _standing_five_bars(robot.mechanism, com, axes, toes, alike)
+    if robot.mechanism is not None:
+        return _standing_chains(robot, com, axes, toes, alike, command)
+    model = limbs_at(robot, com, axes, alike)
+    shoulder = placed(com, axes, robot.shoulder_body)
+    up = axes[..., 2:3, :]
+    reach = toes - shoulder
+    level = reach - _dot(reach, up) * up
+    out = level / np.maximum(_length(level), 1e-12)
+    model_out = model.joints[..., 1, :] - model.joints[..., 0, :]
+    out = out * np.where(_dot(out, model_out) < 0, -1.0, 1.0)
+    hinge = np.cross(out, np.broadcast_to(up, out.shape))
+
+    coxa, femur, tibia = (robot.link_lengths[:, j, None] for j in range(3))
+    hip = shoulder + coxa * out
+    span = toes - hip
+    distance = np.maximum(_length(span), 1e-12)
+    missing = np.maximum(distance - femur - tibia, np.abs(femur - tibia) - distance)
+    toward = span / distance
+    along = (femur**2 - tibia**2 + distance**2) / (2 * distance)
+    off = np.sqrt(np.maximum(femur**2 - along**2, 0.0))
+    side = np.cross(hinge, toward)
+    bent = np.cross(
+        model.toe - model.joints[..., 1, :],
+        model.joints[..., 2, :] - model.joints[..., 1, :],
+    )
+    sign = np.where(_dot(bent, model.axes[..., 1, :]) < 0, -1.0, 1.0)
+    knee = hip + along * toward + sign * off * side
+
+    thigh, shin = knee - hip, toes - knee
+    forward = np.broadcast_to(axes[..., 0:1, :], out.shape)
+    sideward = np.broadcast_to(axes[..., 1:2, :], out.shape)
+    heading = np.arctan2(_dot(out, sideward), _dot(out, forward))[..., 0]
+    femur_angle = np.arctan2(_dot(thigh, up), _dot(thigh, out))[..., 0]
+    shin_angle = np.arctan2(_dot(shin, out), -_dot(shin, up))[..., 0]
+    angles = np.stack([heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1)
+    angles = angles - 2 * np.pi * np.round((angles - alike) / (2 * np.pi))
+    return StandingLimbs(
+        points=np.stack([shoulder, hip, knee, toes], axis=-2),
+        angles=angles,
+        missing=np.maximum(missing[..., 0], 0.0),
+    )
+
+
+def chain_of(robot: Robot) -> SerialChain:
+    """The chains of a robot that has them; no other mechanism can be built anew."""
+    if not isinstance(robot.mechanism, SerialChain):
+        raise TypeError(f"no check knows limbs of type {type(robot.mechanism).__name__}")
+    return robot.mechanism
+
+
+def _five_bars_at(legs: FiveBar, com: Array, axes: Array, angles: Array) -> Limbs:
+    """Five-bar legs of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
+    body = five_bars_at(legs, angles)
+    turn, origin = axes[..., None, :, :], com[..., None, :]
+    return Limbs(
+        joints=origin[..., None, :] + body.joints @ turn,
+        axes=body.axes @ turn,
+        toe=origin + (body.toe[..., None, :] @ turn)[..., 0, :],
+        drive=body.drive,
+    )
+
+
+def _standing_five_bars(
+    legs: FiveBar, com: Array, axes: Array, toes: Array, alike: Array
+) -> StandingLimbs:
+    """Five-bar legs that reach for toes (..., N, 3)."""
+    local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
+    angles = settled_five_bars(legs, local, alike)
+    limbs = _five_bars_at(legs, com, axes, angles)
+    missing = np.linalg.norm(limbs.toe - toes, axis=-1)
+    return StandingLimbs(limbs.points, angles, np.where(missing > _CLOSED, missing, 0.0))
+
+
+def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:
+    """Chains of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
+    body = chains_at(chain, angles)
+    turn, origin = axes[..., None, :, :], com[..., None, :]
+    return Limbs(
+        joints=origin[..., None, :] + body.joints @ turn,
+        axes=body.axes @ turn,
+        toe=origin + (body.toe[..., None, :] @ turn)[..., 0, :],
+    )
+
+
+def _standing_chains(
+    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array, command: Array
+) -> StandingLimbs:
+    """Chains that reach for toes (..., N, 3), joints as springs about their commands."""
+    chain = chain_of(robot)
+    local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
+    spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    settled = settled_chains(chain, local, alike, command, spring)
+    points = _chains_at(chain, com, axes, settled.angles).points
+    return StandingLimbs(points, settled.angles, settled.missing)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return (a * b).sum(axis=-1, keepdims=True)
+
+
+def _length(a: Array) -> Array:
+    return np.sqrt(_dot(a, a))

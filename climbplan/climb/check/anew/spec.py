@@ -1,0 +1,126 @@
+"""Robot, terrain and model of spines built anew from the spec, against those in the file.
+
+A spec determines them, so nothing that a file says of them has to be believed. Of a robot that is
+not built in, the plan carries the files that its spec names; where it does not, because it is from
+before plans did so, that is told, and the robot is the one in the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.grips import GripPlan, SpineModel
+from climbplan.errors import ClimbplanError, MissingSolver, SpecError
+from climbplan.plans.check import Check, LeftOut, judge, not_compared
+from climbplan.plans.differences import Difference, largest, parts_apart
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.model import Robot
+from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
+from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robot_source import AnyRobot
+from climbplan.spec.stored_robot import NotKept, StoredRobot, stored_robot
+from climbplan.spec.transition import TransitionSpec
+from climbplan.spec.yaml_source import parse_yaml
+from climbplan.terrain.model import build_terrain
+
+
+def built_anew(
+    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, own: AnyRobot | None = None
+) -> Iterator[Check]:
+    """What the spec determines, by the loaders that planning uses.
+
+    own: the spec's robot, where its files are at hand.
+    """
+    robot, given = plan.robot, None
+    try:
+        if own is None:
+            stored = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts)
+        else:
+            stored = StoredRobot(own)
+        given = stored.robot
+        robot = _robot_of(plan, spec, given)
+        yield _robot_check(plan, robot, stored)
+    except (NotKept, MissingSolver) as reason:
+        taken = f"{reason}: the robot is taken from the plan file"
+        yield not_compared(judge("robot.spec", 0.0), taken, "robot as stored", taken)
+    except SpecError as error:
+        yield judge("robot.spec", float("inf"), str(error).splitlines()[0])
+        return
+    yield _terrain_check(plan, spec, robot)
+    if plan.grips is not None and isinstance(spec, ClimbSpec):
+        yield _spines_check(plan, plan.grips, spec, given)
+
+
+def _robot_of(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given: AnyRobot) -> Robot:
+    """The robot as the task uses it."""
+    robot = build_robot(given)
+    if robot.limb_names != plan.robot.limb_names:
+        return robot
+    robot = with_stance(robot, spec.task.stance)
+    if not isinstance(spec, ClimbSpec):
+        return robot
+    robot = with_grip_limit(robot, spec.gripper.max_force)
+    rounds = plan.rounds
+    return standing_as(robot, rounds.com[0], rounds.rpy[0], rounds.toes[0], spec.task.stance)
+
+
+def _robot_check(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
+    worst = largest(parts_apart("robot", plan.robot, robot, stored.unknown))
+    check = judge("robot.spec", worst.size, _told(worst, plan.robot))
+    if not stored.unknown:
+        return check
+    names = " and ".join(stored.unknown)
+    margin = f"{names} not compared: from meshes, which the plan does not carry"
+    lacks = f"{names} from meshes, which the plan does not carry: taken from the plan file"
+    return replace(check, margin=margin, left_out=LeftOut("meshes as stored", lacks))
+
+
+def _terrain_check(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Robot) -> Check:
+    try:
+        terrain = build_terrain(spec.terrain, robot)
+    except ClimbplanError as error:
+        return judge("terrain.spec", float("inf"), str(error).splitlines()[0])
+    worst = largest(parts_apart("terrain", plan.terrain, terrain))
+    return judge("terrain.spec", worst.size, _told(worst, plan.robot))
+
+
+def _spines_check(
+    plan: ClimbPlan, grips: GripPlan, spec: ClimbSpec, given: AnyRobot | None
+) -> Check:
+    """The model that spines were counted on by is the one that spec or robot name."""
+    # Its file, and nothing else of what planning uses: only plans that grip need it.
+    from climbplan.mechanics.gripper_model import load_model
+
+    named = spec.gripper.model
+    if named is None and isinstance(given, RobotSpec) and given.gripper is not None:
+        named = given.gripper.model
+    if named is None or named.endswith(".json"):
+        what = f"the plan does not carry {named}" if named else "the robot says which"
+        taken = f"{what}: the model of spines is taken from the plan file"
+        return not_compared(judge("grip.model", 0.0), taken, "spines as stored", taken)
+    try:
+        model = SpineModel(**vars(load_model(named)))
+    except ClimbplanError as error:
+        return judge("grip.model", float("inf"), str(error))
+    worst = largest(parts_apart("grips.model", grips.model, model))
+    return judge("grip.model", worst.size, _told(worst, plan.robot))
+
+
+def _told(worst: Difference, robot: Robot) -> str:
+    """A difference in the robot's terms: "robot.joint_upper, RF femur: 9 in the file, ..."."""
+    if worst.size == 0:
+        return ""
+    place = ""
+    name = worst.key.removeprefix("robot.")
+    if worst.index and (worst.key == "terrain.allowed" or name in vars(robot)):
+        limb = worst.index[0]
+        place = f", {robot.limb_names[limb]}" if name != "body_hull" else ""
+        if len(worst.index) == 2 and vars(robot).get(name, robot.mount_yaw).shape == (
+            robot.limb_count,
+            robot.joint_count,
+        ):
+            place += f" {robot.joint_name(*worst.index)}"
+    return f"{worst.key}{place}: {worst.values}"

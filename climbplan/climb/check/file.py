@@ -1,0 +1,181 @@
+"""What must be sound before anything can be computed: text, numbers, robot and terrain."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.spatial import QhullError
+
+from climbplan.climb.check.convex import hull_of, polygon_edges, polygon_normal
+from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
+from climbplan.plans.check import Array, Check, faults_check, judge
+from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.spec.robot_ranges import LENGTH, MASS, SPEED, STIFFNESS, TORQUE
+from climbplan.terrain.model import Terrain
+from climbplan.terrain.surfaces import Region, Tube
+
+_SAME_PLANE = 1e-6  # [m] and as a difference of unit normals
+_LEAST_AREA = 1e-8  # [m^2]
+
+
+def spec_hash_check(plan: ClimbPlan) -> Check:
+    """The spec's text is the one the plan was made for."""
+    digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
+    differs = digest != plan.spec_sha256
+    place = f"stored {plan.spec_sha256[:12]}..., text {digest[:12]}..." if differs else ""
+    return judge("file.spec_hash", float(differs), place)
+
+
+def finite_check(not_finite: Sequence[str]) -> Check:
+    """No NaN, and infinity only as a safety factor."""
+    return faults_check("file.finite", not_finite)
+
+
+_FARTHEST = 10 * LENGTH.high  # [m] of a part of a robot from its body
+
+
+def robot_check(robot: Robot) -> Check:
+    """Lengths, masses, torques and stiffnesses that a robot can have."""
+    return faults_check("robot.data", list(_robot_faults(robot)))
+
+
+def terrain_check(terrain: Terrain) -> Check:
+    """Surfaces and solids that are what their corners say."""
+    return faults_check("terrain.data", list(_terrain_faults(terrain)))
+
+
+def limits_check(limits: StepLimits) -> Check:
+    """Bounds that can be kept at all."""
+    faults = [
+        f"{name} {value:g} is not above zero"
+        for name, value in (
+            ("com_max", limits.com_max),
+            ("toe_max", limits.toe_max),
+            ("rotation_max", limits.rotation_max),
+            ("goal_tolerance", limits.goal_tolerance),
+            ("goal_rotation_tolerance", limits.goal_rotation_tolerance),
+            ("safety_friction", limits.safety_friction),
+            ("safety_torque", limits.safety_torque),
+        )
+        if not value > 0
+    ]
+    faults += [
+        f"{name} {value:g} is negative"
+        for name, value in (
+            ("com_min", limits.com_min),
+            ("toe_min", limits.toe_min),
+            ("body_clearance", limits.body_clearance),
+        )
+        if not value >= 0
+    ]
+    return faults_check("limits.data", faults)
+
+
+def _robot_faults(robot: Robot) -> Iterator[str]:
+    # Joints of a chain may lie on one another.
+    lengths = {} if robot.mechanism is not None else {"link_lengths": (robot.link_lengths, LENGTH)}
+    ranges = lengths | {
+        "max_torque": (robot.max_torque, TORQUE),
+        "joint_stiffness": (robot.joint_stiffness, STIFFNESS),
+        "max_joint_speed": (robot.max_joint_speed, SPEED),
+    }
+    for name, (values, allowed) in ranges.items():
+        out = ~((values >= allowed.low) & (values <= allowed.high)).all(axis=1)
+        for limb in np.flatnonzero(out):
+            yield f"{name} of {robot.limb_names[limb]} is not {allowed.expected}"
+    for limb in np.flatnonzero(~(robot.joint_upper > robot.joint_lower).all(axis=1)):
+        yield f"joint_upper - joint_lower of {robot.limb_names[limb]} is not above zero"
+    for name in ("shoulder_body", "stance_body", "body_hull"):
+        if not (np.abs(vars(robot)[name]) <= _FARTHEST).all():
+            yield f"{name} lies more than {_FARTHEST:g} m from the body"
+    if not MASS.holds(robot.mass):
+        yield f"mass {robot.mass:g} kg is not {MASS.expected}"
+    if not robot.gravity >= 0:
+        yield f"gravity {robot.gravity:g} is negative"
+    if not 0 <= robot.structural_compliance_share < 1:
+        yield f"structural_compliance_share {robot.structural_compliance_share:g} is not in [0, 1)"
+    if len(set(robot.limb_names)) < robot.limb_count:
+        yield "limb names are not unique"
+    if not _has_volume(robot.body_hull):
+        yield "body_hull spans no volume"
+    if isinstance(robot.mechanism, SerialChain):
+        yield from _chain_faults(robot, robot.mechanism)
+
+
+def _chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:
+    """What the file says twice of its chains."""
+    ends = np.concatenate([chain.joint_zero, chain.toe_zero[:, None]], axis=1)
+    lengths = np.linalg.norm(np.diff(ends, axis=1), axis=-1)
+    for name, stored, own in (
+        ("shoulder_body", robot.shoulder_body, chain.joint_zero[:, 0]),
+        ("link_lengths", robot.link_lengths, lengths),
+    ):
+        off = np.abs(stored - own).max(axis=1)
+        for limb in np.flatnonzero(~(off <= _SAME_PLANE)):
+            yield f"{name} of {robot.limb_names[limb]} is not that of its chain"
+
+
+def _terrain_faults(terrain: Terrain) -> Iterator[str]:
+    for surface in terrain.surfaces:
+        if not surface.friction > 0:
+            yield f"friction {surface.friction:g} of {surface.name!r} is not above zero"
+        if isinstance(surface, Region):
+            yield from _flat_faults(surface)
+        elif isinstance(surface, Tube) and not (
+            surface.radius > 0 and surface.lower < surface.upper
+        ):
+            yield f"tube {surface.name!r} is empty"
+    for solid in terrain.obstacles:
+        if not _has_volume(solid.vertices):
+            yield f"obstacle {solid.name!r} spans no volume"
+            continue
+        hull = hull_of(solid.name, solid.vertices)
+        stored = np.column_stack([solid.A, solid.b])
+        built = np.column_stack([hull.normals, hull.offsets])
+        apart = np.abs(stored[:, None] - built[None, :]).max(axis=-1)  # (stored, built)
+        if not (
+            apart.size and max(apart.min(axis=0).max(), apart.min(axis=1).max()) <= _SAME_PLANE
+        ):
+            yield f"half-spaces of obstacle {solid.name!r} are not those of its corners"
+    for choice in terrain.free_choices:
+        for free in choice:
+            if not np.allclose(np.linalg.norm(free.A, axis=1), 1.0, rtol=0, atol=_SAME_PLANE):
+                yield f"half-spaces of free region {free.name!r} are not of unit length"
+
+
+def _flat_faults(region: Region) -> Iterator[str]:
+    corners = region.vertices
+    sides = np.roll(corners, -1, axis=0) - corners
+    area = np.linalg.norm(np.cross(corners - corners[0], sides).sum(axis=0)) / 2
+    longest = np.linalg.norm(sides, axis=1).max()
+    if not (area > _LEAST_AREA and np.linalg.norm(sides, axis=1).min() > _SAME_PLANE):
+        yield f"surface {region.name!r} spans no area"
+        return
+    normal = polygon_normal(corners)
+    if not np.abs((corners - corners[0]) @ normal).max() <= _SAME_PLANE:
+        yield f"surface {region.name!r} is not flat"
+    turns = np.cross(np.roll(sides, 1, axis=0), sides) @ normal
+    if not turns.min() >= -_SAME_PLANE * longest:
+        yield f"surface {region.name!r} is not convex"
+    outward, offsets = polygon_edges(corners, normal)
+    differences = (
+        region.normal - normal,
+        region.offset - corners[0] @ normal,
+        region.A - outward,
+        region.b - offsets,
+    )
+    if not max(float(np.abs(d).max()) for d in differences) <= _SAME_PLANE:
+        yield f"planes of surface {region.name!r} are not those of its corners"
+
+
+def _has_volume(points: Array) -> bool:
+    if len(points) < 4:
+        return False
+    try:
+        hull_of("", points)
+    except QhullError:
+        return False
+    return True

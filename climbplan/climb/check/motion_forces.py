@@ -1,0 +1,66 @@
+"""What the joint commands of a motion press with, sample by sample.
+
+Joints are springs about their commands. Where the forces of limbs that reach for their footholds
+balance the load, the body is where the motion has it; what is left over moves it, by eq. (4.17).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.check.anew.kinematics import StandingLimbs, limbs_at
+from climbplan.climb.check.anew.static_pose import body_motion, force_of, joints_by_body
+from climbplan.climb.plan.climb_plan import Mask
+from climbplan.plans.check import Array
+from climbplan.robots.model import Robot
+
+
+@dataclass(frozen=True)
+class MotionForces:
+    """T samples, N limbs."""
+
+    deflection: Array  # (T, 6) of the body from its path, linear [m, rad]
+    force: Array  # (T, N, 3) there, zero in the air [N]
+    torque: Array  # (T, N, J) [N m]
+
+
+def motion_forces(
+    robot: Robot,
+    com: Array,
+    axes: Array,
+    standing: StandingLimbs,
+    command: Array,
+    contact: Mask,
+    load: Array,
+    moment: Array | None = None,
+) -> MotionForces:
+    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J).
+
+    moment: (T, N, 3) that wrists bring, at the toes [N m].
+    """
+    spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    touching = contact[..., None]
+    torque = np.where(touching, spring * (standing.angles - command), 0.0)
+    limbs = limbs_at(robot, com, axes, standing.angles)
+    jacobian = limbs.jacobian()
+    wrists = np.zeros_like(torque)  # part of the torques that moments take
+    if moment is not None:
+        wrists = np.where(touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
+        load = load + np.concatenate([0 * load[:, :3], moment.sum(axis=1)], axis=1)
+    motion = body_motion(standing.points[..., -1, :] - com[:, None, :])
+    bend = joints_by_body(jacobian, motion, spring) * touching[..., None]  # joints turn by -bend dx
+    torque_flat = (torque - wrists).reshape(len(com), -1)
+    bend_flat = bend.reshape(len(com), -1, 6)
+    firm = bend * spring[..., None]
+    stiffness = np.swapaxes(bend_flat, 1, 2) @ firm.reshape(bend_flat.shape)
+    # B^T J^-T tau: the wrench of the forces about the body origin.
+    wrench = (np.swapaxes(bend_flat, 1, 2) @ torque_flat[..., None])[..., 0] + load
+    deflection = np.full((len(com), 6), np.nan)
+    fine = np.isfinite(stiffness).all(axis=(1, 2))
+    inverse = np.linalg.pinv(stiffness[fine], rcond=1e-10, hermitian=True)
+    deflection[fine] = (inverse @ wrench[fine][..., None])[..., 0]
+    torque = torque - (firm @ deflection[:, None, :, None])[..., 0]
+    force = np.where(touching, force_of(jacobian, torque - wrists), 0.0)
+    return MotionForces(deflection, force, torque)

@@ -1,0 +1,110 @@
+"""The playable motion sample by sample: what stands where, and between which instants.
+
+Contact flags tell how many steps are behind a sample, and with that where every standing toe is
+and between which instants body and commands have to be. A toe that stands is held by the terrain,
+not by its command: its limb is built anew from the place it stands on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.check.anew.gait import Gait, gait_of
+from climbplan.climb.check.anew.kinematics import (
+    Limbs,
+    StandingLimbs,
+    body_axes,
+    limbs_at,
+    standing_limbs,
+)
+from climbplan.climb.check.subject import Subject
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
+from climbplan.plans.check import Array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the samples are between. T samples, N limbs, K instants."""
+
+    subject: Subject
+    gait: Gait
+    lifted: Mask  # (T, N)
+    done: Index  # (T,) steps completed
+    ground: Array  # (T, N, 3) where each limb stands, or stood
+    commanded: Limbs  # as the joint commands would have them in free space
+    standing: StandingLimbs  # reaching for `ground`
+
+    def at(self, sample: int, *parts: int) -> str:
+        """Sample, step of the gait, limb and joint in the robot's terms."""
+        in_the_air = bool(self.lifted[sample].any())
+        k = 2 * int(self.done[sample]) - (0 if in_the_air else 1)
+        k = min(max(k, 0), self.subject.plan.instants.count - 1)
+        label = self.subject.at(k, *parts)
+        return f"{self.subject.at_time(sample)}, {label}"
+
+
+def motion_of(subject: Subject) -> Motion:
+    """The motion of a plan under verification."""
+    plan = subject.plan
+    trajectory, rounds, robot = plan.trajectory, plan.rounds, plan.robot
+    lifted = ~trajectory.contact
+    before = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
+    gait = gait_of(plan)
+    ground = rounds.toes[_stood(gait, (before & ~lifted).cumsum(axis=0)), _limbs_of(plan)]
+    landed = (before.any(axis=1) & ~lifted.any(axis=1)).cumsum()
+    axes = body_axes(trajectory.rpy)
+    commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
+    # Commands may lie beyond full stretch: the planned angles tell which way a limb bends.
+    k = np.clip(2 * landed, 0, plan.instants.count - 1)
+    planned = plan.instants.joint_angles[k]
+    return Motion(
+        subject=subject,
+        gait=gait,
+        lifted=lifted,
+        done=np.minimum(landed, gait.steps),
+        ground=ground,
+        commanded=commanded,
+        standing=standing_limbs(
+            robot, trajectory.com, axes, ground, planned, trajectory.joint_command
+        ),
+    )
+
+
+def _limbs_of(plan: ClimbPlan) -> Index:
+    return np.arange(plan.robot.limb_count)
+
+
+def _stood(gait: Gait, counted: Index) -> Index:
+    """(T, N) rounds whose footholds limbs are on that were placed so often (T, N)."""
+    rows = np.zeros_like(counted)
+    for limb in range(counted.shape[1]):
+        own = np.concatenate([[0], gait.round[gait.moved[:, limb]]])
+        rows[:, limb] = own[np.minimum(counted[:, limb], len(own) - 1)]
+    return rows
+
+
+def load_of(motion: Motion) -> Array:
+    """(T, 6) load on the body: that of the pose it waits in, or on its way between two."""
+    plan = motion.subject.plan
+    stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
+    # Instants 2 s and 2 s - 1 both have the body at station s.
+    count = len(stations)
+    at_station = motion.subject.load[np.minimum(2 * np.arange(count), plan.instants.count - 1)]
+    last = motion.done
+    first = np.maximum(last - 1, 0)
+    pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
+    along = stations[last] - stations[first]
+    square = (along**2).sum(axis=1)
+    share = ((pose - stations[first]) * along).sum(axis=1)
+    share = np.clip(np.divide(share, square, out=np.ones_like(share), where=square > 0), 0, 1)
+    return (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
+
+
+def instants_of(motion: Motion) -> Index:
+    """(T,) an instant whose surfaces the limbs of each sample stand on."""
+    last = motion.subject.plan.instants.count - 1
+    k = np.clip(2 * motion.done - 1, 0, last)
+    pressing = np.where(motion.lifted.any(axis=1), np.minimum(k + 1, last), k)
+    return np.where(motion.done == 0, 0, pressing)

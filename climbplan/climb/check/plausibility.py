@@ -1,0 +1,171 @@
+"""What no climbing robot has: data and deflections far from anything built.
+
+`plans/plausibility.py` says why they are warned of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.plans.plausibility import (
+    implausible_force,
+    implausible_friction,
+    implausible_gravity,
+)
+from climbplan.robots.model import Robot
+from climbplan.spec.urdf_tree import urdf_of_text
+from climbplan.spec.urdf_xml import UrdfFault, UrdfFaults
+from climbplan.terrain.surfaces import Region
+
+# A joint at the limb's full length holds a walking robot once or twice, a climber less than once.
+TORQUE_RATIO = 10.0
+# Commands lead a compliant joint by what its load bends it (24 degrees at most on the shipped
+# climbs, which puts toes a third of a limb off): no joint is a linear spring much farther.
+LEAD = np.deg2rad(45.0)  # [rad]
+LEAD_SHARE = 0.5  # of the limb's length, by which commands put its toe into the wall or off it
+# A body that sags or tilts by more is no longer near its pose, which the linear model asks for.
+SAG_SHARE = 0.15  # of the largest reach
+SAG_TURN = np.deg2rad(15.0)  # [rad]
+# A joint under its share of the weight at the limb's length: bent by more than a radian, it folds;
+# stiffer than a ten-thousandth of a degree, a position loop does not get.
+FOLDS = 1.0  # [rad]
+RIGID = 2e-6  # [rad]
+REACH = 3.0  # [m] of one limb
+DENSITY = (5.0, 8000.0)  # [kg/m^3] of the body's box: foam, and steel throughout
+SPEED = 60.0  # [rad/s] some 570 turns a minute, behind a gear that carries weight
+
+
+def implausible_climb(plan: ClimbPlan) -> tuple[str, ...]:
+    """Warnings about robot, terrain, forces and commands of a climb or transition."""
+    robot = plan.robot
+    links = massless_links(plan.robot_texts.urdf)
+    return (*_robot(robot), *links, *_terrain(plan), *_loads(plan), *_deflections(plan))
+
+
+def _robot(robot: Robot) -> Iterator[str]:
+    yield from implausible_gravity(robot.gravity)
+    has = robot.has_joint
+    length = np.where(has, robot.link_lengths, 0.0).sum(axis=1)
+    arm = float(length.max(initial=0.0))
+    needed = robot.weight * arm  # N m at a joint that holds all of the weight at full length
+    torque = np.where(has, robot.max_torque, 0.0)
+    limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(torque)), torque.shape))
+    if needed > 0 and torque[limb, joint] > TORQUE_RATIO * needed:
+        times = torque[limb, joint] / needed
+        yield (
+            f"torque limit {torque[limb, joint]:g} N m at {_name(robot, limb, joint)}: {times:.0f} "
+            f"times what holds the whole robot ({robot.mass:g} kg) at the end of the limb"
+        )
+    stiffness = np.where(has, robot.joint_stiffness, np.nan)
+    if needed > 0:
+        bend = needed / robot.limb_count / stiffness
+        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmax(bend)), bend.shape))
+        if bend[limb, joint] > FOLDS:
+            yield (
+                f"joint stiffness {stiffness[limb, joint]:g} N m/rad at "
+                f"{_name(robot, limb, joint)}: a limb's share of the weight at its end would bend "
+                f"it by {np.rad2deg(bend[limb, joint]):.0f} degrees"
+            )
+        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmin(bend)), bend.shape))
+        if bend[limb, joint] < RIGID:
+            yield (
+                f"joint stiffness {stiffness[limb, joint]:g} N m/rad at "
+                f"{_name(robot, limb, joint)}: a limb's share of the weight at its end bends it "
+                f"by {np.rad2deg(bend[limb, joint]):.1g} degrees, as no motor's control does"
+            )
+    volume = float(np.prod(np.ptp(robot.body_hull, axis=0)))
+    density = robot.mass / volume if volume > 0 else np.inf
+    if not DENSITY[0] <= density <= DENSITY[1]:
+        yield (
+            f"mass {robot.mass:g} kg in a body of {1e3 * volume:.3g} litres: {density:.3g} kg/m^3 "
+            "(water has 1000)"
+        )
+    if arm > REACH:
+        yield f"limbs of {arm:.1f} m: lengths are in metres"
+    speed = np.where(has, robot.max_joint_speed, 0.0)
+    if speed.max() > SPEED:
+        turns = speed.max() * 30 / np.pi
+        yield f"joint speed limit {speed.max():g} rad/s: {turns:.0f} turns a minute"
+
+
+def massless_links(urdf: str) -> Iterator[str]:
+    """Moving parts of a URDF's text that have no mass, where most of them have none.
+
+    A part is a link that a joint moves with all that is fixed to it: single frames without mass
+    are usual. An empty text, of a robot that is from no URDF, has none.
+    """
+    try:
+        tree = urdf_of_text(urdf, Path("urdf")) if urdf else None
+    except (UrdfFault, UrdfFaults):
+        return  # `robot.spec` says what is wrong with it
+    if tree is None:
+        return
+    by_child = tree.by_child
+    mass = {joint.child: 0.0 for joint in tree.joints.values() if joint.kind != "fixed"}
+    for link in tree.links.values():
+        name = link.name
+        while name in by_child and by_child[name].kind == "fixed":
+            name = by_child[name].parent
+        if name in mass:
+            mass[name] += link.mass
+    empty = [name for name, own in mass.items() if own == 0]
+    if 2 * len(empty) > len(mass):
+        shown = ", ".join(empty[:3]) + (", ..." if len(empty) > 3 else "")
+        yield f"{len(empty)} of {len(mass)} moving links of the URDF have no mass ({shown})"
+
+
+def _terrain(plan: ClimbPlan) -> Iterator[str]:
+    used = np.unique(plan.rounds.region)
+    for number in used:
+        surface = plan.terrain.surfaces[int(number)]
+        # Grips hold by their spines; what their holds say of friction is told by the grip's model.
+        if not (isinstance(surface, Region) and surface.hold is not None):
+            yield from implausible_friction(surface.name, surface.friction)
+
+
+def _loads(plan: ClimbPlan) -> Iterator[str]:
+    robot, instants = plan.robot, plan.instants
+    size = np.linalg.norm(plan.forces.force, axis=-1)
+    k, limb = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
+    extra = float(np.linalg.norm(instants.external_wrench[:, :3], axis=1).max(initial=0.0))
+    where = f" ({robot.limb_names[limb]}, {instants.label(k, robot.limb_names)})"
+    yield from implausible_force(float(size[k, limb]), robot.weight + extra, where)
+
+
+def _deflections(plan: ClimbPlan) -> Iterator[str]:
+    """What the loads do to the robot: commands that lead their joints, the body's sag."""
+    robot, instants, forces = plan.robot, plan.instants, plan.forces
+    lead = np.abs(forces.joint_command - instants.joint_angles)
+    lead = np.where(robot.has_joint & instants.contact[..., None], lead, 0.0)
+    k, limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(lead)), lead.shape))
+    if lead[k, limb, joint] > LEAD:
+        yield (
+            f"commands {np.rad2deg(lead[k, limb, joint]):.0f} degrees beyond the joint's angle "
+            f"({_name(robot, limb, joint)}, {instants.label(k, robot.limb_names)}): no joint is a "
+            "spring that far"
+        )
+    length = np.where(robot.has_joint, robot.link_lengths, 0.0).sum(axis=1)
+    off = np.linalg.norm(forces.toe_command - instants.toes, axis=-1)
+    off = np.where(instants.contact, off, 0.0)
+    k, limb = (int(i) for i in np.unravel_index(int(np.argmax(off / length)), off.shape))
+    if off[k, limb] > LEAD_SHARE * length[limb]:
+        yield (
+            f"commands that would put a toe {1e3 * off[k, limb]:.0f} mm off where it stands, "
+            f"{100 * off[k, limb] / length[limb]:.0f} % of the limb ({robot.limb_names[limb]}, "
+            f"{instants.label(k, robot.limb_names)})"
+        )
+    shift = float(np.linalg.norm(forces.com_deflection[:, :3], axis=1).max(initial=0.0))
+    turn = float(np.linalg.norm(forces.com_deflection[:, 3:], axis=1).max(initial=0.0))
+    if shift > SAG_SHARE * robot.reach or turn > SAG_TURN:
+        yield (
+            f"the body sags by {1e3 * shift:.0f} mm and {np.rad2deg(turn):.0f} degrees: far from "
+            "small, which the linear model asks for"
+        )
+
+
+def _name(robot: Robot, limb: int, joint: int) -> str:
+    return f"{robot.limb_names[limb]} {robot.joint_name(limb, joint)}"

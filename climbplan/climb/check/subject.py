@@ -1,0 +1,100 @@
+"""What all checks look at: a plan's arrays with its limbs and solids built anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.check.anew.kinematics import Limbs, body_axes, limbs_at
+from climbplan.climb.check.convex import ConvexBody, hull_of, solids_of
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.plans.check import Array
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One plan under verification. K instants, N limbs."""
+
+    plan: ClimbPlan
+    weight: float  # that residuals are relative to [N]
+    body: ConvexBody  # in the body frame
+    solids: tuple[ConvexBody, ...]
+    axes: Array  # (K, 3, 3) body axes as rows, world
+    limbs: Limbs  # at the instants
+
+    def at(self, k: int, *parts: int) -> str:
+        """Instant k, limb and joint in the robot's terms: "round 3, LM lifted, RF femur"."""
+        text = self.plan.instants.label(k, self.plan.robot.limb_names)
+        if parts:
+            text += f", {self.limb(*parts)}"
+        return text
+
+    def limb(self, limb: int, *joint: int) -> str:
+        """Limb and joint: "RF femur"."""
+        robot = self.plan.robot
+        return " ".join([robot.limb_names[limb], *(robot.joint_name(limb, j) for j in joint)])
+
+    def at_time(self, sample: int) -> str:
+        """A sample of the trajectory: "t = 12.30 s"."""
+        return f"t = {self.plan.trajectory.time[sample]:.2f} s"
+
+    def posture(self, j: int) -> str:
+        """Posture j: "start" or "end of round 3"."""
+        return f"end of round {j}" if j else "start"
+
+    @property
+    def sags(self) -> bool:
+        """Whether the plan moves the body from its planned pose (`force.sag: predicted`)."""
+        return bool(self.plan.forces.com_deflection.any())
+
+    @property
+    def load(self) -> Array:
+        """(K, 6) weight and external wrench on the body [N, N m]."""
+        load = self.plan.instants.external_wrench.copy()
+        load[:, 2] -= self.plan.robot.mass * self.plan.robot.gravity
+        return load
+
+    @property
+    def contact_force(self) -> Array:
+        """(K, N) force along the surface normal [N]."""
+        return np.einsum("kni,kni->kn", self.plan.forces.force, self.plan.instants.normal)
+
+    @property
+    def tangential_force(self) -> Array:
+        """(K, N) force along the surface [N]."""
+        normal = self.contact_force[..., None] * self.plan.instants.normal
+        length: Array = np.linalg.norm(self.plan.forces.force - normal, axis=-1)
+        return length
+
+    @property
+    def torques(self) -> Array:
+        """(K, N, J) joint torques from joint angles, forces and moments at wrists [N m]."""
+        torques = np.einsum("knij,kni->knj", self.limbs.jacobian(), self.plan.forces.force)
+        if self.plan.robot.gripper is None:
+            return torques
+        return torques + (self.limbs.turning() @ self.wrist_moment[..., None])[..., 0]
+
+    @property
+    def wrist_moment(self) -> Array:
+        """(K, N, 3) moment of grips about the wrists' centres, zeros without grippers [N m]."""
+        plan = self.plan
+        if plan.robot.gripper is None or plan.grips is None:
+            return np.zeros_like(plan.forces.force)
+        arm = -plan.robot.gripper.length * plan.instants.normal
+        return plan.grips.instants.moment + np.cross(arm, plan.forces.force)
+
+
+def subject_of(plan: ClimbPlan) -> Subject:
+    """A plan whose numbers are finite and whose robot and terrain are sound."""
+    robot, instants = plan.robot, plan.instants
+    axes = body_axes(instants.rpy)
+    weight = robot.mass * robot.gravity
+    return Subject(
+        plan=plan,
+        weight=weight if weight > 0 else 1.0,
+        body=hull_of("body", robot.body_hull),
+        solids=solids_of(plan.terrain),
+        axes=axes,
+        limbs=limbs_at(robot, instants.com, axes, instants.joint_angles),
+    )

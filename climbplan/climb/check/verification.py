@@ -1,0 +1,93 @@
+"""Verification of a climb plan from its file alone.
+
+`verify` recomputes every statement a plan makes about itself from the stored arrays, without the
+planner's kinematics, mechanics or solvers. What each check says and lets pass is in
+`plans.check.LIMITS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.climb.check.clearance import clearance_checks
+from climbplan.climb.check.file import (
+    finite_check,
+    limits_check,
+    robot_check,
+    spec_hash_check,
+    terrain_check,
+)
+from climbplan.climb.check.forces import force_checks
+from climbplan.climb.check.grips import gripper_check
+from climbplan.climb.check.plausibility import implausible_climb
+from climbplan.climb.check.postures import posture_checks
+from climbplan.climb.check.spec import answering, spec_checks
+from climbplan.climb.check.statics import static_checks
+from climbplan.climb.check.subject import subject_of
+from climbplan.climb.check.trajectory import trajectory_checks
+from climbplan.climb.plan.file import Reading, read_as_found
+from climbplan.plans.check import Check
+from climbplan.plans.held import held_against, held_check
+from climbplan.plans.verification import Verification, mark_verified
+from climbplan.spec.holding import HeldSpec
+
+
+def verify(path: Path, held: HeldSpec | None = None) -> Verification:
+    """Recompute all statements of the plan in a file; held: against another spec than its own.
+
+    If text, numbers, robot or terrain are unsound, only those checks are made: nothing else
+    would mean anything. Raises PlanFileError for a file that is not a whole climb plan.
+    """
+    return verification_of(read_as_found(path), held)
+
+
+def verification_of(reading: Reading, held: HeldSpec | None = None) -> Verification:
+    """As `verify`, for a plan that was read already."""
+    plan = reading.plan
+    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
+    with np.errstate(all="ignore"):
+        checks = tuple(_checks(reading, held))
+        found = Verification(checks, against=held_against(plan, held))
+        return found if found.unsound else replace(found, implausible=implausible_climb(plan))
+
+
+def _checks(reading: Reading, held: HeldSpec | None) -> Iterator[Check]:
+    plan = reading.plan
+    yield spec_hash_check(plan)
+    finite = finite_check(reading.not_finite)
+    yield finite
+    if not finite.passed:
+        return
+    sound = (
+        robot_check(plan.robot),
+        terrain_check(plan.terrain),
+        limits_check(plan.limits),
+        *([gripper_check(plan)] if plan.robot.gripper is not None else []),
+    )
+    yield from sound
+    if not all(check.passed for check in sound):
+        return
+    if held is not None:
+        yield held_check(held)
+        plan = answering(plan, held)
+    subject = subject_of(plan)
+    yield from spec_checks(subject, None if held is None else held.robot)
+    yield from posture_checks(subject)
+    yield from force_checks(subject)
+    yield from static_checks(subject)
+    yield from clearance_checks(subject)
+    yield from trajectory_checks(subject)
+
+
+def verify_and_mark(path: Path) -> Verification:
+    """Verify a plan file and write the outcome into it.
+
+    Raises PlanFileError for a file that is not a whole climb plan.
+    """
+    verification = verify(path)
+    mark_verified(path, verification)
+    return verification

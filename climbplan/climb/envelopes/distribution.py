@@ -1,0 +1,21 @@
+"""The distribution of terrains that a spec describes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
+from climbplan.robots.model import Robot
+from climbplan.spec.envelopes import EnvelopeTerrainSpec
+
+
+def terrains_of(spec: EnvelopeTerrainSpec, robot: Robot) -> TerrainDistribution:
+    """A named distribution with the spec's ranges."""
+    return replace(
+        distribution(spec.distribution, robot),
+        tilt=float(np.deg2rad(spec.tilt_deg)),
+        jitter=spec.jitter,
+        half_size=spec.half_size,
+    )

@@ -1,0 +1,140 @@
+"""P1 and P2 of one posture: envelopes in place of products, then products put right.
+
+P1 replaces the bilinear rows by McCormick envelopes on one box of (p, f), eq. (8.26), and keeps p
+and f in it. `tightened`: the box is cut with the bounds that the terrain itself sets on each toe.
+`propagated`: and with those that all rows of P imply within the box, products included. Neither
+takes a feasible point away, but both make the envelopes tighter.
+P2 keeps p of P1 and solves for f (convex), or starts the nonlinear program from P1 (NLP).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from climbplan.climb.envelopes.search import TOLERANCE, least_error
+from climbplan.climb.envelopes.statement import PostureStatement
+from climbplan.climb.envelopes.terrains import Patches
+from climbplan.program.box import propagated_box
+from climbplan.program.instance import Index, Instance
+from climbplan.program.polytope import Array
+from climbplan.program.row_propagation import Range
+from climbplan.reformulations.local_envelopes import LocalForm
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+from climbplan.solvers.ipopt.instances import solve_ipopt
+
+Manner = Literal["propagated", "tightened", "published"]
+_NLP_TIME = 2.0  # [s]
+_CROSSED = 1e-9  # by which bounds may cross through rounding
+
+
+@dataclass(frozen=True)
+class FirstStage:
+    """P1 on one terrain, prepared for any box."""
+
+    instance: Instance
+    form: LocalForm
+    factors: Index  # (N, 6) columns of toe and force
+    bounds: Range  # of all variables
+    propagate: bool = False  # whether rows cut the box
+
+    @classmethod
+    def of(
+        cls,
+        statement: PostureStatement,
+        patches: Patches,
+        manner: Manner = "propagated",
+        load: Array | None = None,
+    ) -> FirstStage:
+        """Prepare a terrain."""
+        instance = statement.program.at(statement.theta(patches, load))
+        toe, force = statement.program.variables["toe"], statement.program.variables["force"]
+        shape = (statement.legs.count, 3)
+        columns = np.concatenate(
+            [
+                np.arange(toe.start, toe.stop).reshape(shape),
+                np.arange(force.start, force.stop).reshape(shape),
+            ],
+            axis=1,
+        )
+        lower, upper = instance.lower.copy(), instance.upper.copy()
+        if manner != "published":
+            corners = patches.vertices / statement.legs.length
+            at = columns[:, :3].ravel()
+            lower[at] = np.maximum(lower[at], corners.min(axis=1).ravel())
+            upper[at] = np.minimum(upper[at], corners.max(axis=1).ravel())
+        return cls(
+            instance, LocalForm.of(instance), columns, Range(lower, upper), manner == "propagated"
+        )
+
+    def box(self, low: Array, high: Array) -> Range | None:
+        """Bounds of all variables within an envelope (N, 6) each, None if they cross."""
+        lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
+        at = self.factors.ravel()
+        lower[at] = np.maximum(lower[at], low.ravel())
+        upper[at] = np.minimum(upper[at], high.ravel())
+        if (lower > upper).any():
+            return None
+        return Range(lower, upper)
+
+    def relaxed(self, low: Array, high: Array) -> Instance | None:
+        """P1 on a box as a linear instance, None if the box misses the terrain."""
+        box = self.box(low, high)
+        if box is not None and self.propagate:
+            box = self._propagated(box)
+        return None if box is None else self.form.at(box)
+
+    def _propagated(self, box: Range) -> Range | None:
+        """What interval propagation leaves of a box, None if nothing."""
+        found = propagated_box(replace(self.instance, lower=box.lower, upper=box.upper))
+        if (found.lower > found.upper + _CROSSED).any():
+            return None
+        return Range(found.lower, np.maximum(found.lower, found.upper))
+
+    def solve(self, low: Array, high: Array, centre: Array | None = None) -> Array | None:
+        """A point of P1 (n,), None if it has none.
+
+        centre: (N, 6); the point has the least 1-norm distance of its factors from there.
+        """
+        local = self.relaxed(low, high)
+        if local is None:
+            return None
+        found = solve_linear(_near(local, self.factors.ravel(), centre))
+        return None if found.x is None else found.x[: self.instance.size]
+
+    def convex(self, x: Array) -> Array | None:
+        """P2 with toes kept: a point of P, None if no forces balance there."""
+        held = self.factors[:, :3].ravel()
+        found = least_error(self.instance, x, held)
+        if found is None or self.instance.violation(found[0]) > TOLERANCE:
+            return None
+        return found[0]
+
+    def nlp(self, x: Array) -> Array | None:
+        """P2 by IPOPT from the point of P1."""
+        return solve_ipopt(self.instance, start=x, time_limit=_NLP_TIME).x
+
+
+def _near(local: Instance, at: Index, centre: Array | None) -> LinearProgram:
+    n = local.size
+    if centre is None:
+        return LinearProgram(
+            np.zeros(n), local.lower, local.upper, local.A, local.row_lower, local.row_upper
+        )
+    k = len(at)
+    pick = sparse.csr_matrix((np.ones(k), (np.arange(k), at)), shape=(k, n))
+    eye = sparse.identity(k)
+    A = sparse.bmat([[local.A, None], [pick, -eye], [pick, eye]]).tocsr()
+    c = centre.ravel()
+    none, far = np.full(k, -np.inf), np.full(k, np.inf)
+    return LinearProgram(
+        np.concatenate([np.zeros(n), np.ones(k)]),
+        np.concatenate([local.lower, np.zeros(k)]),
+        np.concatenate([local.upper, np.full(k, np.inf)]),
+        A,
+        np.concatenate([local.row_lower, none, c]),
+        np.concatenate([local.row_upper, c, far]),
+    )

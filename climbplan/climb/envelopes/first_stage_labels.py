@@ -1,0 +1,80 @@
+"""What P1 calls labelled terrains, for many sets of envelopes: the genetic search's fitness.
+
+A box that holds a known point of a terrain's feasible set makes P1 feasible there (the theorem's
+first condition), so no program is solved for it. Sets of envelopes are shared among processes;
+what is answered does not depend on how many there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.envelopes.first_stage import FirstStage, Manner
+from climbplan.climb.envelopes.legs import Legs
+from climbplan.climb.envelopes.statement import posture_statement
+from climbplan.climb.envelopes.terrains import Patches
+from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels, Mask
+from climbplan.program.instance import Index
+from climbplan.program.polytope import Array
+
+
+@dataclass(frozen=True)
+class LabelledTerrains:
+    """n terrains with points that are known to be feasible; plain values for other processes."""
+
+    legs: Legs
+    terrain: Array  # (n, p) vectors of patches
+    manner: Manner
+    known: Array  # (n, m, N, 6) feasible points; NaN where there is none
+    token: str  # equal ones are equal terrains
+
+    def prepared(self) -> list[FirstStage]:
+        """P1 on every terrain, ready for any envelope."""
+        statement = posture_statement(self.legs)
+        return [
+            FirstStage.of(statement, Patches.from_vector(row), self.manner) for row in self.terrain
+        ]
+
+
+def labels_of(
+    terrains: LabelledTerrains, prepared: list[FirstStage], jobs: int = 1
+) -> FirstStageLabels:
+    """Whether P1 has a solution on some terrains, for sets of envelopes, by `jobs` processes."""
+    if jobs == 1:
+        return lambda sets, rows: [called(prepared, terrains.known, e, rows) for e in sets]
+
+    def labels(sets: Sequence[EnvelopeSet], rows: Index) -> list[Mask]:
+        parts = np.array_split(np.arange(len(sets)), min(jobs, len(sets)))
+        from joblib import Parallel, delayed
+
+        work = (delayed(_share)(terrains, [sets[k] for k in part], rows) for part in parts)
+        return [mask for masks in Parallel(n_jobs=jobs)(work) for mask in masks]
+
+    return labels
+
+
+def called(prepared: list[FirstStage], known: Array, envelopes: EnvelopeSet, rows: Index) -> Mask:
+    """Which of the rows P1 calls feasible with one of the envelopes."""
+    feasible = np.zeros(len(rows), bool)
+    for e in envelopes:
+        points = known[rows]
+        inside = (points >= e.lower) & (points <= e.upper)  # NaN is in no box
+        feasible |= np.any(inside.all(axis=(2, 3)), axis=1)
+    for at in np.flatnonzero(~feasible):
+        stage = prepared[rows[at]]
+        feasible[at] = any(stage.solve(e.lower, e.upper) is not None for e in envelopes)
+    return feasible
+
+
+_prepared: dict[str, list[FirstStage]] = {}  # of a worker process: one set of terrains at a time
+
+
+def _share(terrains: LabelledTerrains, sets: list[EnvelopeSet], rows: Index) -> list[Mask]:
+    """A worker's share."""
+    if terrains.token not in _prepared:
+        _prepared.clear()
+        _prepared[terrains.token] = terrains.prepared()
+    return [called(_prepared[terrains.token], terrains.known, e, rows) for e in sets]

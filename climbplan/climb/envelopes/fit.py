@@ -1,0 +1,146 @@
+"""Fitting envelopes to labelled terrains, and the validation table of chapter 5.2.3."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from climbplan.climb.envelopes.box_tests import holds_linear_point, holds_point
+from climbplan.climb.envelopes.first_stage import FirstStage, Manner
+from climbplan.climb.envelopes.recentring import nearest_point
+from climbplan.climb.envelopes.rows import Rows
+from climbplan.climb.envelopes.statement import PostureStatement
+from climbplan.climb.envelopes.terrains import TerrainDistribution
+from climbplan.learning.envelope_box import Envelope, EnvelopeSet
+from climbplan.program.polytope import Array
+
+Method = Literal["clustering", "genetic", "heuristic"]
+_RECENTRINGS = 2
+_LEAST_SPREAD = 0.02  # of a factor, below which it counts as this
+
+
+def stages(statement: PostureStatement, rows: Rows, manner: Manner) -> list[FirstStage]:
+    """P1 on every terrain, ready for any envelope."""
+    return [FirstStage.of(statement, rows.patches(k), manner) for k in range(len(rows.terrain))]
+
+
+def recentred(
+    rows: Rows,
+    prepared: list[FirstStage],
+    report: Callable[[float], None] | None = None,
+    times: int = _RECENTRINGS,
+) -> Rows:
+    """The rows with each feasible point moved, within its feasible set, towards the median."""
+    point = rows.point.copy()
+    which = np.flatnonzero(rows.feasible)
+    for turn in range(times):
+        centre = np.median(point[which], axis=0)
+        weight = 1.0 / np.maximum(point[which].std(axis=0), _LEAST_SPREAD) ** 2
+        for done, k in enumerate(which):
+            found = nearest_point(prepared[k], point[k], centre, weight)
+            point[k] = point[k] if found is None else found
+            if report is not None:
+                report((turn + (done + 1) / len(which)) / times)
+    return replace(rows, point=point)
+
+
+def heuristic(terrains: TerrainDistribution) -> Envelope:
+    """The published expert's bounds: workspaces for toes, known force profiles for forces.
+
+    Walls: pressure 0 to 0.9, level shear within 0.3, upright shear 0 to 0.4. Ground: pressure 0 to
+    0.5, shear within 0.15.
+    """
+    legs = terrains.legs
+    reach = (terrains.jitter + terrains.half_size) / legs.length
+    p = legs.stance / legs.length
+    side = np.sign(terrains.normal[:, 0])
+    wall = bool(np.abs(terrains.normal[:, 2]).max() < 0.5)
+    low, high = np.empty_like(p), np.empty_like(p)
+    if wall:
+        low[:], high[:] = [0.0, -0.3, 0.0], [0.0, 0.3, 0.4]
+        low[:, 0], high[:, 0] = np.where(side > 0, 0.0, -0.9), np.where(side > 0, 0.9, 0.0)
+    else:
+        low[:], high[:] = [-0.15, -0.15, 0.0], [0.15, 0.15, 0.5]
+    return Envelope(np.hstack([p - reach, low]), np.hstack([p + reach, high]))
+
+
+@dataclass(frozen=True)
+class Validation:
+    """One row of Table 5.2, and what stands behind it."""
+
+    feasible: float  # P1 correct feasible
+    infeasible: float  # P1 correct infeasible
+    convex: float  # P1 -> P2 convex, share of the feasible terrains
+    nlp: float  # P1 -> P2 by NLP
+    feasible_count: int
+    infeasible_count: int
+
+    @property
+    def product(self) -> float:
+        """P1 correct feasible times correct infeasible."""
+        return self.feasible * self.infeasible
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """The theorem's conditions, measured: shares of terrains for which they hold."""
+
+    meets: float  # (1) the box holds a point of the feasible set (a lower bound: IPOPT looked)
+    excludes: float  # (2) of infeasible terrains, none of P-bar's solutions lies in the box
+    projects: float  # (3) of feasible terrains with a P1 point, that point's toes carry forces
+
+
+@dataclass(frozen=True)
+class Measured:
+    """All that held-out rows tell of a set of envelopes."""
+
+    validation: Validation
+    conditions: Conditions
+
+
+def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> Measured:
+    """The validation table's row, and conditions 1 to 3 of the union of boxes.
+
+    With several envelopes P1 is feasible where it is with one. (2) is by linear programs, exact.
+    """
+    called: list[bool] = []
+    convex, nlp, meets, excludes, projects = [], [], [], [], []
+    for k, stage in enumerate(prepared):
+        found = [(e, stage.solve(e.lower, e.upper, (e.lower + e.upper) / 2)) for e in envelopes]
+        points = [(e, x) for e, x in found if x is not None]
+        called.append(bool(points))
+        if not rows.feasible[k]:
+            excludes.append(not any(holds_linear_point(stage, e) for e in envelopes))
+            continue
+        projected = [(e, stage.convex(x)) for e, x in points]
+        hits = [(e, x) for e, x in projected if x is not None]
+        convex.append(bool(hits))
+        nlp.append(bool(hits) or any(stage.nlp(x) is not None for _, x in points))
+        inside = any(e.holds(x[stage.factors][None])[0] for e, x in hits)
+        meets.append(inside or any(holds_point(stage, e, x) for e, x in points))
+        if points:
+            projects.append(len(hits) == len(points))
+    is_feasible = np.array(called)
+    return Measured(
+        Validation(
+            float(is_feasible[rows.feasible].mean()),
+            float((~is_feasible[~rows.feasible]).mean()),
+            float(np.mean(convex)),
+            float(np.mean(nlp)),
+            int(rows.feasible.sum()),
+            int((~rows.feasible).sum()),
+        ),
+        Conditions(
+            float(np.mean(meets)),
+            float(np.mean(excludes)),
+            float(np.mean(projects)) if projects else 0.0,
+        ),
+    )
+
+
+def training_points(rows: Rows) -> tuple[Array, Array]:
+    """Feasible and infeasible points, (n, N, 6) and (m, N, 6)."""
+    return rows.point[rows.feasible], rows.point[~rows.feasible]

@@ -1,0 +1,105 @@
+"""Labelled terrains: Algorithm 1 of chapter 5.2.2, with infeasibility proved.
+
+A feasible row holds a point of problem P; an infeasible one a solution of P without its bilinear
+rows. Terrains on which even that has none say nothing about envelopes and are counted only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.climb.envelopes.relaxation import solve_relaxed
+from climbplan.climb.envelopes.search import find_posture, least_error, without_products
+from climbplan.climb.envelopes.statement import PostureStatement
+from climbplan.climb.envelopes.terrains import Patches, TerrainDistribution
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+
+NODES = 300  # of the search, before a terrain is left undecided
+
+
+@dataclass(frozen=True)
+class Rows:
+    """n labelled terrains of one distribution."""
+
+    terrain: Array  # (n, p) vectors of patches
+    feasible: NDArray[np.bool_]  # (n,)
+    point: Array  # (n, N, 6) toe [P] and force [weights] of each limb
+    drawn: int  # terrains sampled
+    trivial: int  # without a solution even of the linear part
+    undecided: int  # neither a point nor a proof within the nodes
+
+    def patches(self, k: int) -> Patches:
+        """The terrain of a row."""
+        return Patches.from_vector(self.terrain[k])
+
+
+def factors(statement: PostureStatement, x: Array) -> Array:
+    """Toes and forces (N, 6) of a point."""
+    return np.concatenate(
+        [statement.program.value("toe", x), statement.program.value("force", x)], axis=1
+    )
+
+
+def linear_point(instance: Instance) -> Array | None:
+    """A solution of P without its bilinear rows, None if there is none."""
+    found = least_error(without_products(instance), np.zeros(0), np.zeros(0, np.int64))
+    return None if found is None else found[0]
+
+
+def collect_rows(
+    terrains: TerrainDistribution,
+    statement: PostureStatement,
+    feasible: int,
+    infeasible: int,
+    seed: int,
+    report: Callable[[float], None] | None = None,
+) -> Rows:
+    """So many feasible and so many infeasible terrains, drawn until there are enough of each.
+
+    Row k of the draw depends on (seed, k) alone. Terrains of a kind that is complete are skipped.
+    """
+    rows: list[tuple[Array, bool, Array]] = []
+    wanted = {True: feasible, False: infeasible}
+    drawn = trivial = undecided = 0
+    while any(wanted.values()):
+        patches = terrains.sample(np.random.default_rng([seed, drawn]))
+        drawn += 1
+        theta = statement.theta(patches)
+        # A root without a solution is a proof; one with a solution nearly always has a point, and
+        # is one of the linear part
+        root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
+        if root is not None and not wanted[True]:
+            continue
+        linear = linear_point(statement.program.at(theta))
+        if linear is None:
+            trivial += 1
+            continue
+        if root is None and not wanted[False]:
+            continue
+        label, x = False, linear
+        if root is not None:
+            answer = find_posture(statement, patches, nodes=NODES)
+            if answer.status == "limit":
+                undecided += 1
+                continue
+            if answer.x is not None:
+                label, x = True, answer.x
+        if not wanted[label]:
+            continue
+        wanted[label] -= 1
+        rows.append((patches.vector(), label, factors(statement, x)))
+        if report is not None:
+            report(len(rows) / (feasible + infeasible))
+    return Rows(
+        np.array([r[0] for r in rows]),
+        np.array([r[1] for r in rows], bool),
+        np.array([r[2] for r in rows]),
+        drawn,
+        trivial,
+        undecided,
+    )

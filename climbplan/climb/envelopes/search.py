@@ -1,0 +1,189 @@
+"""Whether one posture exists on given patches: a point of problem P, or a proof that there is none.
+
+Branch and bound over parts of the patches. A node whose relaxation (`relaxation`) is infeasible
+holds no posture; otherwise toes are put on the centres of pressure, and with toes or with forces
+given, P is linear: the two are alternated, and IPOPT is started from there. If that finds none, the
+patch with the largest torsion is halved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from climbplan.climb.envelopes.relaxation import Relaxed, solve_relaxed
+from climbplan.climb.envelopes.statement import PostureStatement
+from climbplan.climb.envelopes.terrains import Patches
+from climbplan.program.instance import Index, Instance
+from climbplan.program.polytope import Array
+from climbplan.reformulations.extension import no_implications
+from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+from climbplan.solvers.ipopt.instances import solve_ipopt
+
+TOLERANCE = 1e-7  # of constraints at a point that counts as feasible
+_ROUNDS = 6  # of the alternation
+_NODES = 2000
+_LOCAL_EVERY = 16  # nodes
+_LOCAL_TIME = 2.0  # [s]
+
+
+@dataclass(frozen=True)
+class PostureAnswer:
+    """What is known about one terrain."""
+
+    status: Literal["feasible", "infeasible", "limit"]
+    x: Array | None  # a point of the statement
+    nodes: int
+
+
+def find_posture(
+    statement: PostureStatement,
+    patches: Patches,
+    load: Array | None = None,
+    nodes: int = _NODES,
+) -> PostureAnswer:
+    """A point that satisfies P to 1e-7, or the proof that P has none on these patches."""
+    theta = statement.theta(patches, load)
+    instance = statement.program.at(theta)
+    force, moment = theta["force"], theta["moment"]
+    open_nodes = [patches.vertices / statement.legs.length]
+    count = 0
+    while open_nodes and count < nodes:
+        corners = open_nodes.pop(0)
+        count += 1
+        relaxed = solve_relaxed(statement.legs, patches, force, moment, corners)
+        if relaxed is None:
+            continue
+        x = _alternate(statement, instance, relaxed)
+        if x is None and (count - 1) % _LOCAL_EVERY == 0:
+            x = _local(statement, instance, relaxed)
+        if x is not None:
+            return PostureAnswer("feasible", x, count)
+        limb = int(np.argmax(relaxed.torsion))
+        open_nodes += [_half(corners, limb, side) for side in (0, 1)]
+    return PostureAnswer("limit" if open_nodes else "infeasible", None, count)
+
+
+def without_products(instance: Instance) -> Instance:
+    """The instance without its bilinear rows: P-bar of Algorithm 1."""
+    keep = np.diff(instance.Q.indptr) == 0
+    none = np.zeros(0, np.int64)
+    return replace(
+        instance,
+        A=sparse.csr_matrix(instance.A[keep]),
+        row_lower=instance.row_lower[keep],
+        row_upper=instance.row_upper[keep],
+        products=replace(instance.products, first=none, second=none),
+        Q=sparse.csr_matrix((int(keep.sum()), 0)),
+    )
+
+
+def _start(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array:
+    x = np.zeros(instance.size)
+    for name, given in (
+        ("toe", relaxed.pressure),
+        ("force", relaxed.force),
+        ("com", relaxed.com),
+        ("rpy", relaxed.rpy),
+    ):
+        block = statement.program.variables[name]
+        x[block.start : block.stop] = given.ravel()
+    return x
+
+
+def _local(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array | None:
+    found = solve_ipopt(
+        instance, start=_start(statement, instance, relaxed), time_limit=_LOCAL_TIME
+    )
+    return found.x
+
+
+def _half(corners: Array, limb: int, side: int) -> Array:
+    """One half of a limb's patch, cut across its longer edge."""
+    a, b, c, d = corners[limb]
+    if np.linalg.norm(b - a) >= np.linalg.norm(d - a):
+        m, n = (a + b) / 2, (c + d) / 2
+        part = [a, m, n, d] if side == 0 else [m, b, c, n]
+    else:
+        m, n = (a + d) / 2, (b + c) / 2
+        part = [a, b, n, m] if side == 0 else [m, n, c, d]
+    out = corners.copy()
+    out[limb] = part
+    return out
+
+
+def _alternate(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array | None:
+    """Forces at given toes, toes at given forces, each with the least error of the moments."""
+    program = statement.program
+    toe, f = program.variables["toe"], program.variables["force"]
+    x = _start(statement, instance, relaxed)
+    held = np.arange(toe.start, toe.stop)
+    last = np.inf
+    for k in range(_ROUNDS):
+        found = least_error(instance, x, held)
+        if found is None:
+            return None
+        x, error = found
+        if error <= TOLERANCE / 10 and instance.violation(x) <= TOLERANCE:
+            return x
+        if k and error > 0.9 * last:
+            return None
+        last = error
+        held = np.arange(f.start, f.stop) if k % 2 == 0 else np.arange(toe.start, toe.stop)
+    return None
+
+
+def least_error(instance: Instance, x: Array, held: Index) -> tuple[Array, float] | None:
+    """The point that keeps x[held] and misses the rows with products least, with the miss (1-norm).
+
+    x[held] is one factor of every product, so that the problem is linear. None if no point
+    satisfies the other rows.
+    """
+    fixed = linear_with(instance, x, held)
+    bilinear = np.flatnonzero(np.diff(instance.Q.indptr))
+    k, n = len(bilinear), instance.size
+    slack = sparse.csr_matrix(
+        (np.ones(k), (bilinear, np.arange(k))), shape=(instance.A.shape[0], k)
+    )
+    answer = solve_linear(
+        LinearProgram(
+            np.concatenate([np.zeros(n), np.ones(2 * k)]),
+            np.concatenate([fixed.lower, np.zeros(2 * k)]),
+            np.concatenate([fixed.upper, np.full(2 * k, np.inf)]),
+            sparse.hstack([fixed.A, slack, -slack]).tocsr(),
+            fixed.row_lower,
+            fixed.row_upper,
+        )
+    )
+    return None if answer.x is None else (answer.x[:n], answer.objective)
+
+
+def linear_with(instance: Instance, x: Array, held: Index) -> Instance:
+    """The instance with x[held] given, which makes every product linear in its other factor.
+
+    The instance has no implications.
+    """
+    given = np.zeros(instance.size, bool)
+    given[held] = True
+    first, second = instance.products.first, instance.products.second
+    # Where both are given, the second counts as free: its bounds hold it
+    swap = ~given[first]
+    value = np.where(swap, x[second], x[first])
+    column = np.where(swap, first, second)
+    K = instance.products.count
+    spread = sparse.csr_matrix((value, (np.arange(K), column)), shape=(K, instance.size))
+    lower, upper = instance.lower.copy(), instance.upper.copy()
+    lower[held] = upper[held] = x[held]
+    none = np.zeros(0, np.int64)
+    return replace(
+        instance,
+        lower=lower,
+        upper=upper,
+        A=sparse.csr_matrix(instance.A + instance.Q @ spread),
+        products=replace(instance.products, first=none, second=none),
+        Q=sparse.csr_matrix((instance.A.shape[0], 0)),
+        implications=no_implications(instance.size, 0),
+    )

@@ -1,0 +1,96 @@
+"""Terrains of one posture, and the distributions that envelopes are learned on.
+
+One convex patch for each limb, with its normal and friction coefficient: the parameter theta of the
+coupled problem. Patches are squares about jittered stances, turned up to 30 degrees (5.2.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.climb.envelopes.legs import Legs, ground_legs, wall_legs
+from climbplan.errors import UsageError
+from climbplan.mechanics.friction import contact_frame
+from climbplan.program.polytope import Array
+from climbplan.robots.model import Robot
+
+CORNERS = 4  # of a patch
+
+
+@dataclass(frozen=True)
+class Patches:
+    """One patch for each of N limbs."""
+
+    vertices: Array  # (N, 4, 3) [m] anticlockwise seen from free space
+    normal: Array  # (N, 3) unit, into free space
+    friction: Array  # (N,)
+
+    def vector(self) -> Array:
+        """(N 16,) vertices, normals, friction coefficients: a dataset's row."""
+        return np.concatenate([self.vertices.ravel(), self.normal.ravel(), self.friction])
+
+    @classmethod
+    def from_vector(cls, row: Array) -> Patches:
+        """The patches of a dataset's row; raises UsageError for a length that fits no limbs."""
+        n, rest = divmod(len(row), 3 * CORNERS + 4)
+        if rest or not n:
+            raise UsageError(f"{len(row)} numbers are no row of patches")
+        corners = 3 * CORNERS * n
+        return cls(
+            np.reshape(row[:corners], (n, CORNERS, 3)),
+            np.reshape(row[corners : corners + 3 * n], (n, 3)),
+            np.asarray(row[corners + 3 * n :]),
+        )
+
+
+@dataclass(frozen=True)
+class TerrainDistribution:
+    """G(theta): random patches about the stances of some limbs."""
+
+    name: str
+    legs: Legs
+    normal: Array  # (N, 3) nominal
+    friction: tuple[float, float]
+    tilt: float = float(np.deg2rad(30.0))  # largest angle from the nominal normal [rad]
+    jitter: float = 0.1  # [m] of patch centres along each axis
+    half_size: float = 0.05  # [m] of patches
+
+    def sample(self, rng: np.random.Generator) -> Patches:
+        """One terrain; angles, positions and friction coefficients are uniform."""
+        n = self.legs.count
+        center = self.legs.stance + rng.uniform(-self.jitter, self.jitter, (n, 3))
+        turned = tilted(self.normal, rng.uniform(0, self.tilt, n), rng.uniform(0, 2 * np.pi, n))
+        frame = contact_frame(turned)
+        across = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.half_size
+        edges = np.stack([frame.tangent, frame.bitangent], axis=1)  # (N, 2, 3)
+        vertices = center[:, None] + across @ edges
+        return Patches(vertices, turned, rng.uniform(*self.friction, n))
+
+
+def tilted(normal: Array, angle: Array, about: Array) -> Array:
+    """Unit normals (N, 3) turned by `angle` (N,) in the direction `about` (N,) across them."""
+    frame = contact_frame(normal)
+    towards = np.cos(about)[:, None] * frame.tangent + np.sin(about)[:, None] * frame.bitangent
+    return np.cos(angle)[:, None] * normal + np.sin(angle)[:, None] * towards
+
+
+THREE = ("RF", "RR", "LM")
+FIVE = ("RF", "RR", "LR", "LM", "LF")
+DISTRIBUTIONS = ("ground3", "wall3", "wall5")
+
+
+def distribution(name: str, robot: Robot) -> TerrainDistribution:
+    """`ground3`, `wall3` or `wall5`; UsageError for another name, or a robot without the limbs."""
+    if name not in DISTRIBUTIONS:
+        raise UsageError(f"unknown terrains {name!r}: expected one of {', '.join(DISTRIBUTIONS)}")
+    legs = FIVE if name == "wall5" else THREE
+    if lacking := [limb for limb in legs if limb not in robot.limb_names]:
+        raise UsageError(f"{robot.name} has no limb {lacking[0]}, on which terrains {name!r} stand")
+    if name == "ground3":
+        up = np.tile([0.0, 0.0, 1.0], (len(legs), 1))
+        return TerrainDistribution(name, ground_legs(robot, legs), up, (0.1, 0.8))
+    standing = wall_legs(robot, legs)
+    side = -np.sign(standing.stance[:, :1]) * [1.0, 0.0, 0.0]
+    return TerrainDistribution(name, standing, side, (0.1, 1.2))

@@ -1,0 +1,1 @@
+"""What climbs and transitions are in memory and in their files."""

@@ -1,0 +1,201 @@
+"""A climb or transition plan in memory, field by field as in its file.
+
+Shapes: N limbs, M rounds, K instants, T samples, R surfaces. World frame, z up; SI units.
+Forces act on the robot, from the terrain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.climb.plan.grips import GripForces, GripPlan
+from climbplan.robots.model import Robot
+from climbplan.spec.stored_robot import RobotTexts
+from climbplan.terrain.model import Terrain
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """Postures: row 0 is the start, row j the end of round j."""
+
+    com: Array  # (M+1, 3) body origin [m]
+    rpy: Array  # (M+1, 3) roll, pitch, yaw [rad]
+    toes: Array  # (M+1, N, 3) [m]
+    region: Index  # (M+1, N) surface each toe stands on
+
+    @property
+    def count(self) -> int:
+        """M."""
+        return len(self.com) - 1
+
+
+@dataclass(frozen=True)
+class Instants:
+    """The instants at which forces are planned: after each lift and each push.
+
+    A climb has 2 N a round, one limb after the other; a transition lifts several limbs at once.
+    """
+
+    round: Index  # (K,) 1..M
+    lifted: Mask  # (K, N) the limbs in the air
+    contact: Mask  # (K, N) limbs that carry load
+    com: Array  # (K, 3) planned body origin [m]
+    rpy: Array  # (K, 3) [rad]
+    toes: Array  # (K, N, 3) [m]; a lifted toe hovers above where it stood
+    normal: Array  # (K, N, 3) unit, from the surface into free space
+    mu: Array  # (K, N) friction coefficient
+    region: Index  # (K, N) surface of each toe (a lifted toe: the one it left)
+    joint_angles: Array  # (K, N, J) [rad]
+    external_wrench: Array  # (K, 6) force and moment about the body origin beside the weight
+
+    @property
+    def count(self) -> int:
+        """K."""
+        return len(self.round)
+
+    def label(self, k: int, limb_names: tuple[str, ...]) -> str:
+        """Where instant k stands in the gait: "round 3, LM lifted" or "round 3, push 2"."""
+        here = f"round {self.round[k]}"
+        if self.lifted[k].any():
+            return (
+                f"{here}, {' '.join(limb_names[i] for i in np.flatnonzero(self.lifted[k]))} lifted"
+            )
+        same = self.round == self.round[k]
+        if same.sum() <= 2:
+            return f"{here}, push"
+        return f"{here}, push {(int(same[: k + 1].sum()) + 1) // 2}"
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Contact forces at the instants and what follows from them."""
+
+    force: Array  # (K, N, 3) [N], zero for lifted limbs
+    joint_torques: Array  # (K, N, J) J^T force [N m]
+    wall_deflection: Array  # (K, N, 3) imposed toe deflection [m]
+    com_deflection: Array  # (K, 6) sag and small rotation of the body [m, rad]
+    joint_command: Array  # (K, N, J) angles sent to the joints, which press with the forces [rad]
+    toe_command: Array  # (K, N, 3) where the joint commands would put the toes in free space [m]
+    safety_torque: Array  # (K,) least max_torque / |torque|
+    safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
+    mu_critical: Array  # (K, N) friction coefficient at which the limb would slip, 0 if lifted
+    grips: GripForces | None = None  # of robots with grippers
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Playable motion at a fixed rate."""
+
+    time: Array  # (T,) [s]
+    com: Array  # (T, 3) [m]
+    rpy: Array  # (T, 3) [rad]
+    joint_command: Array  # (T, N, J) [rad]
+    contact: Mask  # (T, N)
+    grips: GripForces | None = None  # of robots with grippers
+    force: Array | None = None  # (T, N, 3) likewise, contact forces [N]
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """Bounds the postures were planned with, kept for verification."""
+
+    com_max: float  # [m]
+    toe_max: float  # [m]
+    rotation_max: float  # [rad] about each axis
+    com_min: float  # [m]
+    toe_min: float  # [m]
+    goal_com: Array  # (3,) [m]
+    goal_toes: Array  # (N, 3) [m]
+    goal_tolerance: float  # [m]
+    goal_rpy: Array  # (3,) [rad]
+    goal_rotation_tolerance: float  # [rad] about each axis
+    body_clearance: float  # [m]
+    safety_friction: float  # S_mu asked for
+    safety_torque: float  # least S_tau asked for
+
+
+@dataclass(frozen=True)
+class Study:
+    """Labels over a grid of spec values."""
+
+    keys: tuple[str, ...]  # one or two dotted keys
+    values: tuple[Array, ...]  # values of each key
+    label: Index  # (len(values[0]), len(values[1]) or 1): index into `LABELS`
+    detail: tuple[str, ...]  # message of each cell, row by row
+
+    LABELS = ("feasible", "force-infeasible", "kinematics-infeasible")
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """All contact sequences that a search found for a transition, the chosen one marked."""
+
+    name: tuple[str, ...]  # (Q,) "3-3: RF RM LR | RR LM LF"
+    cost: Array  # (Q,) of its best way through the poses searched
+    safety_torque: Array  # (Q,) the largest S_tau it allows, at the friction asked for
+    safety_friction: Array  # (Q,) the largest S_mu it allows, at the torque asked for
+    outcome: tuple[str, ...]  # (Q,) what became of it: "chosen", "planned", or why it was refused
+
+
+@dataclass(frozen=True)
+class ClimbPlan:
+    """Everything a climb or transition plan file holds."""
+
+    name: str
+    robot: Robot
+    terrain: Terrain
+    rounds: Rounds
+    instants: Instants
+    forces: Forces
+    trajectory: Trajectory
+    limits: StepLimits
+    status: str  # "optimal" or "feasible"
+    objective: float
+    bound: float | None
+    gap: float | None
+    spec_text: str
+    spec_sha256: str
+    seed: int
+    timings: dict[str, float]  # [s] by stage
+    solvers: dict[str, str]  # stage -> solver and version
+    sizes: dict[str, Any]  # problem sizes by stage
+    warnings: tuple[str, ...] = ()
+    study: Study | None = None
+    verified: bool = False
+    created: str = ""
+    climbplan_version: str = ""
+    summary: tuple[str, ...] = field(default=())  # lines for the terminal
+    kind: str = "climb"  # or "transition"
+    sequences: Sequences | None = None
+    grips: GripPlan | None = None
+    robot_texts: RobotTexts = field(default_factory=RobotTexts)  # of files the robot is from
+
+    @property
+    def contact_sequence(self) -> str:
+        """Which limbs move together, round by round: "3-3: RF RM LR | RR LM LF".
+
+        Rounds of a climb that follows, in which limbs move one after the other, are counted only.
+        """
+        lifted, names = self.instants.lifted[::2], self.robot.limb_names
+        steps = np.bincount(self.instants.round[::2], minlength=self.rounds.count + 1)
+        together = steps[self.instants.round[::2]] == 1
+        if not together.any():
+            return sequence_name(lifted, names)
+        text = sequence_name(lifted[together], names)
+        climbed = int((steps > 1).sum())
+        return f"{text}; then {climbed} rounds limb by limb" if climbed else text
+
+
+def sequence_name(moved: Mask, limb_names: tuple[str, ...]) -> str:
+    """The name of a contact sequence, moved: (S, N) limbs of each step."""
+    counts = "-".join(str(int(step.sum())) for step in moved)
+    limbs = [" ".join(limb_names[i] for i in np.flatnonzero(step)) for step in moved]
+    return f"{counts}: {' | '.join(limbs)}"

@@ -1,0 +1,228 @@
+"""Climb and transition plans as HDF5 files: writing them, and reading them back exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from climbplan.climb.plan import layout
+from climbplan.climb.plan.climb_plan import (
+    ClimbPlan,
+    Forces,
+    Instants,
+    Rounds,
+    Sequences,
+    StepLimits,
+    Study,
+    Trajectory,
+)
+from climbplan.climb.plan.grip_store import read_grips, write_grips
+from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
+from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
+from climbplan.errors import PlanFileError
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.plans.hdf5_writing import new_store, write_dataset
+from climbplan.plans.root_attributes import read_root, require_plan, write_root
+
+
+def write_climb(plan: ClimbPlan, path: Path) -> None:
+    """Write a plan; the file appears whole or not at all, in place of one that is there.
+
+    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
+    the file cannot be written.
+    """
+    with new_store(path) as file:
+        _write_header(file, plan)
+        write_robot(file.create_group("robot"), plan.robot, plan.robot_texts)
+        _write_fields(file.create_group("rounds"), plan.rounds, layout.ROUNDS)
+        instants = file.create_group("instants")
+        _write_fields(instants, plan.instants, layout.INSTANTS)
+        _write_fields(instants, plan.forces, layout.FORCES)
+        _write_fields(file.create_group("trajectory"), plan.trajectory, layout.TRAJECTORY)
+        limits = file.create_group("limits")
+        _write_fields(limits, plan.limits, layout.LIMITS)
+        for name in layout.LIMITS_NUMBERS:
+            limits.attrs[name] = float(vars(plan.limits)[name])
+        write_terrain(file.create_group("terrain"), plan.terrain)
+        write_grips(file, plan.grips)
+        write_dataset(file, "warnings", plan.warnings, layout.TEXTS)
+        write_dataset(file, "summary", plan.summary, layout.TEXTS)
+        if plan.study is not None:
+            _write_study(file.create_group("study"), plan.study)
+        if plan.sequences is not None:
+            group = file.create_group("sequences")
+            _write_fields(group, plan.sequences, layout.SEQUENCES_TEXTS)
+            _write_fields(group, plan.sequences, layout.SEQUENCES)
+
+
+def read_climb(path: Path) -> ClimbPlan:
+    """The plan in a file, exactly as it was written.
+
+    Nothing in a file is ever run. Raises PlanFileError for anything that is not a whole climb
+    plan: another format or version, missing or misshapen data, NaN where numbers must be.
+    """
+    reading = read_as_found(path)
+    if reading.not_finite:
+        names = ", ".join(reading.not_finite[:3])
+        more = len(reading.not_finite) - 3
+        raise PlanFileError(
+            f"{path}: NaN or infinity in {names}{f' and {more} more' if more > 0 else ''}"
+        )
+    return reading.plan
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A plan whose shapes and types are right, and where its numbers are not finite."""
+
+    plan: ClimbPlan
+    not_finite: tuple[str, ...]  # datasets and attributes
+
+
+def read_as_found(path: Path) -> Reading:
+    """As `read_climb`, but NaN and infinities are only listed, so that a check can report them."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        require_plan(reader, layout.FORMAT_VERSION, *layout.FORMATS.values())
+        plan = _read(reader)
+        return Reading(plan, tuple(reader.not_finite))
+
+
+def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
+    texts = {"status": plan.status}
+    if plan.kind == "transition":
+        texts["contact_sequence"] = plan.contact_sequence
+    write_root(
+        file,
+        plan,
+        layout.FORMATS[plan.kind],
+        layout.FORMAT_VERSION,
+        texts=texts,
+        numbers={"objective": plan.objective, "bound": plan.bound, "gap": plan.gap},
+        objects={"timings": plan.timings, "solvers": plan.solvers, "sizes": plan.sizes},
+    )
+
+
+def _write_fields(group: h5py.Group, source: Any, layouts: Mapping[str, Layout]) -> None:
+    fields = vars(source)
+    for name, shape in layouts.items():
+        write_dataset(group, name, fields[name], shape)
+
+
+def _write_study(group: h5py.Group, study: Study) -> None:
+    write_dataset(group, "keys", study.keys, layout.TEXTS)
+    write_dataset(group, "labels", Study.LABELS, layout.TEXTS)
+    write_dataset(group, "label", study.label, layout.STUDY_LABEL)
+    write_dataset(group, "detail", study.detail, layout.TEXTS)
+    for index, values in enumerate(study.values):
+        write_dataset(group, f"values_{index}", values, layout.STUDY_VALUES)
+
+
+def _read(reader: Reader) -> ClimbPlan:
+    kinds = {name: kind for kind, name in layout.FORMATS.items()}
+    kind = kinds[reader.text("", "format")]
+    robot = read_robot(reader)
+    rounds = Rounds(**_arrays(reader, "rounds", layout.ROUNDS))
+    instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
+    forces = Forces(**_arrays(reader, "instants", layout.FORCES))
+    trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
+    bounds = _arrays(reader, "limits", layout.LIMITS)
+    bounds |= {name: reader.number("limits", name) for name in layout.LIMITS_NUMBERS}
+    limits = StepLimits(**bounds)
+    _require_counts(reader, kind)
+    terrain = read_terrain(reader, "terrain")
+    grips = read_grips(reader, robot.gripper)
+    if grips is not None:
+        forces = replace(forces, grips=grips.instants)
+        trajectory = replace(trajectory, grips=grips.trajectory, force=grips.trajectory_force)
+    for name, region in (("rounds/region", rounds.region), ("instants/region", instants.region)):
+        if region.min() < 0 or region.max() >= len(terrain.surfaces):
+            raise reader.refuse(
+                f"{name} names a surface that is not there (0 to {len(terrain.surfaces) - 1})"
+            )
+    status = reader.text("", "status")
+    if status not in layout.STATUSES:
+        raise reader.refuse(f"status {status!r}, expected one of {', '.join(layout.STATUSES)}")
+    return ClimbPlan(
+        **read_root(reader),
+        robot=robot,
+        terrain=terrain,
+        rounds=rounds,
+        instants=instants,
+        forces=forces,
+        trajectory=trajectory,
+        limits=limits,
+        status=status,
+        objective=reader.number("", "objective"),
+        bound=reader.optional_number("bound"),
+        gap=reader.optional_number("gap"),
+        timings=reader.figures("timings"),
+        solvers=reader.words("solvers"),
+        sizes=reader.mapping("sizes"),
+        warnings=reader.texts("warnings", layout.TEXTS),
+        study=_read_study(reader) if reader.has("study") else None,
+        summary=reader.texts("summary", layout.TEXTS),
+        kind=kind,
+        sequences=_read_sequences(reader) if reader.has("sequences") else None,
+        grips=grips,
+        robot_texts=read_robot_texts(reader),
+    )
+
+
+def _require_counts(reader: Reader, kind: str) -> None:
+    """Dimensions that follow from one another, and that nothing is empty."""
+    size = reader.dimensions
+    if size["N"] < 3:
+        raise reader.refuse(f"robot has {size['N']} limbs, expected at least 3")
+    if size["M1"] < 2:
+        raise reader.refuse("rounds holds no round")
+    expected = 2 * size["N"] * (size["M1"] - 1)
+    if kind == "transition":
+        if size["K"] % 2 or size["K"] < 2 * (size["M1"] - 1):
+            raise reader.refuse(
+                f"instants holds {size['K']} instants, expected at least 2 for each of "
+                f"{size['M1'] - 1} rounds, and an even number"
+            )
+    elif size["K"] != expected:
+        raise reader.refuse(
+            f"instants holds {size['K']} instants, expected 2 for each of {size['N']} limbs in "
+            f"each of {size['M1'] - 1} rounds: {expected}"
+        )
+    if size["T"] < 2:
+        raise reader.refuse("trajectory holds fewer than two samples")
+
+
+def _arrays(reader: Reader, group: str, layouts: Mapping[str, Layout]) -> dict[str, Any]:
+    reader.group(group)
+    return {name: reader.array(f"{group}/{name}", shape) for name, shape in layouts.items()}
+
+
+def _read_sequences(reader: Reader) -> Sequences:
+    reader.group("sequences")
+    fields: dict[str, Any] = {
+        name: reader.texts(f"sequences/{name}", shape)
+        for name, shape in layout.SEQUENCES_TEXTS.items()
+    }
+    return Sequences(**fields, **_arrays(reader, "sequences", layout.SEQUENCES))
+
+
+def _read_study(reader: Reader) -> Study:
+    keys = reader.texts("study/keys", layout.TEXTS)
+    if len(keys) not in (1, 2):
+        raise reader.refuse(f"study/keys holds {len(keys)} keys, expected one or two")
+    label = reader.array("study/label", layout.STUDY_LABEL)
+    values = tuple(
+        reader.array(f"study/values_{index}", layout.STUDY_VALUES) for index in range(len(keys))
+    )
+    shape = tuple(len(v) for v in values) + (1,) * (2 - len(values))
+    detail = reader.texts("study/detail", layout.TEXTS)
+    if label.shape != shape or len(detail) != label.size:
+        raise reader.refuse("study/label and study/detail do not fit study/values")
+    if label.size and not (label.min() >= 0 and label.max() < len(Study.LABELS)):
+        raise reader.refuse(f"study/label leaves the range 0 to {len(Study.LABELS) - 1}")
+    return Study(keys=keys, values=values, label=label, detail=detail)

@@ -1,0 +1,128 @@
+"""Grips inside a plan file: grippers, the model of their spines, and what they do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import h5py
+import numpy as np
+
+from climbplan.climb.plan.grips import GripForces, GripPlan, SpineModel
+from climbplan.plans.hdf5_layout import Layout
+from climbplan.plans.hdf5_reading import Reader
+from climbplan.plans.hdf5_writing import write_dataset
+from climbplan.robots.gripper import Gripper
+
+GROUP = "grips"
+INPUTS = 4  # alpha, beta, gamma, friction
+GRIPPER = {
+    "wrist_max_torque": Layout((3,), "N m"),
+    "wrist_lower": Layout((3,), "rad"),
+    "wrist_upper": Layout((3,), "rad"),
+}
+GRIPPER_NUMBERS = {"length": "m", "finger_span": "m", "max_force": "N"}
+MODEL = {
+    "state": Layout(("*", INPUTS)),
+    "force": Layout(("*",), "N"),
+    "center": Layout((INPUTS,)),
+    "scale": Layout((INPUTS,)),
+}
+MODEL_NUMBERS = ("signal", "length", "noise")
+SPINES = Layout(("R",), "N")
+FORCE = Layout(("T", "N", 3), "N", "world")
+STATES = {"instants": "K", "trajectory": "T"}
+WRISTS = {
+    "wrist_angles": Layout(("K", "N", 3), "rad"),
+    "wrist_torque": Layout(("K", "N", 3), "N m"),
+    "pull_margin": Layout(("K", "N"), "N", may_be_infinite=True),
+}
+
+
+def _forces_layout(count: str) -> dict[str, Layout]:
+    return {
+        "grip": Layout((count, "N"), "N"),
+        "palm": Layout((count, "N", 3), "N", "world"),
+        "moment": Layout((count, "N", 3), "N m", "world"),
+    }
+
+
+def write_gripper(group: h5py.Group, gripper: Gripper | None) -> None:
+    """Add the group `gripper` of a robot that has some."""
+    if gripper is None:
+        return
+    own = group.create_group("gripper")
+    for name in GRIPPER_NUMBERS:
+        own.attrs[name] = float(vars(gripper)[name])
+    for name, layout in GRIPPER.items():
+        write_dataset(own, name, vars(gripper)[name], layout)
+
+
+def read_gripper(reader: Reader) -> Gripper | None:
+    """The grippers of a plan's robot; None if it has none."""
+    where = "robot/gripper"
+    if not reader.has(where):
+        return None
+    numbers: dict[str, Any] = {name: reader.number(where, name) for name in GRIPPER_NUMBERS}
+    arrays: dict[str, Any] = {
+        name: reader.array(f"{where}/{name}", shape) for name, shape in GRIPPER.items()
+    }
+    return Gripper(**numbers, **arrays)
+
+
+def write_grips(file: h5py.File, grips: GripPlan | None) -> None:
+    """Add the group `grips` of a plan that has some."""
+    if grips is None:
+        return
+    group = file.create_group(GROUP)
+    group.attrs["risk"] = float(grips.risk)
+    model = group.create_group("model")
+    for name in MODEL_NUMBERS:
+        model.attrs[name] = float(vars(grips.model)[name])
+    for name, layout in MODEL.items():
+        write_dataset(model, name, vars(grips.model)[name], layout)
+    write_dataset(group, "spines", grips.spines, SPINES)
+    for name, layout in WRISTS.items():
+        write_dataset(group, name, vars(grips)[name], layout)
+    for name, count in STATES.items():
+        target = group.create_group(name)
+        for part, layout in _forces_layout(count).items():
+            write_dataset(target, part, vars(vars(grips)[name])[part], layout)
+    write_dataset(group["trajectory"], "force", grips.trajectory_force, FORCE)
+
+
+def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
+    """The grips of a plan; None without grippers.
+
+    Raises PlanFileError if only one of grippers and grips is there.
+    """
+    if reader.has(GROUP) != (gripper is not None):
+        raise reader.refuse("robot/gripper and grips belong together, one of them is missing")
+    if gripper is None:
+        return None
+    where = f"{GROUP}/model"
+    numbers: dict[str, Any] = {name: reader.number(where, name) for name in MODEL_NUMBERS}
+    arrays: dict[str, Any] = {
+        name: np.asarray(reader.array(f"{where}/{name}", s)) for name, s in MODEL.items()
+    }
+    if not len(arrays["state"]) or len(arrays["force"]) != len(arrays["state"]):
+        raise reader.refuse(f"{where} holds {len(arrays['state'])} states, as many forces expected")
+    states: dict[str, Any] = {
+        name: GripForces(
+            **{
+                part: reader.array(f"{GROUP}/{name}/{part}", layout)
+                for part, layout in _forces_layout(count).items()
+            }
+        )
+        for name, count in STATES.items()
+    }
+    wrists: dict[str, Any] = {
+        name: reader.array(f"{GROUP}/{name}", shape) for name, shape in WRISTS.items()
+    }
+    return GripPlan(
+        risk=reader.number(GROUP, "risk"),
+        model=SpineModel(**arrays, **numbers),
+        spines=reader.array(f"{GROUP}/spines", SPINES),
+        trajectory_force=reader.array(f"{GROUP}/trajectory/force", FORCE),
+        **states,
+        **wrists,
+    )

@@ -1,0 +1,55 @@
+"""The robot inside a plan file: its numbers, and the files that they are from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import h5py
+
+from climbplan.climb.plan import layout
+from climbplan.climb.plan.grip_store import read_gripper, write_gripper
+from climbplan.climb.plan.mechanism_store import read_mechanism, write_mechanism
+from climbplan.plans.hdf5_reading import Reader
+from climbplan.plans.hdf5_writing import write_dataset, write_text
+from climbplan.robots.model import Robot
+from climbplan.spec.stored_robot import RobotTexts
+
+_TEXTS = {"yaml": "source", "urdf": "urdf"}  # attributes, only where there is something to say
+
+
+def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
+    """Names, numbers, mechanism and grippers; the texts of a robot that is not built in."""
+    write_text(group, "name", robot.name)
+    for name in layout.ROBOT_NUMBERS:
+        group.attrs[name] = float(vars(robot)[name])
+    for name, shape in {**layout.ROBOT_TEXTS, **layout.ROBOT}.items():
+        write_dataset(group, name, vars(robot)[name], shape)
+    write_mechanism(group, robot.mechanism)
+    write_gripper(group, robot.gripper)
+    for name, attribute in _TEXTS.items():
+        if text := vars(texts)[name]:
+            write_text(group, attribute, text)
+
+
+def read_robot(reader: Reader) -> Robot:
+    """The robot of a plan; raises PlanFileError for what is missing or misshapen."""
+    reader.group("robot")
+    fields: dict[str, Any] = {
+        name: reader.texts(f"robot/{name}", shape) for name, shape in layout.ROBOT_TEXTS.items()
+    }
+    fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
+    fields |= {name: reader.array(f"robot/{name}", shape) for name, shape in layout.ROBOT.items()}
+    fields["mechanism"] = read_mechanism(reader)
+    fields["gripper"] = read_gripper(reader)
+    return Robot(name=reader.text("robot", "name"), **fields)
+
+
+def read_robot_texts(reader: Reader) -> RobotTexts:
+    """The files that the robot is from, as far as the plan carries them."""
+    return RobotTexts(
+        **{
+            name: reader.text("robot", attribute)
+            for name, attribute in _TEXTS.items()
+            if reader.has_attribute("robot", attribute)
+        }
+    )

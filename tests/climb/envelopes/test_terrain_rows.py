@@ -1,0 +1,141 @@
+"""Labelled terrains as rows of a dataset: drawn, checked again, and read for a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.climb.envelopes.dataset_rows import (
+    TerrainRows,
+    labelled_rows,
+    linear_violation,
+    point_of,
+)
+from climbplan.climb.envelopes.distribution import terrains_of
+from climbplan.climb.envelopes.statement import posture_statement
+from climbplan.climb.envelopes.terrains import Patches
+from climbplan.datasets.verification import verification_of
+from climbplan.errors import LimitReached, PlanFileError, UsageError
+from climbplan.plans.dataset import Dataset
+from climbplan.plans.dataset_row import Row, child_seed, dataset_of
+from climbplan.robots.model import Robot
+from climbplan.spec.dataset import TerrainsProblemSpec
+from climbplan.spec.robot_source import load_robot
+
+PLACE = Path("dataset.h5")
+
+
+def _spec(**changes: object) -> TerrainsProblemSpec:
+    given = {
+        "kind": "terrains",
+        "robot": "silvia",
+        "terrain": {"distribution": "wall3"},
+        "solver": {"nodes": 40},
+    }
+    return TerrainsProblemSpec.model_validate({**given, **changes})
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot.from_spec(load_robot("silvia"))
+
+
+def _made(source: TerrainRows, count: int) -> Dataset:
+    rows = []
+    for k in range(count):
+        drawn = source.draw(np.random.default_rng(child_seed(4, k)))
+        rows.append(Row(k, child_seed(4, k), source.parameters(drawn), source.solve(drawn)))
+    return replace(dataset_of(source.frame, rows), spec_sha256="e3b0c442" + _EMPTY)
+
+
+def _rows(data: Dataset, status: str) -> np.ndarray:
+    return np.array([k for k, word in enumerate(data.status) if word == status])
+
+
+_EMPTY = "98fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"  # rest of sha256 of nothing
+
+
+@pytest.fixture(scope="module")
+def data(robot: Robot) -> Dataset:
+    return _made(TerrainRows(_spec(), robot), 14)
+
+
+def test_rows_are_decided_and_verified(data: Dataset) -> None:
+    assert {"feasible", "infeasible"} <= set(data.status) <= {"feasible", "infeasible", "limit"}
+    verification = verification_of(data, PLACE)
+    assert verification.passed, verification
+    names = {check.name for check in verification.checks}
+    assert {"block.residual", "rows.linear", "rows.proof"} <= names
+
+
+def test_infeasible_rows_balance_forces_but_not_moments(data: Dataset, robot: Robot) -> None:
+    terrains = terrains_of(_spec().terrain, robot)
+    statement = posture_statement(terrains.legs)
+    for row in _rows(data, "infeasible"):
+        force, toe = data.solution["force"][row], data.solution["toe"][row]
+        np.testing.assert_allclose(force.sum(axis=0), [0, 0, 1], atol=1e-6)
+        moment = np.cross(toe - data.solution["com"][row], force).sum(axis=0)
+        assert np.abs(moment).max() > 1e-4
+        patches = Patches.from_vector(data.parameters[row])
+        instance = statement.program.at(statement.theta(patches))
+        assert linear_violation(instance, point_of(statement, data, row)) <= 1e-7
+        assert linear_violation(instance, np.zeros(instance.size)) > 0.1  # no weights: not on it
+
+
+def test_a_moved_toe_fails_the_check(data: Dataset) -> None:
+    toe = data.solution["toe"].copy()
+    toe[np.flatnonzero(data.feasible)[0], 0, 0] += 1e-4
+    verification = verification_of(replace(data, solution={**data.solution, "toe": toe}), PLACE)
+    failed = {check.name for check in verification.checks if not check.passed}
+    assert failed == {"block.residual"}
+
+
+def test_a_feasible_terrain_called_infeasible_fails_the_check(data: Dataset) -> None:
+    row = int(np.flatnonzero(data.feasible)[0])
+    feasible = data.feasible.copy()
+    feasible[row] = False
+    status = tuple("infeasible" if k == row else word for k, word in enumerate(data.status))
+    verification = verification_of(replace(data, feasible=feasible, status=status), PLACE)
+    failed = {check.name for check in verification.checks if not check.passed}
+    assert failed == {"rows.proof"}
+
+
+def test_share_of_feasible_rows(robot: Robot) -> None:
+    for share, word in ((1.0, "feasible"), (0.0, "infeasible")):
+        source = TerrainRows(_spec(share_feasible=share), robot)
+        statuses = {source.draw(np.random.default_rng(k)).status for k in range(4)}
+        assert statuses == {word}
+    source = TerrainRows(_spec(share_feasible=0.0, attempts=1), robot)
+    with pytest.raises(LimitReached, match="among 1"):
+        [source.draw(np.random.default_rng(k)) for k in range(20)]
+
+
+def test_rows_for_a_fit(data: Dataset, robot: Robot) -> None:
+    terrains = terrains_of(_spec().terrain, robot)
+    with pytest.raises(UsageError, match="data split"):
+        labelled_rows(data, PLACE, terrains)
+    half = np.arange(data.count) % 2 == 0
+    good = np.flatnonzero(data.feasible)
+    half[good[0]], half[good[1]] = True, False
+    bad = _rows(data, "infeasible")
+    half[bad[0]], half[bad[1]] = True, False
+    split = replace(data, train=half, test=~half)
+    rows = labelled_rows(split, PLACE, terrains)
+    decided = np.array([word != "limit" for word in data.status])
+    assert len(rows.training.terrain) == (half & decided).sum()
+    assert len(rows.held_out.terrain) == (~half & decided).sum()
+    toe = data.solution["toe"][half & decided]
+    np.testing.assert_array_equal(rows.training.point[:, :, :3], toe)
+    with pytest.raises(UsageError, match="not the spec's distribution"):
+        labelled_rows(split, PLACE, replace(terrains, jitter=0.05))
+    with pytest.raises(UsageError, match="both feasible and infeasible"):
+        labelled_rows(replace(split, test=data.feasible, train=~data.feasible), PLACE, terrains)
+
+
+def test_foreign_facts_are_refused(data: Dataset) -> None:
+    frame = replace(data.frame, facts={**data.frame.facts, "shoulder": [[0, 0]]})
+    with pytest.raises(PlanFileError, match="no numbers for 3 limbs"):
+        verification_of(replace(data, frame=frame), PLACE)

@@ -1,0 +1,134 @@
+"""The program that finds sequences by itself: its points, random starts, boxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.file import write_climb
+from climbplan.climb.transition.complementarity import complementarity_program
+from climbplan.climb.transition.complementarity_numbers import (
+    numbers_of,
+    parts_of,
+    row_bounds,
+    shape_of,
+    surfaces_of,
+    variable_bounds,
+)
+from climbplan.climb.transition.homotopy import run_start
+from climbplan.climb.transition.planner import plan_transition
+from climbplan.climb.transition.pose_ways import Sequence
+from climbplan.climb.transition.scene import TransitionScene, build_transition
+from climbplan.climb.transition.stances import Laboratory
+from climbplan.errors import UsageError
+from climbplan.spec.transition_loading import load_transition
+
+SPECS = Path(__file__).parents[3] / "specs"
+FLAT, BRICKS = SPECS / "transition_flat.yaml", SPECS / "transition_bricks.yaml"
+
+
+def scene_of(path: Path, *overrides: str) -> TransitionScene:
+    return build_transition(load_transition(path, list(overrides)))
+
+
+@pytest.mark.parametrize("rounds", [2, 3])
+def test_random_starts_end_at_sequences_that_stand(rounds: int) -> None:
+    scene = scene_of(FLAT, f"task.rounds={rounds}")
+    found: list[Sequence] = []
+
+    def carry(lab: Laboratory, sequence: Sequence) -> str:
+        assert lab.scene is scene
+        found.append(sequence)
+        return ""
+
+    starts = [run_start(scene, seed, carry) for seed in range(4)]
+    assert [start.reason for start in starts] == [""] * 4
+    assert all(start.complemented == 1 for start in starts)
+    for sequence in found:
+        counts = sequence.moved.sum(axis=1)
+        assert len(counts) == rounds
+        assert counts.min() >= 1
+        assert counts.max() <= 3
+        assert sequence.moved.any(axis=0).all()
+
+
+def test_a_start_goes_on_after_a_sequence_is_refused() -> None:
+    scene = scene_of(FLAT)
+    seen: list[bytes] = []
+
+    def carry(lab: Laboratory, sequence: Sequence) -> str:
+        seen.append(sequence.moved.tobytes())
+        return "" if len(seen) == 2 else "not this one"
+
+    start = run_start(scene, 0, carry)
+    assert start.reason == ""
+    assert start.complemented >= 2
+    assert len(set(seen)) == 2  # never the same twice
+
+
+def test_the_same_seed_gives_the_same_start() -> None:
+    scene = scene_of(FLAT, "task.rounds=3")
+    first, again = (run_start(scene, 3, lambda lab, sequence: "") for _ in range(2))
+    assert (first.tries, first.iterations) == (again.tries, again.iterations)
+
+
+def _point(scene: TransitionScene, toe: tuple[float, float, float], side: int) -> dict[str, float]:
+    """Rows of the first limb's toe after round 1 at a place, all weight on one face of box 1."""
+    surfaces = surfaces_of(scene)
+    program = complementarity_program(shape_of(scene, surfaces))
+    lower, upper = variable_bounds(scene, program)
+    v = np.where(np.isfinite(lower) & np.isfinite(upper), (lower + upper) / 2, 0.0)
+    own = parts_of(program, v)[0]
+    limb = scene.robot.limb_names.index("LF")
+    own["toe"][:, limb] = toe
+    own["side"][:] = 0.0
+    own["side"][side, :] = 1.0
+    first = np.concatenate([own[name].T.ravel() for name, *_ in program.variables.names])
+    v[: program.variables.size] = first
+    _, rows = program.products(v, numbers_of(scene, program, surfaces))
+    values = np.array(rows).ravel()
+    names = [f"{kind} {k}" for kind, size in program.kinds for k in range(size)]
+    return dict(zip(names, values, strict=False))
+
+
+def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
+    scene = scene_of(BRICKS, "task.sequence=null")
+    box = scene.terrain.obstacles[0]
+    limb = scene.robot.limb_names.index("LF")
+    row = f"solid.outside {limb * 2}"
+    inside = np.asarray(box.vertices.mean(axis=0))
+    above = inside + np.array([0.0, 0.0, 0.2])
+    for side in range(6):  # no face parts a point inside from the box
+        assert _point(scene, tuple(inside), side)[row] < 0
+    best = max(_point(scene, tuple(above), side)[row] for side in range(6))
+    assert best == pytest.approx(0.2 - 0.045)
+
+
+def test_rows_bound_only_what_bounds_the_room() -> None:
+    scene = scene_of(BRICKS, "task.sequence=null")
+    surfaces = surfaces_of(scene)
+    program = complementarity_program(shape_of(scene, surfaces))
+    lower, _ = row_bounds(scene, program, surfaces)
+    free = ~np.isfinite(lower[: surfaces.size]).reshape(surfaces.shape)
+    names = [s.name for s in scene.terrain.surfaces]
+    bricks = np.isin(surfaces, [names.index("front brick"), names.index("rear brick")])
+    np.testing.assert_array_equal(free, bricks)
+
+
+def test_bricks_are_stepped_on(tmp_path: Path) -> None:
+    overrides = ["task.sequence=null", "solver.method=complementarity", "solver.starts=1"]
+    found = plan_transition(load_transition(BRICKS, overrides))
+    write_climb(found, tmp_path / "plan.h5")
+    verification = verify(tmp_path / "plan.h5")
+    assert verification.passed, verification.table()
+    names = [s.name for s in found.terrain.surfaces]
+    stood = {names[r] for r in found.rounds.region[:, [3, 5]].ravel()}
+    assert {"front brick", "rear brick"} <= stood
+
+
+def test_a_named_sequence_is_not_for_this_method() -> None:
+    with pytest.raises(UsageError, match=r"leave `task.sequence` out"):
+        plan_transition(load_transition(BRICKS, ["solver.method=complementarity"]))

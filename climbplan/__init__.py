@@ -1,3 +1,82 @@
-"""Verified plans for robots that move by making and breaking contact."""
+"""Verified plans for robots that move by making and breaking contact.
+
+    import climbplan
+
+    spec = climbplan.load("specs/climb_steps.yaml", set={"task.rounds": 3})
+    plan = climbplan.plan(spec)
+    plan.rounds.com, plan.instants.force        # arrays under the names of the plan file
+    plan.verify().passed, plan.report("outputs/steps"), plan.save("outputs/steps")
+
+Names are loaded when they are first used: `import climbplan` itself imports nothing heavy.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from climbplan.api.loading import load
+    from climbplan.api.plan import Plan, read
+    from climbplan.api.planning import plan, verify
+    from climbplan.api.solving import Solution, solve
+    from climbplan.program.polytope import Polytope
+    from climbplan.program.problem import Problem
+    from climbplan.program.statement import Program
+    from climbplan.spec.bookshelf import BookshelfSpec
+    from climbplan.spec.climb import ClimbSpec
+    from climbplan.spec.limms import LimmsSpec
+    from climbplan.spec.mpc import MpcSpec
+    from climbplan.spec.robot import RobotSpec
+    from climbplan.spec.transition import TransitionSpec
 
 __version__ = "0.1.0"
+__all__ = [
+    "BookshelfSpec",
+    "ClimbSpec",
+    "LimmsSpec",
+    "MpcSpec",
+    "Plan",
+    "Polytope",
+    "Problem",
+    "Program",
+    "RobotSpec",
+    "Solution",
+    "TransitionSpec",
+    "load",
+    "plan",
+    "read",
+    "solve",
+    "verify",
+]
+_ROOMS = {
+    "BookshelfSpec": "spec.bookshelf",
+    "ClimbSpec": "spec.climb",
+    "LimmsSpec": "spec.limms",
+    "MpcSpec": "spec.mpc",
+    "Plan": "api.plan",
+    "Polytope": "program.polytope",
+    "Problem": "program.problem",
+    "Program": "program.statement",
+    "RobotSpec": "spec.robot",
+    "Solution": "api.solving",
+    "TransitionSpec": "spec.transition",
+    "load": "api.loading",
+    "plan": "api.planning",
+    "read": "api.plan",
+    "solve": "api.solving",
+    "verify": "api.planning",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, each from its room."""
+    if name not in _ROOMS:
+        raise AttributeError(f"climbplan has no {name!r}; it has {', '.join(__all__)}")
+    value = getattr(import_module(f"climbplan.{_ROOMS[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -70,9 +70,13 @@ class UnsoundPlan(ClimbplanError):
 
 
 class PlanFails(ClimbplanError):
-    """A plan that does not do what it says, as where the simulated robot falls."""
+    """A plan that does not do what it says, as where the simulated robot falls.
+
+    plan: the plan itself, where it was made in Python (`climbplan.plan`).
+    """
 
     exit_code = ExitCode.UNVERIFIED
+    plan: object = None
 
 
 class MissingSolver(UsageError):

@@ -34,7 +34,8 @@ def export(
     (placements.csv), of a walk its samples (walk.csv).
     """
     path = find_plan(plan)
-    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
+    from climbplan.api.kinds import plan_kind
+    from climbplan.cli.unsound import warn_of_failure
 
     kind = plan_kind(path)
     warn_of_failure(kind, path)

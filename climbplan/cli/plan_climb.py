@@ -5,7 +5,6 @@ from __future__ import annotations
 import typer
 
 from climbplan.cli.console import Session
-from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import (
     Force,
@@ -59,10 +58,5 @@ def plan_climb(
     loaded = load_climb(spec, overrides)
     check_model_path(save_model)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.climb.plan.file import write_climb
-        from climbplan.climb.planner import plan_climb as plan
-
-        with placed_mistakes(loaded):
-            found = plan(loaded, report=run.report, jobs=jobs, save_model=save_model)
-        run.finish(found, write_climb, found.warnings)
+        run.make(loaded, jobs, save_model)
     run.hand_over(as_json)

@@ -51,9 +51,5 @@ def plan_limms(
     overrides += spec_overrides(assignments, seed, time_limit, method)
     loaded = load_limms(spec, overrides)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.limms.plan_file import write_limms_plan
-        from climbplan.limms.planner import plan_limms as plan
-
-        found = plan(loaded, run.report)
-        run.finish(found, write_limms_plan, found.warnings)
+        run.make(loaded)
     run.hand_over(as_json)

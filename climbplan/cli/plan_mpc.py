@@ -7,11 +7,8 @@ from typing import Annotated
 import typer
 
 from climbplan.cli.console import Session
-from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, TimeLimit, Verbose
 from climbplan.cli.quick import NoReport, QuickWalk, quick_overrides
-
-LIBRARY_FILE = "library.h5"
 
 
 def plan_mpc(
@@ -48,18 +45,5 @@ def plan_mpc(
     overrides += spec_overrides(assignments, seed, time_limit, method)
     loaded = load_mpc(spec, overrides)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.walking.plan_file import write_walk_plan
-        from climbplan.walking.planner import plan_walk
-
-        with placed_mistakes(loaded):
-            if loaded.spec.solver.method == "online":
-                from climbplan.walking.online.library import write_library
-                from climbplan.walking.online.run import run_online
-
-                walked = run_online(loaded, run.report)
-                found = walked.plan
-                write_library(walked.library, run.directory / LIBRARY_FILE, walked.key)
-            else:
-                found = plan_walk(loaded, run.report)
-        run.finish(found, write_walk_plan, found.warnings)
+        run.make(loaded)
     run.hand_over(as_json)

@@ -4,33 +4,25 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING
 
+from climbplan.api.kinds import plan_kind
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
-from climbplan.cli.plan_kinds import plan_kind
 from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.verify_line import leaves_out_lines, verify_line, warn_of_implausible
 from climbplan.errors import PlanFails
 
 if TYPE_CHECKING:
+    from climbplan.api.making import Made
     from climbplan.spec.loaded import LoadedSpec
 
 
-class Planned(Protocol):
-    """What a planner found."""
-
-    @property
-    def summary(self) -> Sequence[str]:
-        """Lines about the run."""
-
-
-Found = TypeVar("Found", bound=Planned)
 REPORT = "report.json"
 
 
@@ -45,22 +37,30 @@ class PlanRun:
     drawn: bool  # whether page and figures are wanted
     _failure: str = field(default="", init=False)  # of the verification
 
-    def finish(
-        self, found: Found, write: Callable[[Found, Path], None], warnings: Sequence[str] = ()
-    ) -> None:
-        """Write the plan and verify it, print what is to be said of it, write its report."""
+    def make(self, loaded: LoadedSpec, jobs: int = 1, save_model: Path | None = None) -> Made:
+        """Plan what the spec asks for, write and verify it; its lines, warnings and report."""
+        # Planners and solvers take a second to import: not before all paths are known to be good
+        from climbplan.api.making import MakingOptions, make
+
+        made = make(loaded, MakingOptions(self.report, jobs, save_model, warn))
+        self._finish(made)
+        return made
+
+    def _finish(self, made: Made) -> None:
         self.report("verify", 0.0)  # ends the planner's bar before lines are printed
         plan_file = self.directory / PLAN_FILE
-        write(found, plan_file)
+        made.write(plan_file)
+        if made.write_beside is not None:
+            made.write_beside(self.directory)
         kind = plan_kind(plan_file)
         verify_and_mark = kind.verifier()
         start = time.perf_counter()
         verification = verify_and_mark(plan_file)
         spent = time.perf_counter() - start
         warn_of_implausible(verification)  # before all else
-        for line in found.summary:
+        for line in made.summary:
             self.session.note(line)
-        for warning in warnings:
+        for warning in made.warnings:
             warn(warning)
         for line in (verify_line(verification, spent), *leaves_out_lines(verification)):
             self.session.note(line)
@@ -90,11 +90,10 @@ class PlanRun:
 def plan_run(
     session: Session, loaded: LoadedSpec, out: Path | None, force: bool, report: bool = True
 ) -> Iterator[PlanRun]:
-    """Context that plans and calls `finish`; the output directory appears when it ends well.
+    """Context that calls `make`; the output directory appears when it ends well.
 
     out: the directory; below outputs/, named after the spec, if left out. report: whether page and
-    figures are drawn. Planners and solvers take a second to import: callers import them inside,
-    when all paths are known to be good.
+    figures are drawn.
     """
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:

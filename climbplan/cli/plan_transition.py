@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from climbplan.cli.console import Session
-from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import (
     Force,
     Json,
@@ -72,10 +71,5 @@ def plan_transition(
         overrides.append(Override("task.sequence", f'"{sequence}"', f"--sequence {sequence}"))
     loaded = load_transition(spec, overrides)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.climb.plan.file import write_climb
-        from climbplan.climb.transition.planner import plan_transition as plan
-
-        with placed_mistakes(loaded):
-            found = plan(loaded, report=run.report)
-        run.finish(found, write_climb, found.warnings)
+        run.make(loaded)
     run.hand_over(as_json)

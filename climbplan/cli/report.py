@@ -32,9 +32,10 @@ def report(
     --force. With --json the report is printed and nothing is written.
     """
     path = find_plan(plan)
-    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
+    from climbplan.api.kinds import plan_kind
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.report_files import place_report
+    from climbplan.cli.unsound import warn_of_failure
 
     kind = plan_kind(path)
     warn_of_failure(kind, path)

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
 from climbplan.cli.plan_path import find_plan
-from climbplan.errors import PlanFails, PlanFileError, UsageError
-
-if TYPE_CHECKING:
-    from climbplan.simulation.report_files import Told
-    from climbplan.simulation.study import Asked
-    from climbplan.simulation.variations import Trial
+from climbplan.errors import PlanFails, UsageError
 
 
 class Regulated(StrEnum):
@@ -132,10 +126,13 @@ def simulate(
     key, values = _swept(sweep)
     if seed is not None and seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number >= 0")
-    kind = _simulated_kind(path)
+    from climbplan.api.simulating import simulation_of
+
+    name, run = simulation_of(path)
+    from climbplan.api.kinds import plan_kind
     from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
     from climbplan.cli.progress import StageProgress
+    from climbplan.cli.unsound import warn_of_failure
     from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
     from climbplan.simulation.report_files import RESULT, write_simulation
     from climbplan.simulation.study import Asked
@@ -161,7 +158,6 @@ def simulate(
     )
     session = context.ensure_object(Session)
     warn_of_failure(plan_kind(path), path)
-    name, run = kind(path)
     target = out if out is not None else Path("outputs", f"{name}_simulation")
     with OutputDirectory(target, force=force) as directory:
         with StageProgress(session) as progress:
@@ -182,66 +178,6 @@ def simulate(
         print_result(str(target / RESULT))
     if failure:
         raise PlanFails(failure)
-
-
-_Progress = Callable[[str, float], None]
-_Run = Callable[["Asked", _Progress], tuple["Told", list[str]]]
-
-
-def _climb(path: Path) -> tuple[str, _Run]:
-    from climbplan.climb.plan.file import read_climb
-
-    plan = read_climb(path)
-
-    def run(asked: Asked, report: _Progress) -> tuple[Told, list[str]]:
-        from climbplan.simulation.climb_report import tell
-        from climbplan.simulation.study import simulate_plan
-
-        found = simulate_plan(plan, asked, report)
-        lines = [
-            f"{found.sweep_key} {point.value:g}: "
-            + (point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall")
-            for point in found.points
-        ]
-        return tell(found), [*lines, *_falls(found.trials)]
-
-    return plan.name, run
-
-
-def _walk(path: Path) -> tuple[str, _Run]:
-    from climbplan.walking.plan_file import read_walk_plan
-
-    plan = read_walk_plan(path)
-
-    def run(asked: Asked, report: _Progress) -> tuple[Told, list[str]]:
-        from climbplan.simulation.walk_study import simulate_walk_plan, tell
-
-        found = simulate_walk_plan(plan, asked, report)
-        return tell(found), _falls(found.trials)
-
-    return plan.name, run
-
-
-def _falls(trials: tuple[Trial, ...]) -> list[str]:
-    if not trials:
-        return []
-    return [f"{sum(trial.fallen for trial in trials)} of {len(trials)} runs fall"]
-
-
-_KINDS = {"climbplan/climb": _climb, "climbplan/transition": _climb, "climbplan/mpc": _walk}
-
-
-def _simulated_kind(path: Path) -> Callable[[Path], tuple[str, _Run]]:
-    """How to simulate a plan file; raises PlanFileError for one that cannot be."""
-    from climbplan.plans.plan_format import plan_format
-
-    found = plan_format(path)
-    if found not in _KINDS:
-        raise PlanFileError(
-            f"{path}: holds {found!r}; `simulate` replays climbs, transitions and walks "
-            f"({', '.join(_KINDS)}), there is no simulated model for anything else"
-        )
-    return _KINDS[found]
 
 
 def _swept(text: str | None) -> tuple[str, tuple[float, ...]]:

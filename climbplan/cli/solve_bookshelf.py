@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, warn
-from climbplan.cli.mistakes import placed_mistakes
+from climbplan.cli.console import Session
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
 from climbplan.cli.quick import NoReport, QuickShelf, quick_overrides
@@ -68,14 +67,9 @@ def solve_bookshelf(
     loaded = load_shelf(spec, overrides)
     check_model_path(save_model)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        from climbplan.bookshelf.plan_file import write_shelf_plan
-        from climbplan.bookshelf.runs import run_shelf
-
-        with placed_mistakes(loaded):
-            found = run_shelf(loaded, run.report, jobs, warn, save_model)
-        run.finish(found, write_shelf_plan)
+        made = run.make(loaded, jobs, save_model)
     run.hand_over(as_json)
-    if found.totals.status == "limit":
+    if made.status == "limit":
         raise typer.Exit(ExitCode.LIMIT)
-    if found.totals.status == "infeasible":
+    if made.status == "infeasible":
         raise typer.Exit(ExitCode.INFEASIBLE)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from climbplan.api.mistakes import placed_mistakes
 from climbplan.cli.console import print_error, print_json, print_result, warn
-from climbplan.cli.mistakes import placed_mistakes
 from climbplan.cli.options import Json, Quiet, Set, Verbose
 from climbplan.errors import ExitCode
 

@@ -43,10 +43,10 @@ def verify(
         raise UsageError("--set changes the spec that --spec names, and there is none")
     held = None
     if spec is not None:
-        from climbplan.cli.verify_against import held_against_own
+        from climbplan.api.holding import held_against_own
 
         held = held_against_own(path, spec, assignments)
-    from climbplan.cli.plan_kinds import plan_kind
+    from climbplan.api.kinds import plan_kind
     from climbplan.cli.solve_verify import (
         is_program_dataset,
         is_program_plan,

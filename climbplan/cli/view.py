@@ -39,7 +39,8 @@ def view(
     path = find_plan(plan)
     if importlib.util.find_spec("viser") is None:
         raise UsageError("`view` needs viser: pip install 'climbplan[view]'")
-    from climbplan.cli.plan_kinds import plan_kind, warn_of_failure
+    from climbplan.api.kinds import plan_kind
+    from climbplan.cli.unsound import warn_of_failure
 
     kind = plan_kind(path)
     warn_of_failure(kind, path)

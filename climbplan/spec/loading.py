@@ -70,7 +70,11 @@ def load_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> A
     Raises:
         SpecError: with every mistake in it.
     """
-    text = read_source(source)
+    return load_source(read_source(source), overrides)
+
+
+def load_source(text: SourceText, overrides: Sequence[str | Override] = ()) -> AnyLoaded:
+    """As `load_spec`, of a text that was read already."""
     document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
     kind = find_kind(document)
     if isinstance(kind, Finding):

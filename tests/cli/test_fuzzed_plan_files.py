@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from plan_mutations import Change, one_change_each
 
+from climbplan.api.kinds import plan_kind
 from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import run_shelf
 from climbplan.cli.app import run
-from climbplan.cli.plan_kinds import plan_kind
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import ClimbplanError, ExitCode

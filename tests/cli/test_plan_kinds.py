@@ -8,7 +8,7 @@ from pkgutil import resolve_name
 
 import pytest
 
-from climbplan.cli.plan_kinds import KINDS, PlanKind
+from climbplan.api.kinds import KINDS, PlanKind
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)

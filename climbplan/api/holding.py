@@ -19,19 +19,37 @@ def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -
         UsageError: files of this kind are not made for one spec, or the spec is of another kind.
         SpecError: every mistake in the spec.
     """
+    from climbplan.spec.loading import load_spec
+
+    require_holdable(path)
+    return held_against(path, load_spec(spec, list(assignments or ())), f"--spec {spec}")
+
+
+def require_holdable(path: Path) -> str:
+    """The kind of a plan file; raises UsageError for files that are not made for one spec."""
     from climbplan.plans.plan_format import plan_format
-    from climbplan.plans.spec_text import stored_spec_text
-    from climbplan.spec.holding import RULES, held_spec
-    from climbplan.spec.loaded import LoadedSpec
-    from climbplan.spec.loading import LoadedClimb, load_spec
+    from climbplan.spec.holding import RULES
 
     kind = plan_format(path).partition("/")[2]
     if kind not in RULES:
-        raise UsageError(f"{path}: a {kind}, which --spec cannot be held against; plans can")
-    loaded = load_spec(spec, list(assignments or ()))
+        raise UsageError(f"{path}: a {kind}, which a spec cannot be held against; plans can")
+    return kind
+
+
+def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
+    """A loaded spec as a plan file is held against it; shown: the spec's name in messages.
+
+    Raises UsageError where the plan is of another kind than the spec.
+    """
+    from climbplan.plans.spec_text import stored_spec_text
+    from climbplan.spec.holding import held_spec
+    from climbplan.spec.loaded import LoadedSpec
+    from climbplan.spec.loading import LoadedClimb
+
+    kind = require_holdable(path)
     own = str(vars(vars(loaded).get("spec", loaded))["kind"])
     if own != kind or not isinstance(loaded, LoadedSpec):
-        raise UsageError(f"--spec {spec}: a spec of kind `{own}`, and {path} is a `{kind}` plan")
+        raise UsageError(f"{shown}: a spec of kind `{own}`, and {path} is a `{kind}` plan")
     if isinstance(loaded, LoadedClimb):
         from climbplan.climb.chaining import started
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, TextIO
 
-from climbplan.cli.console import warn
 from climbplan.errors import PlanFileError, UsageError
 
 if TYPE_CHECKING:
@@ -103,8 +102,8 @@ KINDS = {
     "climbplan/dataset": PlanKind(
         csv_name="dataset.csv",
         verification="climbplan.datasets.verification",
-        report="climbplan.cli.dataset_reading",
-        csv="climbplan.cli.dataset_reading",
+        report="climbplan.api.dataset_reading",
+        csv="climbplan.api.dataset_reading",
         scene_function=None,
     ),
 }
@@ -128,15 +127,3 @@ def plan_kind(path: Path) -> PlanKind:
         known = ", ".join(repr(name) for name in KINDS)
         raise PlanFileError(f"{path}: holds {found!r}, expected one of {known}")
     return KINDS[found]
-
-
-def warn_of_failure(kind: PlanKind, path: Path) -> None:
-    """Say that a plan which is to be shown or passed on does not hold.
-
-    Raises:
-        UnsoundPlan: its numbers mean nothing, so that nothing can be shown.
-    """
-    verification = kind.verify(path)
-    if not verification.passed:
-        verification.require_sound(path)
-        warn(f"{path} fails its verification: {verification.headline()}")

@@ -1,0 +1,1 @@
+"""The public door: load, plan, solve, verify and read, for notebooks and for the command line."""

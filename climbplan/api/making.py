@@ -1,0 +1,130 @@
+"""From a loaded spec to what its planner found, whatever its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from climbplan.api.mistakes import placed_mistakes
+from climbplan.errors import UsageError
+from climbplan.spec.bookshelf_loading import LoadedShelf
+from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.spec.loaded import LoadedSpec
+from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.mpc_loading import LoadedMpc
+from climbplan.spec.transition_loading import LoadedTransition
+
+Progress = Callable[[str, float], None]
+"""Called with the name of a stage and the share of it that is done."""
+
+LIBRARY_FILE = "library.h5"
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a planner found, and how it becomes files."""
+
+    summary: Sequence[str]  # lines about the run
+    warnings: Sequence[str]
+    status: str  # "optimal", "feasible", "infeasible", "limit"; of files of scenes all in one
+    write: Callable[[Path], None]  # the plan file
+    write_beside: Callable[[Path], None] | None = None  # further files of the run, into a directory
+
+
+@dataclass(frozen=True)
+class MakingOptions:
+    """How a plan is made, beside what its spec says.
+
+    jobs: worker processes of a study or a file of scenes. save_model: where the mathematical
+    program is written, too. warn: takes words that are to be said while a run goes on.
+    """
+
+    report: Progress = lambda stage, fraction: None
+    jobs: int = 1
+    save_model: Path | None = None
+    warn: Callable[[str], None] = lambda words: None
+
+
+def make(loaded: object, options: MakingOptions | None = None) -> Made:
+    """Plan what a loaded spec asks for.
+
+    Raises SpecError, with lines, for what only planning finds wrong; UsageError for a spec that is
+    no plan's; NoPlanFound where there is none, or none was found.
+    """
+    by_kind = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
+    if by_kind is None or not isinstance(loaded, LoadedSpec):
+        raise UsageError(
+            "plans are made of specs of kind climb, transition, limms, mpc and bookshelf; "
+            f"this is a {type(loaded).__name__}"
+        )
+    with placed_mistakes(loaded):
+        return by_kind(loaded, options or MakingOptions())
+
+
+def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
+    from climbplan.climb.plan.file import write_climb
+    from climbplan.climb.planner import plan_climb
+
+    found = plan_climb(
+        loaded, report=options.report, jobs=options.jobs, save_model=options.save_model
+    )
+    return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
+
+
+def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
+    from climbplan.climb.plan.file import write_climb
+    from climbplan.climb.transition.planner import plan_transition
+
+    found = plan_transition(loaded, report=options.report)
+    return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
+
+
+def _limms(loaded: LoadedLimms, options: MakingOptions) -> Made:
+    from climbplan.limms.plan_file import write_limms_plan
+    from climbplan.limms.planner import plan_limms
+
+    found = plan_limms(loaded, options.report)
+    return Made(
+        found.summary, found.warnings, found.status, lambda path: write_limms_plan(found, path)
+    )
+
+
+def _walk(loaded: LoadedMpc, options: MakingOptions) -> Made:
+    from climbplan.walking.plan_file import write_walk_plan
+
+    if loaded.spec.solver.method != "online":
+        from climbplan.walking.planner import plan_walk
+
+        found = plan_walk(loaded, options.report)
+        return Made(
+            found.summary, found.warnings, found.status, lambda path: write_walk_plan(found, path)
+        )
+    from climbplan.walking.online.library import write_library
+    from climbplan.walking.online.run import run_online
+
+    walked = run_online(loaded, options.report)
+    return Made(
+        walked.plan.summary,
+        walked.plan.warnings,
+        walked.plan.status,
+        lambda path: write_walk_plan(walked.plan, path),
+        lambda folder: write_library(walked.library, folder / LIBRARY_FILE, walked.key),
+    )
+
+
+def _shelf(loaded: LoadedShelf, options: MakingOptions) -> Made:
+    from climbplan.bookshelf.plan_file import write_shelf_plan
+    from climbplan.bookshelf.runs import run_shelf
+
+    found = run_shelf(loaded, options.report, options.jobs, options.warn, options.save_model)
+    return Made(found.summary, (), found.totals.status, lambda path: write_shelf_plan(found, path))
+
+
+_MAKERS: dict[type, Callable[..., Made]] = {
+    LoadedClimb: _climb,
+    LoadedTransition: _transition,
+    LoadedLimms: _limms,
+    LoadedMpc: _walk,
+    LoadedShelf: _shelf,
+}

@@ -1,0 +1,76 @@
+"""Plans of climbs, transitions and walks replayed in MuJoCo, whatever their kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from climbplan.errors import PlanFileError
+from climbplan.plans.plan_format import plan_format
+
+if TYPE_CHECKING:
+    from climbplan.simulation.report_files import Told
+    from climbplan.simulation.study import Asked
+    from climbplan.simulation.variations import Trial
+
+Progress = Callable[[str, float], None]
+Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
+"""What a simulation tells, and lines on its random runs."""
+
+
+def simulation_of(path: Path) -> tuple[str, Simulate]:
+    """The plan's name, and what replays it.
+
+    Raises PlanFileError for a file that is no plan, and for kinds without a simulated model.
+    """
+    found = plan_format(path)
+    if found not in _KINDS:
+        raise PlanFileError(
+            f"{path}: holds {found!r}; `simulate` replays climbs, transitions and walks "
+            f"({', '.join(_KINDS)}), there is no simulated model for anything else"
+        )
+    return _KINDS[found](path)
+
+
+def _climb(path: Path) -> tuple[str, Simulate]:
+    from climbplan.climb.plan.file import read_climb
+
+    plan = read_climb(path)
+
+    def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
+        from climbplan.simulation.climb_report import tell
+        from climbplan.simulation.study import simulate_plan
+
+        found = simulate_plan(plan, asked, report)
+        lines = [
+            f"{found.sweep_key} {point.value:g}: "
+            + (point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall")
+            for point in found.points
+        ]
+        return tell(found), [*lines, *_falls(found.trials)]
+
+    return plan.name, run
+
+
+def _walk(path: Path) -> tuple[str, Simulate]:
+    from climbplan.walking.plan_file import read_walk_plan
+
+    plan = read_walk_plan(path)
+
+    def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
+        from climbplan.simulation.walk_study import simulate_walk_plan, tell
+
+        found = simulate_walk_plan(plan, asked, report)
+        return tell(found), _falls(found.trials)
+
+    return plan.name, run
+
+
+def _falls(trials: tuple[Trial, ...]) -> list[str]:
+    if not trials:
+        return []
+    return [f"{sum(trial.fallen for trial in trials)} of {len(trials)} runs fall"]
+
+
+_KINDS = {"climbplan/climb": _climb, "climbplan/transition": _climb, "climbplan/mpc": _walk}

@@ -1,0 +1,108 @@
+"""`climbplan.solve`: a problem of one's own at some parameters, by any method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from climbplan.errors import UsageError
+from climbplan.program.polytope import Array
+from climbplan.program.problem import Problem, Theta
+from climbplan.program.statement import Program
+
+if TYPE_CHECKING:
+    from climbplan.methods.table import MethodResult
+    from climbplan.program.residuals import CheckReport
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An answer to a stated problem, judged by its exact statement."""
+
+    problem: Problem
+    theta: Theta
+    found: MethodResult
+
+    @property
+    def status(self) -> str:
+        """ "optimal", "feasible", "infeasible" or "limit"."""
+        return self.found.result.status
+
+    @property
+    def objective(self) -> float | None:
+        """Cost of the exact statement, None without an answer."""
+        return self.found.result.objective
+
+    @property
+    def bound(self) -> float:
+        """Valid for the exact problem; -inf where the method gives none."""
+        return self.found.result.bound
+
+    @property
+    def gap(self) -> float | None:
+        """Relative, between objective and bound."""
+        return self.found.result.gap
+
+    @property
+    def method(self) -> str:
+        """And what of it won: a candidate, a start."""
+        winner = self.found.winner
+        return f"{self.found.method} ({winner})" if winner else self.found.method
+
+    @property
+    def values(self) -> dict[str, Array]:
+        """Each variable block in its shape; raises UsageError where there is no answer."""
+        x = self._point()
+        return {
+            name: x[block.start : block.stop].reshape(block.shape)
+            for name, block in self.problem.program.variables.items()
+        }
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of one variable block."""
+        return self.values[name]
+
+    def check(self) -> CheckReport:
+        """The residual of every named block of the statement at the answer."""
+        return self.problem.program.check(self._point(), self.theta, self.found.result.assignment)
+
+    def _point(self) -> Array:
+        if self.found.result.x is None:
+            raise UsageError(f"no answer to look at: {self.status}")
+        return self.found.result.x
+
+    def __repr__(self) -> str:
+        cost = "" if self.objective is None else f", objective {self.objective:.6g}"
+        return f"<Solution of {self.problem.name!r} by {self.method}: {self.status}{cost}>"
+
+
+def solve(
+    problem: Problem | Program, theta: Theta | None = None, *, method: str = "micp", **settings: Any
+) -> Solution:
+    """Solve a problem of your own.
+
+    theta: numbers by parameter block. method: such as "micp", "mpcc", "minlp-scip", "pinned",
+    "knn" (`climbplan.methods.table.METHODS`). settings: fields of
+    `climbplan.methods.task.MethodSettings`, such as `gap=1e-3`, `time_limit=10.0` [s],
+    `solver="scip"`.
+
+    No answer is returned that violates a row by more than the tolerance. Raises UsageError for
+    parameters, methods and settings that do not fit, StatementError for what the statement itself
+    does wrong, MissingSolver for a solver that is not installed.
+    """
+    from climbplan.methods.table import METHODS, solve_instance
+    from climbplan.methods.task import MethodSettings
+
+    stated = Problem(problem.name, problem) if isinstance(problem, Program) else problem
+    chosen = next((known for known in METHODS if known == method), None)
+    if chosen is None:
+        raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
+    strange = sorted(set(settings) - set(MethodSettings.__dataclass_fields__))
+    if strange:
+        known = ", ".join(MethodSettings.__dataclass_fields__)
+        raise UsageError(f"no setting {', '.join(strange)}: expected some of {known}")
+    given: Mapping[str, Any] = theta or {}
+    return Solution(
+        stated, given, solve_instance(stated, given, chosen, replace(MethodSettings(), **settings))
+    )

@@ -62,6 +62,7 @@ def solve_micp(
 ) -> SolverResult:
     """Solve an instance by envelopes, disjunctive rows and a mixed-integer solver.
 
+    Smooth rows are left to the program that is pinned at the relaxation's integers.
     The bound is that of the relaxation, valid unless the problem's own partitions leave parts of
     the box out (then it is -inf). Raises UsageError where a factor of a product or the variables of
     an implication have no bounds, and for a solver that is not one of `MICP_SOLVERS`.
@@ -102,10 +103,12 @@ def solve_micp(
     if empty and best is None:
         # Envelopes on narrow boxes are badly scaled: such a claim is tried on the exact program.
         left = max(time_limit - (time.perf_counter() - begin), 1.0)
-        second = require("minlp-scip").load()(instance, gap=gap, time_limit=left)
+        stated = replace(instance, smooth=None)
+        second = require("minlp-scip").load()(stated, gap=gap, time_limit=left)
         log += ["infeasible? asked SCIP on the exact program", *second.log]
         infeasible = second.status == "infeasible"
-        best, bound = (second if second.x is not None else None), second.bound
+        whole = second.x is not None and instance.smooth is None
+        best, bound = (second if whole else None), second.bound
     answer = Answer(
         x=None if best is None else best.x,
         bound=bound,
@@ -141,7 +144,8 @@ def _relaxed(
         lower=np.maximum(instance.lower, box.lower),
         upper=np.minimum(instance.upper, box.upper),
     )
-    relaxation = True
+    # Smooth rows have no envelopes: without them it is a relaxation all the same
+    tight, relaxation = replace(tight, smooth=None), True
     if instance.products.count:
         partitions = default_partitions(problem, instance, box, options.pieces, 2**number)
         enveloped = McCormick(partitions, options.encoding).apply(tight)

@@ -32,7 +32,8 @@ def solve_candidate(
 ) -> SolverResult:
     """Keep the integers of a candidate and solve what is left; judged on the whole instance.
 
-    solver: Clarabel for a convex rest, local SQP for one with products if left out.
+    solver: if left out, Clarabel for a convex rest, local SQP for one with products, IPOPT for one
+    with smooth rows.
     Status is "feasible" or "limit": the integers are a guess. Raises UsageError for a convex solver
     where products are left.
     """
@@ -41,6 +42,10 @@ def solve_candidate(
     pinned = PinnedForm.of(instance).at(candidate.values, chosen_alternatives, compact=True)
     bilinear = pinned.products.count > 0
     chosen: PinnedSolver = solver or ("sqp" if bilinear else "clarabel")
+    if pinned.smooth is not None:
+        if solver not in (None, "ipopt"):
+            raise UsageError(f"{instance.name}: {solver} cannot hold smooth rows; use ipopt")
+        chosen = "ipopt"
     integer = instance.integer
     start = np.where(integer, np.round(candidate.values), candidate.start)
     if chosen == "ipopt":

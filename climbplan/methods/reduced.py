@@ -124,7 +124,8 @@ class ReducedForm:
 
         Raises UsageError naming a row that has no big-M for want of bounds.
         """
-        tight = replace(instance, lower=self.lower, upper=self.upper)
+        # Smooth rows are left to the pinned program, which makes the answer exact
+        tight = replace(instance, lower=self.lower, upper=self.upper, smooth=None)
         linear = tight if self.envelopes is None else self.envelopes.at(tight).instance
         flat = BigM().apply(linear)
         return ReducedProgram(self._combined(instance, flat.instance, flat.binaries), flat.binaries)

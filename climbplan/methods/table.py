@@ -14,7 +14,7 @@ from typing import get_args
 from climbplan.errors import UsageError
 from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
 from climbplan.methods.task import Method, MethodSettings, Outcome, Task
-from climbplan.methods.whole_methods import admm, micp, minlp_bonmin, minlp_scip, mpcc
+from climbplan.methods.whole_methods import admm, micp, minlp_bonmin, minlp_scip, mpcc, nlp
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.result import SolverResult
 
@@ -74,6 +74,7 @@ _METHODS: dict[str, Callable[[Task], Outcome]] = {
     "minlp-scip": minlp_scip,
     "minlp-bonmin": minlp_bonmin,
     "micp": micp,
+    "nlp": nlp,
     "mpcc": mpcc,
     "admm": admm,
     "pinned": pinned,

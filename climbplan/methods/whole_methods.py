@@ -20,6 +20,7 @@ from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.admm import solve_admm
+from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
@@ -28,6 +29,10 @@ from climbplan.solvers.result import Answer, SolverResult, judged
 def minlp_scip(task: Task) -> Outcome:
     """SCIP on the whole statement; its point, good to SCIP's tolerance, is solved again exactly."""
     settings = task.settings
+    if task.instance.smooth is not None:
+        raise UsageError(
+            "method 'minlp-scip' cannot hold smooth rows: use nlp, mpcc, micp, pinned or admm"
+        )
     found = require("minlp-scip").load()(task.instance, settings.gap, task.left)
     return Outcome(_polished(task, found), "SCIP", 1)
 
@@ -50,6 +55,17 @@ def micp(task: Task) -> Outcome:
         task.problem, task.instance, options, settings.gap, task.left, settings.tolerance
     )
     return Outcome(found, f"envelopes ({options.solver})", 1)
+
+
+def nlp(task: Task) -> Outcome:
+    """IPOPT on a program without integers, from the problem's guess or the middle of its bounds."""
+    settings, guess = task.settings, task.guess()
+    if beyond := task.instance.features & {"integers", "choices"}:
+        raise UsageError(
+            f"method 'nlp' holds no {' or '.join(sorted(beyond))}: use mpcc, micp or pinned"
+        )
+    found = solve_ipopt(task.instance, settings.gap, task.left, settings.tolerance, guess)
+    return Outcome(found, "start zero" if guess is None else "start manual", 1)
 
 
 def mpcc(task: Task) -> Outcome:

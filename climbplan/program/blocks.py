@@ -56,6 +56,18 @@ class RowBlock:
 
 
 @dataclass(frozen=True)
+class SmoothBlock:
+    """lower <= expression <= upper, where the expression is any smooth function."""
+
+    name: str
+    shape: tuple[int, ...]
+    expression: list[Any]
+    lower: Array
+    upper: Array
+    unit: str
+
+
+@dataclass(frozen=True)
 class BallBlock:
     """|| rows of expression || <= radius."""
 
@@ -86,3 +98,4 @@ class Blocks:
     balls: tuple[BallBlock, ...]
     choices: tuple[ChoiceBlock, ...]
     implications: tuple[ImplicationBlock, ...]
+    smooth: tuple[SmoothBlock, ...] = ()

@@ -23,6 +23,7 @@ from climbplan.program.coefficients import (
 )
 from climbplan.program.instance import Balls, Choice, Implications, Instance, Products
 from climbplan.program.polytope import Array
+from climbplan.program.smooth import Smooth, SmoothForm
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class CompiledProgram:
     P_indptr: NDArray[np.int32]
     P_indices: NDArray[np.int32]
     numeric: tuple[Quadratic, ...]  # cost terms that no parameter enters
+    smooth: SmoothForm | None
 
     @property
     def product_count(self) -> int:
@@ -91,7 +93,14 @@ class CompiledProgram:
             products=Products(pairs[:, 0], pairs[:, 1]),
             Q=self.rows.products_at(theta, self.products),
             implications=self._implications(theta),
+            smooth=self._smooth_rows(theta),
         )
+
+    def _smooth_rows(self, theta: Array) -> Smooth | None:
+        if self.smooth is None:
+            return None
+        lower = _stack([b.lower for b in self.blocks.smooth])
+        return Smooth(self.smooth, theta, lower, _stack([b.upper for b in self.blocks.smooth]))
 
     def _implications(self, theta: Array) -> Implications:
         A, constants = self.implications.affine.at(theta)
@@ -168,6 +177,7 @@ def compile_program(
         P_indptr=np.array(hessian.sparsity().colind(), np.int32),
         P_indices=np.array(hessian.sparsity().row(), np.int32),
         numeric=tuple(numeric),
+        smooth=SmoothForm.of(blocks.smooth, x_symbols, theta_symbols),
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from climbplan.program.polytope import Array, Polytope
+from climbplan.program.smooth import Smooth
 
 Index = NDArray[np.int64]
 
@@ -123,6 +124,7 @@ class Instance:
     products: Products
     Q: sparse.csr_matrix  # (m, K)
     implications: Implications
+    smooth: Smooth | None = None
 
     @property
     def features(self) -> frozenset[str]:
@@ -133,6 +135,7 @@ class Instance:
             "integers": bool(self.integer.any()),
             "implications": bool(self.implications.count),
             "products": bool(self.products.count),
+            "smooth": self.smooth is not None,
         }
         return frozenset(name for name, there in present.items() if there)
 
@@ -165,6 +168,8 @@ class Instance:
         worst += [float(balls.excess(x).max()) for balls in self.balls if balls.count]
         worst.append(float(np.abs(x - np.round(x))[self.integer].max(initial=0.0)))
         worst.append(float(self.implications.violations(x, w).max(initial=0.0)))
+        if self.smooth is not None:
+            worst.append(float(self.smooth.outside(x).max()))
         worst += [
             c.alternatives[k].violation(c.point(x))
             for c, k in zip(self.choices, chosen, strict=True)

@@ -54,6 +54,7 @@ def check_blocks(
         *_balls(blocks, instance, x),
         *_implications(blocks, instance, x),
         *_choices(blocks, instance, x, chosen),
+        *_smooth(blocks, instance, x),
     )
     return CheckReport(found, instance.objective(x))
 
@@ -106,6 +107,17 @@ def _choices(
             ]
         )
         yield _worst(group.name, violation.reshape(group.shape), group.unit)
+
+
+def _smooth(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    if instance.smooth is None:
+        return
+    outside = instance.smooth.outside(x)
+    start = 0
+    for block in blocks.smooth:
+        here = slice(start, start + len(block.expression))
+        start = here.stop
+        yield _worst(block.name, outside[here].reshape(block.shape), block.unit)
 
 
 def _outside(value: Array, lower: Array, upper: Array) -> Array:

@@ -23,6 +23,7 @@ from climbplan.program.blocks import (
     ChoiceBlock,
     ImplicationBlock,
     RowBlock,
+    SmoothBlock,
     Variable,
 )
 from climbplan.program.compilation import CompiledProgram, compile_program
@@ -35,7 +36,10 @@ Expression = NDArray[np.object_]  # CasADi scalars, any shape
 
 @dataclass
 class Program:
-    """minimise f(x; theta) subject to named linear, ball and one-of-several-polytopes blocks."""
+    """minimise f(x; theta) subject to named blocks.
+
+    Linear and bilinear rows, implications, balls, one-of-several-polytopes, and smooth functions.
+    """
 
     name: str
     variables: dict[str, Variable] = field(default_factory=dict)
@@ -46,6 +50,7 @@ class Program:
     _balls: list[BallBlock] = field(default_factory=list, repr=False)
     _choices: list[ChoiceBlock] = field(default_factory=list, repr=False)
     _implications: list[ImplicationBlock] = field(default_factory=list, repr=False)
+    _smooth: list[SmoothBlock] = field(default_factory=list, repr=False)
     _costs: dict[str, Any] = field(default_factory=dict, repr=False)
     _compiled: CompiledProgram | None = field(default=None, repr=False)
 
@@ -149,6 +154,28 @@ class Program:
         self._implications.append(block)
         self._compiled = None
 
+    def smooth(
+        self,
+        name: str,
+        expression: Expression,
+        lower: ArrayLike = 0.0,
+        upper: ArrayLike = 0.0,
+        unit: str = "",
+    ) -> None:
+        """lower <= expression <= upper, elementwise, where the expression is any smooth function.
+
+        For what is neither affine nor a product: rotations, kinematics, distances. A function that
+        is the same at every knot is mapped by `climbplan.program.smooth.over_knots`. The bounds are
+        numbers. Methods that need envelopes of a program's terms (micp, admm, minlp-scip) refuse
+        programs with such blocks; nlp, mpcc and pinned hold them.
+        """
+        entries = _as_array(expression)
+        low = np.broadcast_to(np.asarray(lower, float), entries.shape).ravel()
+        high = np.broadcast_to(np.asarray(upper, float), entries.shape).ravel()
+        listed = list(entries.ravel())
+        self._smooth.append(SmoothBlock(name, entries.shape, listed, low, high, unit))
+        self._compiled = None
+
     def ball(
         self, name: str, vectors: Expression | AffineArray, radius: ArrayLike, unit: str = ""
     ) -> None:
@@ -231,6 +258,7 @@ class Program:
             tuple(self._balls),
             tuple(self._choices),
             tuple(self._implications),
+            tuple(self._smooth),
         )
 
     def counts(self) -> dict[str, Any]:
@@ -239,6 +267,7 @@ class Program:
         rows = {b.name: len(b.expression) for b in self._rows}
         balls = {b.name: len(b.radius) for b in self._balls}
         implied = {b.name: len(b.expression) for b in self._implications}
+        smooth = {b.name: len(b.expression) for b in self._smooth}
         stated = sum(v.lower.size for v in self.variables.values() if v.integer)
         return {
             "continuous": len(self._x) - stated,
@@ -248,7 +277,8 @@ class Program:
             "choices": sum(len(b.alternatives) for b in self._choices),
             "implications": sum(implied.values()),
             "products": self._compile().product_count,
-            "by_block": {**rows, **balls, **implied, **binaries},
+            "smooth_rows": sum(smooth.values()),
+            "by_block": {**rows, **balls, **implied, **binaries, **smooth},
         }
 
     def check(

@@ -1,8 +1,8 @@
 """The ADMM split of chapter 6.4: a mixed-integer block and a nonlinear block in consensus.
 
 The mixed-integer block keeps everything of the program but the exact products, for which it has
-envelopes; the nonlinear block keeps the rows with products alone, exact, and takes the integers as
-the other block chose them. Each pulls its variables to those of the other, eq. (6.12).
+envelopes; the nonlinear block keeps the smooth rows and those with products, exact, and takes the
+integers as the other block chose them. Each pulls its variables to those of the other, eq. (6.12).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from climbplan.program.box import product_range
 from climbplan.program.instance import Balls, Choice, Index, Instance, Products
 from climbplan.program.polytope import Array
 from climbplan.reformulations.base import Reformulated
-from climbplan.reformulations.conditional_rows import product_range
 from climbplan.reformulations.nlp_form import Bounds, Consensus, Manner, NlpForm, nlp_form
 
 Norm = Literal["l1", "l2"]
@@ -85,7 +85,7 @@ class AdmmSplit:
 
 def admm_split(instance: Instance, relax: Relaxation | None = None) -> AdmmSplit:
     """Split an instance; relax: envelopes of its products, one piece each if left out."""
-    relaxed = (relax or single_envelopes)(instance)
+    relaxed = (relax or single_envelopes)(replace(instance, smooth=None))
     span = instance.upper - instance.lower
     return AdmmSplit(
         instance=instance,
@@ -103,7 +103,7 @@ def single_envelopes(instance: Instance) -> Reformulated:
     n, K = instance.size, instance.products.count
     first, second = instance.products.first, instance.products.second
     low, high = instance.lower, instance.upper
-    w_low, w_high = product_range(instance)
+    reach = product_range(low, high, first, second)
     wide = _widened(instance, K)
     wide = replace(
         wide,
@@ -115,8 +115,8 @@ def single_envelopes(instance: Instance) -> Reformulated:
             A=sparse.hstack([instance.implications.A, instance.implications.Q]).tocsr(),
             Q=sparse.csr_matrix((instance.implications.count, 0)),
         ),
-        lower=np.concatenate([low, np.where(np.isfinite(w_low), w_low, -np.inf)]),
-        upper=np.concatenate([high, np.where(np.isfinite(w_high), w_high, np.inf)]),
+        lower=np.concatenate([low, reach.lower]),
+        upper=np.concatenate([high, reach.upper]),
     )
     rows, lower, upper = [], [], []
     k = np.arange(K)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from climbplan.errors import UsageError
+from climbplan.program.box import propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 
@@ -74,16 +75,14 @@ def conditional_rows(instance: Instance) -> ConditionalRows:
 
 
 def excess(instance: Instance, rows: ConditionalRows) -> Excess:
-    """Big-M of every row by interval arithmetic over the variables' bounds, products included.
+    """Big-M of every row over the propagated box, products included.
 
     Raises UsageError where a bound that is needed is missing.
     """
-    low, high = instance.lower, instance.upper
-    w_low, w_high = product_range(instance)
-    least, most = _range(rows.A, low, high), _range(rows.Q, w_low, w_high)
+    reach = propagated_box(instance).interval(rows.A, rows.Q)
     with np.errstate(invalid="ignore"):  # infinite bound of a row without bounds on its value
-        below = np.maximum(rows.lower - least[0] - most[0], 0.0)
-        above = np.maximum(least[1] + most[1] - rows.upper, 0.0)
+        below = np.maximum(rows.lower - reach.lower, 0.0)
+        above = np.maximum(reach.upper - rows.upper, 0.0)
     wanted = np.isfinite(rows.lower) & ~np.isfinite(below)
     wanted |= np.isfinite(rows.upper) & ~np.isfinite(above)
     if wanted.any():
@@ -96,31 +95,8 @@ def excess(instance: Instance, rows: ConditionalRows) -> Excess:
     )
 
 
-def product_range(instance: Instance) -> tuple[Array, Array]:
-    """Least and largest value of each product over the variables' bounds; NaN where unknown."""
-    low, high = instance.lower, instance.upper
-    first, second = instance.products.first, instance.products.second
-    with np.errstate(invalid="ignore"):  # zero times infinity
-        corners = np.stack([a[first] * b[second] for a in (low, high) for b in (low, high)])
-    least, most = corners.min(axis=0), corners.max(axis=0)
-    return np.where(first == second, np.maximum(least, 0.0), least), most
-
-
 def canonical(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
     """The same matrix with sorted indices and no duplicates; explicit zeros are kept."""
     out = sparse.csr_matrix(matrix, copy=True)
     out.sum_duplicates()
     return out
-
-
-def _range(matrix: sparse.csr_matrix, low: Array, high: Array) -> tuple[Array, Array]:
-    """Least and largest value of each row over a box; NaN and infinite ends pass through."""
-    entry = matrix.tocoo()
-    used = entry.data != 0
-    row, column, a = entry.row[used], entry.col[used], entry.data[used]
-    one, other = a * low[column], a * high[column]
-    m = matrix.shape[0]
-    least, most = np.zeros(m), np.zeros(m)
-    np.add.at(least, row, np.minimum(one, other))
-    np.add.at(most, row, np.maximum(one, other))
-    return least, most

@@ -112,6 +112,7 @@ class NlpForm:
                     for b in instance.balls
                     for part in (canonical(b.F).data, b.f.ravel(), _scale(b.radius))
                 ),
+                *([] if instance.smooth is None else [instance.smooth.theta]),
                 pull.weight,
                 pull.target,
                 [pull.share],
@@ -169,6 +170,9 @@ class NlpForm:
                 radius = balls.radius
                 row_lower.append(np.full(balls.count, -np.inf))
                 row_upper.append(np.where(radius < 0, -1.0, radius**2 / _scale(radius)))
+        if instance.smooth is not None:
+            row_lower.append(instance.smooth.lower)
+            row_upper.append(instance.smooth.upper)
         if eps is not None:
             count = len(self.structure.choices)
             row_lower += [np.ones(count), np.full(len(self.binaries), -np.inf)]
@@ -244,6 +248,9 @@ def _build(structure: Structure, manner: Manner) -> NlpForm:
         squares = ca.reshape((F @ x + f) ** 2, dimension, count)
         scaled = ca.sum1(squares).T / numbers.vector("radius", count)
         g += [] if manner.only_products else [scaled]
+    if structure.smooth is not None:
+        theta = numbers.vector("theta", structure.smooth.function.size1_in(1))
+        g.append(structure.smooth.function(x[: structure.smooth.size], theta))
     if not pinned:
         ends = np.cumsum([0, *structure.choices])
         groups = [ca.sum1(d[int(a) : int(b)]) for a, b in pairwise(ends)]

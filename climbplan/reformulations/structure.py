@@ -10,6 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.program.instance import Index, Instance
+from climbplan.program.smooth import SmoothForm
 from climbplan.reformulations.conditional_rows import canonical, conditional_rows
 
 
@@ -55,6 +56,7 @@ class Structure:
     value: tuple[bool, ...]
     bounded: tuple[tuple[bool, bool, bool], ...]  # conditional rows: below, above, equal
     integer: tuple[int, ...]
+    smooth: SmoothForm | None = None
 
     @classmethod
     def of(cls, instance: Instance) -> Structure:
@@ -77,4 +79,5 @@ class Structure:
             value=tuple(rows.value.tolist()),
             bounded=tuple(zip(*(end.tolist() for end in ends), strict=True)),
             integer=tuple(np.flatnonzero(instance.integer).tolist()),
+            smooth=None if instance.smooth is None else instance.smooth.form,
         )

@@ -36,6 +36,10 @@ def save_model(instance: Instance, path: Path) -> None:
     if not path.parent.is_dir():
         raise UsageError(f"--save-model {path}: {path.parent} is not a directory")
     features = instance.features
+    if "smooth" in features:
+        raise UsageError(
+            f"--save-model {path}: {instance.name!r} has smooth rows, which no format here holds"
+        )
     if path.suffix == ".nl":
         _write_by_scip(_bilinear(BigM().apply(instance).instance), path)
     elif features <= _SCIP_CONVEX:

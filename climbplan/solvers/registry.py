@@ -136,7 +136,8 @@ def _convex(backend: Literal["daqp", "clarabel", "osqp"]) -> Callable[[], Solve]
 
 
 _DISJUNCTIVE = frozenset({"balls", "choices"})
-_EVERYTHING = frozenset({"balls", "choices", "integers", "implications", "products"})
+_BILINEAR = frozenset({"balls", "choices", "integers", "implications", "products"})
+_EVERYTHING = _BILINEAR | {"smooth"}
 
 BACKENDS = {
     backend.name: backend
@@ -183,7 +184,7 @@ BACKENDS = {
             module="pyscipopt",
             distribution="PySCIPOpt",
             install="pip install PySCIPOpt",
-            accepts=_EVERYTHING,
+            accepts=_BILINEAR,
             load=_minlp_scip,
             purpose="whole statements, products branched on in space; fallback of knn",
         ),
@@ -222,7 +223,7 @@ BACKENDS = {
             module="casadi",
             distribution="casadi",
             install="pip install casadi",
-            accepts=frozenset({"balls", "products"}),
+            accepts=frozenset({"balls", "products", "smooth"}),
             load=_ipopt,
             purpose="what is left when integers are pinned, products included",
             proves=False,

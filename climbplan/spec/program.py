@@ -77,6 +77,7 @@ ProgramMethod = Literal[
     "minlp-scip",
     "minlp-bonmin",
     "micp",
+    "nlp",
     "mpcc",
     "admm",
     "pinned",
@@ -95,8 +96,9 @@ class ProgramSolverSpec(SpecModel):
     method: ProgramMethod = Field(
         default="micp",
         description="`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
-        "envelopes, then the exact program at its integers; `mpcc`: complementarity; `admm`: "
-        "alternating between both; `pinned`: integers from a start or a library; `knn`: `pinned` "
+        "envelopes, then the exact program at its integers; `nlp`: IPOPT where there are no "
+        "integers; `mpcc`: complementarity; `admm`: alternating between both; `pinned`: integers "
+        "from a start or a library; `knn`: `pinned` "
         "from the library, then `fallback`; `forest`, `boosting`, `network`, `reduce`: the same "
         "from a trained model",
     )

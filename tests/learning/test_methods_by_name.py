@@ -41,7 +41,7 @@ def library(problem: Problem, count: int = 16) -> Library:
 
 
 @pytest.mark.parametrize("bilinear", [True, False])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "nlp"])  # which holds no integers
 def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
     problem = islands_problem(bilinear)
     solved = library(problem)

@@ -53,6 +53,7 @@ class IpoptProgram:
         options: dict[str, Any] = {
             "print_time": False,
             "error_on_fail": False,
+            "show_eval_warnings": False,  # the status says so
             "iteration_callback": self._deadline,
             "ipopt": {"print_level": 0, "sb": "yes", "linear_solver": "mumps", **settings},
         }

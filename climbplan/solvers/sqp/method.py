@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.convex.sessions import ConvexBackend
@@ -66,6 +67,8 @@ class SqpSolver:
 
     def __init__(self, instance: Instance, options: SqpOptions | None = None) -> None:
         self.options = options or SqpOptions()
+        if instance.smooth is not None:
+            raise UsageError(f"{instance.name}: local SQP cannot hold smooth rows; use ipopt")
         self.form = SqpForm.of(instance)
         self._steps = step_solver(self.options.backend)
         self._models: dict[bytes, ReducedModel | None] = {}  # of the integers seen so far

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import tempfile
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +32,22 @@ PLAN_FILE = "plan.h5"
 _KINDS: dict[str, Kind] = {"f": "float", "i": "int", "u": "int", "b": "bool"}
 
 
+class Folder:
+    """A directory of its own for a plan that nobody has saved, there as long as it is looked at."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="climbplan."))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+
+
 class Group:
     """A group of a plan file: arrays, attributes and groups under their names there.
 
     Arrays are read when they are first asked for, and cannot be written to.
     """
 
-    def __init__(self, path: Path, name: str) -> None:
-        self._path, self._name = path, name
+    def __init__(self, path: Path, name: str, folder: Folder | None) -> None:
+        self._path, self._name, self._folder = path, name, folder
         with opened_store(path) as file:
             group = Reader(path, file).group(name) if name else file
             self._members = {
@@ -83,7 +92,8 @@ class Group:
         return sorted([*self._members, *self._attributes])
 
     def _group(self, name: str) -> Group:
-        return Group(self._path, f"{self._name}/{name}" if self._name else name)
+        full = f"{self._name}/{name}" if self._name else name
+        return Group(self._path, full, self._folder)
 
     def _array(self, name: str) -> Any:
         full = f"{self._name}/{name}" if self._name else name
@@ -109,12 +119,11 @@ class Plan(Group):
     those of the file, told by `plan.units("rounds/com")` and in the page on plan files.
     """
 
-    def __init__(self, path: Path, holder: tempfile.TemporaryDirectory[str] | None = None) -> None:
+    def __init__(self, path: Path, folder: Folder | None = None) -> None:
         self._kind: PlanKind = plan_kind(path)
-        self._holder = holder  # of a plan that has no file of its own yet: gone with this object
         self.summary: tuple[str, ...] = ()  # lines of the run that made it
         self.warnings: tuple[str, ...] = ()
-        super().__init__(path, "")
+        super().__init__(path, "", folder)
 
     @property
     def kind(self) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from climbplan.api.loading import SpecSource, changed, load
 from climbplan.api.making import MakingOptions, Progress, make
-from climbplan.api.plan import PLAN_FILE, Plan, read
+from climbplan.api.plan import PLAN_FILE, Folder, Plan, read
 from climbplan.errors import PlanFails
 from climbplan.spec.loaded import LoadedSpec
 
@@ -45,15 +44,15 @@ def plan(
     else:
         loaded = load(spec, changes)
     made = make(loaded, MakingOptions(report or (lambda stage, fraction: None), jobs))
-    holder = tempfile.TemporaryDirectory(prefix="climbplan.")
-    path = Path(holder.name, PLAN_FILE)
+    folder = Folder()
+    path = folder.path / PLAN_FILE
     made.write(path)
     if made.write_beside is not None:
         made.write_beside(path.parent)
     from climbplan.api.kinds import plan_kind
 
     verification = plan_kind(path).verifier()(path)
-    found = Plan(path, holder)
+    found = Plan(path, folder)
     found.summary, found.warnings = tuple(made.summary), tuple(made.warnings)
     if not verification.passed:
         failed = PlanFails(f"the plan fails its verification: {verification.headline()}")

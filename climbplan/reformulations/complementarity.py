@@ -17,10 +17,9 @@ from typing import Literal
 
 import numpy as np
 
-from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
-from climbplan.reformulations.conditional_rows import conditional_rows, excess
+from climbplan.reformulations.base import Reformulation
 from climbplan.reformulations.nlp_form import (
     Bounds,
     Gap,
@@ -68,7 +67,11 @@ class SmoothProgram:
         even = np.concatenate([np.zeros(0), *shares])
         return np.concatenate([first, (1 - blur) * indicators(self.instance, chosen) + blur * even])
 
-    def invert(self, v: Array) -> Rounded:
+    def invert(self, x: Array) -> Array:
+        """The statement's variables in a point (N,), integers rounded."""
+        return self.rounded(x).x
+
+    def rounded(self, v: Array) -> Rounded:
         """The statement's variables in v (N,), integers rounded, the largest indicators chosen."""
         n, binaries = self.instance.size, v[self.form.binaries]
         x = np.where(self.instance.integer, np.round(v[:n]), v[:n])
@@ -79,7 +82,7 @@ class SmoothProgram:
 
 
 @dataclass(frozen=True)
-class Complementarity:
+class Complementarity(Reformulation[SmoothProgram]):
     """Binaries as continuous variables with complementarity constraints.
 
     kind: the function of (z, 1 - z) that is at most eps. coupling: of implications and choices.
@@ -94,13 +97,7 @@ class Complementarity:
 
     def accepts(self, instance: Instance) -> bool:
         """All but unbounded rows under big-M."""
-        if self.coupling == "product":
-            return True
-        try:
-            excess(instance, conditional_rows(instance))
-        except UsageError:
-            return False
-        return True
+        return self.coupling == "product" or super().accepts(instance)
 
     def apply(self, instance: Instance) -> SmoothProgram:
         """The nonlinear program; raises UsageError where big-M lacks a bound."""

@@ -18,7 +18,7 @@ from climbplan.errors import UsageError
 from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Choice, Index, Instance
 from climbplan.program.polytope import Array
-from climbplan.reformulations.base import Reformulated
+from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import Extension, RowStack, extended, no_implications
 
 
@@ -34,12 +34,8 @@ class Disjoined(Reformulated):
 
 
 @dataclass(frozen=True)
-class BigM:
+class BigM(Reformulation[Disjoined]):
     """Rows that a binary switches off by a constant computed from bounds, tight for each row."""
-
-    def accepts(self, instance: Instance) -> bool:
-        """Any instance; `apply` needs the switched rows bounded."""
-        return True
 
     def apply(self, instance: Instance) -> Disjoined:
         """Raises UsageError naming the first row whose big-M is infinite."""
@@ -52,16 +48,12 @@ class BigM:
 
 
 @dataclass(frozen=True)
-class ConvexHull:
+class ConvexHull(Reformulation[Disjoined]):
     """Copies of the variables for each alternative, scaled by its binary.
 
     An implication is the union of its rows (where the binary has the value) and the box. Rows with
     products are hulls in their scalar value, which is `BigM`'s row.
     """
-
-    def accepts(self, instance: Instance) -> bool:
-        """Any instance; `apply` needs the variables of implications bounded."""
-        return True
 
     def apply(self, instance: Instance) -> Disjoined:
         """Raises UsageError naming the choice or implication with an unbounded point."""

@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
-from climbplan.reformulations.base import Reformulated
+from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.envelopes import Squares, halfspaces
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.reformulations.product_rows import factor_bounds, linear_in_products
@@ -89,7 +89,7 @@ class LocalForm:
 
 
 @dataclass(frozen=True)
-class LocalMcCormick:
+class LocalMcCormick(Reformulation[Reformulated]):
     """Plain envelopes on one box: what is left of `McCormick` when all pieces are given.
 
     lower, upper: (n,) the box; variables that are no factors may be unbounded in it.
@@ -110,8 +110,8 @@ class LocalMcCormick:
         return cls(low, high, mccormick.squares)
 
     def accepts(self, instance: Instance) -> bool:
-        """Instances of the box's dimension."""
-        return len(self.lower) == instance.size
+        """Instances of the box's dimension whose factors it bounds."""
+        return len(self.lower) == instance.size and super().accepts(instance)
 
     def apply(self, instance: Instance) -> Reformulated:
         """Raises UsageError if a factor is unbounded in the box; see `LocalForm` for many boxes."""

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance, Products
 from climbplan.program.polytope import Array
-from climbplan.reformulations.base import Reformulated
+from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.envelopes import (
     Corners,
     Squares,
@@ -29,7 +29,12 @@ from climbplan.reformulations.envelopes import (
 )
 from climbplan.reformulations.extension import Extension, RowStack, extended
 from climbplan.reformulations.grids import Encoding, Partition, by_variable, code
-from climbplan.reformulations.product_rows import factor_bounds, linear_in_products, plain_rows
+from climbplan.reformulations.product_rows import (
+    Unbounded,
+    factor_bounds,
+    linear_in_products,
+    plain_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,7 @@ class Enveloped(Reformulated):
 
 
 @dataclass(frozen=True)
-class McCormick:
+class McCormick(Reformulation[Enveloped]):
     """Piecewise envelopes on partitions.
 
     encoding: `unary` (one binary a piece) or `log2`. squares: `envelope` (tangents and chord) or
@@ -116,6 +121,7 @@ class McCormick:
     partitions: tuple[Partition, ...] = ()
     encoding: Encoding = "unary"
     squares: Squares = "envelope"
+    unbounded: Unbounded = "refuse"  # open: a plane that needs a missing bound is left out
 
     @classmethod
     def on(
@@ -133,8 +139,9 @@ class McCormick:
             raise UsageError("a variable stands in two partitions")
 
     def accepts(self, instance: Instance) -> bool:
-        """Any instance whose variables the partitions name."""
-        return all((p.variables < instance.size).all() for p in self.partitions)
+        """Instances that have the partitions' variables, and bounds on every other factor."""
+        inside = all((p.variables < instance.size).all() for p in self.partitions)
+        return inside and super().accepts(instance)
 
     def apply(self, instance: Instance) -> Enveloped:
         """Raises UsageError if a factor has neither a partition nor bounds."""
@@ -142,7 +149,7 @@ class McCormick:
 
     def form(self, instance: Instance) -> EnvelopeForm:
         """Everything that does not depend on the instance's rows, to be used for many instances."""
-        box = factor_bounds(instance, self.partitions)
+        box = factor_bounds(instance, self.partitions, self.unbounded)
         low, high = box.lower, box.upper
         n, K = instance.size, instance.products.count
         rows = RowStack()

@@ -17,7 +17,7 @@ from scipy import sparse
 from climbplan.errors import UsageError
 from climbplan.program.instance import Index, Instance, Products
 from climbplan.program.polytope import Array
-from climbplan.reformulations.base import Reformulated
+from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import no_implications
 
 
@@ -135,7 +135,7 @@ class PinnedForm:
 
 
 @dataclass(frozen=True)
-class Pinned:
+class Pinned(Reformulation[Reformulated]):
     """Integers at `values` (n,), choices at `alternatives` (C,)."""
 
     values: Array

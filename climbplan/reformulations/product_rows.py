@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -44,10 +45,16 @@ def linear_in_products(instance: Instance) -> Instance:
     )
 
 
-def factor_bounds(instance: Instance, partitions: tuple[Partition, ...]) -> Range:
+Unbounded = Literal["refuse", "open"]
+"""What becomes of factors that nothing bounds."""
+
+
+def factor_bounds(
+    instance: Instance, partitions: tuple[Partition, ...], unbounded: Unbounded = "refuse"
+) -> Range:
     """Stated bounds of all variables, propagated ones where a factor without partition has none.
 
-    Raises UsageError if a factor of a product has neither.
+    Raises UsageError if a factor of a product has neither, unless it may be open.
     """
     products = instance.products
     low, high = instance.lower.copy(), instance.upper.copy()
@@ -60,7 +67,7 @@ def factor_bounds(instance: Instance, partitions: tuple[Partition, ...]) -> Rang
         box = propagated_box(instance)
         low[missing], high[missing] = box.lower[missing], box.upper[missing]
         still = missing[~(np.isfinite(low[missing]) & np.isfinite(high[missing]))]
-        if len(still):
+        if len(still) and unbounded == "refuse":
             raise UsageError(
                 f"{instance.name}: variable {still[0]} is a factor of a product and has neither "
                 "bounds nor a grid"
@@ -76,18 +83,18 @@ def plain_rows(
     n: int,
     squares: Squares,
 ) -> None:
-    """Eq. (8.26) for the products numbered by `which`."""
+    """Eq. (8.26) for the products numbered by `which`; planes without a bound are left out."""
     if not len(which):
         return
     i, j = products.first[which], products.second[which]
-    ends = box.lower[i], box.upper[i], box.lower[j], box.upper[j]
-    if not np.isfinite(np.stack(ends)).all():
-        raise UsageError("a factor of a product is not bounded")
-    planes = halfspaces(*ends, i == j, squares)
-    at = np.arange(4 * len(which)).reshape(-1, 4)
+    with np.errstate(invalid="ignore"):  # zero times an open end
+        planes = halfspaces(box.lower[i], box.upper[i], box.lower[j], box.upper[j], i == j, squares)
+    kept = np.isfinite(planes.a) & np.isfinite(planes.b) & np.isfinite(planes.d)
+    product = np.broadcast_to(np.arange(len(which))[:, None], kept.shape)[kept]
+    at = np.arange(len(product))
     entries = [
-        (at, i[:, None], planes.a),
-        (at, j[:, None], planes.b),
-        (at, n + which[:, None], planes.c),
+        (at, i[product], planes.a[kept]),
+        (at, j[product], planes.b[kept]),
+        (at, n + which[product], planes.c[kept]),
     ]
-    rows.add(at.size, entries, -np.inf, planes.d.ravel())
+    rows.add(len(at), entries, -np.inf, planes.d[kept])

@@ -15,7 +15,7 @@ import numpy as np
 
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
-from climbplan.reformulations.admm import AdmmSplit, Norm, Relaxation, admm_split
+from climbplan.reformulations.admm import AdmmSplit, Norm, Relaxation, SplitInstance
 from climbplan.reformulations.nlp_form import Consensus
 from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, minimise, solve_pinned
 from climbplan.solvers.result import LEAST_OBJECTIVE, Answer, SolverResult, judged
@@ -100,7 +100,7 @@ def solve_admm(
     options = options or AdmmOptions()
     begin = time.monotonic()
     deadline = begin + time_limit
-    split = admm_split(instance, relax)
+    split = (AdmmSplit() if relax is None else AdmmSplit(relax)).apply(instance)
     weight = None if start is None else _weights(split, options, start)
     other, dual = start, np.zeros(instance.size)
     steps: list[AdmmStep] = []
@@ -119,7 +119,7 @@ def solve_admm(
         lifted = mixed_integer(block)
         if lifted is None:
             break
-        var1 = split.relaxed.invert(lifted)
+        var1 = split.invert(lifted)
         chosen = instance.assignment(var1)
         weight = _weights(split, options, var1) if weight is None else weight
         kept = np.where(instance.integer, np.round(var1), 0.0)
@@ -159,7 +159,7 @@ def solve_admm(
     return _finished(instance, best, steps, gap, tolerance, polish, begin, deadline)
 
 
-def _weights(split: AdmmSplit, options: AdmmOptions, x: Array) -> Array:
+def _weights(split: SplitInstance, options: AdmmOptions, x: Array) -> Array:
     weight = options.weight
     if weight is None:
         cost = abs(split.instance.objective(x))
@@ -169,7 +169,7 @@ def _weights(split: AdmmSplit, options: AdmmOptions, x: Array) -> Array:
 
 
 def _pull(
-    split: AdmmSplit, weight: Array | None, other: Array | None, dual: Array, share: float
+    split: SplitInstance, weight: Array | None, other: Array | None, dual: Array, share: float
 ) -> Consensus:
     if weight is None or other is None:
         return Consensus(np.zeros(split.instance.size), np.zeros(split.instance.size), 1.0)
@@ -177,7 +177,7 @@ def _pull(
 
 
 def _nonlinear(
-    split: AdmmSplit, var1: Array, chosen: Index, consensus: Consensus, deadline: float
+    split: SplitInstance, var1: Array, chosen: Index, consensus: Consensus, deadline: float
 ) -> Array:
     """The nearest point to var1 + dual at which the products hold."""
     numbers = split.form.numbers(split.instance, consensus)

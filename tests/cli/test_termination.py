@@ -81,9 +81,9 @@ def test_every_method_ends(tmp_path: Path, given: Path, run: SolverRun, moment: 
 def test_ipopt_highs_and_scip_are_called_in_one_place_each() -> None:
     """Elsewhere nothing would stop them."""
     calls = {
-        r"nlpsol\(": {"solvers/ipopt_program.py", "solvers/bonmin.py"},  # Bonmin: its own process
-        r"solver\.run\(\)": {"solvers/highs_model.py"},
-        r"model\.optimize": {"solvers/scip_run.py", "solvers/gurobi.py"},
+        r"nlpsol\(": {"solvers/ipopt/program.py", "solvers/bonmin.py"},  # Bonmin: its own process
+        r"solver\.run\(\)": {"solvers/highs/model.py"},
+        r"model\.optimize": {"solvers/scip/run.py", "solvers/gurobi.py"},
     }
     package = ROOT / "climbplan"
     for pattern, places in calls.items():

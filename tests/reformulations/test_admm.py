@@ -8,7 +8,7 @@ from cart_pole import cart_pole, random_theta
 from scip_oracle import scip_optimum
 from small_programs import TOLERANCE, random_numbers, small_program
 
-from climbplan.reformulations.admm import admm_split, single_envelopes
+from climbplan.reformulations.admm import AdmmSplit
 from climbplan.reformulations.nlp_form import Consensus
 from climbplan.solvers.admm import AdmmOptions, solve_admm
 from climbplan.solvers.ipopt.instances import solve_pinned
@@ -16,7 +16,7 @@ from climbplan.solvers.ipopt.instances import solve_pinned
 
 def test_envelopes_contain_the_products() -> None:
     instance = small_program(True).at(random_numbers(np.random.default_rng(0)))
-    relaxed = single_envelopes(instance).instance
+    relaxed = AdmmSplit().relax(instance).instance
     assert relaxed.products.count == 0
     rng = np.random.default_rng(1)
     count = instance.A.shape[0]
@@ -34,7 +34,7 @@ def test_envelopes_contain_the_products() -> None:
 @pytest.mark.parametrize("norm", ["l1", "l2"])
 def test_consensus_terms(norm: str) -> None:
     instance = cart_pole(0.1).at(random_theta(np.random.default_rng(0)))
-    split = admm_split(instance)
+    split = AdmmSplit().apply(instance)
     rng = np.random.default_rng(2)
     n = instance.size
     weight, target = rng.uniform(0, 2, n), rng.uniform(-1, 1, n)

@@ -72,10 +72,10 @@ def follow(
             break
         point = minimise(smooth.form, smooth.numbers, smooth.bounds(eps), v, deadline, iterations)
         v = point.v
-        fraction = smooth.invert(v).fraction
+        fraction = smooth.rounded(v).fraction
         spent = time.monotonic() - begin
         steps.append(HomotopyStep(eps, point.iterations, point.word, fraction, spent))
-    rounded = smooth.invert(v)
+    rounded = smooth.rounded(v)
     leak = instance.violation(rounded.x, rounded.assignment)
     return RelaxedPoint(v, rounded, leak, tuple(steps))
 

@@ -23,6 +23,18 @@ class Box:
     upper: Array  # (n,)
     products: Range  # (K,)
 
+    @property
+    def half(self) -> Array:
+        """Half the width, infinite where the box is open (n,)."""
+        return 0.5 * (self.upper - self.lower)
+
+    @property
+    def middle(self) -> Array:
+        """The centre, 0 where the box is open (n,)."""
+        closed = np.isfinite(self.lower) & np.isfinite(self.upper)
+        low, high = np.where(closed, self.lower, 0.0), np.where(closed, self.upper, 0.0)
+        return 0.5 * (low + high)
+
     def interval(self, A: sparse.csr_matrix, Q: sparse.csr_matrix | None = None) -> Range:
         """Range of A x + Q w over the box, infinite where something in it is."""
         least, most = _interval(A, self.lower, self.upper)
@@ -47,9 +59,33 @@ def product_range(low: Array, high: Array, first: Index, second: Index) -> Range
     return Range(np.where(square, np.where(crosses, 0.0, nearest), least), most)
 
 
-def propagated_box(instance: Instance) -> Box:
-    """The variable bounds, tightened through rows, balls and the vertices of choices.
+@dataclass(frozen=True)
+class Hulls:
+    """lower <= rows x <= upper for every alternative of every choice."""
 
+    rows: sparse.csr_matrix  # (m, n)
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+
+
+def vertex_hulls(instance: Instance) -> Hulls:
+    """Boxes around the vertices of choices all of whose alternatives have them."""
+    rows = [sparse.csr_matrix((0, instance.size))]
+    lower, upper = [np.zeros(0)], [np.zeros(0)]
+    for choice in instance.choices:
+        corners = [p.vertices for p in choice.alternatives if p.vertices is not None]
+        if len(corners) == len(choice.alternatives) > 0:
+            stacked = np.concatenate(corners)
+            rows.append(choice.E)
+            lower.append(stacked.min(axis=0) - choice.e)
+            upper.append(stacked.max(axis=0) - choice.e)
+    return Hulls(sparse.vstack(rows).tocsr(), np.concatenate(lower), np.concatenate(upper))
+
+
+def propagated_box(instance: Instance, hulls: Hulls | None = None) -> Box:
+    """The variable bounds, tightened through rows, balls and hulls of choices.
+
+    hulls: those of the vertices if left out.
     Binaries are rounded inwards. A variable that nothing bounds keeps an infinite bound. An
     instance without a feasible point may give crossed bounds.
     """
@@ -62,13 +98,10 @@ def propagated_box(instance: Instance) -> Box:
         rows.append(balls.F)
         lower.append(-radius - balls.f.ravel())
         upper.append(radius - balls.f.ravel())
-    for choice in instance.choices:
-        corners = [p.vertices for p in choice.alternatives if p.vertices is not None]
-        if len(corners) == len(choice.alternatives) > 0:
-            stacked = np.concatenate(corners)
-            rows.append(choice.E)
-            lower.append(stacked.min(axis=0) - choice.e)
-            upper.append(stacked.max(axis=0) - choice.e)
+    around = vertex_hulls(instance) if hulls is None else hulls
+    rows.append(around.rows)
+    lower.append(around.lower)
+    upper.append(around.upper)
     Q += [empty((part.shape[0], products.count)) for part in rows[1:]]
     whole = sparse.hstack([sparse.vstack(rows), sparse.vstack(Q)]).tocsr()
     return _propagate(whole, np.concatenate(lower), np.concatenate(upper), instance, n)

@@ -15,11 +15,12 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.errors import UsageError
+from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
-from climbplan.solvers.tree.bound_propagation import Box, propagated_box
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, choice_tables
+from climbplan.solvers.tree.hulls import choice_hulls
 
 _ENTRIES = 10e6  # of rows of binaries; some 200 bytes each once a model is built of them
 
@@ -52,7 +53,7 @@ def mixed_integer_form(instance: Instance) -> MixedIntegerForm:
             f"{instance.name}: {1e-6 * entries:.0f} million entries of binaries are more than this "
             "solver is given: use branch-and-bound, which needs none"
         )
-    box = propagated_box(instance, tables)
+    box = propagated_box(instance, choice_hulls(instance, tables))
     rows = [row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)]
     return MixedIntegerForm(box, separable_cost(instance), tuple(rows))
 
@@ -61,7 +62,8 @@ def _choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> li
     choice = instance.choices[c]
     E = sparse.csr_matrix(sparse.csr_matrix(table.directions) @ choice.E)
     offset = table.directions @ choice.e
-    least, most = box.interval(E, offset)
+    reach = box.interval(E)
+    least, most = reach.lower + offset, reach.upper + offset
     rows = []
     for d in range(len(offset)):
         lower = np.maximum(table.lower[:, d], least[d])

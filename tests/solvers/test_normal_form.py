@@ -7,9 +7,10 @@ import pytest
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.program import Instance, Program
-from climbplan.solvers.tree.bound_propagation import largest_cost, propagated_box
+from climbplan.program.box import propagated_box
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.choice_table import ChoiceTable
+from climbplan.solvers.tree.hulls import choice_hulls, largest_cost
 from climbplan.solvers.tree.normal_form import NormalForm, normal_form
 from climbplan.solvers.tree.relaxation import Relaxation
 
@@ -70,7 +71,9 @@ def test_box_contains_the_optimum_and_ceiling_its_cost(seed: int) -> None:
     if result.x is None:
         return
     assert result.objective is not None
-    box = propagated_box(instance, [ChoiceTable.of(c.alternatives) for c in instance.choices])
+    box = propagated_box(
+        instance, choice_hulls(instance, [ChoiceTable.of(c.alternatives) for c in instance.choices])
+    )
     assert (box.lower <= result.x + 1e-7).all()
     assert (box.upper >= result.x - 1e-7).all()
     assert largest_cost(instance, box) >= result.objective
@@ -78,7 +81,9 @@ def test_box_contains_the_optimum_and_ceiling_its_cost(seed: int) -> None:
 
 def test_box_follows_steps_from_the_start() -> None:
     instance = stepping_scene(0, rounds=3, step=0.3).at()
-    box = propagated_box(instance, [ChoiceTable.of(c.alternatives) for c in instance.choices])
+    box = propagated_box(
+        instance, choice_hulls(instance, [ChoiceTable.of(c.alternatives) for c in instance.choices])
+    )
     body = slice(18, 27)  # three rounds of the body, after 3 x 2 toes
     steps = np.repeat([0.3, 0.6, 0.9], 3)
     assert (box.half[body] <= steps + 1e-6).all()
@@ -90,7 +95,7 @@ def test_weak_entries_of_a_row_do_not_bound() -> None:
     x = p.continuous("x", (2,), -1.0, 1.0)
     p.between("row", np.array([[1.0, 1e-13]]) @ x, 0.5, 0.5 + 1e-12)
     p.minimise("size", np.sum(x**2))
-    box = propagated_box(p.at(), [])
+    box = propagated_box(p.at(), choice_hulls(p.at(), []))
     assert box.lower[1] == -1.0
     assert box.upper[1] == 1.0
     assert box.half[0] <= 1e-6

@@ -76,8 +76,8 @@ def _cost(built: ScipModel, form: MixedIntegerForm) -> None:
     Each difference is scaled to at most 1, so that the solver's tolerance is small in the cost.
     """
     squares, model = form.squares, built.model
-    least, most = form.box.interval(squares.U, squares.offset)
-    largest = np.maximum(np.abs(least), np.abs(most))
+    reach = form.box.interval(squares.U)
+    largest = np.maximum(np.abs(reach.lower + squares.offset), np.abs(reach.upper + squares.offset))
     scale = np.where(np.isfinite(largest) & (largest > 0), largest, 1.0)
     terms = []
     for j, (offset, unit) in enumerate(zip(squares.offset, scale, strict=True)):

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
+from climbplan.program.box import Box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.result import FEASIBILITY, Indices
-from climbplan.solvers.tree.bound_propagation import Box
 from climbplan.solvers.tree.components import Components, Equations
 
 _FLAT = 1e-9  # eigenvalues below this share of the largest count as zero

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.result import FEASIBILITY, Indices
-from climbplan.solvers.tree.bound_propagation import largest_cost, propagated_box
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, Mask, choice_tables
 from climbplan.solvers.tree.components import SAME, Components, components, equations
 from climbplan.solvers.tree.cost_scaling import ScaledCost, scaled_cost
+from climbplan.solvers.tree.hulls import choice_hulls, largest_cost
 from climbplan.solvers.tree.stacked_choices import StackedChoices
 
 _CERTAIN = 1e9  # where variables are not bounded: costs are taken to stay below this multiple
@@ -104,9 +105,8 @@ class NormalForm:
     @cached_property
     def ceiling(self) -> float:
         """A bound above this proves infeasibility: no feasible point costs more."""
-        cost = largest_cost(
-            self.instance, propagated_box(self.instance, list(self.tables), self.stacked)
-        )
+        hulls = choice_hulls(self.instance, list(self.tables), self.stacked)
+        cost = largest_cost(self.instance, propagated_box(self.instance, hulls))
         return cost if np.isfinite(cost) else _CERTAIN * (1.0 + abs(self.cost.constant))
 
     @property
@@ -200,7 +200,12 @@ def normal_form(
     equal = equations(instance, tables, choices)
     parts = components(instance, equal, choices)
     in_time()
-    cost = scaled_cost(instance, parts, equal, lambda: propagated_box(instance, tables, choices))
+    cost = scaled_cost(
+        instance,
+        parts,
+        equal,
+        lambda: propagated_box(instance, choice_hulls(instance, tables, choices)),
+    )
     in_time()
     balls = _balls(instance, parts, cost, relief)
 

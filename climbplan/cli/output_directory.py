@@ -197,15 +197,8 @@ def exchange(first: Path, second: Path) -> bool:
 
 def _is_abandoned(entry: Path, pid: int) -> bool:
     """Whether the process that wrote `entry` is gone: no such process, and nobody's lock."""
-    if pid != os.getpid():  # this process has not made its own yet: a namesake's leftover
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            pass
-        except OSError:
-            return False
-        else:
-            return False
+    if pid != os.getpid() and _runs(pid):  # its own is not made yet: a namesake's leftover
+        return False
     try:
         descriptor = os.open(entry, os.O_RDONLY)
     except OSError:
@@ -214,6 +207,24 @@ def _is_abandoned(entry: Path, pid: int) -> bool:
         return _try_lock(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _runs(pid: int) -> bool:
+    """Whether a process is there, and not merely dead without a parent that asked for its end.
+
+    As in containers, whose first process often asks for nobody's.
+    """
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    try:
+        state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    except (OSError, IndexError):
+        return True
+    return state not in (b"Z", b"X")
 
 
 def _try_lock(descriptor: int) -> bool:

@@ -161,6 +161,18 @@ def dead_process() -> int:
     return process.pid
 
 
+def test_leftovers_of_a_process_that_nobody_asked_after_go(tmp_path: Path) -> None:
+    """Dead, but still listed: as in containers whose first process reaps nothing."""
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    while Path(f"/proc/{dead.pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z":
+        time.sleep(0.01)
+    left = tmp_path / f".climb.{dead.pid}.tmp"
+    left.mkdir()
+    with OutputDirectory(tmp_path / "climb"):
+        assert not left.exists()
+    dead.wait()
+
+
 def test_leftovers_of_dead_processes_go(tmp_path: Path) -> None:
     dead = dead_process()
     stale = [f".climb.{dead}.tmp", f".climb.{os.getpid()}.tmp"]  # the second: a recycled number

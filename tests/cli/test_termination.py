@@ -46,11 +46,22 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+_ATTEMPTS, _EARLIER = 6, 0.6  # machines differ in the work that a run is
+
+
 def assert_stops(
     run: SolverRun, given: Path, folder: Path, after: float, number: signal.Signals
 ) -> None:
-    ending = stop_run(run.arguments(given), folder, after, number, ROOT)
-    at = f"{run.name}, {number.name} after {after:.2f} s of work: {ending}"
+    for attempt in range(_ATTEMPTS):
+        here = folder / f"attempt{attempt}"
+        here.mkdir()
+        ending = stop_run(run.arguments(given), here, after, number, ROOT)
+        at = f"{run.name}, {number.name} after {after:.2f} s of work: {ending}"
+        # Through already, or its files were in their place: the moment says nothing of solvers
+        if not ending.early and "out" not in ending.left:
+            break
+        assert "out" not in ending.left or any((here / "out").iterdir()), at
+        after *= _EARLIER
     assert not ending.early, at
     assert ending.code == {signal.SIGINT: 130, signal.SIGTERM: 143}[number], at
     assert ending.seconds < LIMIT, at

@@ -19,10 +19,10 @@ from climbplan.limms.arms.symbols import arm_function, least_margins
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.modules.limbs import limb_frames
-from climbplan.limms.program_answer import solve_unknowns
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
-from climbplan.limms.unknowns import Unknowns
+from climbplan.program.trajectory import Trajectory
+from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
 FORCE_SHARE = 0.985  # of the limits of latches
@@ -62,9 +62,7 @@ def solve_arms(
         parts.phase(trace, [cut for cut in cuts if cut.phase == number])
     parts.finish()
     limits = {"max_iter": iterations, "max_cpu_time": cpu_limit}
-    answer = solve_unknowns(
-        "arms", parts.store, parts.cost, parts.outputs, {**_SETTINGS, **limits}, began, deadline
-    )
+    answer = solve_trajectory(parts.store, parts.outputs, {**_SETTINGS, **limits}, began, deadline)
     return Outcome(
         traces=_traces(scene, limbs, answer.values, guess),
         optimal=answer.optimal,
@@ -76,10 +74,9 @@ class _Arms:
     """Adds phase after phase."""
 
     def __init__(self, scene: Scene, limbs: Sequence[Limb], ends: Ends) -> None:
-        self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, Unknowns()
+        self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, Trajectory("arms")
         self.arms = [arm_function(scene, limb) for limb in limbs]
         self.chain = chain_function(scene.module)
-        self.cost = ca.MX(0)
         self.outputs: list[ca.MX] = []
         self.last: tuple[ca.MX, ca.MX] | None = None  # position and velocity at the end
 
@@ -96,20 +93,22 @@ class _Arms:
         lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)
         for k in range(count):
             # The chain of cubics, and its control points inside the phase's free block
-            store.equal(v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
-            store.equal(p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6)
+            store.equal("box.motion", v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
+            store.equal(
+                "box.motion", p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
+            )
             for control in (p[k] + step * v[k] / 3, p[k + 1] - step * v[k + 1] / 3):
-                store.add(control - lower, 0.0, np.inf)
-                store.add(upper - control, 0.0, np.inf)
-            self.cost += 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2)
-        self.cost += duration
+                store.between("clear.box", control - lower, 0.0, unit="m")
+                store.between("clear.box", upper - control, 0.0, unit="m")
+            store.minimise("acceleration", 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2))
+        store.minimise("time", duration)
         is_first = self.last is None
         begin = (ca.MX(ca.DM(self.ends.start)), ca.MX.zeros(3)) if self.last is None else self.last
-        store.equal(p[0] - begin[0])
-        store.equal(v[0] - begin[1])
+        store.equal("box.motion", p[0] - begin[0])
+        store.equal("box.motion", v[0] - begin[1])
         if phase.kind == "flight":
             for acceleration in a:
-                store.equal(acceleration + ca.DM([0, 0, GRAVITY]))
+                store.equal("box.dynamics", acceleration + ca.DM([0, 0, GRAVITY]), "m/s^2")
         else:
             self._latches(a)
             self._joints(guess, p, v, step, cuts, is_first)
@@ -121,12 +120,12 @@ class _Arms:
         assert self.last is not None
         store, ends = self.store, self.ends
         p, v = self.last
-        store.equal(p - ca.DM(ends.goal))
+        store.equal("goal.reached", p - ca.DM(ends.goal), "m")
         if ends.arrival_speed > 0:
-            store.add(ca.sumsqr(v), 0.0, ends.arrival_speed**2)
-            self.cost += 0.5 * ca.sumsqr(v)
+            store.between("goal.speed", ca.sumsqr(v), 0.0, ends.arrival_speed**2)
+            store.minimise("arrival", 0.5 * ca.sumsqr(v))
         else:
-            store.equal(v)
+            store.equal("goal.speed", v, "m/s")
 
     def _latches(self, a: list[ca.MX]) -> None:
         """Dynamics, eq. (6.5), within what the latches hold."""
@@ -139,7 +138,9 @@ class _Arms:
         for acceleration in a:
             both = share @ (mass * (acceleration + ca.DM([0, 0, GRAVITY])))
             for i, limit in enumerate(limits):
-                self.store.add(ca.sumsqr(both[3 * i : 3 * i + 3]) / limit**2, 0.0, 1.0)
+                name = "force.limit" if i < n else "latch.moment"
+                share_used = ca.sumsqr(both[3 * i : 3 * i + 3]) / limit**2
+                self.store.between(name, share_used, 0.0, 1.0)
 
     def _joints(
         self,
@@ -161,14 +162,14 @@ class _Arms:
                 angles, rates, margins = self.arms[i](p[k], v[k], ca.DM(guess.angles[k, i]))
                 # Where latches close, a module still has to get there: along the anchor's normal
                 bound = reach - (APPROACH_MARGIN if is_first and k == 0 else 0.0)
-                store.add(angles, -bound, bound)
-                store.add(rates, -limit, limit)
-                store.add(margins, low, high)
+                store.between("joint.range", angles, -bound, bound, "rad")
+                store.between("joint.speed", rates, -limit, limit, "rad/s")
+                store.between("joint.branch", margins, low, high)
                 if before is not None:
                     change = angles - before
-                    store.add(change - limit * step, -np.inf, 0.0)
-                    store.add(change + limit * step, 0.0, np.inf)
-                    self.cost += TURNING * ca.sumsqr(change) / step
+                    store.between("joint.speed", change - limit * step, upper=0.0)
+                    store.between("joint.speed", change + limit * step, 0.0)
+                    store.minimise("turning", TURNING * ca.sumsqr(change) / step)
                 before = angles
                 for cut in cuts:
                     if cut.limb == i and cut.knot == k:
@@ -182,7 +183,7 @@ class _Arms:
         point = first + ca.DM(turn) @ points[:, cut.point]
         if cut.moves_with_box:
             point = point - p
-        self.store.add(ca.dot(ca.DM(cut.normal), point), cut.offset, np.inf)
+        self.store.between("clear.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
 
 
 def _traces(

@@ -26,7 +26,7 @@ from climbplan.limms.legs.symbols import leg_function, limits_of
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
 from climbplan.limms.statement import Limb
-from climbplan.limms.unknowns import Unknowns
+from climbplan.program.trajectory import Trajectory
 
 SPEED_SHARE = 0.95  # of the joint speed limit
 FORCE_SHARE = 0.985
@@ -46,10 +46,9 @@ class LegProgram:
     """Adds phase after phase."""
 
     def __init__(self, scene: Scene, limbs: Sequence[Limb]) -> None:
-        self.scene, self.limbs, self.store = scene, limbs, Unknowns()
+        self.scene, self.limbs, self.store = scene, limbs, Trajectory("legs")
         self.chain = chain_function(scene.module)
         self.leg = [leg_function(scene.module, limb, scene.box_size[0]) for limb in limbs]
-        self.cost = ca.MX(0)
         self.outputs: list[ca.MX] = []
         self.feet: list[ca.MX] = []
         self.end: tuple[ca.MX, ca.MX] | None = None
@@ -69,7 +68,7 @@ class LegProgram:
             self.feet = [self._foothold(phase, i, guess.before[i]) for i in range(len(self.limbs))]
             if ends.feet is not None:
                 for foot, given in zip(self.feet, ends.feet, strict=True):
-                    store.equal(foot[:2] - ca.DM(given[:2]))
+                    store.equal("ground.feet", foot[:2] - ca.DM(given[:2]), "m")
         duration = store.variable("T", guess.duration, phase.shortest, phase.longest)
         p, v, a = self._motion(guess, duration)
         before = self.feet
@@ -93,13 +92,14 @@ class LegProgram:
         ]
         for cut in cuts:
             if isinstance(cut, BoxCut):
-                store.add(ca.dot(ca.DM(cut.normal), path.at(cut.share)[0]), cut.offset, np.inf)
+                place = ca.dot(ca.DM(cut.normal), path.at(cut.share)[0])
+                store.between("clear.cut", place, cut.offset, unit="m")
             else:
                 self._cut(cut, path, before[cut.limb], controls[cut.limb])
         force = self._forces(guess, p, a, before, standing)
         if self.end is not None:
-            store.equal(p[0] - self.end[0])
-            store.equal(v[0] - self.end[1])
+            store.equal("box.motion", p[0] - self.end[0])
+            store.equal("box.motion", v[0] - self.end[1])
         self.begin = self.begin or (p[0], v[0])
         self.end = (p[-1], v[-1])
         nothing = ca.MX.zeros(CONTROLS, 6)
@@ -118,15 +118,18 @@ class LegProgram:
         """Rest at both ends."""
         assert self.begin is not None
         assert self.end is not None
-        for (p, v), where in ((self.begin, ends.start), (self.end, ends.goal)):
-            self.store.equal(p - ca.DM(where))
-            self.store.equal(v)
+        for (p, v), where, name in (
+            (self.begin, ends.start, "start"),
+            (self.end, ends.goal, "goal"),
+        ):
+            self.store.equal(f"{name}.reached", p - ca.DM(where), "m")
+            self.store.equal(f"{name}.speed", v, "m/s")
 
     def _foothold(self, phase: LegPhase, limb: int, start: Array) -> ca.MX:
         ground = self.scene.patches[phase.patches[limb]]
         margin = PATCH_MARGIN
         flat = self.store.variable("F", start[:2], ground.lower + margin, ground.upper - margin)
-        self.cost += KEEPING * ca.sumsqr(flat - ca.DM(start[:2]))
+        self.store.minimise("footholds", KEEPING * ca.sumsqr(flat - ca.DM(start[:2])))
         return ca.vertcat(flat, ground.height)
 
     def _motion(
@@ -141,13 +144,15 @@ class LegProgram:
         step = duration / phase.intervals
         lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)
         for k in range(phase.intervals):
-            store.equal(v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
-            store.equal(p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6)
+            store.equal("box.motion", v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
+            store.equal(
+                "box.motion", p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
+            )
             for control in (p[k] + step * v[k] / 3, p[k + 1] - step * v[k + 1] / 3):
-                store.add(control - lower, 0.0, np.inf)
-                store.add(upper - control, 0.0, np.inf)
-            self.cost += 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2)
-        self.cost += duration
+                store.between("clear.box", control - lower, 0.0, unit="m")
+                store.between("clear.box", upper - control, 0.0, unit="m")
+            store.minimise("acceleration", 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2))
+        store.minimise("time", duration)
         return p, v, a
 
     def _stands(self, i: int, at: ca.MX, speed: ca.MX, foot: ca.MX, closing: bool) -> None:
@@ -155,11 +160,13 @@ class LegProgram:
         store, module = self.store, self.scene.module
         _, speeds, limits = self.leg[i](at - foot, speed)
         bounds = limits_of(module, RANGE_MARGIN + (APPROACH_MARGIN if closing else 0.0))
-        store.add(limits, bounds.lower, bounds.upper)
-        store.add(speeds / module.max_joint_speed, -SPEED_SHARE, SPEED_SHARE)
+        store.between("joint.range", limits, bounds.lower, bounds.upper)
+        speeds = speeds / module.max_joint_speed
+        store.between("joint.speed", speeds, -SPEED_SHARE, SPEED_SHARE)
         normal = SIDE_NORMALS[self.limbs[i].side]
         half = float(abs(normal) @ self.scene.box_size[0] / 2)
-        store.add(ca.dot(ca.DM(normal), foot - at), half + OWN_SIDE, np.inf)
+        ahead = ca.dot(ca.DM(normal), foot - at)
+        store.between("support.sides", ahead, half + OWN_SIDE, unit="m")
 
     def _swings(
         self, i: int, guess: LegTrace, path: _Path, before: ca.MX, after: ca.MX
@@ -173,18 +180,18 @@ class LegProgram:
         for share, control, foot in ((0.0, controls[0], before), (1.0, controls[-1], after)):
             at, _ = path.at(share)
             angles, _, _ = self.leg[i](at - foot, ca.DM.zeros(3))
-            store.equal(ca.sin(control - angles))  # up to whole turns of the guess
-            store.add(ca.cos(control - angles), 0.5, np.inf)
+            store.equal("swing.ends", ca.sin(control - angles))  # up to whole turns of the guess
+            store.between("swing.ends", ca.cos(control - angles), 0.5)
         limit = SPEED_SHARE * module.max_joint_speed
         for row in rate_weights(CONTROLS):
             rate = sum(w * c for w, c in zip(row, controls, strict=True) if w)
-            store.add(rate - limit * path.duration, -np.inf, 0.0)
-            store.add(rate + limit * path.duration, 0.0, np.inf)
-            self.cost += 0.005 * ca.sumsqr(rate) / path.duration / len(controls)
+            store.between("joint.speed", rate - limit * path.duration, upper=0.0)
+            store.between("joint.speed", rate + limit * path.duration, 0.0)
+            store.minimise("turning", 0.005 * ca.sumsqr(rate) / path.duration / len(controls))
         ground = ca.fmin(before[2], after[2])
         for share in SHARES:
             points = self._points_in_air(i, share, path, controls)
-            store.add(points[2, 0] - ground, LIFTED, np.inf)
+            store.between("swing.lift", points[2, 0] - ground, LIFTED, unit="m")
         return controls
 
     def _points_in_air(self, i: int, share: float, path: _Path, controls: list[ca.MX]) -> ca.MX:
@@ -212,7 +219,7 @@ class LegProgram:
             point = point + share * (points[:, 2] - point)
         if cut.moves_with_box:
             point = point - at
-        self.store.add(ca.dot(ca.DM(cut.normal), point), cut.offset, np.inf)
+        self.store.between("clear.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
 
     def _forces(
         self,
@@ -234,16 +241,16 @@ class LegProgram:
             for i in standing:
                 low = np.array([-1.0, -1.0, LEAST_SHARE * scene.weight / most])
                 unit = store.variable("f", guess.force[k, i] / most, low, 1.0)
-                store.add(ca.sumsqr(unit), 0.0, 1.0)
+                store.between("force.limit", ca.sumsqr(unit), 0.0, 1.0)
                 cone = (friction * unit[2]) ** 2 - unit[0] ** 2 - unit[1] ** 2
-                store.add(cone, 0.0, np.inf)
+                store.between("force.friction", cone, 0.0)
                 row[i] = most * unit
                 total += row[i]
                 moment += ca.cross(feet[i] - p[k], row[i])
-                self.cost += 0.01 * ca.sumsqr(unit)
-            store.equal((mass * (a[k] + up) - total) / 10.0)
+                store.minimise("force", 0.01 * ca.sumsqr(unit))
+            store.equal("box.dynamics", (mass * (a[k] + up) - total) / 10.0, "10 N")
             if standing:
-                store.equal(moment / 10.0)
+                store.equal("box.moment", moment / 10.0, "10 N m")
             rows.append(row)
         return rows
 

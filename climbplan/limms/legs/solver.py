@@ -9,9 +9,9 @@ from typing import Any
 
 from climbplan.limms.legs.program import LegProgram
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
-from climbplan.limms.program_answer import solve_unknowns
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
+from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,8 @@ def solve_legs(
     }
     if effort.warm:
         settings |= {"mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5}
-    answer = solve_unknowns(
-        "legs",
+    answer = solve_trajectory(
         program.store,
-        program.cost,
         program.outputs,
         settings,
         began,

@@ -30,6 +30,7 @@ def _run(name: str, words: str, work: float, writes: bool = True) -> SolverRun:
 _SHELF = "solve-bookshelf SPECS/bookshelf_file.yaml --time-limit 60 --method"
 _STRATEGY = "fit-strategy SPECS/strategy_bookshelf.yaml --set data.files=[GIVEN/data/dataset.h5]"
 _LIBRARY = "--set solver.library.file=GIVEN/data/dataset.h5"
+_WALK = "plan-mpc SPECS/mpc_forward.yaml"
 _FLAT = "plan-transition SPECS/transition_flat.yaml --method"
 _OWN = "--problem SPECS/cart_pole.py:problem"
 _POLE = f"solve SPECS/cart_pole.yaml {_OWN} --method"
@@ -55,7 +56,7 @@ RUNS = (
     _run("modules-admm-jump", "plan-limms SPECS/limms_jump.yaml --method admm", 8.0),
     _run("walk-search", "plan-mpc SPECS/mpc_turn.yaml --method search", 6.0),
     _run("walk-nlp", "plan-mpc SPECS/mpc_turn.yaml --method nlp", 3.0),
-    _run("walk-micp", "plan-mpc SPECS/mpc_forward.yaml --method micp", 8.0),
+    _run("walk-micp", f"{_WALK} --method micp --set task.integrator=euler", 8.0),
     _run("walk-online", "plan-mpc SPECS/mpc_recovery.yaml --method online", 8.0),
     _run("shelf-exact", f"{_SHELF} exact", 1.0),
     _run("shelf-convex", f"{_SHELF} convex {_LIBRARY}", 4.0),

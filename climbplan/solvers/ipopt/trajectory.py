@@ -49,12 +49,12 @@ def solve_trajectory(
     deadline: float = np.inf,
     expand: bool = False,
 ) -> TrajectoryAnswer:
-    """Solve what was stated; outputs: what is read from the answer.
+    """Solve what was stated, which has no parameters; outputs: what is read from the answer.
 
     settings: IPOPT's own. began: of building, by `perf_counter`; deadline: by `monotonic` [s].
     """
     x, rows = trajectory.x, trajectory.rows
-    problem = {"x": x, "p": ca.MX.sym("p", 0), "f": trajectory.cost, "g": rows}
+    problem = {"x": x, "p": trajectory.p, "f": trajectory.cost, "g": rows}
     program = IpoptProgram(trajectory.name, problem, settings, expand)
     built = time.perf_counter()
     bounds = Bounds(*trajectory.bounds, *trajectory.row_bounds)

@@ -41,6 +41,7 @@ _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
 _LONGER = 6  # and more of them for gaits beyond the guessed one
 _INSIDE = 1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
 _POLISH = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
+_OFF = 1e-3  # of a row where IPOPT stopped, that is told
 _HOPELESS = 3e-3  # [m] toes that leave their boxes that far, then, are not brought back
 
 
@@ -64,6 +65,9 @@ class NlpMethod:
             time.monotonic() + seconds,
         )
         word, x = answer.word, answer.v
+        worst = max(program.stated.residuals(answer.rows), key=lambda block: block.residual)
+        if worst.residual > _OFF:
+            word += f", {worst.name} off by {worst.residual:.2g} {worst.unit}".rstrip()
         state, force, toes, relaxed = self._parts(x)
         contact = relaxed > 0.5
         gait = with_regions(task, contact, np.vstack([task.start.state, state]))

@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt.program import IpoptProgram
 from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step, rotation
@@ -68,107 +69,18 @@ class NlpShape:
 
 @dataclass(frozen=True)
 class CompiledNlp:
-    """IPOPT with the bounds of variables and rows."""
+    """IPOPT, and the statement that it was compiled from."""
 
     solver: IpoptProgram
-    bounds: Bounds
+    stated: Trajectory
+    bounds: Bounds  # of variables and rows
 
 
 @lru_cache(maxsize=4)
 def compiled_nlp(shape: NlpShape) -> CompiledNlp:
-    """The program, eqs. (8.14) to (8.25) and (8.30)."""
-    N = shape.knots
-    rows: list[tuple[Any, float, float]] = []  # expression, lower, upper
-    state = [ca.SX.sym(f"x{n}", STATE) for n in range(1, N + 1)]
-    force = [ca.SX.sym(f"f{n}", 3 * LEGS) for n in range(N)]
-    spot = [ca.SX.sym(f"t{n}", 2 * LEGS) for n in range(1, N + 1)]
-    contact = [ca.SX.sym(f"c{n}", LEGS) for n in range(N + 1)]
-    start, toes0 = ca.SX.sym("x0", STATE), ca.SX.sym("toes0", 3 * LEGS)
-    velocity, angles = ca.SX.sym("v_ref", 3, N), ca.SX.sym("a_ref", 3, N)
-    height = ca.SX.sym("h_ref", N)
-    level, clear = ca.SX.sym("level", LEGS, N), ca.SX.sym("clear", LEGS, N)
-    low, high = ca.SX.sym("low", 2 * LEGS, N), ca.SX.sym("high", 2 * LEGS, N)
-    center, half = np.reshape(shape.center, (LEGS, 3)), np.array(shape.half)
-    w = shape.weights
-    cost: Any = 0
-
-    x = [start, *state]
-    # Heights of toes: on the ground, or lifted, eq. (8.23)
-    toes = [toes0]
-    for n in range(1, N + 1):
-        c, places = contact[n], []
-        for i in range(LEGS):
-            z = c[i] * level[i, n - 1] + (1 - c[i]) * clear[i, n - 1]
-            places += [spot[n - 1][2 * i], spot[n - 1][2 * i + 1], z]
-        toes.append(ca.vertcat(*places))
-    step = ca.Function(
-        "step",
-        [s := ca.SX.sym("s", STATE), t := ca.SX.sym("t", 12), f := ca.SX.sym("f", 12)],
-        [knot_step(shape.body, shape.step, float(shape.mean), s, t, f)],
-    )
-    plain = ca.Function(
-        "plain", [s, t, f], [plain_knot_step(shape.body, shape.step, float(shape.mean), s, t, f)]
-    )
-    # Dynamics, eqs. (8.14) to (8.19)
-    for n in range(N):
-        rows.append((step(x[n], toes[n], force[n]) - x[n + 1], 0.0, 0.0))
-    for n in range(N):
-        for i in range(LEGS):
-            fx, fy, fz = (force[n][3 * i + k] for k in range(3))
-            c = contact[n][i]
-            # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
-            slope = shape.friction * np.cos(np.pi / FACETS)
-            for k in range(FACETS):
-                angle = 2 * np.pi * (k + 0.5) / FACETS
-                rows.append((np.cos(angle) * fx + np.sin(angle) * fy - slope * fz, -np.inf, 0.0))
-            # No force on lifted legs, eq. (8.23)
-            rows.append((fz - shape.force_limit * c, -np.inf, 0.0))
-            if shape.friction > 1:  # else within the pyramid already
-                for component in (fx, fy):
-                    rows.append((component - shape.force_limit * c, -np.inf, 0.0))
-                    rows.append((component + shape.force_limit * c, 0.0, np.inf))
-        if shape.least_contacts:
-            rows.append((ca.sum1(contact[n]), float(shape.least_contacts), float(LEGS)))
-    for n in range(1, N + 1):
-        R = rotation(x[n][6:9])
-        for i in range(LEGS):
-            toe = toes[n][3 * i : 3 * i + 3]
-            # Workspace, eqs. (8.20), (8.21)
-            seen = R.T @ (toe - x[n][:3])
-            for k in range(3):
-                rows.append((seen[k], center[i, k] - half[k], center[i, k] + half[k]))
-            # No slip, eq. (8.22)
-            free = _STRIDE * (2 - contact[n][i] - contact[n - 1][i])
-            for k in range(2):
-                moved = toe[k] - toes[n - 1][3 * i + k]
-                rows += [(moved - free, -np.inf, 0.0), (moved + free, 0.0, np.inf)]
-            # Regions, eqs. (8.24), (8.25), those of the guess
-            for k in range(2 if shape.regions > 1 else 0):
-                slack = _STRIDE * (1 - contact[n][i])
-                here = spot[n - 1][2 * i + k]
-                rows.append((here - low[2 * i + k, n - 1] + slack, 0.0, np.inf))
-                rows.append((here - high[2 * i + k, n - 1] - slack, -np.inf, 0.0))
-        # Objective, eq. (8.30)
-        for k in range(3):
-            cost += w[k] * (x[n][3 + k] - velocity[k, n - 1]) ** 2
-            cost += w[3 + k] * (x[n][6 + k] - angles[k, n - 1]) ** 2
-        cost += w[6] * (x[n][2] - height[n - 1]) ** 2
-        cost += w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3])
-    for n in range(N):
-        each = ca.reshape(force[n], 3, LEGS)
-        cost += 2 * w[8] * (LEGS * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
-    # Contacts as complementarity: c (1 - c) <= eps
-    for n in range(N + 1):
-        for i in range(LEGS):
-            c = contact[n][i]
-            rows.append((c * (1 - c), -np.inf, EPSILON))
-    variables = ca.vertcat(*state, *force, *spot, *contact)
-    numbers = ca.vertcat(
-        start, toes0, *(ca.vec(m) for m in (velocity, angles)), height,
-        *(ca.vec(m) for m in (level, clear, low, high)),
-    )  # fmt: skip
-    g = ca.vertcat(*(row for row, _, _ in rows))
-    repeat = [row.numel() for row, _, _ in rows]
+    """The program, eqs. (8.14) to (8.25) and (8.30), ready for numbers."""
+    walk = WalkNlp(shape)
+    stated = walk.stated
     settings = {
         "max_iter": ITERATIONS,
         "tol": 1e-4,
@@ -179,28 +91,138 @@ def compiled_nlp(shape: NlpShape) -> CompiledNlp:
         "bound_push": 1e-4,
         "bound_frac": 1e-4,
     }
-    # Second derivatives: those of the plain step, which are IPOPT's ten times cheaper
-    price, weight = ca.SX.sym("price", g.numel()), ca.SX.sym("weight")
-    curved = ca.vertcat(*(plain(x[n], toes[n], force[n]) for n in range(N)), g[STATE * N :])
-    curvature, _ = ca.hessian(weight * cost + ca.dot(price, curved), variables)
-    hessian = ca.Function("nlp_hess_l", [variables, numbers, weight, price], [ca.triu(curvature)])
-    problem = {"x": variables, "p": numbers, "f": cost, "g": g}
-    bound = np.concatenate(
-        [
-            np.tile([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4, N),
-            np.full(3 * LEGS * N, shape.force_limit),
-            np.full(2 * LEGS * N, np.inf),
-        ]
-    )
-    lower = -bound
-    first = STATE * N
-    lower[first + 2 : first + 3 * LEGS * N : 3] = 0.0  # legs push
+    problem = {"x": stated.x, "p": stated.p, "f": stated.cost, "g": stated.rows}
     return CompiledNlp(
-        IpoptProgram("walk", problem, settings, hessian=hessian),
-        Bounds(
-            np.concatenate([lower, np.zeros(LEGS * (N + 1))]),
-            np.concatenate([bound, np.ones(LEGS * (N + 1))]),
-            np.repeat([low_ for _, low_, _ in rows], repeat),
-            np.repeat([high_ for _, _, high_ in rows], repeat),
-        ),
+        IpoptProgram("walk", problem, settings, hessian=walk.hessian()),
+        stated,
+        Bounds(*stated.bounds, *stated.row_bounds),
     )
+
+
+class WalkNlp:
+    """The statement, in the order of chapter 8.2; block names are those of the exact check."""
+
+    def __init__(self, shape: NlpShape) -> None:
+        N = shape.knots
+        self.shape = shape
+        self.stated = walk = Trajectory("walk", ca.SX)
+        tilt = np.array([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4)
+        limit = np.full(3 * LEGS, shape.force_limit)
+        push = np.where(np.arange(3 * LEGS) % 3 == 2, 0.0, -limit)  # legs push
+        nothing, far = np.zeros(2 * LEGS), np.inf
+        knots = range(1, N + 1)
+        state = [walk.variable(f"x{n}", np.zeros(STATE), -tilt, tilt) for n in knots]
+        self.force = [walk.variable(f"f{n}", np.zeros(3 * LEGS), push, limit) for n in range(N)]
+        self.spot = [walk.variable(f"t{n}", nothing, -far, far) for n in knots]
+        every = range(N + 1)
+        self.contact = [walk.variable(f"c{n}", np.zeros(LEGS), 0.0, 1.0) for n in every]
+        start, toes0 = walk.parameter("x0", STATE), walk.parameter("toes0", 3 * LEGS)
+        self.velocity, self.angles = walk.parameter("v_ref", 3, N), walk.parameter("a_ref", 3, N)
+        self.height = walk.parameter("h_ref", N)
+        self.level, self.clear = walk.parameter("level", LEGS, N), walk.parameter("clear", LEGS, N)
+        self.low, self.high = (
+            walk.parameter("low", 2 * LEGS, N),
+            walk.parameter("high", 2 * LEGS, N),
+        )
+        self.x = [start, *state]
+        self.toes = [toes0, *(self._toes(n) for n in knots)]
+        s, t, f = ca.SX.sym("s", STATE), ca.SX.sym("t", 12), ca.SX.sym("f", 12)
+        numbers = (shape.body, shape.step, float(shape.mean))
+        self.step = ca.Function("step", [s, t, f], [knot_step(*numbers, s, t, f)])
+        self.plain = ca.Function("plain", [s, t, f], [plain_knot_step(*numbers, s, t, f)])
+        for n in range(N):
+            self._dynamics(n)
+        for n in range(N):
+            self._forces(n)
+        for n in knots:
+            self._feet(n)
+            self._tracking(n)
+        for n in range(N):
+            each = ca.reshape(self.force[n], 3, LEGS)
+            apart = 2 * shape.weights[8] * (LEGS * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
+            walk.minimise("force_difference", apart)
+        # Contacts as complementarity: c (1 - c) <= eps
+        for n in every:
+            c = self.contact[n]
+            walk.between("contact.whole", c * (1 - c), upper=EPSILON)
+
+    def hessian(self) -> ca.Function:
+        """Second derivatives: those of the plain step, which are IPOPT's ten times cheaper."""
+        stated, N = self.stated, self.shape.knots
+        rows, variables = stated.rows, stated.x
+        price, weight = ca.SX.sym("price", rows.numel()), ca.SX.sym("weight")
+        steps = (self.plain(self.x[n], self.toes[n], self.force[n]) for n in range(N))
+        curved = ca.vertcat(*steps, rows[STATE * N :])
+        curvature, _ = ca.hessian(weight * stated.cost + ca.dot(price, curved), variables)
+        return ca.Function("nlp_hess_l", [variables, stated.p, weight, price], [ca.triu(curvature)])
+
+    def _toes(self, n: int) -> Any:
+        """Heights of toes: on the ground, or lifted, eq. (8.23)."""
+        c, spot, places = self.contact[n], self.spot[n - 1], []
+        for i in range(LEGS):
+            z = c[i] * self.level[i, n - 1] + (1 - c[i]) * self.clear[i, n - 1]
+            places += [spot[2 * i], spot[2 * i + 1], z]
+        return ca.vertcat(*places)
+
+    def _dynamics(self, n: int) -> None:
+        """Eqs. (8.14) to (8.19)."""
+        after = self.step(self.x[n], self.toes[n], self.force[n])
+        self.stated.equal("dynamics", after - self.x[n + 1])
+
+    def _forces(self, n: int) -> None:
+        walk, shape = self.stated, self.shape
+        for i in range(LEGS):
+            fx, fy, fz = (self.force[n][3 * i + k] for k in range(3))
+            c = self.contact[n][i]
+            # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
+            slope = shape.friction * np.cos(np.pi / FACETS)
+            for k in range(FACETS):
+                angle = 2 * np.pi * (k + 0.5) / FACETS
+                tangent = np.cos(angle) * fx + np.sin(angle) * fy
+                walk.between("force.friction", tangent - slope * fz, upper=0.0, unit="N")
+            # No force on lifted legs, eq. (8.23)
+            walk.between("force.swing", fz - shape.force_limit * c, upper=0.0, unit="N")
+            if shape.friction > 1:  # else within the pyramid already
+                for component in (fx, fy):
+                    most = shape.force_limit * c
+                    walk.between("force.swing", component - most, upper=0.0, unit="N")
+                    walk.between("force.swing", component + most, 0.0, unit="N")
+        if shape.least_contacts:
+            standing = ca.sum1(self.contact[n])
+            walk.between("gait.contacts", standing, float(shape.least_contacts), float(LEGS))
+
+    def _feet(self, n: int) -> None:
+        walk, shape = self.stated, self.shape
+        center, half = np.reshape(shape.center, (LEGS, 3)), np.array(shape.half)
+        R = rotation(self.x[n][6:9])
+        for i in range(LEGS):
+            toe = self.toes[n][3 * i : 3 * i + 3]
+            # Workspace, eqs. (8.20), (8.21)
+            seen = R.T @ (toe - self.x[n][:3])
+            walk.between("workspace.toe", seen, center[i] - half, center[i] + half, "m")
+            # No slip, eq. (8.22)
+            free = _STRIDE * (2 - self.contact[n][i] - self.contact[n - 1][i])
+            for k in range(2):
+                moved = toe[k] - self.toes[n - 1][3 * i + k]
+                walk.between("contact.no_slip", moved - free, upper=0.0, unit="m")
+                walk.between("contact.no_slip", moved + free, 0.0, unit="m")
+            # Regions, eqs. (8.24), (8.25), those of the guess
+            for k in range(2 if shape.regions > 1 else 0):
+                slack = _STRIDE * (1 - self.contact[n][i])
+                here = self.spot[n - 1][2 * i + k]
+                walk.between(
+                    "contact.region", here - self.low[2 * i + k, n - 1] + slack, 0.0, unit="m"
+                )
+                walk.between(
+                    "contact.region", here - self.high[2 * i + k, n - 1] - slack, upper=0.0
+                )
+
+    def _tracking(self, n: int) -> None:
+        """Objective, eq. (8.30)."""
+        walk, x, w = self.stated, self.x, self.shape.weights
+        for k in range(3):
+            faster = x[n][3 + k] - self.velocity[k, n - 1]
+            walk.minimise("tracking", w[k] * faster**2)
+            walk.minimise("tracking", w[3 + k] * (x[n][6 + k] - self.angles[k, n - 1]) ** 2)
+        walk.minimise("tracking", w[6] * (x[n][2] - self.height[n - 1]) ** 2)
+        walk.minimise("motion", w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3]))

@@ -8,17 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.robots.symbols import rotation
 from climbplan.walking.task import LEGS, RigidBody
-
-
-def rotation(angles: Any) -> Any:
-    """Body-to-world rotation, eq. (8.16)."""
-    (sr, sp, sy), (cr, cp, cy) = (ca.vertsplit(f(angles)) for f in (ca.sin, ca.cos))
-    return ca.vertcat(
-        ca.horzcat(cp * cy, sr * sp * cy - sy * cr, sr * sy + sp * cr * cy),
-        ca.horzcat(sy * cp, cr * cy + sr * sp * sy, sp * sy * cr - sr * cy),
-        ca.horzcat(-sp, sr * cp, cr * cp),
-    )
 
 
 def euler_rates(angles: Any, spin: Any) -> Any:

@@ -19,7 +19,7 @@ from climbplan.climb.limb_clearance import least_room, limb_points
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp import plan_postures_nlp, refined, solve_from
 from climbplan.climb.postures.nlp_check import check_postures, posture_cost
-from climbplan.climb.postures.nlp_layout import Layout, variable_layout
+from climbplan.climb.postures.nlp_layout import variable_layout
 from climbplan.climb.postures.nlp_links import link_points, parting_planes
 from climbplan.climb.postures.nlp_numbers import (
     first_iterate,
@@ -33,6 +33,7 @@ from climbplan.climb.postures.nlp_statement import posture_nlp, turning_bulge
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure
+from climbplan.program.layout import Layout
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.loading import load_climb

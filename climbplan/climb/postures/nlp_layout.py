@@ -7,12 +7,8 @@ positions in a vector.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as ca
-import numpy as np
-
-from climbplan.robots.rotations import Array
+from climbplan.program.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -56,37 +52,6 @@ class Shape:
     def limbs(self) -> int:
         """N."""
         return len(self.gait)
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Named arrays behind one another in a vector, each in column-major order."""
-
-    shapes: tuple[tuple[str, tuple[int, int]], ...]
-
-    @property
-    def size(self) -> int:
-        """Length of the vector."""
-        return sum(rows * columns for _, (rows, columns) in self.shapes)
-
-    def symbols(self) -> dict[str, Any]:
-        """Fresh CasADi symbols."""
-        return {name: ca.SX.sym(name, *shape) for name, shape in self.shapes}
-
-    def pack(self, values: dict[str, Array]) -> Array:
-        """The vector; values[name] has its shape, or any shape that broadcasts to it."""
-        return np.concatenate(
-            [np.broadcast_to(values[name], shape).ravel(order="F") for name, shape in self.shapes]
-        )
-
-    def unpack(self, vectors: Array) -> dict[str, Array]:
-        """Arrays (..., *shape) from vectors (..., size)."""
-        parts, at = {}, 0
-        for name, (rows, columns) in self.shapes:
-            piece = vectors[..., at : at + rows * columns]
-            parts[name] = np.swapaxes(piece.reshape(*piece.shape[:-1], columns, rows), -1, -2)
-            at += rows * columns
-        return parts
 
 
 def variable_layout(n: int) -> Layout:

@@ -31,20 +31,10 @@ from climbplan.climb.postures.nlp_layout import (
 )
 from climbplan.climb.postures.nlp_links import link_points
 from climbplan.robots.rotations import Array
+from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.program import IpoptProgram
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
-
-
-def rotation(rpy: Any) -> Any:
-    """R = Rz(yaw) Ry(pitch) Rx(roll) as an expression; rpy (3,) [rad]."""
-    cr, cp, cy = (ca.cos(rpy[k]) for k in range(3))
-    sr, sp, sy = (ca.sin(rpy[k]) for k in range(3))
-    return ca.vertcat(
-        ca.horzcat(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        ca.horzcat(sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        ca.horzcat(-sp, cp * sr, cp * cr),
-    )
 
 
 def within(difference: Any, radius: Any) -> Any:

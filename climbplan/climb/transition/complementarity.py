@@ -29,9 +29,10 @@ from typing import Any
 
 import casadi as ca
 
-from climbplan.climb.postures.nlp_statement import rotation
 from climbplan.climb.transition.limb_expressions import limb_expression, torques
-from climbplan.climb.transition.motion_statement import COST_SCALE, Layout
+from climbplan.climb.transition.motion_statement import COST_SCALE
+from climbplan.program.layout import Layout
+from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.program import IpoptProgram
 
 FACETS = 8
@@ -127,8 +128,7 @@ def complementarity_program(shape: Shape) -> ComplementarityProgram:
         cost += price
         rows.append(values)
         products.append(pairs)
-        _, at, r, k = variables.names[1]
-        old = own[at : at + r * k]
+        old = own[variables.place("toe")]
     g, gaps = ca.vertcat(*rows), ca.vertcat(*products)
     problem = {"x": v, "p": p, "f": COST_SCALE * cost + c["penalty"] * ca.sum1(gaps), "g": g}
     settings = {

@@ -99,7 +99,7 @@ def numbers_of(scene: TransitionScene, program: ComplementarityProgram, surfaces
     faces = [_padded(s.A, s.b, shape.faces) for s in _solids(scene)]
     own["face_row"] = np.concatenate([np.empty(0), *(a.ravel() for a, _ in faces)])
     own["face_end"] = np.concatenate([np.empty(0), *(b for _, b in faces)])
-    return np.concatenate([own[name] for name, *_ in program.numbers.names])
+    return np.concatenate([own[name] for name in program.numbers.names])
 
 
 def _padded(a: Array, b: Array, count: int) -> tuple[Array, Array]:
@@ -146,8 +146,8 @@ def variable_bounds(scene: TransitionScene, program: ComplementarityProgram) -> 
             "side": np.ones(sides),
             "s": np.array([largest]),
         }
-        lowers += [lower[name] for name, *_ in program.variables.names]
-        uppers += [upper[name] for name, *_ in program.variables.names]
+        lowers += [lower[name] for name in program.variables.names]
+        uppers += [upper[name] for name in program.variables.names]
     return np.concatenate(lowers), np.concatenate(uppers)
 
 
@@ -187,10 +187,5 @@ def row_bounds(
 
 def parts_of(program: ComplementarityProgram, v: Array) -> list[dict[str, Array]]:
     """The matrices of each round in a point."""
-    return [
-        {
-            name: own[at : at + rows * columns].reshape(columns, rows).T
-            for name, at, rows, columns in program.variables.names
-        }
-        for own in v.reshape(program.shape.rounds, program.variables.size)
-    ]
+    each = v.reshape(program.shape.rounds, program.variables.size)
+    return [program.variables.unpack(own) for own in each]

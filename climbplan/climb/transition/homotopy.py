@@ -171,7 +171,7 @@ def _random_start(problem: _Problem, rng: np.random.Generator) -> Array:
             "side": np.full(n * shape.solids * shape.faces, 1 / max(shape.faces, 1)),
             "s": np.array([0.3]),
         }
-        out += [parts[name].ravel() for name, *_ in problem.program.variables.names]
+        out += [parts[name].ravel() for name in problem.program.variables.names]
     return np.concatenate(out)
 
 
@@ -240,7 +240,7 @@ def _along(problem: _Problem, parts: list[dict[str, Array]], path: Index, moved:
             "hold": np.where(moved[j], 0.05, 0.95),
             "force": force.ravel(),
         }
-        for name, *_ in problem.program.variables.names:
+        for name in problem.program.variables.names:
             out.append(new.get(name, own[name].T.ravel()))
     return np.concatenate(out)
 

@@ -87,17 +87,10 @@ def _rounds(lab: Laboratory, program: MotionProgram, sequence: Sequence, v: Arra
     com, rpy = np.empty((m + 1, 3)), np.empty((m + 1, 3))
     com[m], rpy[m] = scene.goal.com, scene.goal.rpy
     for j, own in enumerate(v.reshape(m, program.variables.size)):
-        parts = _parts(program, own)
+        parts = program.variables.unpack(own)
         com[j], rpy[j] = parts["pose"][:3, 0], parts["pose"][3:, 0]
         for i in np.flatnonzero(open_toes[j + 1]):
             stays = states[j, i] == states[j + 1, i]
             surface = scene.terrain.surfaces[region[j + 1, i]]
             toes[j + 1, i] = toes[j, i] if stays else surface.project(parts["toe"][:, i])
     return Rounds(com, rpy, toes, region)
-
-
-def _parts(program: MotionProgram, own: Array) -> dict[str, Array]:
-    return {
-        name: own[at : at + rows * columns].reshape(columns, rows).T
-        for name, at, rows, columns in program.variables.names
-    }

@@ -32,8 +32,9 @@ from typing import Any
 
 import casadi as ca
 
-from climbplan.climb.postures.nlp_statement import rotation
 from climbplan.climb.transition.limb_expressions import LimbExpression, limb_expression, torques
+from climbplan.program.layout import Layout
+from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.program import IpoptProgram
 
 CORNERS = 8
@@ -96,30 +97,6 @@ def common_numbers(shape: Shape) -> dict[str, tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Places of named matrices in one vector, round by round."""
-
-    names: tuple[tuple[str, int, int, int], ...]  # name, first entry, rows, columns
-    size: int
-
-    @classmethod
-    def of(cls, shapes: dict[str, tuple[int, int]]) -> Layout:
-        """One matrix after another."""
-        names, at = [], 0
-        for name, (rows, columns) in shapes.items():
-            names.append((name, at, rows, columns))
-            at += rows * columns
-        return cls(tuple(names), at)
-
-    def split(self, vector: Any) -> dict[str, Any]:
-        """The matrices in a vector, column by column."""
-        return {
-            name: ca.reshape(vector[at : at + rows * columns], rows, columns)
-            for name, at, rows, columns in self.names
-        }
-
-
-@dataclass(frozen=True)
 class MotionProgram:
     """The compiled program of a shape, and where its rows are."""
 
@@ -155,8 +132,7 @@ def motion_program(shape: Shape) -> MotionProgram:
         price, values = one.function(old, own, after, here, shared)
         cost += price
         rows.append(values)
-        _, at, r, c = variables.names[1]
-        old = own[at : at + r * c]
+        old = own[variables.place("toe")]
     g = ca.vertcat(*rows)
     problem = {"x": v, "p": p, "f": COST_SCALE * cost, "g": g}
     settings = {

@@ -15,8 +15,9 @@ import numpy as np
 
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
+from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.program import IpoptProgram
-from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step, rotation
+from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step
 from climbplan.walking.offline.pinned import FACETS
 from climbplan.walking.task import ANGLE_RANGE, LEGS, STATE, WalkTask
 

@@ -8,19 +8,19 @@ problem, up to its row tolerance.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyscipopt
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.program.box import Box, propagated_box
+from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.result import SolverResult, judged
+from climbplan.solvers.scip.model import ScipModel, scip_bound
 from climbplan.solvers.scip.run import claim, run_model, values
 from climbplan.solvers.separable_cost import separable_cost
 from climbplan.solvers.tree.mending import mended
@@ -29,16 +29,6 @@ NAME = "minlp-scip"
 TOLERANCE = 2e-6
 _OWN_ERROR = 1e-5  # relative: how far SCIP's objective may be off through its row tolerance
 _THICKNESS = 1e-6  # of rows, in their unit: SCIP's own tolerance
-
-
-@dataclass(frozen=True)
-class BilinearModel:
-    """The model and its handles."""
-
-    model: Any
-    x: list[Any]  # (n,)
-    w: list[Any]  # (K,)
-    binaries: list[list[Any]]  # by choice and alternative
 
 
 def solve_minlp_scip(
@@ -101,58 +91,26 @@ def save_bilinear_model(instance: Instance, path: Path) -> None:
         raise UsageError(f"{path}: cannot be written: {error}") from error
 
 
-def bilinear_model(instance: Instance) -> BilinearModel:
+def bilinear_model(instance: Instance) -> ScipModel:
     """Variables x0 ..., w0 ... for products, one epigraph for each square of the cost."""
     box = propagated_box(instance)
-    model = pyscipopt.Model(instance.name)
-    model.hideOutput()
-    x = [
-        model.addVar(f"x{i}", vtype="B" if whole else "C", lb=_bound(low), ub=_bound(high))
-        for i, (low, high, whole) in enumerate(
-            zip(instance.lower, instance.upper, instance.integer, strict=True)
-        )
-    ]
-    products = instance.products
-    w = [
-        model.addVar(f"w{k}", lb=_bound(low), ub=_bound(high))
-        for k, (low, high) in enumerate(zip(box.products.lower, box.products.upper, strict=True))
-    ]
+    built = ScipModel.of(instance, instance.lower, instance.upper)
+    model, x, products = built.model, built.x, instance.products
+    for k, (low, high) in enumerate(zip(box.products.lower, box.products.upper, strict=True)):
+        built.w.append(model.addVar(f"w{k}", lb=scip_bound(low), ub=scip_bound(high)))
     for k, (i, j) in enumerate(zip(products.first, products.second, strict=True)):
-        model.addCons(x[i] * x[j] - w[k] == 0, f"product{k}")
-    built = BilinearModel(model, x, w, [])
-    _cost(built, instance, box)
-    rows = sparse.hstack([instance.A, instance.Q]).tocsr()
-    for i, (low, high) in enumerate(zip(instance.row_lower, instance.row_upper, strict=True)):
-        _between(built, _affine(built, rows[i], 0.0), low, high, f"row{i}")
-    _balls(built, instance)
+        model.addCons(x[i] * x[j] - built.w[k] == 0, f"product{k}")
+    built.cost(separable_cost(instance), box)
+    built.rows(instance)
+    built.balls(instance)
     _implications(built, instance)
+    built.one_of_each(instance)
     _choices(built, instance)
     return built
 
 
-def _bound(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _affine(built: BilinearModel, row: sparse.csr_matrix, offset: float) -> Any:
-    variables = built.x + built.w
-    pairs = zip(row.indices, row.data, strict=True)
-    return pyscipopt.quicksum(float(a) * variables[j] for j, a in pairs) + offset
-
-
-def _between(built: BilinearModel, expression: Any, low: float, high: float, name: str) -> None:
-    if np.isfinite(low) and low == high:
-        built.model.addCons(expression == low, name)
-    elif np.isfinite(low) and np.isfinite(high):
-        built.model.addCons((low <= expression) <= high, name)
-    elif np.isfinite(low):
-        built.model.addCons(expression >= low, name)
-    elif np.isfinite(high):
-        built.model.addCons(expression <= high, name)
-
-
 def _switched(
-    built: BilinearModel,
+    built: ScipModel,
     row: sparse.csr_matrix,
     low: float,
     high: float,
@@ -163,46 +121,11 @@ def _switched(
     """binary = value implies low <= row <= high."""
     for bound, sign, end in ((high, 1.0, "upper"), (low, -1.0, "lower")):
         if np.isfinite(bound):
-            below = _affine(built, sign * row, 0.0) <= float(sign * bound)
+            below = built.affine(sign * row) <= float(sign * bound)
             built.model.addConsIndicator(below, binary, activeone=bool(value), name=f"{name}_{end}")
 
 
-def _cost(built: BilinearModel, instance: Instance, box: Box) -> None:
-    """Differences are scaled to at most 1, so that the tolerance is small in the cost."""
-    cost, model = separable_cost(instance), built.model
-    reach = box.interval(cost.U)
-    largest = np.maximum(np.abs(reach.lower + cost.offset), np.abs(reach.upper + cost.offset))
-    scale = np.where(np.isfinite(largest) & (largest > 0), largest, 1.0)
-    terms = []
-    for j, (offset, unit) in enumerate(zip(cost.offset, scale, strict=True)):
-        step = model.addVar(f"u{j}", lb=None)
-        model.addCons(
-            _affine(built, cost.U[j] / unit, float(offset / unit)) - step == 0, f"u{j}_is"
-        )
-        height = model.addVar(f"cost{j}", lb=0.0)
-        model.addCons(step * step - height <= 0, f"square{j}")
-        terms.append(0.5 * float(unit) ** 2 * height)
-    terms += [float(cost.slope[i]) * built.x[i] for i in np.flatnonzero(cost.slope)]
-    model.setObjective(pyscipopt.quicksum(terms))
-    model.addObjoffset(cost.constant)
-
-
-def _balls(built: BilinearModel, instance: Instance) -> None:
-    for b, balls in enumerate(instance.balls):
-        d = balls.f.shape[1]
-        for k, radius in enumerate(balls.radius):
-            unit = max(float(radius), 1e-9)
-            parts = []
-            for i in range(d):
-                part = built.model.addVar(f"ball{b}_{k}_{i}", lb=None)
-                row = _affine(built, balls.F[k * d + i] / unit, float(balls.f[k, i]) / unit)
-                built.model.addCons(row - part == 0, f"ball{b}_{k}_{i}_is")
-                parts.append(part * part)
-            limit = 1.0 if radius > 0 else float(np.sign(radius))
-            built.model.addCons(pyscipopt.quicksum(parts) <= limit, f"ball{b}_{k}")
-
-
-def _implications(built: BilinearModel, instance: Instance) -> None:
+def _implications(built: ScipModel, instance: Instance) -> None:
     implied = instance.implications
     rows = sparse.hstack([implied.A, implied.Q]).tocsr()
     for k in range(implied.count):
@@ -210,14 +133,10 @@ def _implications(built: BilinearModel, instance: Instance) -> None:
         _switched(built, rows[k], low, high, binary, bool(implied.value[k]), f"when{k}")
 
 
-def _choices(built: BilinearModel, instance: Instance) -> None:
+def _choices(built: ScipModel, instance: Instance) -> None:
     for c, choice in enumerate(instance.choices):
-        group = [
-            built.model.addVar(f"in{c}_{r}", vtype="B") for r in range(len(choice.alternatives))
-        ]
-        built.model.addCons(pyscipopt.quicksum(group) == 1, f"one{c}")
-        built.binaries.append(group)
-        for r, (polytope, binary) in enumerate(zip(choice.alternatives, group, strict=True)):
+        for r, polytope in enumerate(choice.alternatives):
+            binary = built.binaries[c][r]
             A = sparse.csr_matrix(sparse.csr_matrix(polytope.A) @ choice.E)
             C = sparse.csr_matrix(sparse.csr_matrix(polytope.C) @ choice.E)
             for k, high in enumerate(polytope.b - polytope.A @ choice.e):
@@ -226,7 +145,7 @@ def _choices(built: BilinearModel, instance: Instance) -> None:
                 _switched(built, C[k], value, value, binary, True, f"in{c}_{r}_at{k}")
 
 
-def _give(built: BilinearModel, instance: Instance, start: Array) -> None:
+def _give(built: ScipModel, instance: Instance, start: Array) -> None:
     """A partial solution that SCIP completes."""
     built.model.setParam("heuristics/completesol/maxunknownrate", 1.0)
     partial = built.model.createPartialSol()

@@ -86,8 +86,7 @@ def _point(scene: TransitionScene, toe: tuple[float, float, float], side: int) -
     own["toe"][:, limb] = toe
     own["side"][:] = 0.0
     own["side"][side, :] = 1.0
-    first = np.concatenate([own[name].T.ravel() for name, *_ in program.variables.names])
-    v[: program.variables.size] = first
+    v[: program.variables.size] = program.variables.pack(own)
     _, rows = program.products(v, numbers_of(scene, program, surfaces))
     values = np.array(rows).ravel()
     names = [f"{kind} {k}" for kind, size in program.kinds for k in range(size)]

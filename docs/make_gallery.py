@@ -23,9 +23,9 @@ import climbplan  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "gallery"
-# The figure that shows the motion, by kind; where there are several the first that was drawn
+# The figure that shows the motion, by kind: the first of these that was drawn
 FIGURES = {
-    "climb": ("postures.png", "region.png"),
+    "climb": ("region.png", "postures.png"),
     "transition": ("postures.png",),
     "mpc": ("snapshots.png",),
     "limms": ("poses.png",),
@@ -33,7 +33,7 @@ FIGURES = {
 }
 MOST_BYTES = 60_000
 WIDTHS = (760, 680, 600, 520, 440, 360)  # [pixels], the widest that fits
-COLOURS = 64
+COLOURS = 200  # fewer make two limbs one colour
 
 
 def main() -> None:

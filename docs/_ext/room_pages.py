@@ -28,8 +28,8 @@ def _turned(page: Path, places: dict[Path, str], root: Path) -> str:
         target = Path(os.path.normpath(page.parent / match[1]))
         if target in places:
             return f"]({places[target]}{match[2] or ''})"
-        if target == root / "README.md":
-            return "](../../index.md)"
+        if target.is_relative_to(root / "docs"):
+            return f"](../../{target.relative_to(root / 'docs')}{match[2] or ''})"
         raise ValueError(f"{page}: a link to {match[1]}, which is no page of the site")
 
     return _LINK.sub(turn, page.read_text(encoding="utf-8"))

@@ -1,8 +1,8 @@
 """Make the gallery's pictures: plan every shipped scene and keep one figure of each, small.
 
-    python docs/make_gallery.py             all of them, some ten minutes
-    python docs/make_gallery.py mpc_turn    some
-    python docs/make_gallery.py --from outputs mpc_turn    of plans that are there already
+python docs/make_gallery.py             all of them, some ten minutes
+python docs/make_gallery.py mpc_turn    some
+python docs/make_gallery.py --from outputs mpc_turn    of plans that are there already
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
-from gallery_page import Scene, scenes  # noqa: E402
+from gallery_page import Scene, scenes
 
-import climbplan  # noqa: E402
+import climbplan
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "gallery"

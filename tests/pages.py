@@ -92,7 +92,9 @@ def missing_lines(page: str, printed: str) -> list[str]:
         if block.language in ("sh", "python") and block.file is None:
             last = k
         elif block.language == "text":
-            missing += [line for line in block.text.splitlines() if not _found(line, told.get(last, ""))]
+            missing += [
+                line for line in block.text.splitlines() if not _found(line, told.get(last, ""))
+            ]
     return missing
 
 

@@ -10,7 +10,7 @@ import climbplan
 from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
 from climbplan.bookshelf.check.plan_checks import MEANINGS
 from climbplan.limms.check.limits import LIMITS as MODULES
-from climbplan.plans.check import GRIP_LIMITS, LIMITS, Limit
+from climbplan.plans.check import GRIP_LIMITS, LIMITS
 from climbplan.solvers.registry import BACKENDS
 from climbplan.walking.check.checker import LIMITS as WALK
 from climbplan.walking.check.checker import LOOP_LIMITS
@@ -35,7 +35,6 @@ def api_page() -> str:
 
 def checks_page() -> str:
     """Every check by name, with what it lets pass."""
-    placements = {name: Limit(0, "", meaning) for name, meaning in MEANINGS.items()}
     kinds = {
         "Climbs and transitions": {**LIMITS, **GRIP_LIMITS},
         "Walks": {**WALK_PLAN, **WALK, **LOOP_LIMITS},
@@ -57,11 +56,11 @@ def checks_page() -> str:
             for name, limit in limits.items()
         ]
         lines += [f"## {kind}", "", table(("check", "what holds", "passes up to"), rows)]
-    rows = [(f"`{name}`", limit.meaning) for name, limit in placements.items()]
+    of_books = [(f"`{name}`", meaning) for name, meaning in MEANINGS.items()]
     lines += [
         "And of each placement, to 0.01 mm in the meaning `contact`:",
         "",
-        table(("check", "what holds"), rows),
+        table(("check", "what holds"), of_books),
     ]
     return "\n".join(lines)
 
@@ -83,9 +82,9 @@ def solvers_page() -> str:
         [
             "# Solvers",
             "",
-            "Solvers of stated programs (`climbplan.solvers.registry.BACKENDS`). `climbplan doctor`",
-            "says which of them are installed. An instance that a solver cannot hold has to be",
-            "reformulated first; methods do that.",
+            "Solvers of stated programs (`climbplan.solvers.registry.BACKENDS`). `climbplan",
+            "doctor` says which of them are installed. An instance that a solver cannot hold has",
+            "to be reformulated first; methods do that.",
             "",
             table(head, rows),
         ]

@@ -7,6 +7,7 @@ import inspect
 from markdown_table import table
 
 import climbplan
+from climbplan import errors
 from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
 from climbplan.bookshelf.check.plan_checks import MEANINGS
 from climbplan.limms.check.limits import LIMITS as MODULES
@@ -16,20 +17,43 @@ from climbplan.walking.check.checker import LIMITS as WALK
 from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as WALK_PLAN
 
+RETURNED = (
+    "climbplan.plans.verification.Verification",
+    "climbplan.plans.check.Check",
+    "climbplan.api.plan.Simulation",
+    "climbplan.program.residuals.CheckReport",
+)
+
 
 def api_page() -> str:
-    """Every public name, by autodoc."""
+    """Every public name, what those return, and what they raise, by autodoc."""
+    values = {name: getattr(climbplan, name) for name in climbplan.__all__}
+    functions = [name for name, value in values.items() if not inspect.isclass(value)]
+    specs = [name for name in values if name.endswith("Spec")]
+    classes = [name for name in values if name not in functions and name not in specs]
+    raised = [
+        name
+        for name, value in vars(errors).items()
+        if inspect.isclass(value) and issubclass(value, errors.ClimbplanError)
+    ]
     lines = ["# Python", "", "What `import climbplan` gives. Names are loaded at first use.", ""]
+    lines += ["## Functions", "", "```{eval-rst}"]
+    lines += [f".. autofunction:: climbplan.{name}" for name in functions]
+    lines += ["```", "", "## Classes", "", "```{eval-rst}"]
+    for name in classes:
+        hidden = "()" if name == "Plan" else ""  # made by `plan` and `read`
+        lines += [f".. autoclass:: climbplan.{name}{hidden}", "   :members:", ""]
+    lines += ["```", "", "## Specs", ""]
+    lines += ["Models of what `load` reads, with the same keys ([reference](../keys.md)).", ""]
     lines += ["```{eval-rst}"]
-    for name in climbplan.__all__:
-        value = getattr(climbplan, name)
-        if not inspect.isclass(value):
-            lines += [f".. autofunction:: climbplan.{name}", ""]
-        elif name.endswith("Spec"):
-            lines += [f".. autoclass:: climbplan.{name}(**keys)", ""]
-        else:
-            lines += [f".. autoclass:: climbplan.{name}", "   :members:", ""]
-            lines += ["   :inherited-members:", ""] if name == "Plan" else []
+    for name in specs:
+        lines += [f".. autoclass:: climbplan.{name}(**keys)", ""]
+    lines += ["```", "", "## Returned", "", "```{eval-rst}"]
+    for path in RETURNED:
+        lines += [f".. autoclass:: {path}()", "   :members:", ""]
+    lines += ["```", "", "## Raised", "", "```{eval-rst}"]
+    for name in raised:
+        lines += [f".. autoexception:: climbplan.errors.{name}()", ""]
     return "\n".join([*lines, "```", ""])
 
 

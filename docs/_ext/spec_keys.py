@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from markdown_table import table
 
 Schema = Mapping[str, Any]
+Places = Mapping[str, list[str]]  # of each section, by its name in the schema
 
 _BOUNDS = {
     "minimum": "at least",
@@ -23,7 +25,7 @@ _BOUNDS = {
 
 
 def keys_page(kind: str, schema: Schema) -> str:
-    """A page: the keys of the spec itself, then those of each section, in the order of use."""
+    """A page: the keys of the spec itself, then those of each section, under its dotted key."""
     lines = [
         f"# `kind: {kind}`",
         "",
@@ -32,29 +34,45 @@ def keys_page(kind: str, schema: Schema) -> str:
         f"The same for editors, as JSON Schema: `climbplan schema {kind}`.",
         "",
     ]
-    models = {"": schema, **{name: schema["$defs"][name] for name in _used(schema)}}
-    for name, model in models.items():
-        if name:
-            lines += [f"## {name}", "", _sentence(model.get("description", "")), ""]
-        if "properties" in model:
-            lines.append(table(("key", "value", "default", "meaning"), _rows(model)))
-        else:
-            lines += [f"One of {_type(model)}.", ""]
+    places = _places(schema)
+    lines += _section(schema, places)
+    for name, (first, *others) in places.items():
+        model = schema["$defs"][name]
+        lines += [f"## {_heading(first)}", "", _sentence(model.get("description", "")), ""]
+        if others:
+            lines += ["The same at " + ", ".join(f"`{place}`" for place in others) + ".", ""]
+        lines += _section(model, places)
     return "\n".join(lines)
 
 
-def _rows(model: Schema) -> Iterator[tuple[str, str, str, str]]:
+def _section(model: Schema, places: Places) -> list[str]:
+    if "properties" in model:
+        return [table(("key", "value", "default", "meaning"), _rows(model, places))]
+    return [f"One of {_type(model, places)}.", ""]
+
+
+def _heading(place: str) -> str:
+    return place.replace("[", "\\[").replace("<", "\\<").replace("_", "\\_")
+
+
+def _anchor(place: str) -> str:
+    """What MyST makes of a heading."""
+    return re.sub(r"[^\w-]", "", place.lower().replace(" ", "-"))
+
+
+def _rows(model: Schema, places: Places) -> Iterator[tuple[str, str, str, str]]:
     required = model.get("required", [])
     for key, field in model["properties"].items():
         default = "**required**" if key in required else _default(field)
-        yield f"`{key}`", _type(field), default, _sentence(field.get("description", ""))
+        yield f"`{key}`", _type(field, places), default, _sentence(field.get("description", ""))
 
 
 def _default(field: Schema) -> str:
     if field.get("default") is None:
         return ""
-    text = json.dumps(field["default"])
-    return f"`{text}`" if len(text) < 60 else "as shipped"
+    if isinstance(field["default"], Mapping) and field["default"]:
+        return "see there"
+    return f"`{json.dumps(field['default'])}`"
 
 
 def _sentence(text: str) -> str:
@@ -62,55 +80,75 @@ def _sentence(text: str) -> str:
     return " ".join(text.split()).replace("[", "\\[").replace("<", "\\<")
 
 
-def _type(field: Schema) -> str:
+def _type(field: Schema, places: Places) -> str:
     """What may stand there, with bounds; sections link to their tables."""
     if "$ref" in field:
-        name = field["$ref"].rsplit("/", 1)[-1]
-        return f"[{name}](#{name.lower()})"
+        place = places[_name(field)][0]
+        return f"[section](#{_anchor(place)})"
     if "const" in field:
         return f"`{field['const']}`"
     if "enum" in field:
         return ", ".join(f"`{value}`" for value in field["enum"])
     for several in ("anyOf", "oneOf", "allOf"):
         if several in field:
-            return " or ".join(dict.fromkeys(_type(one) for one in field[several]))
+            return " or ".join(dict.fromkeys(_type(one, places) for one in field[several]))
     kind = field.get("type", "")
+    if kind == "array":
+        return _array(field, places)
+    if kind == "object" and isinstance(field.get("additionalProperties"), Mapping):
+        return f"mapping to {_type(field['additionalProperties'], places)}"
     bounds = ", ".join(
-        f"{word} {field[name]:g}"
+        f"{word} {_number(field[name])}"
         for name, word in _BOUNDS.items()
         if isinstance(field.get(name), int | float)
     )
-    if kind == "array":
-        return _array(field)
-    if kind == "object" and isinstance(field.get("additionalProperties"), Mapping):
-        return f"mapping to {_type(field['additionalProperties'])}"
     word = {"": "anything", "null": "`null`"}.get(kind, kind)
     return f"{word} {bounds}".strip()
 
 
-def _array(field: Schema) -> str:
+def _number(value: float) -> str:
+    return str(int(value)) if value == int(value) else f"{value:g}"
+
+
+def _array(field: Schema, places: Places) -> str:
     if "prefixItems" in field:
-        kinds = list(dict.fromkeys(_type(one) for one in field["prefixItems"]))
+        kinds = list(dict.fromkeys(_type(one, places) for one in field["prefixItems"]))
         return f"{len(field['prefixItems'])} of {' or '.join(kinds)}"
-    return f"list of {_type(field.get('items', {}))}"
+    return f"list of {_type(field.get('items', {}), places)}"
 
 
-def _used(schema: Schema) -> list[str]:
-    """Sections in the order in which keys first name them."""
-    found: dict[str, None] = {}
+def _name(field: Schema) -> str:
+    return str(field["$ref"]).rsplit("/", 1)[-1]
 
-    def walk(value: Any) -> None:
-        if isinstance(value, Mapping):
-            name = str(value.get("$ref", "")).rsplit("/", 1)[-1]
-            if name and name not in found:
-                found[name] = None
-                walk(schema["$defs"][name])
-            for key, entry in value.items():
-                if key != "$defs":
-                    walk(entry)
-        elif isinstance(value, list):
-            for entry in value:
-                walk(entry)
 
-    walk(schema)
-    return list(found)
+def _places(schema: Schema) -> Places:
+    """Dotted keys of every section, in the order of use; `[]` stands for an entry of a list."""
+    found: dict[str, list[str]] = {}
+
+    def walk(field: Any, place: str) -> None:
+        if isinstance(field, list):
+            for entry in field:
+                walk(entry, place)
+        if not isinstance(field, Mapping):
+            return
+        if "$ref" in field:
+            name = _name(field)
+            known = name in found
+            if place not in found.setdefault(name, []):
+                found[name].append(place)
+            if not known:
+                walk(schema["$defs"][name], place)
+        for key, entry in field.get("properties", {}).items():
+            walk(entry, f"{place}.{key}" if place else key)
+        for several in ("anyOf", "oneOf", "allOf"):
+            walk(field.get(several), place)
+        walk(field.get("items"), f"{place}[]")
+        walk(field.get("prefixItems"), f"{place}[]")
+        walk(field.get("additionalProperties"), f"{place}.NAME")
+
+    walk(schema, "")
+    firsts = [places[0] for places in found.values()]
+    for name, places in found.items():
+        if firsts.count(places[0]) > 1:  # one of several by `kind`
+            places[0] = f"{places[0]} ({name})"
+    return found

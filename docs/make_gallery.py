@@ -1,6 +1,6 @@
 """Make the gallery's pictures: plan every shipped scene and keep one figure of each, small.
 
-python docs/make_gallery.py             all of them, some ten minutes
+python docs/make_gallery.py             all of them, some eight minutes
 python docs/make_gallery.py mpc_turn    some
 python docs/make_gallery.py --from outputs mpc_turn    of plans that are there already
 """

@@ -84,7 +84,7 @@ def _type(field: Schema, places: Places) -> str:
     """What may stand there, with bounds; sections link to their tables."""
     if "$ref" in field:
         place = places[_name(field)][0]
-        return f"[section](#{_anchor(place)})"
+        return f"[{_heading(place)}](#{_anchor(place)})"
     if "const" in field:
         return f"`{field['const']}`"
     if "enum" in field:

@@ -93,11 +93,10 @@ def test_places_beside_a_declaration_are_named_once_with_a_reason() -> None:
 # Rows of programs are written by calls of these; whoever writes some is in the table
 WRITES = re.compile(
     r"^import (daqp|clarabel|osqp|highspy|casadi)|^    import osqp|linprog\(|IpoptProgram\("
-    r"|LinearProgram\(|\bProgram\(",
+    r"|LinearProgram\(|\b(Program|Trajectory)\(f?\"",
     re.MULTILINE,
 )
 READS_ONLY = {
-    "climbplan/limms/program_answer.py": "solves what `unknowns` holds",
     "climbplan/walking/micp/method.py": "solves what `micp/statement.py` states",
     "climbplan/walking/planner.py": "names CasADi's version",
     "climbplan/climb/postures/nlp_layout.py": "lays out the variables of the posture NLP",

@@ -2,7 +2,7 @@
 
     import climbplan
 
-    spec = climbplan.load("specs/climb_steps.yaml", set={"task.rounds": 3})
+    spec = climbplan.load("specs/climb_steps.yaml", set={"force.safety_friction": 2.0})
     plan = climbplan.plan(spec)
     plan.rounds.com, plan.instants.force        # arrays under the names of the plan file
     plan.verify().passed, plan.report("outputs/steps"), plan.save("outputs/steps")

@@ -1,6 +1,6 @@
 """The exceptions of the package, one for each way a run can end without a verified plan.
 
-Each carries the exit code that the command line gives it (see the README's table).
+Each carries the exit code that the command line gives it (see docs/command_line.md).
 """
 
 from __future__ import annotations

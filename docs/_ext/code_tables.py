@@ -1,0 +1,115 @@
+"""Pages made from the package's own tables: names, checks, methods, solvers, exit codes."""
+
+from __future__ import annotations
+
+import inspect
+
+from markdown_table import table
+
+import climbplan
+from climbplan import errors
+from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
+from climbplan.bookshelf.check.plan_checks import MEANINGS
+from climbplan.limms.check.limits import LIMITS as MODULES
+from climbplan.plans.check import GRIP_LIMITS, LIMITS
+from climbplan.solvers.registry import BACKENDS
+from climbplan.walking.check.checker import LIMITS as WALK
+from climbplan.walking.check.checker import LOOP_LIMITS
+from climbplan.walking.check.plan_checks import LIMITS as WALK_PLAN
+
+RETURNED = (
+    "climbplan.plans.verification.Verification",
+    "climbplan.plans.check.Check",
+    "climbplan.api.plan.Simulation",
+    "climbplan.program.residuals.CheckReport",
+)
+
+
+def api_page() -> str:
+    """Every public name, what those return, and what they raise, by autodoc."""
+    values = {name: getattr(climbplan, name) for name in climbplan.__all__}
+    functions = [name for name, value in values.items() if not inspect.isclass(value)]
+    specs = [name for name in values if name.endswith("Spec")]
+    classes = [name for name in values if name not in functions and name not in specs]
+    raised = [
+        name
+        for name, value in vars(errors).items()
+        if inspect.isclass(value) and issubclass(value, errors.ClimbplanError)
+    ]
+    lines = ["# Python", "", "What `import climbplan` gives. Names are loaded at first use.", ""]
+    lines += ["## Functions", "", "```{eval-rst}"]
+    lines += [f".. autofunction:: climbplan.{name}" for name in functions]
+    lines += ["```", "", "## Classes", "", "```{eval-rst}"]
+    for name in classes:
+        hidden = "()" if name == "Plan" else ""  # made by `plan` and `read`
+        lines += [f".. autoclass:: climbplan.{name}{hidden}", "   :members:", ""]
+    lines += ["```", "", "## Specs", ""]
+    lines += ["Models of what `load` reads, with the same keys ([reference](../keys.md)).", ""]
+    lines += ["```{eval-rst}"]
+    for name in specs:
+        lines += [f".. autoclass:: climbplan.{name}(**keys)", ""]
+    lines += ["```", "", "## Returned", "", "```{eval-rst}"]
+    for path in RETURNED:
+        lines += [f".. autoclass:: {path}()", "   :members:", ""]
+    lines += ["```", "", "## Raised", "", "```{eval-rst}"]
+    for name in raised:
+        lines += [f".. autoexception:: climbplan.errors.{name}()", ""]
+    return "\n".join([*lines, "```", ""])
+
+
+def checks_page() -> str:
+    """Every check by name, with what it lets pass."""
+    kinds = {
+        "Climbs and transitions": {**LIMITS, **GRIP_LIMITS},
+        "Walks": {**WALK_PLAN, **WALK, **LOOP_LIMITS},
+        "Modules": MODULES,
+        "Bookshelf": SHELF,
+    }
+    lines = [
+        "# Checks",
+        "",
+        "What `climbplan verify` recomputes, by the name that reports, `report.json` and",
+        "`Plan.verify().checks` use, with the largest residual that passes. Which of them a plan",
+        "has depends on its spec; [plan files](rooms/plans.md) say what is judged and what a badge",
+        "is worth.",
+        "",
+    ]
+    for kind, limits in kinds.items():
+        rows = [
+            (f"`{name}`", limit.meaning, f"{limit.value:g} {limit.unit}".strip())
+            for name, limit in limits.items()
+        ]
+        lines += [f"## {kind}", "", table(("check", "what holds", "passes up to"), rows)]
+    of_books = [(f"`{name}`", meaning) for name, meaning in MEANINGS.items()]
+    lines += [
+        "And of each placement, to 0.01 mm in the meaning `contact`:",
+        "",
+        table(("check", "what holds"), of_books),
+    ]
+    return "\n".join(lines)
+
+
+def solvers_page() -> str:
+    """Every solver backend with what it can hold."""
+    rows = [
+        (
+            f"`{backend.name}`",
+            ", ".join(sorted(backend.accepts)) or "linear rows, quadratic costs",
+            "bounds" if backend.proves else "local",
+            backend.purpose,
+            f"`{backend.install}`",
+        )
+        for backend in BACKENDS.values()
+    ]
+    head = ("solver", "holds beside linear rows", "gives", "used for", "install")
+    return "\n".join(
+        [
+            "# Solvers",
+            "",
+            "Solvers of stated programs (`climbplan.solvers.registry.BACKENDS`). `climbplan",
+            "doctor` says which of them are installed. An instance that a solver cannot hold has",
+            "to be reformulated first; methods do that.",
+            "",
+            table(head, rows),
+        ]
+    )

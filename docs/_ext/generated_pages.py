@@ -1,0 +1,51 @@
+"""Sphinx extension: writes the pages that are made from code and specs, before they are read.
+
+They go to `docs/generated/`, which is not kept: key reference, gallery, checks, solvers, public
+names and the rooms' pages.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from code_tables import api_page, checks_page, solvers_page
+from gallery_page import gallery_page
+from room_pages import room_pages
+from spec_keys import keys_page
+from sphinx.application import Sphinx
+
+from climbplan.spec.kinds import KINDS
+from climbplan.spec.schema import json_schema
+
+
+def pages(docs: Path) -> dict[str, str]:
+    """Text of every generated page by its path below `docs/generated`."""
+    root = docs.parent
+    return {
+        "api.md": api_page(),
+        "checks.md": checks_page(),
+        "solvers.md": solvers_page(),
+        "gallery.md": gallery_page(root / "specs", docs / "gallery"),
+        **{f"keys/{kind}.md": keys_page(kind, json_schema(kind)) for kind in KINDS},
+        **{f"rooms/{name}": text for name, text in room_pages(root).items()},
+    }
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write what changed, remove what is gone."""
+    folder = Path(app.srcdir) / "generated"
+    wanted = {folder / name: text for name, text in pages(Path(app.srcdir)).items()}
+    for old in folder.rglob("*.md"):
+        if old not in wanted:
+            old.unlink()
+    for path, text in wanted.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Called by Sphinx."""
+    app.connect("builder-inited", write_pages)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,35 @@
+"""Sphinx configuration: `python -m sphinx -W -b html docs docs/_build`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import climbplan
+
+project = "climbplan"
+author = "the climbplan authors"
+release = version = climbplan.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "generated_pages",
+]
+exclude_patterns = ["_build", "_ext"]
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+
+default_role = "literal"  # of docstrings, which are written as Markdown is
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_class_signature = "mixed"
+
+html_theme = "furo"
+html_title = "climbplan"
+html_show_copyright = False
+html_show_sphinx = False

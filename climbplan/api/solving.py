@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from climbplan.errors import UsageError
@@ -85,12 +86,14 @@ def solve(
     theta: numbers by parameter block. method: such as "micp", "mpcc", "minlp-scip", "pinned",
     "knn" (`climbplan.methods.table.METHODS`). settings: fields of
     `climbplan.methods.task.MethodSettings`, such as `gap=1e-3`, `time_limit=10.0` [s],
-    `solver="scip"`.
+    `solver="scip"`; `library` and `model` may be files of `climbplan solve`, `gen-data` and
+    `climbplan fit-strategy`.
 
     No answer is returned that violates a row by more than the tolerance. Raises UsageError for
     parameters, methods and settings that do not fit, StatementError for what the statement itself
     does wrong, MissingSolver for a solver that is not installed.
     """
+    from climbplan.methods.solved import library_of, model_of
     from climbplan.methods.table import METHODS, solve_instance
     from climbplan.methods.task import MethodSettings
 
@@ -102,6 +105,10 @@ def solve(
     if strange:
         known = ", ".join(MethodSettings.__dataclass_fields__)
         raise UsageError(f"no setting {', '.join(strange)}: expected some of {known}")
+    if isinstance(settings.get("library"), str | Path):
+        settings["library"] = library_of(stated, Path(settings["library"]))
+    if isinstance(settings.get("model"), str | Path):
+        settings["model"] = model_of(stated, Path(settings["model"]))
     given: Mapping[str, Any] = theta or {}
     return Solution(
         stated, given, solve_instance(stated, given, chosen, replace(MethodSettings(), **settings))

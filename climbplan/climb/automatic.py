@@ -70,7 +70,9 @@ class Refused(NotProved):
     def __init__(self, tried: Sequence[Tried], remedies: Sequence[Remedy], late: bool) -> None:
         first = tried[0].error
         lines = [first.message.partition("\n")[0]]
-        lines += [f"  {_plain(str(conflict))}" for conflict in first.conflicts[:_SHOWN]]
+        # What a conflict names would mend what failed there; if it is enough, was planned with
+        needed = [replace(conflict, enough=False) for conflict in first.conflicts[:_SHOWN]]
+        lines += [f"  {_plain(str(conflict))}" for conflict in needed]
         lines.append(f"tried {len(tried)} way{'s' if len(tried) > 1 else ''}:")
         lines += [f"  {_plain(str(one))}" for one in tried]
         if late:

@@ -166,8 +166,8 @@ class Program:
 
         For what is neither affine nor a product: rotations, kinematics, distances. A function that
         is the same at every knot is mapped by `climbplan.program.smooth.over_knots`. The bounds are
-        numbers. Methods that need envelopes of a program's terms (micp, admm, minlp-scip) refuse
-        programs with such blocks; nlp, mpcc and pinned hold them.
+        numbers. nlp, mpcc, pinned and minlp-bonmin hold such blocks; micp, admm and reduce find
+        integers without them and pin these; minlp-scip refuses them.
         """
         entries = _as_array(expression)
         low = np.broadcast_to(np.asarray(lower, float), entries.shape).ravel()

@@ -44,7 +44,7 @@ class Way:
             sizes = f"{self.length:.3f} m in steps of at most {1e3 * self.step:.0f} mm"
             larger = f"steps of {1e3 * least:.0f} mm"
         return Conflict(
-            f"{self.rounds} rounds",
+            f"{self.rounds} round{'s' * (self.rounds != 1)}",
             (f"{self.what}, {sizes}, takes {self.needed} rounds at least",),
             (
                 Remedy(f"rounds >= {self.needed}", "task.rounds", self.needed),

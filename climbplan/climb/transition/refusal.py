@@ -38,7 +38,9 @@ def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:
     kinematic = Search(scene, forces=False, deadline=deadline)
     found = kinematic.sequences()
     task = scene.spec.task
-    asked = f"{task.rounds} rounds" + (f" as {task.sequence}" if task.sequence else "")
+    asked = f"{task.rounds} round{'s' * (task.rounds != 1)}"
+    if task.sequence:
+        asked += f" as {task.sequence}"
     if not found:
         conflicts, remedies = _unreached(kinematic)
         return OutOfReach(

@@ -115,7 +115,8 @@ def test_every_place_that_writes_rows_is_in_the_table() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_that_pages_name_exist(page: Path) -> None:
     for name in named(page.read_text()):
-        assert (ROOT / name).exists(), name
+        if not name.startswith("docs/_build/"):  # which a build makes
+            assert (ROOT / name).exists(), name
 
 
 def test_rooms_of_the_table_are_those_there_are() -> None:

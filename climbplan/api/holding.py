@@ -21,18 +21,18 @@ def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -
     """
     from climbplan.spec.loading import load_spec
 
-    require_holdable(path)
+    require_holdable(path, "--spec")
     return held_against(path, load_spec(spec, list(assignments or ())), f"--spec {spec}")
 
 
-def require_holdable(path: Path) -> str:
+def require_holdable(path: Path, shown: str) -> str:
     """The kind of a plan file; raises UsageError for files that are not made for one spec."""
     from climbplan.plans.plan_format import plan_format
     from climbplan.spec.holding import RULES
 
     kind = plan_format(path).partition("/")[2]
     if kind not in RULES:
-        raise UsageError(f"{path}: a {kind}, which a spec cannot be held against; plans can")
+        raise UsageError(f"{path}: a {kind}, which {shown} cannot be held against; plans can")
     return kind
 
 
@@ -46,7 +46,7 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
     from climbplan.spec.loaded import LoadedSpec
     from climbplan.spec.loading import LoadedClimb
 
-    kind = require_holdable(path)
+    kind = require_holdable(path, shown)
     own = str(vars(vars(loaded).get("spec", loaded))["kind"])
     if own != kind or not isinstance(loaded, LoadedSpec):
         raise UsageError(f"{shown}: a spec of kind `{own}`, and {path} is a `{kind}` plan")

@@ -153,7 +153,7 @@ class Plan(Group):
         from climbplan.api.holding import held_against
         from climbplan.api.loading import load
 
-        return self._kind.verify(self._path, held_against(self._path, load(spec, set), "spec"))
+        return self._kind.verify(self._path, held_against(self._path, load(spec, set), "a spec"))
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Copy the plan file, whole or not at all; a folder gets `plan.h5`. Returns its path.
@@ -221,9 +221,9 @@ class Plan(Group):
         `friction=0.8` (factor) or `payload=1.0` (kg). Raises UsageError for others,
         MissingSolver without MuJoCo, and PlanFileError for kinds without a simulated model.
         """
-        from climbplan.api.simulating import simulation_of
+        from climbplan.api.simulating import simulator
 
-        _, run = simulation_of(self._path)
+        _, run = simulator(self._path)(self._path)
         from climbplan.simulation.conditions import Conditions
         from climbplan.simulation.report_files import write_simulation
         from climbplan.simulation.study import Asked

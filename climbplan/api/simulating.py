@@ -19,8 +19,8 @@ Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
 """What a simulation tells, and lines on its random runs."""
 
 
-def simulation_of(path: Path) -> tuple[str, Simulate]:
-    """The plan's name, and what replays it.
+def simulator(path: Path) -> Callable[[Path], tuple[str, Simulate]]:
+    """What reads a plan file and gives its name and what replays it; nothing is read yet.
 
     Raises PlanFileError for a file that is no plan, and for kinds without a simulated model.
     """
@@ -30,7 +30,7 @@ def simulation_of(path: Path) -> tuple[str, Simulate]:
             f"{path}: holds {found!r}; `simulate` replays climbs, transitions and walks "
             f"({', '.join(_KINDS)}), there is no simulated model for anything else"
         )
-    return _KINDS[found](path)
+    return _KINDS[found]
 
 
 def _climb(path: Path) -> tuple[str, Simulate]:

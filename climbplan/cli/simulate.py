@@ -126,9 +126,9 @@ def simulate(
     key, values = _swept(sweep)
     if seed is not None and seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number >= 0")
-    from climbplan.api.simulating import simulation_of
+    from climbplan.api.simulating import simulator
 
-    name, run = simulation_of(path)
+    kind = simulator(path)
     from climbplan.api.kinds import plan_kind
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
@@ -158,6 +158,7 @@ def simulate(
     )
     session = context.ensure_object(Session)
     warn_of_failure(plan_kind(path), path)
+    name, run = kind(path)
     target = out if out is not None else Path("outputs", f"{name}_simulation")
     with OutputDirectory(target, force=force) as directory:
         with StageProgress(session) as progress:

@@ -75,9 +75,9 @@ def _may_help(choice: Override, error: NoPlanFound) -> bool:
     if not isinstance(error, NoPostures):
         return True
     touched = {
-        "trajectory.lift": ("posture.limb_free",),
+        "trajectory.lift": ("limbs.clearance",),
         "task.gait": tuple(b for b in error.blocks if b.endswith(("_lift", "_place"))),
-        "task.goal.rotation_tolerance_deg": ("posture.goal_rotation", "posture.rotation_step"),
+        "task.goal.rotation_tolerance_deg": ("goal.rotation", "steps.rotation"),
     }
     return not error.blocks.isdisjoint(touched[choice.key])
 

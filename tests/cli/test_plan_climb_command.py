@@ -32,6 +32,7 @@ from climbplan.spec.loading import LoadedClimb
 class FakePlan:
     summary: tuple[str, ...] = ("small   SiLVIA, 2 rounds", "posture   optimal   0.01 s")
     warnings: tuple[str, ...] = ()
+    status: str = "optimal"
 
 
 @dataclass(frozen=True)

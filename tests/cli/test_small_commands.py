@@ -312,7 +312,7 @@ def test_export(run_command: RunCommand, plan_directory: Path, workplace: Path) 
 
 def test_doctor_says_what_each_solver_of_programs_holds(run_command: RunCommand) -> None:
     listed = {s["name"]: s for s in json.loads(run_command("doctor", "--json").out)["solvers"]}
-    assert listed["ipopt"]["holds"] == ["balls", "products"]
+    assert listed["ipopt"]["holds"] == ["balls", "products", "smooth"]
     assert listed["mpcc"]["proves"] is False
     assert "implications" in listed["minlp-scip"]["holds"]
     assert all(solver["purpose"] for solver in listed.values())

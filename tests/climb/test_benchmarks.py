@@ -46,7 +46,7 @@ def test_published_setting_has_its_published_size() -> None:
     counts = posture_program(published_scene(0)).counts()
     assert counts["continuous"] == 192
     assert counts["binary"] == 144
-    goal = counts["by_block"]["posture.goal_com"] + counts["by_block"]["posture.goal_toes"]
+    goal = counts["by_block"]["goal.com"] + counts["by_block"]["goal.toes"]
     assert counts["balls"] - goal == 104
     assert posture_program(published_scene(0, free_sides=True)).counts()["binary"] == 288
 

@@ -183,7 +183,7 @@ def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
         terrain=replace(scene.terrain, obstacles=(solid,)),
     )
     failing = [v for v in check_postures(blocked, free.rounds) if not v.holds]
-    assert [violation.name for violation in failing] == ["posture.limb_free"]
+    assert [violation.name for violation in failing] == ["limbs.clearance"]
     assert "RF" in str(failing[0]) or "LF" in str(failing[0])
     # The way out is no shorter than the links are deep
     assert failing[0].amount >= least_room(blocked) - link_room(blocked, free.rounds).min() - 1e-3
@@ -199,7 +199,7 @@ def test_links_beside_a_bar_need_room_for_their_radius() -> None:
         lower = np.array([-0.6, -0.6, highest + gap])
         lid = Solid.from_box("lid", lower, lower + np.array([1.2, 1.2, 0.1]))
         under = replace(scene, terrain=replace(scene.terrain, obstacles=(lid,)))
-        found = {v.name: v for v in check_postures(under, free.rounds)}["posture.limb_free"]
+        found = {v.name: v for v in check_postures(under, free.rounds)}["limbs.clearance"]
         # Between the instants, too, the highest point may rise a little
         assert found.holds == holds or found.amount < 1e-4
         assert found.amount == pytest.approx(least_room(scene) - gap, abs=1e-3)
@@ -298,17 +298,17 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("posture.com_step", lambda r: r.com.__setitem__((2, 2), r.com[2, 2] + 0.2)),
-        ("posture.rotation_step", lambda r: r.rpy.__setitem__((2, 0), 0.3)),
-        ("posture.rotation_limit", lambda r: r.rpy.__setitem__((slice(1, None), 1), 0.4)),
-        ("posture.toe_step", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.3)),
-        ("posture.stance", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.2)),
-        ("posture.reach", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.7)),
-        ("posture.contact", lambda r: r.toes.__setitem__((3, 1, 0), 0.61)),
-        ("posture.goal_com", lambda r: r.com.__setitem__((4, 2), 0.43)),
-        ("posture.goal_toes", lambda r: r.toes.__setitem__((4, 0, 2), r.toes[4, 0, 2] + 0.03)),
-        ("posture.goal_rotation", lambda r: r.rpy.__setitem__((4, 2), 0.1)),
-        ("posture.kinematics", lambda r: r.com.__setitem__((2, 0), 0.4)),
+        ("steps.com", lambda r: r.com.__setitem__((2, 2), r.com[2, 2] + 0.2)),
+        ("steps.rotation", lambda r: r.rpy.__setitem__((2, 0), 0.3)),
+        ("rotation.limit", lambda r: r.rpy.__setitem__((slice(1, None), 1), 0.4)),
+        ("steps.toe", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.3)),
+        ("workspace.stance", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.2)),
+        ("workspace.reach", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.7)),
+        ("contact.region", lambda r: r.toes.__setitem__((3, 1, 0), 0.61)),
+        ("goal.com", lambda r: r.com.__setitem__((4, 2), 0.43)),
+        ("goal.toes", lambda r: r.toes.__setitem__((4, 0, 2), r.toes[4, 0, 2] + 0.03)),
+        ("goal.rotation", lambda r: r.rpy.__setitem__((4, 2), 0.1)),
+        ("kinematics.toes", lambda r: r.com.__setitem__((2, 0), 0.4)),
     ],
 )
 def test_check_names_what_is_broken(walls: ClimbScene, name: str, change: Any) -> None:
@@ -325,7 +325,7 @@ def test_check_refuses_a_diverged_answer(walls: ClimbScene) -> None:
     rounds = straight_guess(walls, 0, 0.0).rounds
     rounds.com[2] = np.nan
     found = {v.name: v for v in check_postures(walls, rounds)}
-    assert found["posture.com_step"].amount == np.inf
+    assert found["steps.com"].amount == np.inf
 
 
 def test_bulge_covers_every_way_of_the_body() -> None:
@@ -384,9 +384,7 @@ def test_failure_names_the_constraint_and_proves_nothing() -> None:
     )
     with pytest.raises(NotProved) as failure:
         plan_postures_nlp(scene)
-    assert "no start of 2 converged: the closest violates posture.body_tube at round" in str(
-        failure.value
-    )
+    assert "no start of 2 converged: the closest violates body.tube at round" in str(failure.value)
     assert " by " in str(failure.value)
 
 

@@ -131,7 +131,7 @@ def coupled_program(
         # Toes in one region each, eq. (5.6), and friction cones, eq. (5.15)
         per_limb = [[loaded_region(region, safety) for region in own] for own in regions]
         both = np.concatenate([toe, f], axis=-1)
-        p.one_of("posture.contact_region", both, per_limb * m, unit="m, weight")
+        p.one_of("contact.region", both, per_limb * m, unit="m, weight")
         # Balance of forces, eq. (5.10)
         p.equal("coupled.force_balance", np.sum(f, axis=1) + load.force, unit="weight")
         # Balance of moments, eqs. (5.11), (5.13)

@@ -38,23 +38,23 @@ DEFAULT_STEPS = (
 )
 
 _WORDS = {
-    "posture.com_step": "body step {mm} longer than com_max",
-    "posture.toe_step": "toe step {mm} longer than toe_max",
-    "posture.first_toe_step": "toe step {mm} longer than toe_max",
-    "posture.rotation_step": "turn {deg} larger than rotation_max_deg",
-    "posture.reach": "toe {mm} out of reach",
-    "posture.reach_level": "toe {mm} out of reach at any rotation allowed",
-    "posture.reach_lift": "toe {mm} out of reach when it is lifted",
-    "posture.reach_place": "toe {mm} out of reach when it is placed",
-    "posture.stance": "toe {mm} outside its stance workspace",
-    "posture.stance_lift": "toe {mm} outside its stance workspace when it is lifted",
-    "posture.stance_place": "toe {mm} outside its stance workspace when it is placed",
-    "posture.contact_region": "toe {mm} off {alternative}, the nearest region it may use",
-    "posture.goal_com": "body {mm} further from the goal than its tolerance",
-    "posture.goal_toes": "toe {mm} further from its goal than the tolerance",
-    "posture.goal_rotation": "rotation {deg} further from the goal than its tolerance",
-    "posture.body_free": "body {mm} too close to pass {alternative}",
-    "posture.limb_free": "limb {mm} too close to stay {alternative}",
+    "steps.com": "body step {mm} longer than com_max",
+    "steps.toe": "toe step {mm} longer than toe_max",
+    "steps.first_toe": "toe step {mm} longer than toe_max",
+    "steps.rotation": "turn {deg} larger than rotation_max_deg",
+    "workspace.reach": "toe {mm} out of reach",
+    "workspace.reach_level": "toe {mm} out of reach at any rotation allowed",
+    "workspace.reach_lift": "toe {mm} out of reach when it is lifted",
+    "workspace.reach_place": "toe {mm} out of reach when it is placed",
+    "workspace.stance": "toe {mm} outside its stance workspace",
+    "workspace.stance_lift": "toe {mm} outside its stance workspace when it is lifted",
+    "workspace.stance_place": "toe {mm} outside its stance workspace when it is placed",
+    "contact.region": "toe {mm} off {alternative}, the nearest region it may use",
+    "goal.com": "body {mm} further from the goal than its tolerance",
+    "goal.toes": "toe {mm} further from its goal than the tolerance",
+    "goal.rotation": "rotation {deg} further from the goal than its tolerance",
+    "body.clearance": "body {mm} too close to pass {alternative}",
+    "limbs.clearance": "limb {mm} too close to stay {alternative}",
 }
 
 Change = Callable[[ClimbScene, float], Remedy | None]
@@ -105,16 +105,16 @@ def _without(key: str, words: str) -> Change:
 # What in the spec stands for a block, changed by the amount that is missing. Whether it is enough
 # is found out by planning with it (`climbplan.climb.remedies`).
 _CHANGES: dict[str, Change] = {
-    "posture.com_step": _step("com_max"),
-    "posture.toe_step": _step("toe_max"),
-    "posture.rotation_step": _turn,
-    "posture.goal_com": _tolerance,
-    "posture.goal_toes": _tolerance,
-    "posture.goal_rotation": _goal_turn,
-    "posture.body_free": _clearance("body_clearance"),
-    "posture.limb_free": _clearance("limb_clearance"),
+    "steps.com": _step("com_max"),
+    "steps.toe": _step("toe_max"),
+    "steps.rotation": _turn,
+    "goal.com": _tolerance,
+    "goal.toes": _tolerance,
+    "goal.rotation": _goal_turn,
+    "body.clearance": _clearance("body_clearance"),
+    "limbs.clearance": _clearance("limb_clearance"),
     **{
-        f"posture.stance{when}": _without("stance_workspace", "toes anywhere within reach")
+        f"workspace.stance{when}": _without("stance_workspace", "toes anywhere within reach")
         for when in ("", "_lift", "_place")
     },
 }
@@ -256,7 +256,7 @@ def _block(name: str) -> str:
 def _words(scene: ClimbScene, name: str, value: float, chosen: str) -> str:
     words = _WORDS[_block(name)]
     alternative = repr(chosen)
-    if _block(name) in ("posture.body_free", "posture.limb_free"):
+    if _block(name) in ("body.clearance", "limbs.clearance"):
         alternative = side_words(scene, chosen)
     return words.format(
         mm=f"{1e3 * value:.0f} mm", deg=f"{np.rad2deg(value):.1f} deg", alternative=alternative
@@ -292,10 +292,10 @@ def side_words(scene: ClimbScene, alternative: str) -> str:
 def _place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
     """Round and limb of an entry of a block."""
     names = scene.robot.limb_names
-    if name.startswith("posture.goal"):
-        return f"goal, {names[index[0]]}" if name == "posture.goal_toes" else "goal"
-    if name == "posture.first_toe_step":
+    if name.startswith("goal."):
+        return f"goal, {names[index[0]]}" if name == "goal.toes" else "goal"
+    if name == "steps.first_toe":
         return "round 1"
     words = f"round {index[0] + 1}"
-    per_limb = len(index) > 1 and name != "posture.rotation_step"
+    per_limb = len(index) > 1 and name != "steps.rotation"
     return f"{words}, {names[index[1]]}" if per_limb else words

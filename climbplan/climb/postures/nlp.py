@@ -43,7 +43,7 @@ ITERATIONS = 150  # per start; those that converge need 5 to 60
 # the instants between them where the first did not.
 JOINT_MARGINS = (1e-3, np.deg2rad(2.0))
 # Blocks that the program holds at some instants only
-BETWEEN = ("posture.kinematics", "posture.limb_free", "swing.limb_free")
+BETWEEN = ("kinematics.toes", "limbs.clearance", "swing.limb_free")
 REFINEMENTS = 4  # of the best plan
 WORTHWHILE = 0.999  # factor on the cost that a refinement has to reach
 SOLVER = "ipopt (mumps)"

@@ -94,10 +94,10 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         surface = rounds.region[j, i]
         distance = surfaces[surface].distance(rounds.toes[j, i])
         off[j, i] = distance if allowed[i, surface] else np.inf
-    findings.add("posture.contact", off[1:])
+    findings.add("contact.region", off[1:])
 
     # Body clear of the terrain along its way
-    findings.add("posture.body_free", body_shortfall(scene, rounds))
+    findings.add("body.clearance", body_shortfall(scene, rounds))
     wall = surfaces[0]
     if isinstance(wall, Tube):
         share = np.linspace(0.0, 1.0, _POSES)[:, None]
@@ -106,7 +106,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         )
         corners = hull_world(scene, com, rpy)[..., :2]  # (M, S, V, 2)
         far = np.linalg.norm(corners - wall.center, axis=-1).max(axis=(1, 2))
-        findings.add("posture.body_tube", far + scene.spec.posture.body_clearance - wall.radius)
+        findings.add("body.tube", far + scene.spec.posture.body_clearance - wall.radius)
 
     # Goal
     goal, task = scene.goal, scene.spec.task
@@ -114,10 +114,10 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     com_miss = np.linalg.norm(rounds.com[-1:] - goal.com, axis=1) - task.goal.tolerance
     toe_miss = np.linalg.norm(rounds.toes[-1:] - goal.toes, axis=2) - task.goal.tolerance
     turned = np.abs(rounds.rpy[-1:] - goal.rpy).max(axis=1)
-    findings.add("posture.goal_com", com_miss, first_round=last)
-    findings.add("posture.goal_toes", toe_miss, first_round=last)
+    findings.add("goal.com", com_miss, first_round=last)
+    findings.add("goal.toes", toe_miss, first_round=last)
     turned -= np.deg2rad(task.goal.rotation_tolerance_deg)
-    findings.add("posture.goal_rotation", turned, "rad", first_round=last)
+    findings.add("goal.rotation", turned, "rad", first_round=last)
 
     # Joint bounds and links at all instants
     try:
@@ -125,7 +125,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     except ReachFailure as error:
         amount = max(error.missing, 10 * TOLERANCE)
         where = f"{error.where}, limb {error.limb} ({error.reason})"
-        findings.found.append(Violation("posture.kinematics", amount, "m", where))
+        findings.found.append(Violation("kinematics.toes", amount, "m", where))
     else:
         findings.found.extend(_limbs_free(scene, rounds, instants))
     return tuple(findings.found)
@@ -136,7 +136,7 @@ def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterat
     obstacles, room = scene.terrain.obstacles, least_room(scene)
     standing = limb_shortfall(scene, rounds, instants)
     if standing is None:
-        yield Violation("posture.limb_free", -np.inf, "m", "no obstacles")
+        yield Violation("limbs.clearance", -np.inf, "m", "no obstacles")
         return
     points = limb_points(scene, instants.com, instants.rpy, instants.toes)
     found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
@@ -146,7 +146,7 @@ def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterat
         name, where = limb, instants.label(k, scene.robot.limb_names)
     amount = max(standing.missing, room - found.distance)
     where += f", limb {scene.robot.limb_names[name]}"
-    yield Violation("posture.limb_free", amount, "m", where)
+    yield Violation("limbs.clearance", amount, "m", where)
     if amount > TOLERANCE:
         return  # no need to look at the ways between
     try:
@@ -164,18 +164,18 @@ def _add_steps(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:
     com = np.linalg.norm(np.diff(rounds.com, axis=0), axis=-1)
     toes = np.linalg.norm(np.diff(rounds.toes, axis=0), axis=-1)
     turn = np.abs(np.diff(rounds.rpy, axis=0)).max(axis=-1)
-    findings.add("posture.com_step", com - steps.com_max)
-    findings.add("posture.toe_step", toes - steps.toe_max)
-    findings.add("posture.rotation_step", turn - np.deg2rad(steps.rotation_max_deg), "rad")
+    findings.add("steps.com", com - steps.com_max)
+    findings.add("steps.toe", toes - steps.toe_max)
+    findings.add("steps.rotation", turn - np.deg2rad(steps.rotation_max_deg), "rad")
     if steps.com_min > 0:
-        findings.add("posture.com_step_min", steps.com_min - com)
+        findings.add("steps.com_min", steps.com_min - com)
     if steps.toe_min > 0:
-        findings.add("posture.toe_step_min", steps.toe_min - toes)
+        findings.add("steps.toe_min", steps.toe_min - toes)
     turned = np.abs(rounds.rpy[1:] - [0.0, 0.0, scene.start.rpy[2]])
     if scene.terrain.curved:
         turned = turned[:, :2]
     limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
-    findings.add("posture.rotation_limit", turned.max(axis=1) - limit, "rad")
+    findings.add("rotation.limit", turned.max(axis=1) - limit, "rad")
 
 
 def _add_workspaces(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:
@@ -198,4 +198,4 @@ def _add_workspaces(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> N
         for suffix, toes, (com, rpy) in events:
             turned = np.einsum("...nab,nb->...na", rotation_world_body(rpy), centre)
             distance = np.linalg.norm(toes - com - turned, axis=-1)
-            findings.add(f"posture.{label}{suffix}", distance - radius)
+            findings.add(f"workspace.{label}{suffix}", distance - radius)

@@ -81,17 +81,17 @@ def _round_function(shape: Shape) -> _RoundFunction:
     step = {name: new[name] - old[name] for name in ("com", "rpy", "toes")}
 
     # A, B: steps of body, toes and rotation (the rotation step bounds each axis)
-    rows.add("posture.com_step", [within(step["com"], c["com_max"])])
-    rows.add("posture.toe_step", [within(step["toes"][:, i], c["toe_max"]) for i in limbs])
+    rows.add("steps.com", [within(step["com"], c["com_max"])])
+    rows.add("steps.toe", [within(step["toes"][:, i], c["toe_max"]) for i in limbs])
     turns = [step["rpy"] - c["rotation_max"], -step["rpy"] - c["rotation_max"]]
-    rows.add("posture.rotation_step", turns)
+    rows.add("steps.rotation", turns)
     if shape.com_min:
         least = c["com_min"] ** 2 - ca.sumsqr(step["com"])
-        rows.add("posture.com_step_min", [least / (2 * c["com_max"])])
+        rows.add("steps.com_min", [least / (2 * c["com_max"])])
     if shape.toe_min:
         squares = [ca.sumsqr(step["toes"][:, i]) for i in limbs]
         least_toes = [(c["toe_min"] ** 2 - square) / (2 * c["toe_max"]) for square in squares]
-        rows.add("posture.toe_step_min", least_toes)
+        rows.add("steps.toe_min", least_toes)
 
     # Pose of the body while each limb moves: k / N of its way for the k-th limb
     end = (new["com"], rotation(new["rpy"]))
@@ -123,8 +123,8 @@ def _round_function(shape: Shape) -> _RoundFunction:
                 plane = planes[:, (obstacle * n + i) * LINKS + link]
                 least = plane[3] + c["limb_room"]
                 parted += [least - ca.dot(plane[:3], at) for at in points[link : link + 2]]
-        rows.add(f"posture.kinematics_{moment.name}", ties, equality=True)
-        rows.add(f"posture.limb_free_{moment.name}", parted)
+        rows.add(f"kinematics.toes_{moment.name}", ties, equality=True)
+        rows.add(f"limbs.clearance_{moment.name}", parted)
 
     # C: workspace balls about shoulder and nominal stance
     balls = [("reach", "shoulder", "reach")]
@@ -138,7 +138,7 @@ def _round_function(shape: Shape) -> _RoundFunction:
         ):
             if name == label or shape.intermediate:
                 arms = [toes[:, i] - body[i][0] - body[i][1] @ c[centre][:, i] for i in limbs]
-                rows.add(f"posture.{name}", [within(arm, c[size]) for arm in arms])
+                rows.add(f"workspace.{name}", [within(arm, c[size]) for arm in arms])
 
     # D: toes on their pinned region, or on the tube
     if shape.curved:
@@ -151,8 +151,8 @@ def _round_function(shape: Shape) -> _RoundFunction:
             - pins["edge_bounds"][:, i]
             for i in limbs
         ]
-        rows.add("posture.contact_edges", edge)
-    rows.add("posture.contact", on, equality=True)
+        rows.add("contact.edges", edge)
+    rows.add("contact.region", on, equality=True)
 
     # Body clear of the terrain on its way: inside the tube, beyond one face of each obstacle.
     # Both sets are convex, so the ends of each corner's way and its bulge are enough.
@@ -162,10 +162,10 @@ def _round_function(shape: Shape) -> _RoundFunction:
         corners += [com + turned @ c["hull"][:, k] for k in range(shape.hull)]
     if shape.curved:
         inside = [within(x[:2] - c["axis"], c["radius"] - keep) for x in corners]
-        rows.add("posture.body_tube", inside)
+        rows.add("body.tube", inside)
     if shape.free_rows:
         beyond = [pins["free_rows"].T @ x - pins["free_bounds"].T + keep for x in corners]
-        rows.add("posture.body_free", beyond)
+        rows.add("body.clearance", beyond)
 
     cost = (
         c["w_com"] * ca.sumsqr(step["com"])
@@ -233,7 +233,7 @@ def posture_nlp(shape: Shape, iterations: int) -> PostureNlp:
         np.append(np.tile(equality, m), np.zeros(goal_rows.numel(), bool)), 0.0, -np.inf
     )
     blocks = {name: count * m for name, count, _ in each.blocks} | {
-        "posture.goal": goal_rows.numel()
+        "goal.reached": goal_rows.numel()
     }
     settings = {
         "max_iter": iterations,

@@ -70,14 +70,14 @@ def outer_program(scene: ClimbScene) -> Program:
 
     # Steps, where the spec bounds them; of toes from the second round on if their start is free
     if stated(scene.spec, "posture.steps.com_max"):
-        p.ball("posture.com_step", np.diff(coms, axis=0), steps.com_max + SLACK, unit="m")
+        p.ball("steps.com", np.diff(coms, axis=0), steps.com_max + SLACK, unit="m")
     if stated(scene.spec, "posture.steps.toe_max"):
         given = np.flatnonzero(own_toes(task.start, scene))
         if m > 1:
-            p.ball("posture.toe_step", np.diff(toe, axis=0), steps.toe_max + SLACK, unit="m")
+            p.ball("steps.toe", np.diff(toe, axis=0), steps.toe_max + SLACK, unit="m")
         if len(given):
             first = toe[0, given] - scene.start.toes[given]
-            p.ball("posture.first_toe_step", first, steps.toe_max + SLACK, unit="m")
+            p.ball("steps.first_toe", first, steps.toe_max + SLACK, unit="m")
 
     # Toes within their limbs' length of where a shoulder may be
     reach = longest_reach(scene)
@@ -86,25 +86,25 @@ def outer_program(scene: ClimbScene) -> Program:
             ("reach", "reach_level"), shoulder_balls(scene), strict=False
         ):
             arm = toe - com[:, None] - centre
-            p.ball(f"posture.{label}", arm, np.tile(reach + radius, (m, 1)), unit="m")
+            p.ball(f"workspace.{label}", arm, np.tile(reach + radius, (m, 1)), unit="m")
 
     # Toes on regions
     per_limb = [
         [region_polytope(terrain.regions[r]) for r in np.flatnonzero(terrain.allowed[i])]
         for i in range(n)
     ]
-    p.one_of("posture.contact_region", toe, per_limb * m, unit="m")
+    p.one_of("contact.region", toe, per_limb * m, unit="m")
 
     # The body's origin, which its hull surrounds, outside obstacles or in stated free space
     for index, choice in enumerate(terrain.free_choices):
         free = [Polytope.halfspaces(r.name, r.A, r.b + SLACK) for r in choice]
-        p.one_of(f"posture.body_free_{index}", com, [free] * m, unit="m")
+        p.one_of(f"body.clearance_{index}", com, [free] * m, unit="m")
 
     # Goal
-    p.ball("posture.goal_com", com[-1] - scene.goal.com, tolerance, unit="m")
+    p.ball("goal.com", com[-1] - scene.goal.com, tolerance, unit="m")
     given = np.flatnonzero(own_toes(task.goal, scene))
     if len(given):
-        p.ball("posture.goal_toes", toe[-1, given] - scene.goal.toes[given], tolerance, unit="m")
+        p.ball("goal.toes", toe[-1, given] - scene.goal.toes[given], tolerance, unit="m")
     p.minimise("steps", sum_of_squares(np.diff(coms, axis=0)))
     p.minimise("stance", 1e-3 * sum_of_squares(toe - com[:, None]))
     return p

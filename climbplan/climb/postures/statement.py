@@ -180,7 +180,7 @@ def _limb_free(p: Program, scene: ClimbScene, postures: Entries, margins: Postur
             beyond = (corners @ solid.A.T - solid.b).max(axis=0) >= keep  # a toe may stand there
             faces = limb_polytopes(solid, shapes[i], keep, knee_keep, rotation)
             per_limb.append([f for f, usable in zip(faces, beyond, strict=True) if usable])
-        p.one_of(f"posture.limb_free_{index}", postures, per_limb * len(postures), unit="m")
+        p.one_of(f"limbs.clearance_{index}", postures, per_limb * len(postures), unit="m")
 
 
 def sum_of_squares(expression: Expression | AffineArray) -> Any:
@@ -201,7 +201,7 @@ def state_regions(
     """Every toe in one contact region, whatever its forces."""
     polytopes = {id(region): region_polytope(region) for own in regions for region in own}
     per_limb = [[polytopes[id(region)] for region in own] for own in regions]
-    p.one_of("posture.contact_region", toe, per_limb * len(toe), unit="m")
+    p.one_of("contact.region", toe, per_limb * len(toe), unit="m")
 
 
 def posture_program(
@@ -234,10 +234,10 @@ def posture_program(
     turns: Entries = np.concatenate([scene.start.rpy[None], rpy])
 
     # A, B: body, toe and rotation steps between rounds
-    p.ball("posture.com_step", np.diff(coms, axis=0), steps.com_max, unit="m")
-    p.ball("posture.toe_step", np.diff(toes, axis=0), steps.toe_max, unit="m")
+    p.ball("steps.com", np.diff(coms, axis=0), steps.com_max, unit="m")
+    p.ball("steps.toe", np.diff(toes, axis=0), steps.toe_max, unit="m")
     turn = np.deg2rad(steps.rotation_max_deg)
-    p.between("posture.rotation_step", np.diff(turns, axis=0), -turn, turn, unit="rad")
+    p.between("steps.rotation", np.diff(turns, axis=0), -turn, turn, unit="rad")
 
     # C: toes in the limbs' workspace balls, about the shoulder and about the nominal stance
     balls = [("reach", robot.shoulder_body, np.full(n, robot.reach))]
@@ -245,7 +245,7 @@ def posture_program(
         balls.append(("stance", robot.stance_body, stance_radius))
     for label, origin, radius in balls:
         arm = toe - com[:, None] - rotation.apply(rpy[:, None], origin)
-        p.ball(f"posture.{label}", arm, np.tile(radius, (m, 1)), unit="m")
+        p.ball(f"workspace.{label}", arm, np.tile(radius, (m, 1)), unit="m")
         if spec.intermediate_reach:
             # The k-th limb to move does so when the body has covered k / N of its way: it leaves
             # its old place and reaches its new one from there.
@@ -256,7 +256,7 @@ def posture_program(
             ]
             for when, feet in (("lift", toes[:-1]), ("place", toes[1:])):
                 arm = feet - at[0] - rotation.apply(at[1], origin)
-                p.ball(f"posture.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
+                p.ball(f"workspace.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
     regions = [[terrain.regions[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
@@ -267,7 +267,7 @@ def posture_program(
     poses = np.concatenate([coms[:-1], turns[:-1], coms[1:], turns[1:]], axis=-1)  # (M, 12)
     for index, choice in enumerate(terrain.free_choices):
         free = [body_polytope(r, robot.body_hull, keep, rotation) for r in choice]
-        p.one_of(f"posture.body_free_{index}", poses, [free] * m, unit="m")
+        p.one_of(f"body.clearance_{index}", poses, [free] * m, unit="m")
 
     # Standing limbs pass every obstacle on one side in each round
     repeat = (m, n, 3)
@@ -287,10 +287,10 @@ def posture_program(
     # Goal: within tolerance, and as close as the weights say
     goal = scene.goal
     tolerance = scene.spec.task.goal.tolerance
-    p.ball("posture.goal_com", com[-1] - goal.com, tolerance, unit="m")
-    p.ball("posture.goal_toes", toe[-1] - goal.toes, tolerance, unit="m")
+    p.ball("goal.com", com[-1] - goal.com, tolerance, unit="m")
+    p.ball("goal.toes", toe[-1] - goal.toes, tolerance, unit="m")
     turned = np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg)
-    p.between("posture.goal_rotation", rpy[-1] - goal.rpy, -turned, turned, unit="rad")
+    p.between("goal.rotation", rpy[-1] - goal.rpy, -turned, turned, unit="rad")
     p.minimise("goal", weights.goal * sum_of_squares(toe[-1] - goal.toes))
     p.minimise("goal_com", weights.goal_com * sum_of_squares(com[-1] - goal.com))
     p.minimise("goal_rotation", weights.goal_rotation * sum_of_squares(rpy[-1] - goal.rpy))

@@ -38,16 +38,22 @@ def clone(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
+SLOW = ("dataset_to_strategy", "compare_payloads", "own_terrain", "walk_and_simulate")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.stem, marks=[pytest.mark.slow] if page.stem in SLOW else [])
+        for page in TUTORIALS
+    ],
+)
 def test_tutorial_runs_and_prints_what_it_shows(page: Path, tmp_path: Path) -> None:
     text = page.read_text()
     (clone(tmp_path) / "page.py").write_text(script_of(text))
     done = run("python page.py", tmp_path)
     assert done.returncode == 0, done.stderr
     assert not missing_lines(text, done.stdout), done.stdout
-
-
-SLOW = ("compare_payloads", "own_terrain", "walk_and_simulate")
 
 
 @pytest.mark.parametrize(

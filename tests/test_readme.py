@@ -46,7 +46,21 @@ def test_main_command_plans_and_verifies(folder: Path) -> None:
     assert made == {"plan.h5", "report.json", "report.html", "figures"}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.parent.name)
+# Pages whose commands take a quarter of a minute and more
+LONG = ("docs", "datasets", "limms", "walking", "robots", "grips")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(
+            page,
+            id=page.parent.name,
+            marks=[pytest.mark.slow] if page.parent.name in LONG else [],
+        )
+        for page in PAGES
+    ],
+)
 def test_other_commands_run_in_order(page: Path, tmp_path: Path) -> None:
     (tmp_path / "specs").symlink_to(ROOT / "specs")
     lines = [line for line in shell_lines(page.read_text()) if line.startswith("climbplan ")]

@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from climbplan.api.kinds import PlanKind, plan_kind
+from climbplan.api.plan_path import PLAN_FILE, find_plan
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.plans.hdf5_layout import Kind, Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from climbplan.plans.verification import Verification
     from climbplan.simulation.report_files import Told
 
-PLAN_FILE = "plan.h5"
 _KINDS: dict[str, Kind] = {"f": "float", "i": "int", "u": "int", "b": "bool"}
 
 
@@ -287,8 +287,7 @@ def read(path: str | Path) -> Plan:
 
     Raises PlanFileError for a file that is missing, damaged or no plan.
     """
-    given = Path(path)
-    return Plan(given / PLAN_FILE if given.is_dir() else given)
+    return Plan(find_plan(Path(path)))
 
 
 def _value(value: Any) -> Any:

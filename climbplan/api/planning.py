@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from climbplan.api.loading import SpecSource, changed, load
 from climbplan.api.making import MakingOptions, Progress, make
-from climbplan.api.plan import PLAN_FILE, Folder, Plan, read
+from climbplan.api.plan import Folder, Plan, read
+from climbplan.api.plan_path import PLAN_FILE
 from climbplan.errors import PlanFails
 from climbplan.spec.loaded import LoadedSpec
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_json, print_result, standard_output, warn
 from climbplan.cli.options import Force, Json, Quiet, Verbose
-from climbplan.cli.plan_path import find_plan
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import print_result, standard_output
 from climbplan.cli.options import Force, Plan, Quiet, Verbose
-from climbplan.cli.plan_path import find_plan
 from climbplan.errors import UsageError
 
 

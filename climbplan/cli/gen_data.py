@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from climbplan.api.plan_path import DATASET_FILE
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.dataset_progress import DatasetProgress
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
-from climbplan.cli.plan_path import DATASET_FILE
 from climbplan.cli.solve_problem import ProblemName, explained, load_problem
 from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode, PlanFileError, UsageError

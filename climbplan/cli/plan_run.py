@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from climbplan.api.kinds import plan_kind
+from climbplan.api.plan_path import PLAN_FILE
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
-from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.verify_line import leaves_out_lines, verify_line, warn_of_implausible
 from climbplan.errors import PlanFails

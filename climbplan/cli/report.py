@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.options import Force, Json, Plan, Quiet, Verbose
-from climbplan.cli.plan_path import find_plan
 
 PAGE = "report.html"
 

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
+from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
-from climbplan.cli.plan_path import find_plan
 from climbplan.errors import PlanFails, UsageError
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from climbplan.api.plan_path import PLAN_FILE
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.options import (
     Force,
@@ -23,7 +24,6 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
-from climbplan.cli.plan_path import PLAN_FILE
 from climbplan.cli.solve_problem import ProblemName, explained, load_problem
 from climbplan.cli.verify_line import verify_line
 from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session
 from climbplan.cli.options import Json, Plan, Quiet, Set, Verbose
-from climbplan.cli.plan_path import find_plan
 from climbplan.cli.solve_problem import ProblemName
 from climbplan.errors import UsageError
 

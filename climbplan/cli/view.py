@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
+from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_result
 from climbplan.cli.interrupts import interrupt_handled
 from climbplan.cli.options import Plan, Quiet, Verbose
-from climbplan.cli.plan_path import find_plan
 from climbplan.errors import UsageError
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -37,12 +36,6 @@ class SmoothForm:
         rows = ca.vertcat(*(entry for block in blocks for entry in block.expression))
         function = ca.Function("smooth", [x, theta], [rows])
         return cls(function, len(x_symbols), int(rows.numel()))
-
-    @cached_property
-    def jacobian(self) -> Any:
-        """ca.Function (x, theta) -> (m, n), sparse."""
-        x, theta = ca.SX.sym("x", self.size), ca.SX.sym("theta", self.function.size1_in(1))
-        return ca.Function("jacobian", [x, theta], [ca.jacobian(self.function(x, theta), x)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,11 +94,9 @@ class Trajectory:
     @property
     def p(self) -> Any:
         """(P,) all parameters, in the order in which they were stated."""
-        return ca.vertcat(*(ca.vec(symbol) for symbol in self._p)) if self._p else self._none
-
-    @property
-    def _none(self) -> Any:
-        return self.symbols.sym("p", 0)
+        if not self._p:
+            return self.symbols.sym("p", 0)
+        return ca.vertcat(*(ca.vec(symbol) for symbol in self._p))
 
     @property
     def rows(self) -> Any:

@@ -75,8 +75,9 @@ def test_integers_beside_smooth_rows(method: str) -> None:
         problem, {"r": 1.0}, cast(Method, method), MethodSettings(time_limit=20.0)
     ).result
     assert found.x is not None
+    assert found.objective is not None
     np.testing.assert_allclose(found.x, [0.0, 1.0, 1.0], atol=1e-5)
-    assert found.bound <= found.objective  # type: ignore[operator]
+    assert found.bound <= found.objective
 
 
 def test_infeasible_without_the_smooth_rows_is_infeasible_with_them() -> None:
@@ -133,6 +134,7 @@ def test_a_box_is_tipped_over() -> None:
 
 @pytest.mark.slow
 def test_contacts_of_a_tipped_box_are_found_by_complementarity() -> None:
-    found = solve_instance(tipped_box.problem, THETA, "mpcc")
-    _tipped(found.result)
-    assert tipped_box.problem.program.check(found.result.x, THETA).passed(1e-6)  # type: ignore[arg-type]
+    found = solve_instance(tipped_box.problem, THETA, "mpcc").result
+    _tipped(found)
+    assert found.x is not None
+    assert tipped_box.problem.program.check(found.x, THETA).passed(1e-6)

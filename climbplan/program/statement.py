@@ -8,7 +8,8 @@ derivation. Compiling extracts the coefficient matrices once as functions of the
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -263,11 +264,11 @@ class Program:
 
     def counts(self) -> dict[str, Any]:
         """Sizes in all and by block name."""
-        binaries = {b.name: sum(map(len, b.alternatives)) for b in self._choices}
-        rows = {b.name: len(b.expression) for b in self._rows}
-        balls = {b.name: len(b.radius) for b in self._balls}
-        implied = {b.name: len(b.expression) for b in self._implications}
-        smooth = {b.name: len(b.expression) for b in self._smooth}
+        binaries = _counted((b.name, sum(map(len, b.alternatives))) for b in self._choices)
+        rows = _counted((b.name, len(b.expression)) for b in self._rows)
+        balls = _counted((b.name, len(b.radius)) for b in self._balls)
+        implied = _counted((b.name, len(b.expression)) for b in self._implications)
+        smooth = _counted((b.name, len(b.expression)) for b in self._smooth)
         stated = sum(v.lower.size for v in self.variables.values() if v.integer)
         return {
             "continuous": len(self._x) - stated,
@@ -278,7 +279,7 @@ class Program:
             "implications": sum(implied.values()),
             "products": self._compile().product_count,
             "smooth_rows": sum(smooth.values()),
-            "by_block": {**rows, **balls, **implied, **binaries, **smooth},
+            "by_block": dict(rows + balls + implied + binaries + smooth),
         }
 
     def check(
@@ -323,6 +324,14 @@ class Program:
 def _listed(entries: Any) -> Any:
     """All entries in one row."""
     return entries.ravel() if isinstance(entries, AffineArray) else list(entries.ravel())
+
+
+def _counted(blocks: Iterable[tuple[str, int]]) -> Counter[str]:
+    """Sizes by name, added up where a name is used again."""
+    sizes: Counter[str] = Counter()
+    for name, size in blocks:
+        sizes[name] += size
+    return sizes
 
 
 def _as_array(expression: Any) -> Any:

@@ -1,13 +1,14 @@
 """A smooth program over phases and knots, stated piece by piece: every row and cost has a name.
 
-For programs without integers that are built once and solved with other numbers, or whose
-expressions are too large to be scalars (`Program` holds those, and integers beside them): functions
-of CasADi are built once and called at each knot. A name may be used again and again; all its rows
-are one block.
+For programs that are built once and solved with other numbers, or whose expressions are too large
+to be scalars: functions of CasADi are built once and called at each knot (`Stage`). A name may be
+used again and again; all its rows are one block. IPOPT takes such a program as it stands
+(`climbplan.solvers.ipopt.trajectory`), every other method by scalars (`Trajectory.program`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,17 +18,78 @@ from numpy.typing import ArrayLike
 
 from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual
+from climbplan.program.statement import Program
 
 
 @dataclass(frozen=True)
-class _Piece:
-    """Some rows of a block."""
+class _Rows:
+    """Some rows of a block, behind those that were stated before."""
 
     name: str
     unit: str
-    expression: Any  # a column
     lower: Array
     upper: Array
+
+
+def _rows(name: str, count: int, lower: ArrayLike, upper: ArrayLike, unit: str) -> _Rows:
+    low = np.broadcast_to(np.asarray(lower, float), (count,))
+    return _Rows(name, unit, low, np.broadcast_to(np.asarray(upper, float), (count,)))
+
+
+def _unused(name: str, known: Mapping[str, Any]) -> str:
+    """x, then x.1, x.2, ..."""
+    return name if name not in known else f"{name}.{sum(n.startswith(name) for n in known)}"
+
+
+class Stage:
+    """One knot's rows and costs, stated once and called at each knot: `Trajectory.add`.
+
+    A function of columns. Every row and cost has a name.
+    """
+
+    def __init__(self, name: str, inputs: Mapping[str, Any]) -> None:
+        """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
+        self.name = name
+        self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
+        self._rows: list[_Rows] = []
+        self._expressions: list[Any] = []
+        self._costs: dict[str, Any] = {}
+
+    def between(
+        self,
+        name: str,
+        expression: Any,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        unit: str = "",
+    ) -> None:
+        """lower <= expression <= upper, elementwise; the expression may have no entry."""
+        column = ca.vec(expression)
+        self._rows.append(_rows(name, column.numel(), lower, upper, unit))
+        self._expressions.append(column)
+
+    def equal(self, name: str, expression: Any, unit: str = "") -> None:
+        """expression == 0, elementwise."""
+        self.between(name, expression, 0.0, 0.0, unit)
+
+    def minimise(self, name: str, term: Any) -> None:
+        """Add a term to a named cost."""
+        self._costs[name] = self._costs.get(name, ca.SX(0)) + term
+
+    @property
+    def rows(self) -> tuple[_Rows, ...]:
+        """In the order in which they were stated."""
+        return tuple(self._rows)
+
+    @property
+    def costs(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self._costs)
+
+    def function(self) -> Any:
+        """ca.Function: columns -> (rows (m,), costs (c,))."""
+        outputs = [ca.vertcat(*self._expressions), ca.vertcat(*self._costs.values())]
+        return ca.Function(self.name, self._inputs, [ca.densify(out) for out in outputs])
 
 
 @dataclass
@@ -39,28 +101,45 @@ class Trajectory:
 
     name: str
     symbols: Any = ca.MX
-    _x: list[Any] = field(default_factory=list, repr=False)
-    _p: list[Any] = field(default_factory=list, repr=False)
+    _x: dict[str, Any] = field(default_factory=dict, repr=False)
+    _p: dict[str, Any] = field(default_factory=dict, repr=False)
     _start: list[Array] = field(default_factory=list, repr=False)
     _lower: list[Array] = field(default_factory=list, repr=False)
     _upper: list[Array] = field(default_factory=list, repr=False)
-    _pieces: list[_Piece] = field(default_factory=list, repr=False)
+    _binary: list[bool] = field(default_factory=list, repr=False)
+    _rows: list[_Rows] = field(default_factory=list, repr=False)
+    _expressions: list[Any] = field(default_factory=list, repr=False)
     _costs: dict[str, Any] = field(default_factory=dict, repr=False)
 
-    def variable(self, name: str, start: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Any:
-        """A column of variables, one an entry of `start`, which is brought into the bounds."""
+    def variable(
+        self,
+        name: str,
+        start: ArrayLike,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        binary: bool = False,
+    ) -> Any:
+        """A column of variables, one an entry of `start`, which is brought into the bounds.
+
+        binary: 0 or 1; IPOPT has them between, see `relax`.
+        """
         value = np.atleast_1d(np.asarray(start, float))
         symbol = self.symbols.sym(name, len(value))
-        self._x.append(symbol)
+        self._x[_unused(name, self._x)] = symbol
+        self._binary.append(binary)
         self._lower.append(np.broadcast_to(np.asarray(lower, float), value.shape))
         self._upper.append(np.broadcast_to(np.asarray(upper, float), value.shape))
         self._start.append(np.clip(value, self._lower[-1], self._upper[-1]))
         return symbol
 
+    def binary(self, name: str, start: ArrayLike) -> Any:
+        """A column of variables that are 0 or 1."""
+        return self.variable(name, start, 0.0, 1.0, binary=True)
+
     def parameter(self, name: str, rows: int, columns: int = 1) -> Any:
         """Numbers that are given when it is solved, column by column, in order of statement."""
         symbol = self.symbols.sym(name, rows, columns)
-        self._p.append(symbol)
+        self._p[_unused(name, self._p)] = symbol
         return symbol
 
     def between(
@@ -73,35 +152,61 @@ class Trajectory:
     ) -> None:
         """lower <= expression <= upper, elementwise."""
         column = ca.vec(expression)
-        shape = (column.numel(),)
-        low = np.broadcast_to(np.asarray(lower, float), shape)
-        high = np.broadcast_to(np.asarray(upper, float), shape)
-        self._pieces.append(_Piece(name, unit, column, low, high))
+        self._rows.append(_rows(name, column.numel(), lower, upper, unit))
+        self._expressions.append(column)
 
     def equal(self, name: str, expression: Any, unit: str = "") -> None:
         """expression == 0, elementwise."""
         self.between(name, expression, 0.0, 0.0, unit)
 
+    def add(self, stage: Stage, *arguments: Any) -> None:
+        """A stage at K knots: its rows knot after knot, its costs summed.
+
+        arguments: a matrix (d, K) for each input of the stage, one column a knot; or (d, 1) where
+        it is the same at all knots.
+        """
+        given = [ca.MX(a) if self.symbols is ca.MX else a for a in arguments]
+        knots = max(argument.size2() for argument in given)
+        function = stage.function()
+        if knots > 1:
+            wide = [a if a.size2() == knots else ca.repmat(a, 1, knots) for a in given]
+            rows, costs = function.map(knots)(*wide)
+        else:
+            rows, costs = function(*given)
+        self._expressions.append(ca.vec(rows))
+        self._rows += stage.rows * knots
+        for name, term in zip(stage.costs, ca.vertsplit(ca.sum2(costs)), strict=True):
+            self.minimise(name, term)
+
     def minimise(self, name: str, term: Any) -> None:
         """Add a term to a named cost."""
         self._costs[name] = self._costs.get(name, self.symbols(0)) + term
 
+    def relax(self, eps: float) -> Any:
+        """How far binaries are from 0 and 1, z (1 - z) <= eps, eq. (7.4): rows behind all others.
+
+        For a local method. Called once, when everything is stated.
+        """
+        whole = [z for z, binary in zip(self._x.values(), self._binary, strict=True) if binary]
+        z = ca.vertcat(*whole)
+        self.between("integers.whole", z * (1 - z), upper=eps)
+
     @property
     def x(self) -> Any:
         """(N,) all variables, in the order in which they were stated."""
-        return ca.vertcat(*self._x)
+        return ca.vertcat(*self._x.values())
 
     @property
     def p(self) -> Any:
         """(P,) all parameters, in the order in which they were stated."""
         if not self._p:
             return self.symbols.sym("p", 0)
-        return ca.vertcat(*(ca.vec(symbol) for symbol in self._p))
+        return ca.vertcat(*(ca.vec(symbol) for symbol in self._p.values()))
 
     @property
     def rows(self) -> Any:
         """(M,) all rows, in the order in which they were stated."""
-        return ca.vertcat(*(piece.expression for piece in self._pieces))
+        return ca.vertcat(*self._expressions)
 
     @property
     def cost(self) -> Any:
@@ -125,20 +230,33 @@ class Trajectory:
     def row_bounds(self) -> tuple[Array, Array]:
         """Of the rows, (M,) each."""
         return (
-            np.concatenate([np.zeros(0), *(piece.lower for piece in self._pieces)]),
-            np.concatenate([np.zeros(0), *(piece.upper for piece in self._pieces)]),
+            np.concatenate([np.zeros(0), *(rows.lower for rows in self._rows)]),
+            np.concatenate([np.zeros(0), *(rows.upper for rows in self._rows)]),
         )
 
-    def residuals(self, rows: Array) -> tuple[BlockResidual, ...]:
-        """Worst violation of every block at values of the rows (M,); which of its rows it is."""
+    def sizes(self) -> dict[str, int]:
+        """Rows of every block."""
+        found: dict[str, int] = {}
+        for rows in self._rows:
+            found[rows.name] = found.get(rows.name, 0) + len(rows.lower)
+        return found
+
+    def residuals(
+        self, rows: Array, bounds: tuple[Array, Array] | None = None
+    ) -> tuple[BlockResidual, ...]:
+        """Worst violation of every block at values of the rows (M,); which of its rows it is.
+
+        bounds: of the rows (M,) each, where they are other ones than stated.
+        """
+        lower, upper = self.row_bounds if bounds is None else bounds
+        outside = np.maximum(np.maximum(lower - rows, rows - upper), 0.0)
+        outside = np.where(np.isnan(rows), np.inf, outside)
         worst: dict[str, BlockResidual] = {}
         counted: dict[str, int] = {}
         at = 0
-        for piece in self._pieces:
-            value = rows[at : at + len(piece.lower)]
+        for piece in self._rows:
+            off = outside[at : at + len(piece.lower)]
             at += len(piece.lower)
-            off = np.maximum(np.maximum(piece.lower - value, value - piece.upper), 0.0)
-            off = np.where(np.isnan(value), np.inf, off)
             before = counted.get(piece.name, 0)
             counted[piece.name] = before + len(off)
             k = int(np.argmax(off)) if len(off) else 0
@@ -146,3 +264,42 @@ class Trajectory:
             if piece.name not in worst or here > worst[piece.name].residual:
                 worst[piece.name] = BlockResidual(piece.name, here, piece.unit, (before + k,))
         return tuple(worst.values())
+
+    def program(self, row_bounds: tuple[Array, Array] | None = None) -> Program:
+        """The same program by scalars, as every method of the table takes it.
+
+        Rows that are affine in the variables are stated as such, the others as smooth ones;
+        binaries as binaries. Costs have to be quadratic. row_bounds: as for `residuals`.
+        """
+        program = Program(self.name)
+        x, p = [], []
+        for name, low, high, binary in zip(
+            self._x, self._lower, self._upper, self._binary, strict=True
+        ):
+            if binary:
+                x.append(program.binary(name, low.shape))
+            else:
+                x.append(program.continuous(name, low.shape, low, high))
+        for name, symbol in self._p.items():
+            p.append(program.parameter(name, symbol.shape).ravel(order="F"))
+        function = ca.Function(
+            "stated", [self.x, self.p], [self.rows, ca.vertcat(*self._costs.values())]
+        )
+        if self.symbols is ca.MX:
+            function = function.expand()
+        columns = [ca.vertcat(*np.concatenate(parts)) if parts else ca.SX(0, 1) for parts in (x, p)]
+        rows, costs = (ca.densify(out) for out in function(*columns))
+        curved = np.array(ca.which_depends(rows, columns[0], 2, True), bool)
+        entries = np.array(rows.elements(), dtype=object)
+        lower, upper = self.row_bounds if row_bounds is None else row_bounds
+        counts = [len(rows.lower) for rows in self._rows]
+        owner = np.repeat([rows.name for rows in self._rows], counts)
+        units = {rows.name: rows.unit for rows in self._rows}
+        for name, unit in units.items():
+            for state, kind in ((program.between, ~curved), (program.smooth, curved)):
+                some = np.flatnonzero((owner == name) & kind)
+                if len(some):
+                    state(name, entries[some], lower[some], upper[some], unit)
+        for name, term in zip(self._costs, costs.elements(), strict=True):
+            program.minimise(name, term)
+        return program

@@ -68,9 +68,6 @@ class WalksProblemSpec(SpecModel):
             faults.append(Fault("terrain.regions", "walks of a dataset are on flat ground"))
         if self.task.knots < 5:
             faults.append(Fault("task.knots", f"sections need 5 knots, got {self.task.knots}"))
-        if self.task.whole_stance and self.solver.method == "nlp":
-            message = "`nlp` states the workspace at knots only; use `search`"
-            faults.append(Fault("task.whole_stance", message))
         refuse(faults)
         return self
 

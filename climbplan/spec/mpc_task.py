@@ -74,7 +74,7 @@ class WalkTaskSpec(SpecModel):
     whole_stance: bool = Field(
         default=False,
         description="standing toes stay in their boxes until the interval's end, while the body "
-        "moves on; as published only at knots (`nlp` and `micp` look for gaits by the latter)",
+        "moves on; as published only at knots (`micp` looks for gaits by the latter)",
     )
     lift: Number = quantity(
         "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12

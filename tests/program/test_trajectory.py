@@ -8,8 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from climbplan.program.trajectory import Trajectory
-from climbplan.solvers.ipopt.trajectory import solve_trajectory
+from climbplan.methods.table import solve_instance
+from climbplan.program.problem import Problem
+from climbplan.program.trajectory import Stage, Trajectory
+from climbplan.solvers.ipopt.trajectory import compiled, solve_trajectory
 
 QUIET = {"max_iter": 50}
 
@@ -56,3 +58,54 @@ def test_what_cannot_be_names_the_block_that_is_off() -> None:
     answer = solve_trajectory(stone, outputs, QUIET, time.perf_counter())
     assert not answer.solved
     assert any(f" of {name}" in answer.message for name in ("goal", "motion", "start"))
+
+
+def swung(knots: int) -> Trajectory:
+    """A pendulum brought up from a parameter with a push of 0 or 3 a knot; a stage a step."""
+    state, after, push = ca.SX.sym("state", 2), ca.SX.sym("after", 2), ca.SX.sym("push")
+    step = Stage("step", {"state": state, "after": after, "push": push})
+    speed = state[1] + 0.2 * (3 * push - ca.sin(state[0]))
+    step.equal("dynamics", after - ca.vertcat(state[0] + 0.2 * speed, speed), "rad")
+    step.between("slow", after[1], upper=4.0, unit="rad/s")
+    step.minimise("effort", push**2)
+    swing = Trajectory("swing")
+    start = swing.parameter("start", 2)
+    x = [start, *(swing.variable("x", np.zeros(2), -9.0, 9.0) for _ in range(knots))]
+    u = swing.binary("u", np.ones(knots))
+    swing.add(step, ca.horzcat(*x[:-1]), ca.horzcat(*x[1:]), u.T)
+    swing.between("goal", x[-1][0], 0.7, unit="rad")
+    return swing
+
+
+def test_a_stage_is_called_at_every_knot() -> None:
+    swing = swung(4)
+    assert swing.sizes() == {"dynamics": 8, "slow": 4, "goal": 1}
+    low, high = swing.row_bounds
+    assert high.tolist() == [0.0, 0.0, 4.0] * 4 + [np.inf]
+    rows = np.array([0, 0, 0, 0, 0.5, 4.5, 0, 0, 0, 0, 0, 0, 0.9])
+    blocks = {block.name: block for block in swing.residuals(rows)}
+    assert (blocks["dynamics"].residual, blocks["dynamics"].index) == (0.5, (3,))
+    assert (blocks["slow"].residual, blocks["slow"].index) == (0.5, (1,))
+    other = swing.residuals(rows, (low, np.where(high == 4.0, 5.0, high)))
+    assert {b.name: b.residual for b in other}["slow"] == 0.0
+
+
+def test_every_method_takes_a_trajectory() -> None:
+    swing = swung(4)
+    program = swing.program()
+    assert program.counts()["by_block"] == {"dynamics": 8, "slow": 4, "goal": 1}
+    assert program.counts()["smooth_rows"] == 6  # but for the first step, whose sine is a number
+    problem = Problem("swing", program, start=lambda theta: {"u": [1, 1, 1, 1]})
+    theta = {"start": np.zeros((2, 1))}
+    pinned = solve_instance(problem, theta, "pinned").result
+    free = solve_instance(problem, theta, "mpcc").result
+    assert pinned.x is not None
+    assert pinned.objective == pytest.approx(4.0)
+    assert free.objective is not None
+    assert free.objective <= 3.0 + 1e-6  # not all pushes are needed
+    # The same program by IPOPT as it stands, its binaries relaxed
+    swing.relax(1e-4)
+    ready = compiled(swing, QUIET)
+    point = ready.solver.solve(pinned.x, np.zeros(2), ready.bounds, np.inf)
+    assert max(block.residual for block in ready.residuals(point)) < 1e-6
+    assert point.objective <= pinned.objective + 1e-6

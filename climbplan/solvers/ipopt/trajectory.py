@@ -1,4 +1,4 @@
-"""IPOPT on a stated trajectory: its point, judged by the rows."""
+"""IPOPT on a stated trajectory: compiled once, or solved once; its point is judged by the rows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.solvers.ipopt.program import IpoptProgram
+from climbplan.solvers.ipopt.program import IpoptProgram, NlpPoint
 
 FEASIBLE = 1e-6  # largest violation of an answer that is used
 
@@ -41,6 +41,32 @@ class TrajectoryAnswer:
         return {k: v for k, v in vars(self).items() if k not in apart}
 
 
+@dataclass(frozen=True)
+class CompiledTrajectory:
+    """IPOPT, and the statement that it was compiled from: numbers change, rows do not."""
+
+    stated: Trajectory
+    solver: IpoptProgram
+    bounds: Bounds  # as stated
+
+    def residuals(self, point: NlpPoint, bounds: Bounds | None = None) -> tuple[BlockResidual, ...]:
+        """Of every named block where IPOPT stopped; bounds: those it was given."""
+        given = bounds or self.bounds
+        return self.stated.residuals(point.rows, (given.row_lower, given.row_upper))
+
+
+def compiled(
+    stated: Trajectory,
+    settings: Mapping[str, Any],
+    expand: bool = False,
+    hessian: ca.Function | None = None,
+) -> CompiledTrajectory:
+    """IPOPT for a statement with parameters. settings: IPOPT's own; the others as its program's."""
+    problem = {"x": stated.x, "p": stated.p, "f": stated.cost, "g": stated.rows}
+    solver = IpoptProgram(stated.name, problem, settings, expand, hessian)
+    return CompiledTrajectory(stated, solver, Bounds(*stated.bounds, *stated.row_bounds))
+
+
 def solve_trajectory(
     trajectory: Trajectory,
     outputs: Sequence[ca.MX],
@@ -53,16 +79,13 @@ def solve_trajectory(
 
     settings: IPOPT's own. began: of building, by `perf_counter`; deadline: by `monotonic` [s].
     """
-    x, rows = trajectory.x, trajectory.rows
-    problem = {"x": x, "p": trajectory.p, "f": trajectory.cost, "g": rows}
-    program = IpoptProgram(trajectory.name, problem, settings, expand)
+    program = compiled(trajectory, settings, expand)
     built = time.perf_counter()
-    bounds = Bounds(*trajectory.bounds, *trajectory.row_bounds)
-    point = program.solve(trajectory.start, [], bounds, deadline)
-    residuals = trajectory.residuals(point.rows)
+    point = program.solver.solve(trajectory.start, [], program.bounds, deadline)
+    residuals = program.residuals(point)
     worst = max(residuals, key=lambda block: block.residual)
     solved = worst.residual <= FEASIBLE  # whatever the solver says of optimality
-    read = ca.Function("read", [x], list(outputs))(point.v)
+    read = ca.Function("read", [trajectory.x], list(outputs))(point.v)
     where = "" if solved else f" of {worst.name}"
     return TrajectoryAnswer(
         values=tuple(np.asarray(value) for value in read),
@@ -75,6 +98,6 @@ def solve_trajectory(
         objective=point.objective,
         seconds=time.perf_counter() - built,
         build_seconds=built - began,
-        variables=int(x.numel()),
-        constraints=int(rows.numel()),
+        variables=len(point.v),
+        constraints=len(point.rows),
     )

@@ -65,7 +65,7 @@ class NlpMethod:
             time.monotonic() + seconds,
         )
         word, x = answer.word, answer.v
-        worst = max(program.stated.residuals(answer.rows), key=lambda block: block.residual)
+        worst = max(program.residuals(answer), key=lambda block: block.residual)
         if worst.residual > _OFF:
             word += f", {worst.name} off by {worst.residual:.2g} {worst.unit}".rstrip()
         state, force, toes, relaxed = self._parts(x)

@@ -14,9 +14,8 @@ import casadi as ca
 import numpy as np
 
 from climbplan.program.trajectory import Trajectory
-from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.symbols import rotation
-from climbplan.solvers.ipopt.program import IpoptProgram
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step
 from climbplan.walking.offline.pinned import FACETS
 from climbplan.walking.task import ANGLE_RANGE, LEGS, STATE, WalkTask
@@ -42,6 +41,7 @@ class NlpShape:
     lift: float
     least_contacts: int
     regions: int
+    whole_stance: bool
 
     @classmethod
     def of(cls, task: WalkTask) -> NlpShape:
@@ -65,23 +65,15 @@ class NlpShape:
             task.lift,
             task.least_contacts,
             len(task.ground.height),
+            task.whole_stance,
         )
 
 
-@dataclass(frozen=True)
-class CompiledNlp:
-    """IPOPT, and the statement that it was compiled from."""
-
-    solver: IpoptProgram
-    stated: Trajectory
-    bounds: Bounds  # of variables and rows
-
-
 @lru_cache(maxsize=4)
-def compiled_nlp(shape: NlpShape) -> CompiledNlp:
+def compiled_nlp(shape: NlpShape) -> CompiledTrajectory:
     """The program, eqs. (8.14) to (8.25) and (8.30), ready for numbers."""
     walk = WalkNlp(shape)
-    stated = walk.stated
+    walk.stated.relax(EPSILON)
     settings = {
         "max_iter": ITERATIONS,
         "tol": 1e-4,
@@ -92,12 +84,7 @@ def compiled_nlp(shape: NlpShape) -> CompiledNlp:
         "bound_push": 1e-4,
         "bound_frac": 1e-4,
     }
-    problem = {"x": stated.x, "p": stated.p, "f": stated.cost, "g": stated.rows}
-    return CompiledNlp(
-        IpoptProgram("walk", problem, settings, hessian=walk.hessian()),
-        stated,
-        Bounds(*stated.bounds, *stated.row_bounds),
-    )
+    return compiled(walk.stated, settings, hessian=walk.hessian())
 
 
 class WalkNlp:
@@ -116,7 +103,7 @@ class WalkNlp:
         self.force = [walk.variable(f"f{n}", np.zeros(3 * LEGS), push, limit) for n in range(N)]
         self.spot = [walk.variable(f"t{n}", nothing, -far, far) for n in knots]
         every = range(N + 1)
-        self.contact = [walk.variable(f"c{n}", np.zeros(LEGS), 0.0, 1.0) for n in every]
+        self.contact = [walk.binary(f"c{n}", np.zeros(LEGS)) for n in every]
         start, toes0 = walk.parameter("x0", STATE), walk.parameter("toes0", 3 * LEGS)
         self.velocity, self.angles = walk.parameter("v_ref", 3, N), walk.parameter("a_ref", 3, N)
         self.height = walk.parameter("h_ref", N)
@@ -142,10 +129,6 @@ class WalkNlp:
             each = ca.reshape(self.force[n], 3, LEGS)
             apart = 2 * shape.weights[8] * (LEGS * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
             walk.minimise("force_difference", apart)
-        # Contacts as complementarity: c (1 - c) <= eps
-        for n in every:
-            c = self.contact[n]
-            walk.between("contact.whole", c * (1 - c), upper=EPSILON)
 
     def hessian(self) -> ca.Function:
         """Second derivatives: those of the plain step, which are IPOPT's ten times cheaper."""
@@ -201,6 +184,12 @@ class WalkNlp:
             # Workspace, eqs. (8.20), (8.21)
             seen = R.T @ (toe - self.x[n][:3])
             walk.between("workspace.toe", seen, center[i] - half, center[i] + half, "m")
+            if shape.whole_stance:
+                # Where it stood until now, while the body moved on
+                stood = R.T @ (self.toes[n - 1][3 * i : 3 * i + 3] - self.x[n][:3]) - center[i]
+                for beyond in (stood - half, -stood - half):
+                    held = self.contact[n - 1][i] * beyond
+                    walk.between("workspace.whole_stance", held, upper=0.0, unit="m")
             # No slip, eq. (8.22)
             free = _STRIDE * (2 - self.contact[n][i] - self.contact[n - 1][i])
             for k in range(2):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.check.checker import slots
 from climbplan.bookshelf.rectangles import separation
 from climbplan.bookshelf.scene import Array, Scenes, Shelf, States
+from climbplan.plans.root_attributes import PlanHeader
 
 STATUSES = ("optimal", "feasible", "infeasible", "limit")
 NO_STATE = -1  # of every book of a scene without a placement, and its slot
@@ -86,11 +86,10 @@ class Totals:
     gap: float | None  # [mm^2]
 
 
-@dataclass(frozen=True)
-class ShelfPlan:
+@dataclass(frozen=True, kw_only=True)
+class ShelfPlan(PlanHeader):
     """A bookshelf run as its plan file keeps it."""
 
-    name: str
     title: str
     shelf: Shelf
     meaning: str
@@ -98,18 +97,6 @@ class ShelfPlan:
     scenes: Scenes
     solutions: Solutions
     totals: Totals
-    spec_text: str
-    spec_sha256: str
-    seed: int
-    timings: dict[str, Any]  # [s] by stage
-    solvers: dict[str, Any]
-    sizes: dict[str, Any]
-    warnings: tuple[str, ...] = ()
-    summary: tuple[str, ...] = ()
-    verified: bool = False
-    created: str = ""
-    climbplan_version: str = ""
-    not_finite: tuple[str, ...] = field(default=(), compare=False)  # found when reading
 
 
 def totals_of(solutions: Solutions) -> Totals:

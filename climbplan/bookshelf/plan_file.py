@@ -14,7 +14,7 @@ from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset
-from climbplan.plans.root_attributes import read_root, require_plan, write_root
+from climbplan.plans.root_attributes import read_header, require_finite, require_plan, write_header
 
 FORMAT = "climbplan/bookshelf"
 FORMAT_VERSION = 1
@@ -59,8 +59,6 @@ def write_shelf_plan(plan: ShelfPlan, path: Path) -> None:
         solution = file.create_group("solution")
         for name, layout in {**SOLUTION, **SOLUTION_TEXTS}.items():
             write_dataset(solution, name, vars(plan.solutions)[name], layout)
-        write_dataset(file, "warnings", plan.warnings, _TEXTS)
-        write_dataset(file, "summary", plan.summary, _TEXTS)
 
 
 def read_shelf_plan(path: Path) -> ShelfPlan:
@@ -70,9 +68,8 @@ def read_shelf_plan(path: Path) -> ShelfPlan:
     missing or misshapen data, NaN where numbers must be.
     """
     plan = read_as_found(path)
-    faults = [f"NaN or infinity in {', '.join(plan.not_finite)}"] if plan.not_finite else []
-    faults += plan.scenes.faults()
-    if faults:
+    require_finite(path, plan)
+    if faults := plan.scenes.faults():
         raise PlanFileError(f"{path}: {faults[0]}")
     return plan
 
@@ -88,14 +85,13 @@ def read_as_found(path: Path) -> ShelfPlan:
 def _write_header(file: h5py.File, plan: ShelfPlan) -> None:
     totals = plan.totals
     texts = {"title": plan.title, "meaning": plan.meaning, "method": plan.method}
-    write_root(
+    write_header(
         file,
         plan,
         FORMAT,
         FORMAT_VERSION,
         texts={"status": totals.status, **texts, **_NOTES},
         numbers={"objective": totals.objective, "bound": totals.bound, "gap": totals.gap},
-        objects={"timings": plan.timings, "solvers": plan.solvers, "sizes": plan.sizes},
     )
 
 
@@ -143,7 +139,6 @@ def _read(reader: Reader) -> ShelfPlan:
         if strange := [word for word in words if word not in known]:
             raise reader.refuse(f"{name} {strange[0]!r}, expected one of {', '.join(known)}")
     return ShelfPlan(
-        **read_root(reader),
         title=reader.text("", "title"),
         shelf=_read_shelf(reader),
         meaning=reader.text("", "meaning"),
@@ -156,10 +151,5 @@ def _read(reader: Reader) -> ShelfPlan:
             reader.optional_number("bound"),
             reader.optional_number("gap"),
         ),
-        timings=reader.figures("timings"),
-        solvers=reader.words("solvers"),
-        sizes=reader.mapping("sizes"),
-        warnings=reader.texts("warnings", _TEXTS),
-        summary=reader.texts("summary", _TEXTS),
-        not_finite=tuple(reader.not_finite),
+        **read_header(reader),
     )

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.file import Reading
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
 from climbplan.climb.remedies import candidates, listed
@@ -115,7 +114,7 @@ class Search:
         start = time.monotonic()
         try:
             plan = self.plan(prepared(self.loaded, trial), start + seconds)
-            verification = verification_of(Reading(plan, ()))
+            verification = verification_of(plan)
             if not verification.passed:
                 self.failing = self.failing or plan
                 raise NotProved(

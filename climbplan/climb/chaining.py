@@ -31,13 +31,12 @@ def started(loaded: LoadedClimb) -> LoadedClimb:
         return loaded
     path = loaded.directory / given
     try:
-        reading = read_as_found(path)
+        plan = read_as_found(path)
     except PlanFileError as error:
         raise _refused(loaded, str(error)) from error
-    plan = reading.plan
     if not plan.verified:
         raise _refused(loaded, f"{given}: fails its verification (`climbplan verify` says where)")
-    verification = verification_of(reading)  # what the file says of itself is not enough
+    verification = verification_of(plan)  # what the file says of itself is not enough
     if not verification.passed:
         headline = verification.headline()
         raise _refused(loaded, f"{given}: fails its verification: {headline}")

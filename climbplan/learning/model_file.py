@@ -29,7 +29,7 @@ from climbplan.learning.trees import Trees
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset
-from climbplan.plans.root_attributes import read_root, require_other, write_root
+from climbplan.plans.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/strategy"
 FORMAT_VERSION = 1
@@ -84,21 +84,14 @@ _OF_KIND = {
 }
 
 
-@dataclass(frozen=True)
-class ModelFile:
-    """A trained strategy and where it comes from."""
+@dataclass(frozen=True, kw_only=True)
+class ModelFile(Origin):
+    """A trained strategy and where it comes from; verified: read back, it says the same."""
 
     model: StrategyModel
-    name: str = ""
     title: str = ""
-    spec_text: str = ""
-    spec_sha256: str = ""
-    seed: int = 0
     fit: Mapping[str, Any] = field(default_factory=dict)  # figures of the evaluation
     timings: Mapping[str, Any] = field(default_factory=dict)
-    verified: bool = False  # read back, it gave the same candidates
-    created: str = ""
-    climbplan_version: str = ""
 
 
 def write_model(stored: ModelFile, path: Path) -> None:

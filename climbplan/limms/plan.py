@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from climbplan.limms.convergence import Convergence
 from climbplan.limms.modules.chain import Points, Pose, forward
 from climbplan.limms.scene import Array, Index
 from climbplan.limms.timeline import Stretch
+from climbplan.plans.root_attributes import PlanHeader
 
 BOX_MODES = {1: "stable", 2: "free", 3: "manipulated", 4: "quadruped"}
 MODULE_MODES = {1: "free", 2: "arm", 3: "added arm", 4: "leg", 5: "added leg"}
@@ -38,11 +39,10 @@ class Motion:
     force: Array  # (T, B, 4, 3) on boxes at their anchors [N]
 
 
-@dataclass(frozen=True)
-class LimmsPlan:
+@dataclass(frozen=True, kw_only=True)
+class LimmsPlan(PlanHeader):
     """Motion, scene and how it came about."""
 
-    name: str
     title: str
     method: str
     status: str
@@ -59,22 +59,9 @@ class LimmsPlan:
     module_names: tuple[str, ...]
     stages: tuple[tuple[str, float, float], ...]  # name, begin, end [s]
     sequence: str
-    spec_text: str
-    spec_sha256: str
-    seed: int
     objective: float  # [m] distance of the box from its goal at the end
-    timings: dict[str, Any]
-    solvers: dict[str, Any]
-    sizes: dict[str, Any]
-    warnings: tuple[str, ...] = ()
-    summary: tuple[str, ...] = ()
     convergence: Convergence | None = None
-    verified: bool = False
-    created: str = ""
-    climbplan_version: str = ""
     module_text: str = ""  # of the module's file, empty for a built-in one
-    not_finite: tuple[str, ...] = field(default=(), compare=False)
-    at_odds: tuple[str, ...] = field(default=(), compare=False)  # copies that differ from `module`
 
 
 def motion_of(

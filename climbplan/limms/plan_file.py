@@ -7,13 +7,18 @@ from typing import Any
 
 import h5py
 
-from climbplan.errors import PlanFileError
 from climbplan.limms.convergence import RESIDUALS, Convergence
 from climbplan.limms.plan import LimmsPlan, Motion
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
-from climbplan.plans.root_attributes import read_root, require_plan, write_root
+from climbplan.plans.root_attributes import (
+    read_header,
+    read_status,
+    require_finite,
+    require_plan,
+    write_header,
+)
 
 FORMAT = "climbplan/limms"
 FORMAT_VERSION = 1
@@ -60,7 +65,6 @@ CONVERGENCE: dict[str, Layout] = {
 }
 _NAMES = Layout(("A",), kind="text")
 _MODULES = Layout(("L",), kind="text")
-_TEXTS = Layout(("*",), kind="text")
 _LINKS = Layout((7,), "m")
 
 _NOTES = {
@@ -99,8 +103,6 @@ def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
         if plan.module_text:
             write_text(file["limms"], "source", plan.module_text)
         write_dataset(file["limms"], "link_lengths", plan.module["link_lengths"], _LINKS)
-        write_dataset(file, "warnings", plan.warnings, _TEXTS)
-        write_dataset(file, "summary", plan.summary, _TEXTS)
 
 
 def read_limms_plan(path: Path) -> LimmsPlan:
@@ -110,8 +112,7 @@ def read_limms_plan(path: Path) -> LimmsPlan:
     missing or misshapen data, NaN where numbers must be.
     """
     plan = read_as_found(path)
-    if plan.not_finite:
-        raise PlanFileError(f"{path}: NaN or infinity in {', '.join(plan.not_finite)}")
+    require_finite(path, plan)
     return plan
 
 
@@ -125,7 +126,7 @@ def read_as_found(path: Path) -> LimmsPlan:
 
 def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
     texts = {"title": plan.title, "method": plan.method, "sequence": plan.sequence}
-    write_root(
+    write_header(
         file,
         plan,
         FORMAT,
@@ -137,9 +138,7 @@ def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
             "friction": plan.friction,
             "force_limit": plan.module["max_force"],
         },
-        objects={
-            name: vars(plan)[name] for name in ("timings", "solvers", "sizes", "module", "stages")
-        },
+        objects={"module": plan.module, "stages": plan.stages},
     )
 
 
@@ -162,14 +161,10 @@ def _read(reader: Reader) -> LimmsPlan:
         "force_limit": (reader.number("", "force_limit"), "max_force"),
     }
     own = reader.has_attribute("limms", "source")
-    status = reader.text("", "status")
-    if status not in STATUSES:
-        raise reader.refuse(f"status {status!r}, expected one of {', '.join(STATUSES)}")
     return LimmsPlan(
-        **read_root(reader),
         title=reader.text("", "title"),
         method=reader.text("", "method"),
-        status=status,
+        status=read_status(reader, STATUSES),
         motion=motion,
         anchor_names=reader.texts("anchors/name", _NAMES),
         module=module,
@@ -181,14 +176,9 @@ def _read(reader: Reader) -> LimmsPlan:
         stages=_stages(reader),
         sequence=reader.text("", "sequence"),
         objective=reader.number("", "objective"),
-        timings=reader.figures("timings", ("total",)),
-        solvers=reader.words("solvers"),
-        sizes=reader.mapping("sizes", ("programs",)),
-        warnings=reader.texts("warnings", _TEXTS),
-        summary=reader.texts("summary", _TEXTS),
         convergence=convergence,
-        not_finite=tuple(reader.not_finite),
         **still,
+        **read_header(reader, ("total",), ("programs",)),
     )
 
 

@@ -61,13 +61,13 @@ def write_dataset_file(data: Dataset, path: Path) -> None:
         }
         texts = {"title": data.title, "kind": frame.kind, "problem": frame.problem}
         origin = Origin(
-            data.name,
-            data.spec_text,
-            data.spec_sha256,
-            data.base_seed,
-            data.verified,
-            data.created,
-            data.climbplan_version,
+            name=data.name,
+            spec_text=data.spec_text,
+            spec_sha256=data.spec_sha256,
+            seed=data.base_seed,
+            verified=data.verified,
+            created=data.created,
+            climbplan_version=data.climbplan_version,
         )
         write_root(
             file,

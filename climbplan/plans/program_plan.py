@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.plans.root_attributes import PlanHeader
 from climbplan.program.polytope import Array
 from climbplan.program.statement import Program
 
@@ -74,8 +74,8 @@ class ProgramTotals:
     gap: float | None  # relative
 
 
-@dataclass(frozen=True)
-class ProgramPlan:
+@dataclass(frozen=True, kw_only=True)
+class ProgramPlan(PlanHeader):
     """n solved instances of one problem; a row without an answer has NaN and `found` false."""
 
     problem: str
@@ -93,17 +93,7 @@ class ProgramPlan:
     method: tuple[str, ...]  # (n,)
     winner: tuple[str, ...]  # (n,) candidate, start or variant of the answer
     tried: Indices  # (n,) candidates or starts
-    name: str
-    spec_text: str
-    spec_sha256: str
-    seed: int
     tolerance: float  # largest residual of any block, in its unit
-    timings: Mapping[str, float] = field(default_factory=dict)
-    solvers: Mapping[str, Any] = field(default_factory=dict)
-    sizes: Mapping[str, Any] = field(default_factory=dict)
-    verified: bool = False
-    created: str = ""
-    climbplan_version: str = ""
     stored_totals: ProgramTotals | None = field(default=None, compare=False)  # found when reading
 
     @property

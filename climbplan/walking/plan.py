@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
+from climbplan.plans.root_attributes import PlanHeader
 from climbplan.walking.answer import Improvement
 from climbplan.walking.task import Array, WalkTask, WalkTrajectory, Whole
 
@@ -25,11 +25,10 @@ class LoopRecord:
 STATUSES = ("feasible", "limit")
 
 
-@dataclass(frozen=True)
-class WalkPlan:
+@dataclass(frozen=True, kw_only=True)
+class WalkPlan(PlanHeader):
     """A run as its plan file keeps it."""
 
-    name: str
     title: str
     method: str
     status: str
@@ -37,22 +36,9 @@ class WalkPlan:
     trajectory: WalkTrajectory
     objective: float
     terms: Mapping[str, float]  # of the objective
-    spec_text: str
-    spec_sha256: str
-    seed: int
-    timings: dict[str, Any]  # [s] by stage
-    solvers: dict[str, Any]
-    sizes: dict[str, Any]
     history: tuple[Improvement, ...] = ()
     loop: LoopRecord | None = None  # of `online`
     begun: Array | None = None  # (N + 1, 12) states that `micp` started from
     bound: float | None = None
     gap: float | None = None
-    warnings: tuple[str, ...] = ()
-    summary: tuple[str, ...] = ()
     robot_text: str = ""  # of the robot's file; empty for a built-in one
-    verified: bool = False
-    created: str = ""
-    climbplan_version: str = ""
-    not_finite: tuple[str, ...] = field(default=(), compare=False)  # found when reading
-    at_odds: tuple[str, ...] = field(default=(), compare=False)  # what a file says twice, otherwise

@@ -8,11 +8,16 @@ from typing import Any
 import h5py
 import numpy as np
 
-from climbplan.errors import PlanFileError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
-from climbplan.plans.root_attributes import read_root, require_plan, write_root
+from climbplan.plans.root_attributes import (
+    read_header,
+    read_status,
+    require_finite,
+    require_plan,
+    write_header,
+)
 from climbplan.walking.answer import Improvement
 from climbplan.walking.plan import STATUSES, LoopRecord, WalkPlan
 from climbplan.walking.plan_file_task import START, read_task, write_task
@@ -107,8 +112,6 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
             for name, layout in LOOP.items():
                 write_dataset(file, name, vars(plan.loop)[name], layout)
             write_dataset(file, "tick_warnings", plan.loop.warnings, _TEXTS)
-        write_dataset(file, "warnings", plan.warnings, _TEXTS)
-        write_dataset(file, "summary", plan.summary, _TEXTS)
 
 
 def read_walk_plan(path: Path) -> WalkPlan:
@@ -117,8 +120,7 @@ def read_walk_plan(path: Path) -> WalkPlan:
     Raises PlanFileError for anything that is not a whole MPC plan.
     """
     plan = read_as_found(path)
-    if plan.not_finite:
-        raise PlanFileError(f"{path}: NaN or infinity in {', '.join(plan.not_finite)}")
+    require_finite(path, plan)
     return plan
 
 
@@ -138,7 +140,7 @@ def _repeated(values: Any) -> Any:
 def _write_header(file: h5py.File, plan: WalkPlan) -> None:
     task = plan.task
     texts = {"title": plan.title, "method": plan.method, "integrator": task.integrator}
-    write_root(
+    write_header(
         file,
         plan,
         FORMAT,
@@ -151,12 +153,7 @@ def _write_header(file: h5py.File, plan: WalkPlan) -> None:
             "step": task.step,
             "lift": task.lift,
         },
-        objects={
-            "timings": plan.timings,
-            "solvers": plan.solvers,
-            "sizes": plan.sizes,
-            "terms": dict(plan.terms),
-        },
+        objects={"terms": dict(plan.terms)},
     )
     file.attrs["least_contacts"] = task.least_contacts
     file.attrs["whole_stance"] = np.bool_(task.whole_stance)
@@ -183,14 +180,10 @@ def _read(reader: Reader) -> WalkPlan:
     online = task.integrator == "rk4"
     times = task.step * np.arange(len(parts["time"]))
     history = {name: reader.array(f"history/{name}", layout) for name, layout in HISTORY.items()}
-    status = reader.text("", "status")
-    if status not in STATUSES:
-        raise reader.refuse(f"status {status!r}, expected one of {', '.join(STATUSES)}")
     return WalkPlan(
-        **read_root(reader),
         title=reader.text("", "title"),
         method=reader.text("", "method"),
-        status=status,
+        status=read_status(reader, STATUSES),
         task=task,
         trajectory=trajectory,
         objective=reader.number("", "objective"),
@@ -198,9 +191,6 @@ def _read(reader: Reader) -> WalkPlan:
         robot_text=reader.text("robot", "source")
         if reader.has_attribute("robot", "source")
         else "",
-        timings=reader.figures("timings", () if online else ("method",)),
-        solvers=reader.words("solvers"),
-        sizes=reader.mapping("sizes", () if online else ("gaits tried",)),
         history=tuple(
             Improvement(*(float(history[name][k]) for name in HISTORY))
             for k in range(len(history["seconds"]))
@@ -209,10 +199,8 @@ def _read(reader: Reader) -> WalkPlan:
         begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
         bound=reader.optional_number("bound"),
         gap=reader.optional_number("gap"),
-        warnings=reader.texts("warnings", _TEXTS),
-        summary=reader.texts("summary", _TEXTS),
-        not_finite=tuple(reader.not_finite),
         at_odds=() if np.allclose(parts["time"], times, rtol=0, atol=1e-9) else ("time",),
+        **read_header(reader, *(((), ()) if online else (("method",), ("gaits tried",)))),
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.learning.library import Frame, Library
+from climbplan.learning.model import StrategyModel
+from climbplan.learning.model_file import ModelFile
 
 BITS = 6  # a group of three, a pair, a single binary
 FRAME = Frame("made up", np.array([False, False, *[True] * BITS]), np.zeros(0, np.int64))
@@ -21,3 +23,9 @@ def made_up(count: int = 200, seed: int = 0) -> Library:
     points = np.hstack([features[:, :2] ** 2, bits])
     labels = (features[:, 2:] > 0.8).astype(np.int64)
     return Library.of(FRAME, features, points, np.arange(float(count)), labels=labels)
+
+
+def stored_model(model: StrategyModel) -> ModelFile:
+    """A model as `fit-strategy` keeps it."""
+    origin = {"name": "name", "spec_text": "text", "spec_sha256": "0" * 64}
+    return ModelFile(model=model, title="title", seed=3, **origin)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learned_rows import FRAME, made_up
+from learned_rows import FRAME, made_up, stored_model
 from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
 from sklearn.neural_network import MLPClassifier
 
@@ -16,7 +16,7 @@ from climbplan.learning.evaluation import evaluate, held_out
 from climbplan.learning.forest import fit_forest
 from climbplan.learning.library import Library
 from climbplan.learning.model import MODEL_KINDS, FitOptions, ModelKind, StrategyModel, fit
-from climbplan.learning.model_file import ModelFile, read_model, write_model
+from climbplan.learning.model_file import read_model, write_model
 from climbplan.learning.network import fit_network
 from climbplan.learning.quiet_training import quiet_training
 from climbplan.learning.ranking import RankedStrategies
@@ -81,7 +81,7 @@ def test_boosting_agrees_with_its_trainer_choice_by_choice() -> None:
 @pytest.mark.parametrize("kind", MODEL_KINDS)
 def test_same_seed_same_model_and_file(kind: ModelKind, tmp_path: Path) -> None:
     first, second = _fit(kind), _fit(kind)
-    write_model(ModelFile(first, name="x"), tmp_path / "model.h5")
+    write_model(stored_model(first), tmp_path / "model.h5")
     read = read_model(tmp_path / "model.h5").model
     assert read.kind == kind
     for x in _fresh(10):
@@ -141,7 +141,7 @@ def test_features_that_do_not_fit_are_refused(kind: ModelKind) -> None:
 def test_one_strategy_alone(kind: ModelKind, tmp_path: Path) -> None:
     library = made_up()
     one = library.subset(np.flatnonzero(library.strategy == 0))
-    write_model(ModelFile(_fit(kind, one)), tmp_path / "model.h5")
+    write_model(stored_model(_fit(kind, one)), tmp_path / "model.h5")
     found = read_model(tmp_path / "model.h5").model.strategy().candidates(np.zeros(3), 5)
     assert found[0].number == 0
 

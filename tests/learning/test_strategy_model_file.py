@@ -10,11 +10,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from learned_rows import made_up
+from learned_rows import made_up, stored_model
 
 from climbplan.errors import PlanFileError
 from climbplan.learning.model import FitOptions, ModelKind, fit
-from climbplan.learning.model_file import ModelFile, read_model, write_model
+from climbplan.learning.model_file import read_model, write_model
 
 Damage = Callable[[h5py.File], None]
 _OPTIONS = {
@@ -28,7 +28,7 @@ def stored(tmp_path: Path) -> Callable[[ModelKind], Path]:
     def write(kind: ModelKind) -> Path:
         model = fit(made_up(80), FitOptions(kind=kind, **_OPTIONS), np.array([0, 1]))
         path = tmp_path / f"{kind}.h5"
-        write_model(ModelFile(model, "name", "title", "text", "0" * 64, 3), path)
+        write_model(stored_model(model), path)
         return path
 
     return write

@@ -15,7 +15,6 @@ from typing import TextIO
 
 from climbplan.bench.climb.random_climbs import random_climb
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.plan.file import Reading
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import Infeasible, NoPlanFound, UsageError
 from climbplan.spec.loading import LoadedClimb, load_climb
@@ -107,6 +106,6 @@ def _second_try(path: Path, limit: float) -> str:
             plan = plan_climb(loaded)
         except (NoPlanFound, UsageError):  # or a method that cannot state the climb
             continue
-        if verification_of(Reading(plan, ())).passed:
+        if verification_of(plan).passed:
             return method
     return ""

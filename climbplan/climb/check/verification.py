@@ -29,7 +29,8 @@ from climbplan.climb.check.spec import answering, spec_checks
 from climbplan.climb.check.statics import static_checks
 from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.trajectory import trajectory_checks
-from climbplan.climb.plan.file import Reading, read_as_found
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_as_found
 from climbplan.plans.check import Check
 from climbplan.plans.held import held_against, held_check
 from climbplan.plans.verification import Verification, mark_verified
@@ -45,20 +46,18 @@ def verify(path: Path, held: HeldSpec | None = None) -> Verification:
     return verification_of(read_as_found(path), held)
 
 
-def verification_of(reading: Reading, held: HeldSpec | None = None) -> Verification:
+def verification_of(plan: ClimbPlan, held: HeldSpec | None = None) -> Verification:
     """As `verify`, for a plan that was read already."""
-    plan = reading.plan
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
-        checks = tuple(_checks(reading, held))
+        checks = tuple(_checks(plan, held))
         found = Verification(checks, against=held_against(plan, held))
         return found if found.unsound else replace(found, implausible=implausible_climb(plan))
 
 
-def _checks(reading: Reading, held: HeldSpec | None) -> Iterator[Check]:
-    plan = reading.plan
+def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield spec_hash_check(plan)
-    finite = finite_check(reading.not_finite)
+    finite = finite_check(plan.not_finite)
     yield finite
     if not finite.passed:
         return

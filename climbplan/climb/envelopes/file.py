@@ -46,7 +46,12 @@ def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> No
     """Write all envelopes of a run; the file appears whole or not at all."""
     with new_store(path) as file:
         # There is nothing to verify: envelopes are fitted.
-        origin = Origin(loaded.name, loaded.text, loaded.sha256, loaded.spec.seed, verified=False)
+        origin = Origin(
+            name=loaded.name,
+            spec_text=loaded.text,
+            spec_sha256=loaded.sha256,
+            seed=loaded.spec.seed,
+        )
         write_root(
             file,
             origin,

@@ -7,12 +7,12 @@ Forces act on the robot, from the terrain.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.climb.plan.grips import GripForces, GripPlan
+from climbplan.plans.root_attributes import PlanHeader
 from climbplan.robots.model import Robot
 from climbplan.spec.stored_robot import RobotTexts
 from climbplan.terrain.model import Terrain
@@ -145,11 +145,10 @@ class Sequences:
     outcome: tuple[str, ...]  # (Q,) what became of it: "chosen", "planned", or why it was refused
 
 
-@dataclass(frozen=True)
-class ClimbPlan:
+@dataclass(frozen=True, kw_only=True)
+class ClimbPlan(PlanHeader):
     """Everything a climb or transition plan file holds."""
 
-    name: str
     robot: Robot
     terrain: Terrain
     rounds: Rounds
@@ -161,18 +160,7 @@ class ClimbPlan:
     objective: float
     bound: float | None
     gap: float | None
-    spec_text: str
-    spec_sha256: str
-    seed: int
-    timings: dict[str, float]  # [s] by stage
-    solvers: dict[str, str]  # stage -> solver and version
-    sizes: dict[str, Any]  # problem sizes by stage
-    warnings: tuple[str, ...] = ()
     study: Study | None = None
-    verified: bool = False
-    created: str = ""
-    climbplan_version: str = ""
-    summary: tuple[str, ...] = field(default=())  # lines for the terminal
     kind: str = "climb"  # or "transition"
     sequences: Sequences | None = None
     grips: GripPlan | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,16 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.plan.grip_store import read_grips, write_grips
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
-from climbplan.errors import PlanFileError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset
-from climbplan.plans.root_attributes import read_root, require_plan, write_root
+from climbplan.plans.root_attributes import (
+    read_header,
+    read_status,
+    require_finite,
+    require_plan,
+    write_header,
+)
 
 
 def write_climb(plan: ClimbPlan, path: Path) -> None:
@@ -50,8 +55,6 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
             limits.attrs[name] = float(vars(plan.limits)[name])
         write_terrain(file.create_group("terrain"), plan.terrain)
         write_grips(file, plan.grips)
-        write_dataset(file, "warnings", plan.warnings, layout.TEXTS)
-        write_dataset(file, "summary", plan.summary, layout.TEXTS)
         if plan.study is not None:
             _write_study(file.create_group("study"), plan.study)
         if plan.sequences is not None:
@@ -66,45 +69,30 @@ def read_climb(path: Path) -> ClimbPlan:
     Nothing in a file is ever run. Raises PlanFileError for anything that is not a whole climb
     plan: another format or version, missing or misshapen data, NaN where numbers must be.
     """
-    reading = read_as_found(path)
-    if reading.not_finite:
-        names = ", ".join(reading.not_finite[:3])
-        more = len(reading.not_finite) - 3
-        raise PlanFileError(
-            f"{path}: NaN or infinity in {names}{f' and {more} more' if more > 0 else ''}"
-        )
-    return reading.plan
+    plan = read_as_found(path)
+    require_finite(path, plan)
+    return plan
 
 
-@dataclass(frozen=True)
-class Reading:
-    """A plan whose shapes and types are right, and where its numbers are not finite."""
-
-    plan: ClimbPlan
-    not_finite: tuple[str, ...]  # datasets and attributes
-
-
-def read_as_found(path: Path) -> Reading:
+def read_as_found(path: Path) -> ClimbPlan:
     """As `read_climb`, but NaN and infinities are only listed, so that a check can report them."""
     with opened_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, layout.FORMAT_VERSION, *layout.FORMATS.values())
-        plan = _read(reader)
-        return Reading(plan, tuple(reader.not_finite))
+        return _read(reader)
 
 
 def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
     texts = {"status": plan.status}
     if plan.kind == "transition":
         texts["contact_sequence"] = plan.contact_sequence
-    write_root(
+    write_header(
         file,
         plan,
         layout.FORMATS[plan.kind],
         layout.FORMAT_VERSION,
         texts=texts,
         numbers={"objective": plan.objective, "bound": plan.bound, "gap": plan.gap},
-        objects={"timings": plan.timings, "solvers": plan.solvers, "sizes": plan.sizes},
     )
 
 
@@ -145,11 +133,7 @@ def _read(reader: Reader) -> ClimbPlan:
             raise reader.refuse(
                 f"{name} names a surface that is not there (0 to {len(terrain.surfaces) - 1})"
             )
-    status = reader.text("", "status")
-    if status not in layout.STATUSES:
-        raise reader.refuse(f"status {status!r}, expected one of {', '.join(layout.STATUSES)}")
     return ClimbPlan(
-        **read_root(reader),
         robot=robot,
         terrain=terrain,
         rounds=rounds,
@@ -157,20 +141,16 @@ def _read(reader: Reader) -> ClimbPlan:
         forces=forces,
         trajectory=trajectory,
         limits=limits,
-        status=status,
+        status=read_status(reader, layout.STATUSES),
         objective=reader.number("", "objective"),
         bound=reader.optional_number("bound"),
         gap=reader.optional_number("gap"),
-        timings=reader.figures("timings"),
-        solvers=reader.words("solvers"),
-        sizes=reader.mapping("sizes"),
-        warnings=reader.texts("warnings", layout.TEXTS),
         study=_read_study(reader) if reader.has("study") else None,
-        summary=reader.texts("summary", layout.TEXTS),
         kind=kind,
         sequences=_read_sequences(reader) if reader.has("sequences") else None,
         grips=grips,
         robot_texts=read_robot_texts(reader),
+        **read_header(reader),
     )
 
 

@@ -20,7 +20,6 @@ from climbplan.climb.plan.climb_plan import (
     Sequences,
     Trajectory,
 )
-from climbplan.climb.plan.file import Reading
 from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
 from climbplan.climb.trajectory import plan_trajectory
@@ -137,7 +136,7 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
             continue
         with clock.stage("check"):
             plan = assemble(run, Found(done, {}))
-            verification = verification_of(Reading(plan, ()))
+            verification = verification_of(plan)
         if verification.passed:
             return Attempt(done, iterations)
         reason = f"fails its verification: {verification.headline()}"

@@ -11,7 +11,7 @@ import pytest
 from climbplan.climb.check.verification import verification_of, verify
 from climbplan.climb.limb_clearance import NARROW, closest_link, narrowed
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.file import Reading, write_climb
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
 from climbplan.spec.transition_loading import load_transition
@@ -69,11 +69,11 @@ def test_the_verifier_lets_stand_only_who_may(plan: ClimbPlan, tmp_path: Path) -
     assert passed["trajectory.capsules"].passed
     assert "brick" in passed["limbs.capsules"].worst_at
     terrain = replace(plan.terrain, allowed=plan.terrain.allowed & False)
-    failed = {c.name for c in verification_of(Reading(replace(plan, terrain=terrain), ())).failed}
+    failed = {c.name for c in verification_of(replace(plan, terrain=terrain)).failed}
     assert {"limbs.capsules", "trajectory.capsules", "contact.allowed"} <= failed
 
 
 def test_thicker_links_hit_the_bricks(plan: ClimbPlan) -> None:
     robot = replace(plan.robot, limb_radius=0.045)
-    failed = {c.name for c in verification_of(Reading(replace(plan, robot=robot), ())).failed}
+    failed = {c.name for c in verification_of(replace(plan, robot=robot)).failed}
     assert "limbs.capsules" in failed or "trajectory.capsules" in failed

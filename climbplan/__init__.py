@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from climbplan.api.plan import Plan, read
     from climbplan.api.planning import plan, verify
     from climbplan.api.solving import Solution, solve
+    from climbplan.api.stating import stated
     from climbplan.program.polytope import Polytope
     from climbplan.program.problem import Problem
     from climbplan.program.statement import Program
@@ -47,6 +48,7 @@ __all__ = [
     "plan",
     "read",
     "solve",
+    "stated",
     "verify",
 ]
 _ROOMS = {
@@ -65,6 +67,7 @@ _ROOMS = {
     "plan": "api.planning",
     "read": "api.plan",
     "solve": "api.solving",
+    "stated": "api.stating",
     "verify": "api.planning",
 }
 

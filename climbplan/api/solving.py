@@ -54,19 +54,21 @@ class Solution:
     @property
     def values(self) -> dict[str, Array]:
         """Each variable block in its shape; raises UsageError where there is no answer."""
-        x = self._point()
-        return {
-            name: x[block.start : block.stop].reshape(block.shape)
-            for name, block in self.problem.program.variables.items()
-        }
+        return self.problem.values(self._point())
 
     def __getitem__(self, name: str) -> Array:
         """The values of one variable block."""
         return self.values[name]
 
     def check(self) -> CheckReport:
-        """The residual of every named block of the statement at the answer."""
-        return self.problem.program.check(self._point(), self.theta, self.found.result.assignment)
+        """The residual of every named block of the statement at the answer.
+
+        Behind them what the problem's own checker says, if it has one, as `own.NAME`.
+        """
+        x = self._point()
+        stated = self.problem.program.check(x, self.theta, self.found.result.assignment)
+        own = self.problem.own_residuals(self.theta, x)
+        return replace(stated, blocks=(*stated.blocks, *own))
 
     def _point(self) -> Array:
         if self.found.result.x is None:

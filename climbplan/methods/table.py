@@ -42,7 +42,8 @@ def solve_instance(
 ) -> MethodResult:
     """Solve a problem at one theta by a method's name.
 
-    No answer is returned that violates a row of the statement by more than the tolerance. Raises
+    No answer is returned that violates a row of the statement by more than the tolerance, or that
+    the problem's own checker refuses. Raises
     UsageError for parameters that do not fit, an unknown method or solver, a missing library, and
     missing bounds that the method needs; StatementError for what the statement itself does wrong;
     MissingSolver for a solver that is not installed.
@@ -56,9 +57,31 @@ def solve_instance(
     outcome = _METHODS[method](task)
     if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
         outcome = _fallen_back(task, method, settings.fallback, outcome)
+    result = _passing(task, outcome.result)
     spent = time.perf_counter() - begin
-    return MethodResult(
-        replace(outcome.result, time=spent), method, outcome.winner, outcome.tried, spent
+    return MethodResult(replace(result, time=spent), method, outcome.winner, outcome.tried, spent)
+
+
+def _passing(task: Task, result: SolverResult) -> SolverResult:
+    """The result, its answer refused if the problem's own checker does."""
+    if result.x is None:
+        return result
+    off = [
+        f"{block.name.removeprefix('own.')} by {block.residual:.3g}"
+        for block in task.problem.own_residuals(task.theta, result.x)
+        if block.residual > task.settings.tolerance
+    ]
+    if not off:
+        return result
+    refused = f"answer refused by the problem's own check: {', '.join(off)}"
+    return replace(
+        result,
+        status="limit",
+        x=None,
+        assignment=None,
+        objective=None,
+        gap=None,
+        log=(*result.log, refused),
     )
 
 

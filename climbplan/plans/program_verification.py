@@ -160,7 +160,7 @@ def _block_checks(plan: ProgramPlan, problem: Problem) -> Iterator[Check]:
         theta = problem.split(plan.parameters[row])
         report = problem.program.check(plan.x[row], theta, plan.assignment[row])
         objectives.append(report.objective)
-        for block in report.blocks:
+        for block in (*report.blocks, *problem.own_residuals(theta, plan.x[row])):
             residuals.setdefault(block.name, []).append(block.residual)
             units[block.name] = block.unit
     for name, values in residuals.items():

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.program.residuals import BlockResidual
 from climbplan.program.statement import Program
 
 Theta = Mapping[str, ArrayLike]  # parameter block -> numbers
@@ -36,6 +37,8 @@ class Problem:
     same for each entry of the block that is a factor of a product.
     start: a guess at parameters, variable block -> values; blocks left out start in the middle of
     their bounds.
+    check: a checker of its own that does not read the statement, (theta, variable block -> values)
+    -> name of a constraint -> its worst violation; 0 where it holds. Every answer has to pass it.
     Raises StatementError for a field that is not what it should be.
     """
 
@@ -45,6 +48,7 @@ class Problem:
     features: Callable[[Theta], ArrayLike] | None = None
     partitions: Mapping[str, int | Sequence[float]] = field(default_factory=dict)
     start: Callable[[Theta], Mapping[str, ArrayLike]] | None = None
+    check: Callable[[Theta, Mapping[str, Array]], Mapping[str, float]] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -54,7 +58,7 @@ class Problem:
             raise StatementError(f"problem {self.name!r}: `program` must be a Program, got {kind}")
         if not self.program.variables:
             raise StatementError(f"problem {self.name!r}: its program states no variables")
-        for role in ("sample", "features", "start"):
+        for role in ("sample", "features", "start", "check"):
             given = vars(self)[role]
             if given is not None and not callable(given):
                 raise StatementError(
@@ -158,10 +162,33 @@ class Problem:
             x[variable.start : variable.stop] = value.ravel()
         return x
 
-    def _own(self, role: str, function: Callable[[Any], Any], argument: Any) -> Any:
+    def values(self, x: Array) -> dict[str, Array]:
+        """Each variable block of a point (n,), in its shape."""
+        return {name: self.program.value(name, x) for name in self.program.variables}
+
+    def own_residuals(self, theta: Theta, x: Array) -> tuple[BlockResidual, ...]:
+        """What the problem's own checker says of a point (n,), as `own.NAME`; none without one.
+
+        Raises StatementError where it does not return numbers by name.
+        """
+        if self.check is None:
+            return ()
+        found = self._own("check", self.check, theta, self.values(x))
+        try:
+            worst = {str(name): float(value) for name, value in found.items()}
+        except (AttributeError, TypeError, ValueError) as error:
+            raise StatementError(
+                f"problem {self.name!r}: `check` must return a number by name: {error}"
+            ) from error
+        return tuple(
+            BlockResidual(f"own.{name}", np.inf if np.isnan(value) else max(value, 0.0), "", ())
+            for name, value in worst.items()
+        )
+
+    def _own(self, role: str, function: Callable[..., Any], *arguments: Any) -> Any:
         """What a function of the statement returns; its exceptions are named."""
         try:
-            return function(argument)
+            return function(*arguments)
         except (Exception, SystemExit) as error:  # not ours: whatever it raises is its message
             raise StatementError(
                 f"problem {self.name!r}: `{role}` raised {type(error).__name__}: {error}"

@@ -148,3 +148,18 @@ def test_a_form_that_no_method_holds() -> None:
     p.between("cube", x**3, 0.1, 1.0)
     with pytest.raises(StatementError, match="problem 'cubic'"):
         Problem("cubic", p).instance({})
+
+
+def test_a_checker_of_its_own_is_asked_by_name() -> None:
+    problem = Problem(
+        "pond", program(), check=lambda theta, values: {"dry": values["x"][0] - 1, "far": np.nan}
+    )
+    found = {b.name: b.residual for b in problem.own_residuals(THETA, np.array([1.5, 0, 0]))}
+    assert found == {"own.dry": 0.5, "own.far": np.inf}
+    assert Problem("pond", program()).own_residuals(THETA, np.zeros(3)) == ()
+    strange = Problem("pond", program(), check=lambda theta, values: 3)
+    with pytest.raises(StatementError, match="`check` must return a number by name"):
+        strange.own_residuals(THETA, np.zeros(3))
+    broken = Problem("pond", program(), check=lambda theta, values: values["y"])
+    with pytest.raises(StatementError, match="`check` raised KeyError"):
+        broken.own_residuals(THETA, np.zeros(3))

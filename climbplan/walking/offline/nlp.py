@@ -14,7 +14,6 @@ import numpy as np
 
 from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
-from climbplan.walking.footing import toe_heights
 from climbplan.walking.offline.gaits import (
     CYCLES,
     cycle,
@@ -24,7 +23,13 @@ from climbplan.walking.offline.gaits import (
     starting_gaits,
     with_regions,
 )
-from climbplan.walking.offline.nlp_program import NlpShape, compiled_nlp
+from climbplan.walking.offline.nlp_program import (
+    NlpShape,
+    compiled_nlp,
+    numbers_of,
+    parts_of,
+    values_of,
+)
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import (
     REACH_SLACK,
@@ -35,7 +40,7 @@ from climbplan.walking.offline.sqp import (
     solve_gait,
 )
 from climbplan.walking.online.warm_up import warm_up
-from climbplan.walking.task import LEGS, STATE, Array, Gait, WalkTask
+from climbplan.walking.task import Gait, WalkTask
 
 _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
 _LONGER = 6  # and more of them for gaits beyond the guessed one
@@ -56,11 +61,12 @@ class NlpMethod:
         """From a motion of a gait, whose regions are kept."""
         begin = time.perf_counter()
         task = self.task
-        point = self._point(start, at)
         program = self.program
+        point = np.concatenate(list(values_of(task, start, at).values()))
+        numbers = numbers_of(task, start).values()
         answer = program.solver.solve(
             np.clip(point, program.bounds.lower, program.bounds.upper),
-            self._numbers(start),
+            np.concatenate([part.ravel(order="F") for part in numbers]),
             program.bounds,
             time.monotonic() + seconds,
         )
@@ -68,7 +74,7 @@ class NlpMethod:
         worst = max(program.residuals(answer), key=lambda block: block.residual)
         if worst.residual > _OFF:
             word += f", {worst.name} off by {worst.residual:.2g} {worst.unit}".rstrip()
-        state, force, toes, relaxed = self._parts(x)
+        state, force, toes, relaxed = parts_of(task, x)
         contact = relaxed > 0.5
         gait = with_regions(task, contact, np.vstack([task.start.state, state]))
         if not (np.isfinite(x).all() and enough_contacts(task, contact)):
@@ -94,48 +100,6 @@ class NlpMethod:
         spent = time.perf_counter() - begin
         return _judged(found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait")
 
-    def _numbers(self, gait: Gait) -> Array:
-        task, reference = self.task, self.task.reference
-        ground, region = task.ground, gait.region[1:]
-        level = ground.height[region]
-        clear = toe_heights(ground, Gait(np.zeros_like(gait.contact), gait.region), task.lift)[1:]
-        return np.concatenate(
-            [
-                task.start.state,
-                task.start.toes.ravel(),
-                reference.velocity.ravel(),
-                reference.euler.ravel(),
-                reference.height,
-                level.ravel(),
-                clear.ravel(),
-                ground.lower[region].ravel(),
-                ground.upper[region].ravel(),
-            ]
-        )
-
-    def _point(self, gait: Gait, at: Iterate) -> Array:
-        toes = PinnedProgram(self.task, gait).toes(at.state, at.spots)
-        return np.concatenate(
-            [
-                at.state[1:].ravel(),
-                at.force.ravel(),
-                toes[1:, :, :2].ravel(),
-                gait.contact.astype(float).ravel(),
-            ]
-        )
-
-    def _parts(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """States 1 to N, forces, toes 1 to N (x, y), contacts 0 to N."""
-        knots = self.task.knots
-        sizes = np.cumsum([STATE * knots, 3 * LEGS * knots, 2 * LEGS * knots])
-        state, force, toes, contact = np.split(x, sizes)
-        return (
-            state.reshape(knots, STATE),
-            force.reshape(knots, LEGS, 3),
-            toes.reshape(knots, LEGS, 2),
-            contact.reshape(knots + 1, LEGS),
-        )
-
 
 def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     """From the guessed gait, its most promising phase first; the first that passes the exact check.
@@ -146,7 +110,7 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     warm_up(task)
     begin, tried = time.perf_counter(), 0
     word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
-    for gait, at in _guesses(task, guess_name):
+    for gait, at in guesses(task, guess_name):
         left = seconds - (time.perf_counter() - begin)
         if left <= 0:
             word = "time limit"
@@ -162,7 +126,7 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=tried)
 
 
-def _guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
+def guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
     """Phases of the gait, cheapest first by what one QP predicts; then others, nearest to holding.
 
     Each with what a few QPs make of it. The mirror image of a gait is left out where it could not

@@ -17,8 +17,9 @@ from climbplan.program.trajectory import Trajectory
 from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step
-from climbplan.walking.offline.pinned import FACETS
-from climbplan.walking.task import ANGLE_RANGE, LEGS, STATE, WalkTask
+from climbplan.walking.footing import toe_heights
+from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
+from climbplan.walking.task import ANGLE_RANGE, LEGS, STATE, Array, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
 ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
@@ -216,3 +217,46 @@ class WalkNlp:
             walk.minimise("tracking", w[3 + k] * (x[n][6 + k] - self.angles[k, n - 1]) ** 2)
         walk.minimise("tracking", w[6] * (x[n][2] - self.height[n - 1]) ** 2)
         walk.minimise("motion", w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3]))
+
+
+def numbers_of(task: WalkTask, gait: Gait) -> dict[str, Array]:
+    """The parameters, in order of statement; regions are those of the gait."""
+    reference, ground, region = task.reference, task.ground, gait.region[1:]
+    lifted = Gait(np.zeros_like(gait.contact), gait.region)
+    spread = (task.knots, 2 * LEGS)
+    return {
+        "x0": task.start.state[:, None],
+        "toes0": task.start.toes.reshape(-1, 1),
+        "v_ref": reference.velocity.T,
+        "a_ref": reference.euler.T,
+        "h_ref": reference.height[:, None],
+        "level": ground.height[region].T,
+        "clear": toe_heights(ground, lifted, task.lift)[1:].T,
+        "low": ground.lower[region].reshape(spread).T,
+        "high": ground.upper[region].reshape(spread).T,
+    }
+
+
+def values_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
+    """The variables of a motion of a gait, in order of statement."""
+    toes = PinnedProgram(task, gait).toes(at.state, at.spots)
+    knots = range(task.knots)
+    return {
+        **{f"x{n + 1}": at.state[n + 1] for n in knots},
+        **{f"f{n}": at.force[n].ravel() for n in knots},
+        **{f"t{n + 1}": toes[n + 1, :, :2].ravel() for n in knots},
+        **{f"c{n}": gait.contact[n].astype(float) for n in range(task.knots + 1)},
+    }
+
+
+def parts_of(task: WalkTask, x: Array) -> tuple[Array, Array, Array, Array]:
+    """States 1 to N, forces, toes 1 to N (x, y) and contacts 0 to N of a point."""
+    knots = task.knots
+    sizes = np.cumsum([STATE * knots, 3 * LEGS * knots, 2 * LEGS * knots])
+    state, force, toes, contact = np.split(x, sizes)
+    return (
+        state.reshape(knots, STATE),
+        force.reshape(knots, LEGS, 3),
+        toes.reshape(knots, LEGS, 2),
+        contact.reshape(knots + 1, LEGS),
+    )

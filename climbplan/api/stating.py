@@ -1,0 +1,74 @@
+"""`climbplan.stated`: what a spec asks for, as a problem that every method of the table takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from climbplan.api.loading import SpecSource, changed, load
+from climbplan.api.mistakes import placed_mistakes
+from climbplan.errors import UsageError
+from climbplan.program.polytope import Array
+from climbplan.program.problem import Problem
+from climbplan.spec.bookshelf_loading import LoadedShelf
+from climbplan.spec.loaded import LoadedSpec
+from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.mpc_loading import LoadedMpc
+
+Stated = tuple[Problem, dict[str, Array]]
+
+
+def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) -> Stated:
+    """The problem that a spec states, and its parameters: `climbplan.solve(problem, theta, ...)`.
+
+    spec, set: as `climbplan.plan`. A climb: its postures as method `micp` has them, forces apart.
+    A walk: all knots, contacts as binaries, from the guessed gait (`solver.guess`). A bookshelf:
+    its only scene. Rows may be added before it is solved, `problem.program.between("mine", ...)`
+    on `problem.program.affine(...)`. Answers have to pass the problem's own exact checker where
+    it has one (walks, bookshelves).
+
+    Raises SpecError for mistakes, UsageError for other kinds and for files of several scenes.
+    """
+    if isinstance(spec, LoadedSpec):
+        loaded: object = changed(spec, set) if set else spec
+    else:
+        loaded = load(spec, set)
+    maker = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
+    if maker is None or not isinstance(loaded, LoadedSpec):
+        raise UsageError(
+            "problems are stated by specs of kind climb, mpc and bookshelf; "
+            f"this is a {type(loaded).__name__}"
+        )
+    with placed_mistakes(loaded):
+        return maker(loaded)
+
+
+def _climb(loaded: LoadedClimb) -> Stated:
+    from climbplan.climb.postures.planner import refuse_unsuitable
+    from climbplan.climb.postures.statement import posture_program
+    from climbplan.climb.scene import build_scene
+
+    scene = build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
+    refuse_unsuitable(scene)
+    return Problem("postures", posture_program(scene)), {}
+
+
+def _walk(loaded: LoadedMpc) -> Stated:
+    from climbplan.walking.offline.stated import walk_problem
+    from climbplan.walking.problem import build_task
+
+    task = build_task(loaded.spec, loaded.robot, loaded.source)
+    return walk_problem(task, loaded.spec.solver.guess)
+
+
+def _shelf(loaded: LoadedShelf) -> Stated:
+    from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
+    from climbplan.bookshelf.stated import shelf_problem
+
+    scenes = loaded_scenes(loaded)
+    if len(scenes) != 1:
+        raise UsageError(f"a problem is stated by one scene, {loaded.source} has {len(scenes)}")
+    return shelf_problem(scenes[0], shelf_of(loaded.spec.shelf), loaded.spec.meaning)
+
+
+_MAKERS: dict[type, Any] = {LoadedClimb: _climb, LoadedMpc: _walk, LoadedShelf: _shelf}

@@ -1,0 +1,62 @@
+"""A walk as a problem of the common table: any method that holds smooth rows takes it.
+
+The same statement as method `nlp`, by scalars: contacts are binaries, rows that are affine are
+stated as such. Regions are those of the gait that it starts from. Answers are judged by the
+checker of walks, which does not read the statement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from climbplan.program.problem import Problem
+from climbplan.walking.check.checker import check_trajectory
+from climbplan.walking.footing import gait_of, toe_heights
+from climbplan.walking.offline.nlp import guesses
+from climbplan.walking.offline.nlp_program import (
+    NlpShape,
+    WalkNlp,
+    numbers_of,
+    parts_of,
+    values_of,
+)
+from climbplan.walking.task import LEGS, Array, Gait, WalkTask, WalkTrajectory
+
+
+def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str, Array]]:
+    """The problem of a task, and its parameters; it starts from the guessed gait's best phase.
+
+    Raises ValueError where no phase of the gait keeps as many legs standing as asked for.
+    """
+    first = next(guesses(task, guess), None)
+    if first is None:
+        raise ValueError(f"no phase of {guess!r} keeps {task.least_contacts} legs standing")
+    gait, at = first
+    start = values_of(task, gait, at)
+
+    def check(theta: object, values: Mapping[str, Array]) -> dict[str, float]:
+        found = check_trajectory(task, trajectory_of(task, gait, values))
+        return {c.name: 0.0 if c.passed else c.residual - c.limit for c in found}
+
+    program = WalkNlp(NlpShape.of(task)).stated.program()
+    problem = Problem("walk", program, start=lambda theta: start, check=check)
+    return problem, numbers_of(task, gait)
+
+
+def trajectory_of(task: WalkTask, start: Gait, values: Mapping[str, Array]) -> WalkTrajectory:
+    """The walk that values of the variables say, on the regions of the gait that it started from.
+
+    values: by variable, in order of statement. Raises ValueError where they do not fit the task.
+    """
+    state, force, spots, relaxed = parts_of(task, np.concatenate(list(values.values())))
+    states = np.vstack([task.start.state, state])
+    gait = gait_of(relaxed > 0.5, start.region)
+    toes = np.empty((task.knots + 1, LEGS, 3))
+    toes[0] = task.start.toes
+    toes[1:, :, :2] = spots
+    toes[1:, :, 2] = toe_heights(task.ground, gait, task.lift)[1:]
+    forces = np.zeros((task.knots + 1, LEGS, 3))
+    forces[:-1] = np.where(gait.contact[:-1, :, None], force, 0.0)
+    return WalkTrajectory(states, toes, forces, gait)

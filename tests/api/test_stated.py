@@ -1,0 +1,62 @@
+"""What a spec asks for, as a problem that every method of the table takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import climbplan
+from climbplan.errors import UsageError
+
+SPECS = Path(__file__).parents[2] / "specs"
+WALK = {"task.knots": 5, "task.integrator": "mean", "task.whole_stance": True}
+
+
+@pytest.mark.parametrize("method", ["pinned", "mpcc"])
+def test_a_walk_by_methods_of_the_table(method: str) -> None:
+    problem, theta = climbplan.stated(SPECS / "mpc_forward.yaml", set=WALK)
+    found = climbplan.solve(problem, theta, method=method, time_limit=60)
+    assert found.status == "feasible"
+    report = found.check()
+    names = {block.name for block in report.blocks}
+    # The statement's blocks, and those of the checker of walks under the same names
+    assert {"dynamics", "force.friction", "workspace.whole_stance"} <= names
+    assert {"own.dynamics.attitude", "own.force.friction", "own.workspace.whole_stance"} <= names
+    assert report.passed(1e-6)
+
+
+def test_an_answer_that_the_problems_own_checker_refuses_is_none() -> None:
+    problem, theta = climbplan.stated(SPECS / "mpc_forward.yaml", set=WALK)
+    strict = replace(problem, check=lambda theta, values: {"never": float(len(values))})
+    found = climbplan.solve(strict, theta, method="pinned")
+    assert found.status == "limit"
+    assert found.found.result.log[-1].startswith("answer refused by the problem's own check: never")
+
+
+def test_a_climbs_postures_with_a_row_of_ones_own() -> None:
+    problem, theta = climbplan.stated(SPECS / "climb_steps.yaml")
+    free = climbplan.solve(problem, theta, method="mpcc", time_limit=60)
+    aside = float(free["com"][0, 0])
+    com = problem.program.affine("com")
+    problem.program.between("mine.aside", com[0, :1], aside + 0.005, np.inf, unit="m")
+    held = climbplan.solve(problem, theta, method="mpcc", time_limit=60)
+    assert held["com"][0, 0] >= aside + 0.005 - 1e-6
+    assert "mine.aside" in {block.name for block in held.check().blocks}
+
+
+@pytest.mark.parametrize("method", ["pinned", "mpcc"])
+def test_a_shelf_by_methods_of_the_table(method: str) -> None:
+    problem, theta = climbplan.stated(SPECS / "bookshelf_scene.yaml")
+    found = climbplan.solve(problem, theta, method=method, time_limit=60)
+    assert found.status in ("optimal", "feasible")
+    assert any(block.name.startswith("own.") for block in found.check().blocks)
+
+
+def test_what_states_no_problem_is_named() -> None:
+    with pytest.raises(UsageError, match=r"climb.*; this is a LoadedLimms"):
+        climbplan.stated(SPECS / "limms_throw.yaml")
+    with pytest.raises(UsageError, match="a problem is stated by one scene"):
+        climbplan.stated(SPECS / "bookshelf_file.yaml")

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.limms.cubics import box_path, knot_samples
-from climbplan.limms.modules.chain import Pose, inverse
+from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.limbs import limb_frames
 from climbplan.limms.modules.straight_ways import closest_branch, rates_of
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Pose, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
 from climbplan.limms.timeline import (
     FREE,

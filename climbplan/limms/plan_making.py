@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.convergence import Convergence
-from climbplan.limms.plan import LimmsPlan, Motion, motion_of
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.timeline import DRIVES, Progress
+from climbplan.limms.modules.chain import forward
+from climbplan.limms.plan import LimmsPlan, Motion
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Points, Pose, Scene
+from climbplan.limms.timeline import DRIVES, Progress, Stretch
 from climbplan.spec.limms_loading import LoadedLimms
 
 
@@ -93,3 +95,56 @@ def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
                 f"{scene.weight:.1f} N tips under {weight:.1f} N is not looked at"
             )
     return tuple(found)
+
+
+def motion_of(
+    stretches: Sequence[Stretch],
+    module: Any,
+    wall_position: Array,
+    box_size: Array,
+    box_start: Array,
+) -> tuple[Motion, tuple[tuple[str, float, float], ...]]:
+    """Stretches put end to end, and the times of each; parked boxes rest."""
+    begins = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
+    joined: dict[str, list[Any]] = {key: [] for key in Motion.__annotations__}
+    parked = box_start[1:]
+    for stretch, begin in zip(stretches, begins[:-1], strict=True):
+        n = len(stretch.time)
+        base = Pose(stretch.base_position, stretch.base_rotation)
+        points: Points = forward(module, base, stretch.angles)
+        box = np.concatenate([stretch.box[:, None], np.tile(parked, (n, 1, 1))], axis=1)
+        still = np.zeros((n, len(parked), 3))
+        sides = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
+        offsets = sides[None] * box_size[:, None] / 2  # (B, 4, 3)
+        on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
+        parts = {
+            "time": begin + stretch.time,
+            "box_position": box,
+            "box_velocity": np.concatenate([stretch.velocity[:, None], still], axis=1),
+            "box_acceleration": np.concatenate([stretch.acceleration[:, None], still], axis=1),
+            "box_mode": np.tile([stretch.box_mode, *([1] * len(parked))], (n, 1)),
+            "joint_position": points.position,
+            "joint_rotation": points.rotation,
+            "joint_angles": stretch.angles,
+            "joint_velocity": stretch.rates,
+            "mode": np.tile(stretch.mode, (n, 1)),
+            "base_anchor": np.tile(stretch.base_anchor, (n, 1)),
+            "tip_anchor": np.tile(stretch.tip_anchor, (n, 1)),
+            "ground_end": np.tile(stretch.grounded, (n, 1)),
+            "anchor_position": np.concatenate(
+                [on_boxes, np.tile(wall_position, (n, 1, 1))], axis=1
+            ),
+            "force": np.concatenate(
+                [stretch.force[:, None], np.zeros((n, len(parked), 4, 3))], axis=1
+            ),
+        }
+        for key, value in parts.items():
+            joined[key].append(value)
+    motion = Motion(**{key: np.concatenate(values) for key, values in joined.items()})
+    stages: list[tuple[str, float, float]] = []
+    for stretch, begin, end in zip(stretches, begins[:-1], begins[1:], strict=True):
+        if stages and stages[-1][0] == stretch.name:
+            stages[-1] = (stretch.name, stages[-1][1], float(end))
+        else:
+            stages.append((stretch.name, float(begin), float(end)))
+    return motion, tuple(stages)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,20 @@ GRAVITY = 9.81  # [m/s^2]
 SIDES = ("+x", "-x", "+y", "-y")  # anchors of a box, one in the middle of each side
 SIDE_NORMALS = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
 FLIP = np.diag([1.0, -1.0, -1.0])  # from an anchor's frame to that of a last end on it
+
+
+class Pose(NamedTuple):
+    """Frames: position (..., 3) [m] and rotation to the world (..., 3, 3)."""
+
+    position: Array
+    rotation: Array
+
+
+class Points(NamedTuple):
+    """All points of a module: position (..., 8, 3) [m], rotation (..., 8, 3, 3)."""
+
+    position: Array
+    rotation: Array
 
 
 def anchor_frame(normal: Array) -> Array:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.limms.modules.chain import Points, Pose, forward
+from climbplan.limms.modules.chain import forward
 from climbplan.limms.modules.contact import link_segments
-from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.scene import Array, Index, Points, Pose, Scene
 
 STEP = 0.01  # [s] between samples at most
 

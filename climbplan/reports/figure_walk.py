@@ -19,8 +19,8 @@ from climbplan.reports.sheet import (
     style_axes,
 )
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.online.closed_loop import SUBSTEPS
 from climbplan.walking.plan import WalkPlan
+from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import ANGLES, LEGS, VELOCITY, Array, Whole
 
 _VELOCITY = "#B01E8C"

@@ -22,9 +22,10 @@ from climbplan.reports.report_files import finite
 from climbplan.walking.check.checker import LIMITS, LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.walking.check.verification import verify
-from climbplan.walking.online.closed_loop import RECOVERED, SUBSTEPS, fallen, mean_speed
+from climbplan.walking.online.closed_loop import RECOVERED, fallen, mean_speed
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
+from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.summary import gait_words
 from climbplan.walking.task import ANGLES, VELOCITY
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake
@@ -23,6 +25,8 @@ from climbplan.walking.task import (
     WalkTask,
     Weights,
 )
+
+SUBSTEPS = 16  # Runge-Kutta steps in a knot of a simulated loop: 5 ms at 80 ms
 
 
 def build_body(spec: RigidBodySpec) -> RigidBody:
@@ -127,3 +131,20 @@ def _ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> 
     feet = xy[:, None, :] + (body.toe_center @ rotation_world_body(angles).T)[:, :2]
     below: Array = ground.height[ground.nearest(feet)].mean(axis=-1)
     return below
+
+
+def sampled_task(task: WalkTask, samples: int) -> WalkTask:
+    """The task of a loop's record: so many Runge-Kutta steps after the first sample."""
+    reference = task.reference
+    return replace(
+        task,
+        knots=samples,
+        step=task.step / SUBSTEPS,
+        integrator="rk4",
+        reference=replace(
+            reference,
+            velocity=np.tile(reference.velocity[-1], (samples, 1)),
+            euler=np.tile(reference.euler[-1], (samples, 1)),
+            height=np.full(samples, reference.height[-1]),
+        ),
+    )

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from limms_scenes import loaded
 
-from climbplan.limms.modules.chain import BRANCHES, Pose, forward, from_last, inverse
+from climbplan.limms.modules.chain import BRANCHES, forward, from_last, inverse
+from climbplan.limms.scene import Pose
 
 MODULE = loaded("limms_lift_light").module
 

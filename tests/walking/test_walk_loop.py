@@ -17,21 +17,14 @@ from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loading import load_mpc
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs, limited
-from climbplan.walking.online.closed_loop import (
-    Loop,
-    LoopWorld,
-    Lost,
-    Push,
-    recovered,
-    run_loop,
-    sampled_task,
-)
+from climbplan.walking.online.closed_loop import Loop, LoopWorld, Lost, Push, recovered, run_loop
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.library import Library, build_library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.run import world_of
 from climbplan.walking.online.tick import SAFE, Command, OnlineController, OnlineSettings
+from climbplan.walking.problem import sampled_task
 from climbplan.walking.task import LEGS, VELOCITY
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)

@@ -16,10 +16,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.limms.modules.chain import BRANCHES, Pose, in_range, inverse
+from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import end_rotation, standing_rotation
 from climbplan.limms.modules.moving import gaps, rooted
-from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
+from climbplan.limms.scene import SIDE_NORMALS, Array, Pose, Scene
 from climbplan.limms.timeline import Progress
 
 _OUT = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal

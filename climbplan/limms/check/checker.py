@@ -10,12 +10,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from climbplan.limms.check.boxes import box_checks
+from climbplan.limms.check.kinematics import placed
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.logic import RULES, broken
 from climbplan.limms.check.motion import motion_checks
 from climbplan.limms.check.spec import spec_checks
-from climbplan.limms.modules.chain import Pose, forward
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
+from climbplan.limms.scene import Pose
 from climbplan.plans.check import Check
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
@@ -135,7 +136,7 @@ def _logic(plan: LimmsPlan) -> Iterator[Check]:
 def _points(plan: LimmsPlan, module: ModuleSpec) -> Check:
     motion = plan.motion
     base = Pose(motion.joint_position[:, :, 0], motion.joint_rotation[:, :, 0])
-    own = forward(module, base, motion.joint_angles)
+    own = placed(module, 0, base, motion.joint_angles)
     off = np.maximum(
         np.abs(own.position - motion.joint_position).max(axis=(1, 2, 3)),
         np.abs(own.rotation - motion.joint_rotation).max(axis=(1, 2, 3, 4)),

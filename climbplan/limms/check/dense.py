@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.limms.modules.chain import Points, Pose, forward, from_last
-from climbplan.limms.modules.limbs import end_rotation, joined_rotation, standing_rotation
+from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Points, Pose
 from climbplan.spec.limms_module import ModuleSpec
 
 STEP = 1e-3  # [s]
@@ -87,8 +86,7 @@ def stretches(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Stretch]:
         points: dict[int, Points] = {}
         for m in carriers_first(plan, first):
             root = _root(plan, m, first, span, time, at, box, points)
-            place = forward if root.end == 0 else from_last
-            points[m] = place(module, root.pose, angles[:, m])
+            points[m] = placed(module, root.end, root.pose, angles[:, m])
         whole = tuple(points[m] for m in range(len(points)))
         yield Stretch(first, last, at, box, velocity, angles, rates, whole)
 
@@ -118,7 +116,7 @@ def anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array) -> Pose:
         position = box[:, b] + normal * np.abs(normal @ plan.box_size[b]) / 2
     else:
         position = np.tile(plan.motion.anchor_position[0, anchor], (count, 1))
-    return Pose(position, np.broadcast_to(end_rotation(normal, end), (count, 3, 3)))
+    return Pose(position, np.broadcast_to(on_anchor(normal, end), (count, 3, 3)))
 
 
 def _root(
@@ -144,13 +142,13 @@ def _root(
         parent, its_end = divmod(anchors[held] - count, 2)
         if parent in others:
             carrier = others[parent]
-            rotation = joined_rotation(carrier.rotation[:, 7 * its_end], its_end, held)
+            rotation = on_end(carrier.rotation[:, 7 * its_end], its_end, held)
             return Root(held, Pose(carrier.position[:, 7 * its_end], rotation))
     end = max(ground, 0)
     path = motion.joint_position[span, m, 7 * end]
     position = np.stack([np.interp(at, time, path[:, i]) for i in range(3)], axis=-1)
     if ground >= 0:
-        return Root(end, Pose(position, np.broadcast_to(standing_rotation(end), (len(at), 3, 3))))
+        return Root(end, Pose(position, np.broadcast_to(on_ground(end), (len(at), 3, 3))))
     # In nobody's hands: as stored, between samples straight
     near = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
     return Root(end, Pose(position, motion.joint_rotation[span, m, 0][near]))

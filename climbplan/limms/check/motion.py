@@ -8,10 +8,10 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from climbplan.limms.check.dense import Stretch, anchor_pose, stretches
+from climbplan.limms.check.kinematics import on_end, on_ground
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.worst import Worst
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
-from climbplan.limms.modules.limbs import joined_rotation, standing_rotation
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.plans.check import Check
@@ -66,7 +66,7 @@ def _latches(plan: LimmsPlan, stretch: Stretch, worst: Worst) -> None:
                 parent, its_end = divmod(anchor - len(plan.anchor_names), 2)
                 target = stretch.points[parent].position[:, 7 * its_end]
                 carrying = stretch.points[parent].rotation[:, 7 * its_end]
-                joined = joined_rotation(carrying, its_end, end)
+                joined = on_end(carrying, its_end, end)
                 turn = np.abs(stretch.points[m].rotation[:, 7 * end] - joined)
             else:
                 pose = anchor_pose(plan, anchor, end, stretch.box)
@@ -108,7 +108,7 @@ def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst)
             continue
         place = stretch.points[m].position[:, 7 * end]
         worst.look("ground.stand", stretch.time, _off_ground(plan, place), name)
-        turn = stretch.points[m].rotation[:, 7 * end] - standing_rotation(end)
+        turn = stretch.points[m].rotation[:, 7 * end] - on_ground(end)
         worst.look("ground.stand", stretch.time, np.abs(turn), f"{name} upright")
         span = slice(stretch.first, stretch.last + 1)
         path, time = motion.joint_position[span, m, 7 * end], motion.time[span]

@@ -14,9 +14,9 @@ from climbplan.limms.consensus.knot_program import KnotPrograms, Pose, Solved
 from climbplan.limms.consensus.knot_start import start_at
 from climbplan.limms.consensus.planes import planes_at
 from climbplan.limms.consensus.setting import POINTS, STABLE, Setting, start_points
-from climbplan.limms.modules.chain import Points, forward, from_last
-from climbplan.limms.modules.chain import Pose as Frame
-from climbplan.limms.scene import Array
+from climbplan.limms.modules.chain import forward, from_last
+from climbplan.limms.scene import Array, Points
+from climbplan.limms.scene import Pose as Frame
 
 BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of disagreements
 DEEP = 1e-4  # [m] penetration that calls for new planes

@@ -8,8 +8,7 @@ import numpy as np
 
 from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.statement import LegTrace
-from climbplan.limms.modules.chain import Pose
-from climbplan.limms.scene import GRAVITY, Array, Scene
+from climbplan.limms.scene import GRAVITY, Array, Pose, Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import NOWHERE, QUADRUPED, Progress
 

@@ -13,26 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Points, Pose
 from climbplan.spec.limms_module import ModuleSpec
 
 ROLLS = (True, False, False, True, False, True)
 BRANCHES = tuple(product((1, -1), (1, -1), (1, -1)))
 POINTS = 8
-
-
-class Pose(NamedTuple):
-    """Frames: position (..., 3) [m] and rotation to the world (..., 3, 3)."""
-
-    position: Array
-    rotation: Array
-
-
-class Points(NamedTuple):
-    """All points of a module: position (..., 8, 3) [m], rotation (..., 8, 3, 3)."""
-
-    position: Array
-    rotation: Array
 
 
 class Solution(NamedTuple):

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.modules.chain import Points
 from climbplan.limms.modules.distances import segment_to_block, segment_to_segment
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Points
 
 LINKS = ((0, 2), (2, 3), (3, 5), (5, 7))  # straight pieces between the points of a module
 _OWN_PAIRS = ((0, 2), (0, 3), (1, 3))  # that do not share a joint

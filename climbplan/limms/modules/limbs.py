@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.modules.chain import Points, Pose, along, forward
-from climbplan.limms.scene import FLIP, SIDE_NORMALS, Array, Scene, anchor_frame
+from climbplan.limms.modules.chain import along, forward
+from climbplan.limms.scene import FLIP, SIDE_NORMALS, Array, Points, Pose, Scene, anchor_frame
 from climbplan.limms.statement import Limb
 
 UPRIGHT = np.eye(3)

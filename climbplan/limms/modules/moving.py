@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.modules.chain import Points, Pose, forward, from_last
+from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Points, Pose
 from climbplan.limms.timeline import Progress
 
 

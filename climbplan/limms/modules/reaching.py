@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.limms.modules.chain import Points, Pose, forward, in_range
+from climbplan.limms.modules.chain import forward, in_range
 from climbplan.limms.modules.moving import Blocked, add_motion, gaps, rooted
 from climbplan.limms.modules.rrt import connect
 from climbplan.limms.modules.straight_ways import (
@@ -22,7 +22,7 @@ from climbplan.limms.modules.straight_ways import (
     leave,
     straight_in,
 )
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Points, Pose
 from climbplan.limms.timeline import Progress, samples
 
 MARGIN = 0.004  # [m] kept on the way

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from climbplan.limms.modules.chain import BRANCHES, Pose, continued, in_range, inverse
+from climbplan.limms.modules.chain import BRANCHES, continued, in_range, inverse
 from climbplan.limms.modules.moving import Blocked, add_motion, gaps, rooted
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Pose
 from climbplan.limms.timeline import Progress, samples
 from climbplan.spec.limms_module import ModuleSpec
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.modules.chain import Pose, forward
+from climbplan.limms.modules.chain import forward
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Array, Pose, Scene
 from climbplan.limms.timeline import Stretch
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused

@@ -9,9 +9,9 @@ import numpy as np
 from climbplan.reports import palette
 from climbplan.reports.viewer.scene import Array, Boxes, Forces, Path, Rods, Scene, Shape, polygons
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.online.closed_loop import SUBSTEPS
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan
+from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import ANGLES, LEGS, VELOCITY
 
 _RADIUS = 0.012  # [m] of a leg as it is drawn

@@ -18,10 +18,9 @@ from climbplan.spec.mpc import MpcSpec
 from climbplan.spec.mpc_loading import stored_body
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking.check.checker import check_loop, check_trajectory
-from climbplan.walking.cost import cost_terms
-from climbplan.walking.online.closed_loop import sampled_task
+from climbplan.walking.check.objective import objective_terms
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.problem import build_task
+from climbplan.walking.problem import build_task, sampled_task
 from climbplan.walking.task import WalkTask
 
 LIMITS = {
@@ -123,7 +122,7 @@ def _difference(one: object, other: object) -> float:
 
 
 def _objective(plan: WalkPlan) -> Check:
-    terms = cost_terms(plan.task, plan.trajectory.state, plan.trajectory.force)
+    terms = objective_terms(plan.task, plan.trajectory.state, plan.trajectory.force)
     total = sum(terms.values())
     off = {"objective": abs(plan.objective - total)}
     for name, value in terms.items():

@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise, Perception
 from climbplan.walking.online.plant import LegForces
 from climbplan.walking.online.tick import Command, OnlineController
+from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import (
     LEGS,
     STATE,
@@ -35,7 +36,6 @@ from climbplan.walking.task import (
     WalkTrajectory,
 )
 
-SUBSTEPS = 16  # Runge-Kutta steps in a knot: 5 ms at 80 ms
 RECOVERED = 0.25  # [m/s] off the reference at most
 FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell
 
@@ -263,23 +263,6 @@ def fallen(state: Array) -> bool:
     if not np.isfinite(state).all():
         return True
     return bool(np.abs(state[6:8]).max() > FALLEN_TILT or state[2] < FALLEN_HEIGHT)
-
-
-def sampled_task(task: WalkTask, samples: int) -> WalkTask:
-    """The task of a loop's record: so many Runge-Kutta steps after the first sample."""
-    reference = task.reference
-    return replace(
-        task,
-        knots=samples,
-        step=task.step / SUBSTEPS,
-        integrator="rk4",
-        reference=replace(
-            reference,
-            velocity=np.tile(reference.velocity[-1], (samples, 1)),
-            euler=np.tile(reference.euler[-1], (samples, 1)),
-            height=np.full(samples, reference.height[-1]),
-        ),
-    )
 
 
 def recovered(loop: Loop, task: WalkTask, within: float = RECOVERED) -> bool:

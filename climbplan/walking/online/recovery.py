@@ -9,7 +9,6 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from climbplan.walking.online.closed_loop import (
-    SUBSTEPS,
     Loop,
     LoopWorld,
     Push,
@@ -21,6 +20,7 @@ from climbplan.walking.online.closed_loop import (
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.strategies import Ranking
 from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings
+from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import VELOCITY, Array, WalkTask
 
 FIRST, WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots

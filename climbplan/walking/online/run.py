@@ -20,7 +20,6 @@ from climbplan.spec.mpc_solver import WalkLibrarySpec
 from climbplan.walking.cost import cost_terms
 from climbplan.walking.online.admittance import AdmittanceGains
 from climbplan.walking.online.closed_loop import (
-    SUBSTEPS,
     Loop,
     LoopWorld,
     Lost,
@@ -28,7 +27,6 @@ from climbplan.walking.online.closed_loop import (
     collected_before,
     recovered,
     run_loop,
-    sampled_task,
 )
 from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
 from climbplan.walking.online.estimation import SensorQuality
@@ -38,7 +36,7 @@ from climbplan.walking.online.strategies import trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
 from climbplan.walking.online.warm_up import warm_up
 from climbplan.walking.plan import LoopRecord, WalkPlan
-from climbplan.walking.problem import build_task
+from climbplan.walking.problem import SUBSTEPS, build_task, sampled_task
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.task import VELOCITY, Array, WalkTask, Whole
 

@@ -1,0 +1,41 @@
+"""The checker's kinematics of modules against the planners', which it does not share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed
+from climbplan.limms.modules.chain import forward, from_last
+from climbplan.limms.modules.limbs import end_rotation, joined_rotation, standing_rotation
+from climbplan.limms.scene import SIDE_NORMALS, Pose
+from climbplan.spec.limms_module import ModuleSpec
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_points_of_a_module(end: int) -> None:
+    rng = np.random.default_rng(end)
+    module = ModuleSpec()
+    angles = rng.uniform(-3, 3, (40, 6))
+    held = Pose(rng.uniform(-1, 1, (40, 3)), np.tile(on_anchor(SIDE_NORMALS[1], end), (40, 1, 1)))
+    own = placed(module, end, held, angles)
+    theirs = (forward if end == 0 else from_last)(module, held, angles)
+    np.testing.assert_allclose(own.position, theirs.position, atol=1e-12)
+    np.testing.assert_allclose(own.rotation, theirs.rotation, atol=1e-12)
+
+
+def test_frames_of_ends() -> None:
+    normals = [*SIDE_NORMALS, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])]
+    carrying = np.stack([end_rotation(normal, 0) for normal in normals])
+    for end in (0, 1):
+        np.testing.assert_allclose(on_ground(end), standing_rotation(end), atol=1e-15)
+        for normal in normals:
+            np.testing.assert_allclose(
+                on_anchor(normal, end), end_rotation(normal, end), atol=1e-15
+            )
+        for its_end in (0, 1):
+            np.testing.assert_allclose(
+                on_end(carrying, its_end, end),
+                joined_rotation(carrying, its_end, end),
+                atol=1e-15,
+            )

@@ -2,7 +2,8 @@
 
 Numba renews a function's cached code when the file of that function changes, but not when a
 function that it calls does. The cache of a room therefore lies in a directory named after all
-sources of its compiled functions: after an edit nothing stale is found there.
+sources of its compiled functions, and of what they are generated from: after an edit nothing stale
+is found there.
 
 A machine compiles once, for up to half a minute. The package's log has a line then, which the
 command line shows; nothing is said where the cache serves.
@@ -38,8 +39,10 @@ class Compiler(Protocol):
     def __call__(self, function: Function, /) -> Function: ...
 
 
-def compiler(room: Path, sources: str) -> Compiler:
+def compiler(room: Path, sources: str, generated_from: bytes = b"") -> Compiler:
     """The decorator of a room's functions; `sources`: glob of the room's files that have such ones.
+
+    generated_from: as of `generated.generated_from`, of statements elsewhere that they call.
 
     IEEE arithmetic in the order written, which bounds rely on. Names that begin with an underscore
     can be called from compiled functions only, which spares the time to compile a wrapper. Code is
@@ -48,7 +51,7 @@ def compiler(room: Path, sources: str) -> Compiler:
     """
 
     def compiled(function: Function) -> Function:
-        place = _directory(room, sources)
+        place = _directory(room, sources, generated_from)
         options: dict[str, Any] = {
             "cache": place is not None,
             "error_model": "numpy",  # division by zero gives infinity, as in NumPy
@@ -66,9 +69,9 @@ def compiler(room: Path, sources: str) -> Compiler:
 
 
 @cache
-def _directory(room: Path, sources: str) -> str | None:
+def _directory(room: Path, sources: str, generated_from: bytes) -> str | None:
     """Where the code of a room is kept, None if nowhere."""
-    digest = hashlib.sha256(numba.__version__.encode())
+    digest = hashlib.sha256(numba.__version__.encode() + generated_from)
     for source in (Path(__file__), *sorted(room.glob(sources))):
         digest.update(source.read_bytes())
     name = f"compiled-{digest.hexdigest()[:16]}"

@@ -1,9 +1,12 @@
-"""The rigid-body dynamics as CasADi expressions: what solvers differentiate (eqs. 8.14 to 8.21)."""
+"""The rigid-body dynamics as CasADi expressions: what solvers differentiate (eqs. 8.14 to 8.21).
+
+Compiled steps are generated from them (`kernels/step.py`).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -20,12 +23,22 @@ def euler_rates(angles: Any, spin: Any) -> Any:
     return ca.vertcat(roll, pitch, spin[2] + ca.sin(angles[1]) * roll)
 
 
-def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
+def derivative(body: Body, state: Any, toes: Any, force: Any) -> Any:
+    """Time derivative (12,) of the state, eqs. (8.14) to (8.17); toes, force: (12,) leg by leg."""
+    position, velocity, angles, spin = ca.vertsplit(state, 3)
+    a, push, about_origin = _loads(body, toes, force)
+    alpha = _spin_acceleration(body, angles, spin, about_origin - ca.cross(position, push))
+    return ca.vertcat(velocity, a, euler_rates(angles, spin), alpha)
+
+
+def knot_step(body: Body, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
     """The state one knot later, eq. (8.19).
 
     mean: 0 for forward Euler; 1 for Runge-Kutta over the interval, in which the body moves on above
     the toes (`truth.knot_step` says how). toes, force: (12,) leg by leg.
     """
+    if isinstance(mean, int | float) and mean == 0:  # four stages would all be the same
+        return state + dt * derivative(body, state, toes, force)
     position, velocity, angles, spin = ca.vertsplit(state, 3)
     a, push, about_origin = _loads(body, toes, force)
 
@@ -48,9 +61,7 @@ def knot_step(body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, forc
     return ca.vertcat(there, velocity + dt * a, turn)
 
 
-def plain_knot_step(
-    body: BodyNumbers, dt: Any, mean: Any, state: Any, toes: Any, force: Any
-) -> Any:
+def plain_knot_step(body: Body, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
     """As `knot_step` for `mean` 0; for 1 with one stage under the mean moment of the interval.
 
     Where only second derivatives count: those of four stages have ten times as many operations.
@@ -65,7 +76,7 @@ def plain_knot_step(
     return ca.vertcat(there, velocity + dt * a, turn, spin + dt * alpha)
 
 
-def _loads(body: BodyNumbers, toes: Any, force: Any) -> tuple[Any, Any, Any]:
+def _loads(body: Body, toes: Any, force: Any) -> tuple[Any, Any, Any]:
     """Acceleration, eq. (8.14), sum of the forces, and their moment about the world's origin."""
     legs = [slice(3 * i, 3 * i + 3) for i in range(LEGS)]
     push = sum((force[leg] for leg in legs), ca.SX.zeros(3))
@@ -73,13 +84,28 @@ def _loads(body: BodyNumbers, toes: Any, force: Any) -> tuple[Any, Any, Any]:
     return push / body.mass - ca.vertcat(0, 0, body.gravity), push, about_origin
 
 
-def _spin_acceleration(body: BodyNumbers, angles: Any, spin: Any, moment: Any) -> Any:
+def _spin_acceleration(body: Body, angles: Any, spin: Any, moment: Any) -> Any:
     """Angular acceleration under a moment, eq. (8.15), world frame."""
-    inertia = ca.DM(np.reshape(body.inertia, (3, 3)))
-    inverse = ca.DM(np.linalg.inv(np.reshape(body.inertia, (3, 3))))
+    inertia, inverse = body.tensors
     R = rotation(angles)
     seen = R.T @ spin  # in the body frame, where the inertia is constant
     return R @ (inverse @ (R.T @ moment - ca.cross(seen, inertia @ seen)))
+
+
+class Body(Protocol):
+    """What the dynamics need of a body, as numbers or as symbols."""
+
+    @property
+    def mass(self) -> Any:
+        """[kg]."""
+
+    @property
+    def gravity(self) -> Any:
+        """Downward [m/s^2]."""
+
+    @property
+    def tensors(self) -> tuple[Any, Any]:
+        """Inertia about the centre of mass (3, 3), body frame [kg m^2], and its inverse."""
 
 
 @dataclass(frozen=True)
@@ -93,3 +119,18 @@ class BodyNumbers:
     @classmethod
     def of(cls, body: RigidBody) -> BodyNumbers:
         return cls(body.mass, body.gravity, tuple(float(v) for v in body.inertia.ravel()))
+
+    @property
+    def tensors(self) -> tuple[Any, Any]:
+        """As of `Body`."""
+        inertia = np.reshape(self.inertia, (3, 3))
+        return ca.DM(inertia), ca.DM(np.linalg.inv(inertia))
+
+
+@dataclass(frozen=True, eq=False)
+class BodySymbols:
+    """The same as what is given when an expression is evaluated."""
+
+    mass: Any
+    gravity: Any
+    tensors: tuple[Any, Any]

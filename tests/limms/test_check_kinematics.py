@@ -9,13 +9,13 @@ from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, place
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.limbs import end_rotation, joined_rotation, standing_rotation
 from climbplan.limms.scene import SIDE_NORMALS, Pose
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms_loading import builtin_module, builtin_modules
 
 
 @pytest.mark.parametrize("end", [0, 1])
 def test_points_of_a_module(end: int) -> None:
     rng = np.random.default_rng(end)
-    module = ModuleSpec()
+    module = builtin_module(builtin_modules()[0])
     angles = rng.uniform(-3, 3, (40, 6))
     held = Pose(rng.uniform(-1, 1, (40, 3)), np.tile(on_anchor(SIDE_NORMALS[1], end), (40, 1, 1)))
     own = placed(module, end, held, angles)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -10,17 +15,27 @@ from walk_tasks import walk_task
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.truth import (
     continuous_rollout,
+    derivative,
     euler_rates,
+    knot_rollout,
     knot_step,
     runge_kutta,
 )
 from climbplan.walking.dynamics import BodyNumbers
+from climbplan.walking.dynamics import derivative as symbolic_rates
 from climbplan.walking.dynamics import knot_step as symbolic_step
+from climbplan.walking.kernels import compiling, step
+from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.step import linearised
 from climbplan.walking.task import ANGLES, LEGS, SPIN, STATE, VELOCITY, Integrator
 
 RNG = np.random.default_rng(5)
-BODY = walk_task().body
+# Products of inertia, which the shipped body has none of
+BODY = replace(
+    walk_task().body,
+    inertia=np.array([[0.098, 0.01, -0.02], [0.01, 0.146, 0.015], [-0.02, 0.015, 0.218]]),
+)
+NAMES = ca.SX.sym("state", STATE), ca.SX.sym("toes", 12), ca.SX.sym("force", 12)
 
 
 def some_states(count: int) -> np.ndarray:
@@ -33,42 +48,113 @@ def some_toes(count: int) -> np.ndarray:
     return BODY.toe_center + RNG.normal(0, 0.05, (count, LEGS, 3))
 
 
+def some_forces(count: int) -> np.ndarray:
+    return RNG.normal(0, 15, (count, LEGS, 3))
+
+
+def compiled_slopes(
+    integrator: Integrator, state: np.ndarray, toes: np.ndarray, force: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Steps (N, 12) and slopes (N, 36, 12) by the compiled function."""
+    inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
+    after, slopes = np.empty((len(force), STATE)), np.full((len(force), 36, STATE), np.nan)
+    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, 0.08, mean)
+    linearised(*numbers, state, toes, force, after, slopes)
+    return after, slopes
+
+
+def test_rates_agree_with_numpy() -> None:
+    state, toes, force = some_states(1)[0], some_toes(1)[0], some_forces(1)[0]
+    rates = ca.Function("rates", NAMES, [symbolic_rates(BodyNumbers.of(BODY), *NAMES)])
+    found = np.asarray(rates(state, toes.ravel(), force.ravel())).ravel()
+    np.testing.assert_allclose(found, derivative(BODY, state, toes, force), atol=1e-10)
+
+
 @pytest.mark.parametrize("integrator", ["euler", "mean"])
 def test_expressions_agree_with_numpy(integrator: Integrator) -> None:
-    state, toes, force = some_states(1)[0], some_toes(1)[0], RNG.normal(0, 15, (LEGS, 3))
-    names = ca.SX.sym("state", STATE), ca.SX.sym("toes", 12), ca.SX.sym("force", 12)
+    state, toes, force = some_states(1)[0], some_toes(1)[0], some_forces(1)[0]
     mean = float(integrator == "mean")
-    step = ca.Function("step", names, [symbolic_step(BodyNumbers.of(BODY), 0.08, mean, *names)])
+    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, *NAMES)
+    declared = ca.Function("step", NAMES, [stated])
     after = knot_step(BODY, integrator, 0.08, state, toes, force)
-    found = np.asarray(step(state, toes.ravel(), force.ravel())).ravel()
-    np.testing.assert_allclose(found, after, atol=1e-11)
+    found = np.asarray(declared(state, toes.ravel(), force.ravel())).ravel()
+    np.testing.assert_allclose(found, after, atol=1e-10)
+
+
+@pytest.mark.parametrize("integrator", ["euler", "mean"])
+def test_compiled_steps_and_slopes_are_those_of_the_declaration(integrator: Integrator) -> None:
+    count = 20
+    state, toes, force = some_states(count), some_toes(count), some_forces(count)
+    mean = float(integrator == "mean")
+    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, *NAMES)
+    slopes = ca.jacobian(stated, ca.vertcat(*NAMES))
+    declared = ca.Function("declared", NAMES, [stated, slopes])
+    after, found = compiled_slopes(integrator, state, toes, force)
+    for n in range(count):
+        values = declared(state[n], toes[n].ravel(), force[n].ravel())
+        np.testing.assert_allclose(after[n], np.array(values[0]).ravel(), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found[n].T, np.array(values[1]), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("integrator", ["euler", "mean"])
 def test_compiled_steps_and_slopes(integrator: Integrator) -> None:
     """Steps against NumPy, their Jacobians by finite differences."""
-    count = 3
-    parts = [some_states(count), some_toes(count), RNG.normal(0, 15, (count, LEGS, 3))]
-    inverse = np.linalg.inv(BODY.inertia).astype(float)
-    after, slopes = np.empty((count, STATE)), np.empty((count, 36, STATE))
-    mean = integrator == "mean"
-    state, toes, force = parts
-    mass, gravity, inertia = BODY.mass, BODY.gravity, BODY.inertia
-    linearised(mass, gravity, inertia, inverse, 0.08, mean, state, toes, force, after, slopes)
+    parts = [some_states(3), some_toes(3), some_forces(3)]
+    after, slopes = compiled_slopes(integrator, parts[0], parts[1], parts[2])
     np.testing.assert_allclose(
-        after, knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]), atol=1e-11
+        after, knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]), atol=1e-10
     )
     h, column = 1e-5, 0
     for held in parts:
         for index in np.ndindex(held.shape[1:]):
             ends = []
-            for step in (h, -2 * h):
-                held[(slice(None), *index)] += step
+            for move in (h, -2 * h):
+                held[(slice(None), *index)] += move
                 ends.append(knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]))
             held[(slice(None), *index)] += h
             slope = (ends[0] - ends[1]) / (2 * h)
             np.testing.assert_allclose(slopes[:, column], slope, atol=2e-6)
             column += 1
+
+
+@pytest.mark.parametrize("integrator", ["euler", "mean"])
+def test_compiled_knots_are_those_of_the_checker(integrator: Integrator) -> None:
+    start, toes, force = 0.2 * some_states(1)[0], some_toes(6), 0.2 * some_forces(5)
+    inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
+    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, 0.08, mean)
+    found = knots_rolled(*numbers, start, toes, force)
+    wanted = knot_rollout(BODY, integrator, 0.08, start, toes, force)
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8)
+
+
+def test_arrays_need_not_be_c_ordered() -> None:
+    state, toes, force = some_states(3), some_toes(3), some_forces(3)
+    wanted = compiled_slopes("mean", state, toes, force)
+    wide = np.zeros((3, 2 * LEGS, 3))
+    wide[:, ::2] = force
+    found = compiled_slopes("mean", np.asfortranarray(state), toes, wide[:, ::2])
+    for mine, theirs in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_code_is_renewed_after_edits_of_all_that_declares_it() -> None:
+    """Whatever file of ours runs while a step is stated is one that the cache is named after."""
+    ran: set[Path] = set()
+
+    def watch(frame: FrameType, event: str, argument: object) -> None:
+        ran.add(Path(frame.f_code.co_filename))
+
+    before = sys.getprofile()
+    sys.setprofile(watch)
+    try:
+        step._step(1.0, True)
+        step._rates()
+    finally:
+        sys.setprofile(before)
+    room = Path(str(step.__file__)).parent
+    package = room.parents[1]
+    ours = {path for path in ran if path.is_relative_to(package) and path.parent != room}
+    assert ours == {Path(str(module.__file__)) for module in compiling.DECLARED}
 
 
 def test_euler_rates_turn_the_body() -> None:
@@ -102,16 +188,17 @@ def test_free_flight_and_torque_free_rotation() -> None:
 
 def test_mean_steps_agree_with_continuous_time_and_euler_does_not() -> None:
     """A trot at 1.8 m/s: the body moves 14 cm above each foothold."""
+    body = walk_task().body
     state = np.zeros(STATE)
     state[2], state[3] = 0.2, 1.8
-    toes = np.tile(BODY.toe_center, (1, 1, 1))
+    toes = np.tile(body.toe_center, (1, 1, 1))
     toes[..., 0] += 0.072
     toes[..., 2] = 0
     force = np.zeros((1, LEGS, 3))
-    force[0, [0, 3], 2] = BODY.mass * BODY.gravity / 2
-    smooth = continuous_rollout(BODY, 0.08, state, toes, force)[1]
+    force[0, [0, 3], 2] = body.mass * body.gravity / 2
+    smooth = continuous_rollout(body, 0.08, state, toes, force)[1]
     off = {
-        name: np.abs(knot_step(BODY, name, 0.08, state, toes[0], force[0]) - smooth)[6:].max()
+        name: np.abs(knot_step(body, name, 0.08, state, toes[0], force[0]) - smooth)[6:].max()
         for name in ("mean", "euler")
     }
     assert off["mean"] < 2e-3

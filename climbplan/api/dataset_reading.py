@@ -9,7 +9,7 @@ from climbplan.datasets import tables
 from climbplan.datasets.verification import MEANINGS, verification_of
 from climbplan.plans.dataset_file import read_dataset_file
 from climbplan.plans.verification import Verification
-from climbplan.reports import dataset_report
+from climbplan.reports.fits import dataset_report
 
 
 def write_report(path: Path, directory: Path, verification: Verification | None = None) -> None:

@@ -71,7 +71,7 @@ class PlanKind:
 _CLIMB = PlanKind(
     csv_name="trajectory.csv",
     verification="climbplan.climb.check.verification",
-    report="climbplan.reports.climb_report",
+    report="climbplan.reports.climb.report",
     csv="climbplan.climb.plan.trajectory_csv",
     scene_function="climbplan.reports.viewer.climb_scene:climb_scene",
 )
@@ -81,23 +81,23 @@ KINDS = {
     "climbplan/bookshelf": PlanKind(
         csv_name="placements.csv",
         verification="climbplan.bookshelf.check.verification",
-        report="climbplan.reports.bookshelf_report",
+        report="climbplan.reports.bookshelf.report",
         csv="climbplan.bookshelf.placement_csv",
-        scene_function="climbplan.reports.viewer.shelf_scene:shelf_scene",
+        scene_function="climbplan.reports.viewer.bookshelf_scene:shelf_scene",
     ),
     "climbplan/limms": PlanKind(
         csv_name="motion.csv",
         verification="climbplan.limms.check.verification",
-        report="climbplan.reports.limms_report",
+        report="climbplan.reports.limms.report",
         csv="climbplan.limms.motion_csv",
         scene_function="climbplan.reports.viewer.limms_scene:limms_scene",
     ),
     "climbplan/mpc": PlanKind(
         csv_name="walk.csv",
         verification="climbplan.walking.check.verification",
-        report="climbplan.reports.walk_report",
+        report="climbplan.reports.walking.report",
         csv="climbplan.walking.trajectory_csv",
-        scene_function="climbplan.reports.viewer.walk_scene:walk_scene",
+        scene_function="climbplan.reports.viewer.walking_scene:walk_scene",
     ),
     "climbplan/dataset": PlanKind(
         csv_name="dataset.csv",

@@ -59,7 +59,7 @@ def _walk(path: Path) -> tuple[str, Simulate]:
     plan = read_walk_plan(path)
 
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
-        from climbplan.simulation.walk_study import simulate_walk_plan, tell
+        from climbplan.simulation.walking.study import simulate_walk_plan, tell
 
         found = simulate_walk_plan(plan, asked, report)
         return tell(found), _falls(found.trials)

@@ -58,7 +58,7 @@ def fit_envelopes(
     with OutputDirectory(target, force=force) as directory:
         from climbplan.climb.envelopes.file import write_envelopes
         from climbplan.climb.envelopes.run import fit_envelopes as fit
-        from climbplan.reports.envelope_report import write_report
+        from climbplan.reports.fits.envelope_report import write_report
         from climbplan.robots.model import Robot
 
         with StageProgress(session) as progress:

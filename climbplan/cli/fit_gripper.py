@@ -33,7 +33,7 @@ def fit_gripper(
     with OutputDirectory(target, force=force) as directory:
         from climbplan.mechanics.gripper import cross_validate, read_grips
         from climbplan.mechanics.gripper import fit_gripper as fit
-        from climbplan.reports.gripper_report import RESULT, report_dict, write_report
+        from climbplan.reports.fits.gripper_report import RESULT, report_dict, write_report
 
         grips = read_grips(data)
         model = fit(grips, seed or 0)

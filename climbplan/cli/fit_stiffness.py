@@ -43,7 +43,7 @@ def fit_stiffness(
     target = out if out is not None else Path("outputs", data.stem)
     with OutputDirectory(target, force=force) as directory:
         from climbplan.mechanics.identification.study import identify
-        from climbplan.reports.stiffness_report import RESULT, report_dict, write_report
+        from climbplan.reports.fits.stiffness_report import RESULT, report_dict, write_report
 
         with StageProgress(session) as progress:
             found = identify(data, limb_of, seed or 0, lambda part: progress.report("fit", part))

@@ -58,7 +58,7 @@ def fit_strategy(
     target = out if out is not None else Path("outputs", loaded.name)
     with explained(session), OutputDirectory(target, force=force) as directory:
         from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
-        from climbplan.reports.strategy_report import report_dict, write_report
+        from climbplan.reports.fits.strategy_report import report_dict, write_report
 
         with StageProgress(session) as progress:
             data = _data(problem, loaded, progress)

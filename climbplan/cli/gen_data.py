@@ -89,7 +89,7 @@ def gen_data(
         from climbplan.datasets.generate import RunOptions, generated
         from climbplan.datasets.verification import MEANINGS, verify_and_mark
         from climbplan.plans.dataset_file import read_dataset_file, write_dataset_file
-        from climbplan.reports.dataset_report import report_dict, write_report
+        from climbplan.reports.fits.dataset_report import report_dict, write_report
 
         stated = _statement(loaded, problem)
         recipe = _recipe(loaded, problem)

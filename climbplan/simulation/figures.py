@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.series import spans
+from climbplan.reports.climb.series import spans
 from climbplan.reports.sheet import (
     foot_legend,
     heading,

@@ -96,7 +96,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
         "climbplan.climb.plan.file": ["write_climb"],
         "climbplan.plans.plan_format": ["plan_format"],
         "climbplan.climb.check.verification": ["verify_and_mark"],
-        "climbplan.reports.climb_report": ["write_report"],
+        "climbplan.reports.climb.report": ["write_report"],
     }.items():
         stand_in = types.ModuleType(module)
         for name in names:

@@ -242,7 +242,7 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "climbplan.plans.plan_format": {"plan_format": lambda path: "climbplan/climb"},
         "climbplan.climb.check.verification": {"verify": fake_verify},
         "climbplan.climb.plan.trajectory_csv": {"export_csv": fake_export},
-        "climbplan.reports.climb_report": {
+        "climbplan.reports.climb.report": {
             "write_report": fake_report,
             "report_dict": lambda plan: {"size": len(plan.name)},
         },

@@ -31,7 +31,7 @@ from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import GRAVITY
-from climbplan.reports.figure_convergence import convergence
+from climbplan.reports.limms.figure_convergence import convergence
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from matplotlib.image import imread
 from climbplan.bookshelf.plan import ShelfPlan, totals_of
 from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import run_shelf
-from climbplan.reports.bookshelf_figures import UNITS, costliest
-from climbplan.reports.bookshelf_report import figure_functions, report_dict, write_report
+from climbplan.reports.bookshelf.figures import UNITS, costliest
+from climbplan.reports.bookshelf.report import figure_functions, report_dict, write_report
 from climbplan.reports.sheet import png
 from climbplan.spec.bookshelf_loading import load_shelf
 

@@ -15,8 +15,8 @@ from headless_chromium import Browser, chromium_path
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.plan.file import write_climb
-from climbplan.reports.climb_page import build_page
-from climbplan.reports.climb_report import report_dict
+from climbplan.reports.climb.page import build_page
+from climbplan.reports.climb.report import report_dict
 
 MakePlan = Callable[..., ClimbPlan]
 ATTACK = "<script>window.broken=1</script><img src=x onerror=window.broken=1>\"'&$title"

@@ -22,9 +22,9 @@ from climbplan.bookshelf.runs import run_shelf
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import UsageError
+from climbplan.reports.viewer.bookshelf_scene import shelf_scene
 from climbplan.reports.viewer.climb_scene import climb_scene
 from climbplan.reports.viewer.scene import Scene, between, polygons
-from climbplan.reports.viewer.shelf_scene import shelf_scene
 from climbplan.spec.bookshelf_loading import load_shelf
 
 pytest.importorskip("viser", reason="no viser found: the 3-D view is not tested")

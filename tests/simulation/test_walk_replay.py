@@ -12,10 +12,10 @@ from climbplan.errors import UsageError
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
 from climbplan.simulation.study import Asked
-from climbplan.simulation.walk_comparison import compare_walk
-from climbplan.simulation.walk_reference import walk_reference
-from climbplan.simulation.walk_replay import euler_angles, simulate_walk
-from climbplan.simulation.walk_study import simulate_walk_plan, tell
+from climbplan.simulation.walking.comparison import compare_walk
+from climbplan.simulation.walking.reference import walk_reference
+from climbplan.simulation.walking.replay import euler_angles, simulate_walk
+from climbplan.simulation.walking.study import simulate_walk_plan, tell
 from climbplan.spec.mpc_loading import load_mpc
 from climbplan.walking.check.truth import continuous_rollout
 from climbplan.walking.plan import WalkPlan

@@ -9,9 +9,9 @@ import pytest
 from matplotlib.text import Text
 
 from climbplan.bench.walking.shipped_tasks import shipped
-from climbplan.reports.figure_loop import even_runs, loop_gait, push_times
-from climbplan.reports.figure_walk import snapshots, tracking
-from climbplan.reports.walk_report import drawn_figures
+from climbplan.reports.walking.figure_loop import even_runs, loop_gait, push_times
+from climbplan.reports.walking.figure_walk import snapshots, tracking
+from climbplan.reports.walking.report import drawn_figures
 from climbplan.walking.online.run import run_online
 from climbplan.walking.plan import LoopRecord, WalkPlan
 

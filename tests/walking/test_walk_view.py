@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.reports.viewer.walk_scene import walk_scene
+from climbplan.reports.viewer.walking_scene import walk_scene
 from climbplan.spec.mpc_loading import load_mpc
 from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
 from climbplan.walking.planner import plan_walk

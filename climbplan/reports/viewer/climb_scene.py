@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.reports import palette
+from climbplan.reports.climb.series import instant_labels
 from climbplan.reports.patches import (
     Box,
     climb_box,
@@ -18,7 +19,6 @@ from climbplan.reports.patches import (
     surface_patches,
 )
 from climbplan.reports.replay import START, Replay, build_replay
-from climbplan.reports.series import instant_labels
 from climbplan.reports.viewer.scene import (
     Array,
     Boxes,

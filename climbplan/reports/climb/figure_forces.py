@@ -13,9 +13,9 @@ from matplotlib.patheffects import withStroke
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
-from climbplan.reports.cones import ContactForce, contact_forces, force_scale, round_newtons
+from climbplan.reports.climb.cones import ContactForce, contact_forces, force_scale, round_newtons
+from climbplan.reports.climb.series import least_at
 from climbplan.reports.patches import Box, hull_points, limb_points, oblique_camera
-from climbplan.reports.series import least_at
 from climbplan.reports.sheet import (
     drawn_labels,
     foot_legend,

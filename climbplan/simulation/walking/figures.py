@@ -19,8 +19,8 @@ from climbplan.reports.sheet import (
     style_axes,
 )
 from climbplan.simulation.comparison import spans_of
-from climbplan.simulation.walk_comparison import WalkComparison
-from climbplan.simulation.walk_replay import WalkRun, euler_angles
+from climbplan.simulation.walking.comparison import WalkComparison
+from climbplan.simulation.walking.replay import WalkRun, euler_angles
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import ANGLES, LEGS, POSITION, Array
 

@@ -10,23 +10,23 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.plan.layout import FORMAT_VERSION, FORMATS
 from climbplan.plans.verification import Verification
-from climbplan.reports.climb_figures import UNITS, key_figures
-from climbplan.reports.climb_page import build_page
-from climbplan.reports.grip_figures import UNITS as GRIP_UNITS
-from climbplan.reports.grip_figures import grip_figures
+from climbplan.reports.climb.figures import UNITS, key_figures
+from climbplan.reports.climb.grip_figures import UNITS as GRIP_UNITS
+from climbplan.reports.climb.grip_figures import grip_figures
+from climbplan.reports.climb.page import build_page
+from climbplan.reports.climb.plan_spec import plan_spec
 from climbplan.reports.plan_report import FigureOf, PlanReport
-from climbplan.reports.plan_spec import plan_spec
 from climbplan.reports.report_files import finite
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
-    "postures": FigureOf("climbplan.reports.figure_postures:postures"),
-    "torque": FigureOf("climbplan.reports.figure_series:torque"),
-    "friction": FigureOf("climbplan.reports.figure_series:friction"),
-    "safety": FigureOf("climbplan.reports.figure_safety:safety"),
-    "forces": FigureOf("climbplan.reports.figure_forces:forces"),
+    "postures": FigureOf("climbplan.reports.climb.figure_postures:postures"),
+    "torque": FigureOf("climbplan.reports.climb.figure_series:torque"),
+    "friction": FigureOf("climbplan.reports.climb.figure_series:friction"),
+    "safety": FigureOf("climbplan.reports.climb.figure_safety:safety"),
+    "forces": FigureOf("climbplan.reports.climb.figure_forces:forces"),
 }
 
 
@@ -37,11 +37,11 @@ def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]
     """
     own: dict[str, Callable[[ClimbPlan], Figure]] = {}
     if plan.study is not None:
-        own["region"] = FigureOf("climbplan.reports.figure_region:region")
+        own["region"] = FigureOf("climbplan.reports.climb.figure_region:region")
     if plan.kind == "transition":
-        own["schedule"] = FigureOf("climbplan.reports.figure_schedule:schedule")
+        own["schedule"] = FigureOf("climbplan.reports.climb.figure_schedule:schedule")
     if plan.grips is not None:
-        own["grips"] = FigureOf("climbplan.reports.figure_grips:grips")
+        own["grips"] = FigureOf("climbplan.reports.climb.figure_grips:grips")
     return {**FIGURES, **own}
 
 

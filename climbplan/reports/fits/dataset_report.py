@@ -15,7 +15,7 @@ from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import FORMAT, FORMAT_VERSION
 from climbplan.plans.dataset_statistics import statistics
 from climbplan.plans.verification import Verification
-from climbplan.reports.figure_dataset import figure_functions
+from climbplan.reports.fits.figure_dataset import figure_functions
 from climbplan.reports.page_parts import Card, Rows, escape
 from climbplan.reports.page_template import (
     fill,

@@ -13,7 +13,7 @@ from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import FORMAT, FORMAT_VERSION, read_limms_plan
 from climbplan.limms.summary import box_story, module_story
 from climbplan.plans.verification import Verification
-from climbplan.reports.limms_page import build_page
+from climbplan.reports.limms.page import build_page
 from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
 
@@ -46,9 +46,9 @@ UNITS = {
 
 
 FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
-    "modes": FigureOf("climbplan.reports.figure_modes:mode_timeline"),
-    "poses": FigureOf("climbplan.reports.figure_modules:key_poses"),
-    "loads": FigureOf("climbplan.reports.figure_loads:loads_over_time"),
+    "modes": FigureOf("climbplan.reports.limms.figure_modes:mode_timeline"),
+    "poses": FigureOf("climbplan.reports.limms.figure_modules:key_poses"),
+    "loads": FigureOf("climbplan.reports.limms.figure_loads:loads_over_time"),
 }
 
 
@@ -56,7 +56,10 @@ def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
     """What can be drawn of a plan."""
     if plan.convergence is None:
         return FIGURES
-    return {**FIGURES, "convergence": FigureOf("climbplan.reports.figure_convergence:convergence")}
+    return {
+        **FIGURES,
+        "convergence": FigureOf("climbplan.reports.limms.figure_convergence:convergence"),
+    }
 
 
 def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:

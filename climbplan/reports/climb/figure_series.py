@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.series import LimbSeries, limb_series, round_spans
+from climbplan.reports.climb.series import LimbSeries, limb_series, round_spans
 from climbplan.reports.sheet import (
     drawn_labels,
     foot_legend,

@@ -9,8 +9,8 @@ from climbplan.bookshelf.check.verification import verify
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import FORMAT, FORMAT_VERSION, read_shelf_plan
 from climbplan.plans.verification import Verification
-from climbplan.reports.bookshelf_figures import UNITS, gallery_pages, key_figures
-from climbplan.reports.bookshelf_page import build_page
+from climbplan.reports.bookshelf.figures import UNITS, gallery_pages, key_figures
+from climbplan.reports.bookshelf.page import build_page
 from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def figure_functions(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
     """The figures of a plan by file name."""
     if len(plan.scenes) == 1:
-        return {"scene": FigureOf("climbplan.reports.figure_shelf:the_scene")}
-    statistics = FigureOf("climbplan.reports.figure_shelf:statistics")
+        return {"scene": FigureOf("climbplan.reports.bookshelf.figure_shelf:the_scene")}
+    statistics = FigureOf("climbplan.reports.bookshelf.figure_shelf:statistics")
     return {"statistics": statistics, **gallery_pages(plan)}
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
-from climbplan.reports.plan_spec import plan_spec
+from climbplan.reports.climb.plan_spec import plan_spec
 from climbplan.robots.rotations import Array
 from climbplan.spec.base import SpecModel
 from climbplan.spec.climb import ClimbSpec

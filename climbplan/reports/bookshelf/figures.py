@@ -114,5 +114,5 @@ def gallery_pages(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]
     missing = [int(k) for k in np.flatnonzero(~plan.solutions.placed)]
     shown = (missing[: PER_PAGE // 2] + costliest(plan))[:LISTED]
     pages = [shown[k : k + PER_PAGE] for k in range(0, len(shown), PER_PAGE)]
-    draw = FigureOf("climbplan.reports.figure_shelf:scene_gallery")
+    draw = FigureOf("climbplan.reports.bookshelf.figure_shelf:scene_gallery")
     return {f"gallery_{n}": partial(draw, scenes=page) for n, page in enumerate(pages, start=1)}

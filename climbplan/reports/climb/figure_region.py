@@ -11,8 +11,8 @@ from matplotlib.patches import Patch, Rectangle
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
+from climbplan.reports.climb.study_grid import StudyAxis, cell_edges, study_axes
 from climbplan.reports.sheet import foot_legend, heading, new_figure, plain, style_axes
-from climbplan.reports.study_grid import StudyAxis, cell_edges, study_axes
 
 # A second mark beside colour: none, hatched, cross-hatched.
 _HATCHES = ("", "//", "xx")

@@ -16,7 +16,7 @@ from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.scene import State
 from climbplan.plans.dataset import Array, Dataset
 from climbplan.reports import palette
-from climbplan.reports.bookshelf_figures import gallery_pages
+from climbplan.reports.bookshelf.figures import gallery_pages
 from climbplan.reports.sheet import (
     foot_legend,
     heading,

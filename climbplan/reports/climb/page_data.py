@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
-from climbplan.reports.cones import force_scale
+from climbplan.reports.climb.cones import force_scale
+from climbplan.reports.climb.series import instant_labels, limb_series, round_spans
+from climbplan.reports.climb.study_grid import study_axes
 from climbplan.reports.patches import (
     Box,
     Patch,
@@ -25,8 +27,6 @@ from climbplan.reports.patches import (
     surface_patches,
 )
 from climbplan.reports.replay import build_replay
-from climbplan.reports.series import instant_labels, limb_series, round_spans
-from climbplan.reports.study_grid import study_axes
 from climbplan.terrain.solids import Solid
 
 LENGTH, ANGLE, FORCE = 1e-4, 1e-4, 1e-2  # [m], [rad], [N] per integer

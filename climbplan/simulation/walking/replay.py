@@ -18,8 +18,8 @@ import numpy as np
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import load_mujoco
-from climbplan.simulation.walk_model import TIME_STEP, TOE_MASS, TOE_RADIUS, build_mjcf
-from climbplan.simulation.walk_reference import WalkReference, walk_reference
+from climbplan.simulation.walking.model import TIME_STEP, TOE_MASS, TOE_RADIUS, build_mjcf
+from climbplan.simulation.walking.reference import WalkReference, walk_reference
 from climbplan.walking.online.closed_loop import fallen as lies_down
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan import WalkPlan

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.figure_series import mark_rounds, rounds_label
+from climbplan.reports.climb.figure_series import mark_rounds, rounds_label
 from climbplan.reports.sheet import (
     drawn_labels,
     foot_legend,

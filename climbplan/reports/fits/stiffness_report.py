@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.mechanics.identification.fit import Estimate, Fit
 from climbplan.mechanics.identification.measurements import AXES
 from climbplan.mechanics.identification.study import Identification
-from climbplan.reports.figure_stiffness import stiffness
+from climbplan.reports.fits.figure_stiffness import stiffness
 from climbplan.reports.sheet import png
 from climbplan.robots.coxa_femur_tibia import JOINTS
 

@@ -9,7 +9,7 @@ from typing import Any
 from climbplan.learning.evaluation import FIRST
 from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
 from climbplan.program.instance import Index
-from climbplan.reports.figure_strategy import ranks, spaces
+from climbplan.reports.fits.figure_strategy import ranks, spaces
 from climbplan.reports.page_parts import Card, escape, plain_words
 from climbplan.reports.page_template import (
     fill,

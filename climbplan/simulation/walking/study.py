@@ -21,10 +21,10 @@ from climbplan.simulation.replay import load_mujoco
 from climbplan.simulation.report_files import End, Told
 from climbplan.simulation.study import Asked
 from climbplan.simulation.variations import Drawn, Trial, drawn_worlds, run_trials
-from climbplan.simulation.walk_comparison import WalkComparison, compare_walk
-from climbplan.simulation.walk_figures import forces, path
-from climbplan.simulation.walk_model import TIME_STEP, hips
-from climbplan.simulation.walk_replay import STIFF, WalkRun, simulate_walk
+from climbplan.simulation.walking.comparison import WalkComparison, compare_walk
+from climbplan.simulation.walking.figures import forces, path
+from climbplan.simulation.walking.model import TIME_STEP, hips
+from climbplan.simulation.walking.replay import STIFF, WalkRun, simulate_walk
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import LEGS, POSITION
 

@@ -10,7 +10,7 @@ from typing import Any
 import climbplan
 from climbplan.climb.envelopes.file import FORMAT, FORMAT_VERSION, drawn
 from climbplan.climb.envelopes.run import EnvelopeRun
-from climbplan.reports.figure_envelopes import boxes, fitness
+from climbplan.reports.fits.figure_envelopes import boxes, fitness
 from climbplan.reports.page_parts import Card, escape, plain_words
 from climbplan.reports.page_template import fill, frame_fields, number_table, run_fields
 from climbplan.reports.report_files import finite, write_files

@@ -8,7 +8,7 @@ from typing import Any
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.plans.check import LIMITS
-from climbplan.reports.page_data import page_data
+from climbplan.reports.climb.page_data import page_data
 from climbplan.reports.page_parts import Card, read_part, sequence_section
 from climbplan.reports.page_template import (
     data_element,

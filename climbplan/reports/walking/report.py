@@ -38,20 +38,20 @@ _LOOP_NOTE = (
     "the library, a gait by name, or where none holds a safe stance."
 )
 FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
-    "tracking": FigureOf("climbplan.reports.figure_walk:tracking"),
-    "gait": FigureOf("climbplan.reports.figure_walk:gait"),
-    "snapshots": FigureOf("climbplan.reports.figure_walk:snapshots"),
+    "tracking": FigureOf("climbplan.reports.walking.figure_walk:tracking"),
+    "gait": FigureOf("climbplan.reports.walking.figure_walk:gait"),
+    "snapshots": FigureOf("climbplan.reports.walking.figure_walk:snapshots"),
 }
 
 
 def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
     """The figures of a plan; of one with a bound also how that came about, of a loop its pushes."""
     if plan.loop is not None:
-        return {**FIGURES, "gait": FigureOf("climbplan.reports.figure_loop:loop_gait")}
+        return {**FIGURES, "gait": FigureOf("climbplan.reports.walking.figure_loop:loop_gait")}
     bounded = any(np.isfinite(step.bound) for step in plan.history)
     if not bounded:
         return FIGURES
-    return {**FIGURES, "convergence": FigureOf("climbplan.reports.figure_walk:convergence")}
+    return {**FIGURES, "convergence": FigureOf("climbplan.reports.walking.figure_walk:convergence")}
 
 
 def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]
     origin = origin_rows(report, {"Method": report["method"], "Integrator": report["integrator"]})
     history = report["history"][-12:]
     return fill(
-        "walk.html",
+        "walking.html",
         **report_fields(report, "mpc", _cards(report), images, report["status"]),
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),

@@ -9,7 +9,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 
 from climbplan.reports import palette
-from climbplan.reports.figure_loop import even_runs, mark_pushes, push_times
 from climbplan.reports.sheet import (
     foot_legend,
     heading,
@@ -18,6 +17,7 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
+from climbplan.reports.walking.figure_loop import even_runs, mark_pushes, push_times
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import SUBSTEPS

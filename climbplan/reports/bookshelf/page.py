@@ -40,7 +40,7 @@ def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, byt
     origin = origin_rows(report, {"Method": report["method"], "Meaning": report["meaning"]})
     meanings = {**{name: limit.meaning for name, limit in LIMITS.items()}, **MEANINGS}
     return fill(
-        "shelf.html",
+        "bookshelf.html",
         **report_fields(report, "bookshelf", _cards(report), images, report["status"]),
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),

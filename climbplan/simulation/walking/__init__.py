@@ -1,0 +1,1 @@
+"""Walks replayed in MuJoCo."""

@@ -9,7 +9,7 @@ used again and again; all its rows are one block. IPOPT takes such a program as 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -31,26 +31,16 @@ class _Rows:
     upper: Array
 
 
-def _rows(name: str, count: int, lower: ArrayLike, upper: ArrayLike, unit: str) -> _Rows:
-    low = np.broadcast_to(np.asarray(lower, float), (count,))
-    return _Rows(name, unit, low, np.broadcast_to(np.asarray(upper, float), (count,)))
-
-
 def _unused(name: str, known: Mapping[str, Any]) -> str:
     """x, then x.1, x.2, ..."""
     return name if name not in known else f"{name}.{sum(n.startswith(name) for n in known)}"
 
 
-class Stage:
-    """One knot's rows and costs, stated once and called at each knot: `Trajectory.add`.
+class _Blocks:
+    """Rows and costs by name, under construction."""
 
-    A function of columns. Every row and cost has a name.
-    """
-
-    def __init__(self, name: str, inputs: Mapping[str, Any]) -> None:
-        """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
-        self.name = name
-        self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
+    def __init__(self, symbols: Any) -> None:
+        self._symbols = symbols
         self._rows: list[_Rows] = []
         self._expressions: list[Any] = []
         self._costs: dict[str, Any] = {}
@@ -65,7 +55,10 @@ class Stage:
     ) -> None:
         """lower <= expression <= upper, elementwise; the expression may have no entry."""
         column = ca.vec(expression)
-        self._rows.append(_rows(name, column.numel(), lower, upper, unit))
+        shape = (column.numel(),)
+        low = np.broadcast_to(np.asarray(lower, float), shape)
+        high = np.broadcast_to(np.asarray(upper, float), shape)
+        self._rows.append(_Rows(name, unit, low, high))
         self._expressions.append(column)
 
     def equal(self, name: str, expression: Any, unit: str = "") -> None:
@@ -74,17 +67,27 @@ class Stage:
 
     def minimise(self, name: str, term: Any) -> None:
         """Add a term to a named cost."""
-        self._costs[name] = self._costs.get(name, ca.SX(0)) + term
+        self._costs[name] = self._costs.get(name, self._symbols(0)) + term
 
-    @property
-    def rows(self) -> tuple[_Rows, ...]:
-        """In the order in which they were stated."""
-        return tuple(self._rows)
+    def sizes(self) -> dict[str, int]:
+        """Rows of every block."""
+        found: dict[str, int] = {}
+        for rows in self._rows:
+            found[rows.name] = found.get(rows.name, 0) + len(rows.lower)
+        return found
 
-    @property
-    def costs(self) -> tuple[str, ...]:
-        """Their names."""
-        return tuple(self._costs)
+
+class Stage(_Blocks):
+    """One knot's rows and costs, stated once and called at each knot: `Trajectory.add`.
+
+    A function of columns. Every row and cost has a name.
+    """
+
+    def __init__(self, name: str, inputs: Mapping[str, Any]) -> None:
+        """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
+        super().__init__(ca.SX)
+        self.name = name
+        self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
 
     def function(self) -> Any:
         """ca.Function: columns -> (rows (m,), costs (c,))."""
@@ -92,24 +95,19 @@ class Stage:
         return ca.Function(self.name, self._inputs, [ca.densify(out) for out in outputs])
 
 
-@dataclass
-class Trajectory:
-    """minimise the sum of named costs subject to named rows on variables with starts and bounds.
+class Trajectory(_Blocks):
+    """minimise the sum of named costs subject to named rows on variables with starts and bounds."""
 
-    symbols: `ca.MX`, matrices and calls of functions, or `ca.SX`, one graph of scalars.
-    """
-
-    name: str
-    symbols: Any = ca.MX
-    _x: dict[str, Any] = field(default_factory=dict, repr=False)
-    _p: dict[str, Any] = field(default_factory=dict, repr=False)
-    _start: list[Array] = field(default_factory=list, repr=False)
-    _lower: list[Array] = field(default_factory=list, repr=False)
-    _upper: list[Array] = field(default_factory=list, repr=False)
-    _binary: list[bool] = field(default_factory=list, repr=False)
-    _rows: list[_Rows] = field(default_factory=list, repr=False)
-    _expressions: list[Any] = field(default_factory=list, repr=False)
-    _costs: dict[str, Any] = field(default_factory=dict, repr=False)
+    def __init__(self, name: str, symbols: Any = ca.MX) -> None:
+        """symbols: `ca.MX`, matrices and calls of functions, or `ca.SX`, one graph of scalars."""
+        super().__init__(symbols)
+        self.name = name
+        self._x: dict[str, Any] = {}
+        self._p: dict[str, Any] = {}
+        self._start: list[Array] = []
+        self._lower: list[Array] = []
+        self._upper: list[Array] = []
+        self._binary: list[bool] = []
 
     def variable(
         self,
@@ -124,7 +122,7 @@ class Trajectory:
         binary: 0 or 1; IPOPT has them between, see `relax`.
         """
         value = np.atleast_1d(np.asarray(start, float))
-        symbol = self.symbols.sym(name, len(value))
+        symbol = self._symbols.sym(name, len(value))
         self._x[_unused(name, self._x)] = symbol
         self._binary.append(binary)
         self._lower.append(np.broadcast_to(np.asarray(lower, float), value.shape))
@@ -138,26 +136,9 @@ class Trajectory:
 
     def parameter(self, name: str, rows: int, columns: int = 1) -> Any:
         """Numbers that are given when it is solved, column by column, in order of statement."""
-        symbol = self.symbols.sym(name, rows, columns)
+        symbol = self._symbols.sym(name, rows, columns)
         self._p[_unused(name, self._p)] = symbol
         return symbol
-
-    def between(
-        self,
-        name: str,
-        expression: Any,
-        lower: ArrayLike = -np.inf,
-        upper: ArrayLike = np.inf,
-        unit: str = "",
-    ) -> None:
-        """lower <= expression <= upper, elementwise."""
-        column = ca.vec(expression)
-        self._rows.append(_rows(name, column.numel(), lower, upper, unit))
-        self._expressions.append(column)
-
-    def equal(self, name: str, expression: Any, unit: str = "") -> None:
-        """expression == 0, elementwise."""
-        self.between(name, expression, 0.0, 0.0, unit)
 
     def add(self, stage: Stage, *arguments: Any) -> None:
         """A stage at K knots: its rows knot after knot, its costs summed.
@@ -165,7 +146,7 @@ class Trajectory:
         arguments: a matrix (d, K) for each input of the stage, one column a knot; or (d, 1) where
         it is the same at all knots.
         """
-        given = [ca.MX(a) if self.symbols is ca.MX else a for a in arguments]
+        given = [ca.MX(a) if self._symbols is ca.MX else a for a in arguments]
         knots = max(argument.size2() for argument in given)
         function = stage.function()
         if knots > 1:
@@ -174,13 +155,9 @@ class Trajectory:
         else:
             rows, costs = function(*given)
         self._expressions.append(ca.vec(rows))
-        self._rows += stage.rows * knots
-        for name, term in zip(stage.costs, ca.vertsplit(ca.sum2(costs)), strict=True):
+        self._rows += stage._rows * knots
+        for name, term in zip(stage._costs, ca.vertsplit(ca.sum2(costs)), strict=True):
             self.minimise(name, term)
-
-    def minimise(self, name: str, term: Any) -> None:
-        """Add a term to a named cost."""
-        self._costs[name] = self._costs.get(name, self.symbols(0)) + term
 
     def relax(self, eps: float) -> Any:
         """How far binaries are from 0 and 1, z (1 - z) <= eps, eq. (7.4): rows behind all others.
@@ -200,7 +177,7 @@ class Trajectory:
     def p(self) -> Any:
         """(P,) all parameters, in the order in which they were stated."""
         if not self._p:
-            return self.symbols.sym("p", 0)
+            return self._symbols.sym("p", 0)
         return ca.vertcat(*(ca.vec(symbol) for symbol in self._p.values()))
 
     @property
@@ -211,7 +188,7 @@ class Trajectory:
     @property
     def cost(self) -> Any:
         """The sum of all costs."""
-        return sum(self._costs.values(), self.symbols(0))
+        return sum(self._costs.values(), self._symbols(0))
 
     @property
     def start(self) -> Array:
@@ -233,13 +210,6 @@ class Trajectory:
             np.concatenate([np.zeros(0), *(rows.lower for rows in self._rows)]),
             np.concatenate([np.zeros(0), *(rows.upper for rows in self._rows)]),
         )
-
-    def sizes(self) -> dict[str, int]:
-        """Rows of every block."""
-        found: dict[str, int] = {}
-        for rows in self._rows:
-            found[rows.name] = found.get(rows.name, 0) + len(rows.lower)
-        return found
 
     def residuals(
         self, rows: Array, bounds: tuple[Array, Array] | None = None
@@ -285,7 +255,7 @@ class Trajectory:
         function = ca.Function(
             "stated", [self.x, self.p], [self.rows, ca.vertcat(*self._costs.values())]
         )
-        if self.symbols is ca.MX:
+        if self._symbols is ca.MX:
             function = function.expand()
         columns = [ca.vertcat(*np.concatenate(parts)) if parts else ca.SX(0, 1) for parts in (x, p)]
         rows, costs = (ca.densify(out) for out in function(*columns))

@@ -19,7 +19,7 @@ from climbplan.climb.grips.plan import require_wrists
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.postures.nlp import plan_postures_nlp
+from climbplan.climb.postures.nlp.method import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene

@@ -17,19 +17,19 @@ from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import least_room, limb_points
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.postures.nlp import plan_postures_nlp, refined, solve_from
-from climbplan.climb.postures.nlp_check import check_postures, posture_cost
-from climbplan.climb.postures.nlp_layout import variable_layout
-from climbplan.climb.postures.nlp_links import link_points, parting_planes
-from climbplan.climb.postures.nlp_numbers import (
+from climbplan.climb.postures.nlp.check import check_postures, posture_cost
+from climbplan.climb.postures.nlp.layout import variable_layout
+from climbplan.climb.postures.nlp.links import link_points, parting_planes
+from climbplan.climb.postures.nlp.method import plan_postures_nlp, refined, solve_from
+from climbplan.climb.postures.nlp.numbers import (
     first_iterate,
     parameters,
     shape_of,
     to_rounds,
     variable_bounds,
 )
-from climbplan.climb.postures.nlp_starts import convex_guess, straight_guess
-from climbplan.climb.postures.nlp_statement import posture_nlp, turning_bulge
+from climbplan.climb.postures.nlp.starts import convex_guess, straight_guess
+from climbplan.climb.postures.nlp.statement import posture_nlp, turning_bulge
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure
@@ -41,7 +41,7 @@ from climbplan.spec.terrain import SolidSpec
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
 
-SPECS = Path(__file__).parents[2] / "specs"
+SPECS = Path(__file__).parents[3] / "specs"
 FOREVER = float("inf")
 
 
@@ -390,7 +390,7 @@ def test_failure_names_the_constraint_and_proves_nothing() -> None:
 
 def test_time_limit_stops_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     # The convex guess may already be a plan when time is up; the straight way hits the beam.
-    monkeypatch.setattr("climbplan.climb.postures.nlp.convex_guess", lambda *_, **__: None)
+    monkeypatch.setattr("climbplan.climb.postures.nlp.method.convex_guess", lambda *_, **__: None)
     scene = shipped("climb_obstacle", "solver.method=nlp", "solver.time_limit=1e-6")
     with pytest.raises(LimitReached, match=r"no start of 1 \(of 4 asked for\) converged"):
         plan_postures_nlp(scene)

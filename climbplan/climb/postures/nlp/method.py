@@ -20,8 +20,8 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import DEFAULT_STEPS
-from climbplan.climb.postures.nlp_check import Violation, check_postures, posture_cost
-from climbplan.climb.postures.nlp_numbers import (
+from climbplan.climb.postures.nlp.check import Violation, check_postures, posture_cost
+from climbplan.climb.postures.nlp.numbers import (
     Guess,
     first_iterate,
     parameters,
@@ -29,8 +29,8 @@ from climbplan.climb.postures.nlp_numbers import (
     to_rounds,
     variable_bounds,
 )
-from climbplan.climb.postures.nlp_starts import convex_guess, repinned, straight_guess
-from climbplan.climb.postures.nlp_statement import PostureNlp, posture_nlp
+from climbplan.climb.postures.nlp.starts import convex_guess, repinned, straight_guess
+from climbplan.climb.postures.nlp.statement import PostureNlp, posture_nlp
 from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.climb.limb_clearance import standing_room
 from climbplan.climb.plan.climb_plan import Index, Rounds
-from climbplan.climb.postures.nlp_layout import (
+from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
     Moment,
     Shape,
@@ -17,7 +17,7 @@ from climbplan.climb.postures.nlp_layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.postures.nlp_links import parting_planes
+from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body

@@ -20,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.postures.nlp_layout import (
+from climbplan.climb.postures.nlp.layout import (
     LINKS,
     MOMENTS,
     Shape,
@@ -29,7 +29,7 @@ from climbplan.climb.postures.nlp_layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.postures.nlp_links import link_points
+from climbplan.climb.postures.nlp.links import link_points
 from climbplan.robots.rotations import Array
 from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.program import IpoptProgram

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from climbplan.climb.plan.climb_plan import Index, Rounds
-from climbplan.climb.postures.nlp_numbers import Guess
+from climbplan.climb.postures.nlp.numbers import Guess
 from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NoPlanFound

@@ -1,0 +1,1 @@
+"""Postures with exact rotations by nonlinear programming: method `nlp` of climbs."""

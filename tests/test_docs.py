@@ -105,7 +105,6 @@ WRITES = re.compile(
 READS_ONLY = {
     "climbplan/walking/micp/method.py": "solves what `micp/statement.py` states",
     "climbplan/walking/planner.py": "names CasADi's version",
-    "climbplan/climb/postures/nlp/layout.py": "lays out the variables of the posture NLP",
 }
 
 

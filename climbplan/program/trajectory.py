@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from climbplan.program.layout import Layout
 from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual
 from climbplan.program.statement import Program
@@ -180,6 +181,11 @@ class Trajectory(_Blocks):
             return self._symbols.sym("p", 0)
         return ca.vertcat(*(ca.vec(symbol) for symbol in self._p.values()))
 
+    def theta(self, values: Mapping[str, ArrayLike]) -> Array:
+        """(P,) from numbers of every parameter, each of its shape."""
+        shapes = {name: symbol.shape for name, symbol in self._p.items()}
+        return Layout.of(shapes).pack({name: np.asarray(v, float) for name, v in values.items()})
+
     @property
     def rows(self) -> Any:
         """(M,) all rows, in the order in which they were stated."""
@@ -235,17 +241,22 @@ class Trajectory(_Blocks):
                 worst[piece.name] = BlockResidual(piece.name, here, piece.unit, (before + k,))
         return tuple(worst.values())
 
-    def program(self, row_bounds: tuple[Array, Array] | None = None) -> Program:
+    def program(
+        self,
+        row_bounds: tuple[Array, Array] | None = None,
+        bounds: tuple[Array, Array] | None = None,
+    ) -> Program:
         """The same program by scalars, as every method of the table takes it.
 
         Rows that are affine in the variables are stated as such, the others as smooth ones;
-        binaries as binaries. Costs have to be quadratic. row_bounds: as for `residuals`.
+        binaries as binaries. Costs have to be quadratic. row_bounds: as for `residuals`; bounds: of
+        the variables (N,) each, where they are other ones than stated.
         """
         program = Program(self.name)
         x, p = [], []
-        for name, low, high, binary in zip(
-            self._x, self._lower, self._upper, self._binary, strict=True
-        ):
+        ends = np.cumsum([len(start) for start in self._start])[:-1]
+        sides = (np.split(side, ends) for side in bounds or self.bounds)
+        for name, low, high, binary in zip(self._x, *sides, self._binary, strict=True):
             if binary:
                 x.append(program.binary(name, low.shape))
             else:

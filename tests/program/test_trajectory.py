@@ -106,6 +106,27 @@ def test_every_method_takes_a_trajectory() -> None:
     # The same program by IPOPT as it stands, its binaries relaxed
     swing.relax(1e-4)
     ready = compiled(swing, QUIET)
-    point = ready.solver.solve(pinned.x, np.zeros(2), ready.bounds, np.inf)
+    point = ready.solver.solve(pinned.x, swing.theta(theta), ready.bounds, np.inf)
     assert max(block.residual for block in ready.residuals(point)) < 1e-6
     assert point.objective <= pinned.objective + 1e-6
+
+
+def test_numbers_of_parameters_and_bounds_given_later() -> None:
+    line = Trajectory("line")
+    slope, level = line.parameter("slope", 2, 2), line.parameter("level", 1)
+    x = line.variable("x", [0.0, 0.0])
+    line.equal("line", slope @ x - level)
+    numbers = line.theta({"level": 7.0, "slope": [[1.0, 2.0], [3.0, 4.0]]})
+    assert numbers.tolist() == [1.0, 3.0, 2.0, 4.0, 7.0]  # in order of statement, by columns
+    rows = ca.Function("rows", [line.x, line.p], [line.rows])
+    assert np.array(rows([1.0, 1.0], numbers)).ravel().tolist() == [-4.0, 0.0]
+    with pytest.raises(KeyError):
+        line.theta({"slope": np.eye(2)})
+
+    y = line.variable("y", [0.0])
+    line.minimise("size", ca.sumsqr(x) + y**2)
+    lower = np.array([-1.0, -2.0, 3.0])
+    program = line.program(bounds=(lower, np.full(3, 5.0)))
+    assert program.variables["x"].lower.tolist() == [-1.0, -2.0]
+    assert program.variables["y"].lower.tolist() == [3.0]
+    assert program.variables["y"].upper.tolist() == [5.0]

@@ -1,7 +1,8 @@
 """The exact check of a posture sequence: every constraint again, from the postures alone.
 
 It shares no expression with the NLP: rotations, kinematics and surfaces are those of the robot
-and the terrain, evaluated in NumPy, and the body is followed along its whole way.
+and the terrain, evaluated in NumPy. Nothing is pinned, and body and links are followed along their
+whole ways. Blocks are named as in the NLP and in the checks of plans.
 """
 
 from __future__ import annotations
@@ -59,12 +60,13 @@ class _Findings:
     found: list[Violation]
 
     def add(self, name: str, amounts: Array, unit: str = "m", first_round: int = 1) -> None:
-        """amounts: by round (M,), or by round and limb (M, N)."""
+        """amounts: by round (M,), by round and limb (M, N), or with the body first (M, 1 + N)."""
         amounts = np.nan_to_num(amounts, nan=np.inf)  # a diverged answer holds nothing
         worst = np.unravel_index(int(np.argmax(amounts)), amounts.shape)
         where = f"round {worst[0] + first_round}"
         if len(worst) > 1:
-            where += f", limb {self.limb_names[worst[1]]}"
+            parts = ("body", *(f"limb {limb}" for limb in self.limb_names))
+            where += f", {parts[worst[1] - amounts.shape[1]]}"
         self.found.append(Violation(name, float(amounts[worst]), unit, where))
 
 
@@ -97,7 +99,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     findings.add("contact.region", off[1:])
 
     # Body clear of the terrain along its way
-    findings.add("body.clearance", body_shortfall(scene, rounds))
+    short = body_shortfall(scene, rounds)
     wall = surfaces[0]
     if isinstance(wall, Tube):
         share = np.linspace(0.0, 1.0, _POSES)[:, None]
@@ -106,17 +108,17 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         )
         corners = hull_world(scene, com, rpy)[..., :2]  # (M, S, V, 2)
         far = np.linalg.norm(corners - wall.center, axis=-1).max(axis=(1, 2))
-        findings.add("body.tube", far + scene.spec.posture.body_clearance - wall.radius)
+        short = np.maximum(short, far + scene.spec.posture.body_clearance - wall.radius)
+    findings.add("body.clearance", short)
 
     # Goal
-    goal, task = scene.goal, scene.spec.task
+    goal, task = scene.goal, scene.spec.task.goal
     last = rounds.count
-    com_miss = np.linalg.norm(rounds.com[-1:] - goal.com, axis=1) - task.goal.tolerance
-    toe_miss = np.linalg.norm(rounds.toes[-1:] - goal.toes, axis=2) - task.goal.tolerance
+    missed = np.vstack([rounds.com[-1] - goal.com, rounds.toes[-1] - goal.toes])
+    missed = np.linalg.norm(missed, axis=1)[None] - task.tolerance
     turned = np.abs(rounds.rpy[-1:] - goal.rpy).max(axis=1)
-    findings.add("goal.com", com_miss, first_round=last)
-    findings.add("goal.toes", toe_miss, first_round=last)
-    turned -= np.deg2rad(task.goal.rotation_tolerance_deg)
+    turned -= np.deg2rad(task.rotation_tolerance_deg)
+    findings.add("goal.reached", missed, first_round=last)
     findings.add("goal.rotation", turned, "rad", first_round=last)
 
     # Joint bounds and links at all instants
@@ -164,13 +166,9 @@ def _add_steps(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> None:
     com = np.linalg.norm(np.diff(rounds.com, axis=0), axis=-1)
     toes = np.linalg.norm(np.diff(rounds.toes, axis=0), axis=-1)
     turn = np.abs(np.diff(rounds.rpy, axis=0)).max(axis=-1)
-    findings.add("steps.com", com - steps.com_max)
-    findings.add("steps.toe", toes - steps.toe_max)
+    findings.add("steps.com", np.maximum(com - steps.com_max, steps.com_min - com))
+    findings.add("steps.toe", np.maximum(toes - steps.toe_max, steps.toe_min - toes))
     findings.add("steps.rotation", turn - np.deg2rad(steps.rotation_max_deg), "rad")
-    if steps.com_min > 0:
-        findings.add("steps.com_min", steps.com_min - com)
-    if steps.toe_min > 0:
-        findings.add("steps.toe_min", steps.toe_min - toes)
     turned = np.abs(rounds.rpy[1:] - [0.0, 0.0, scene.start.rpy[2]])
     if scene.terrain.curved:
         turned = turned[:, :2]
@@ -187,15 +185,15 @@ def _add_workspaces(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> N
         for x in (rounds.com, rounds.rpy)
     ]
     at_end = [rounds.com[1:, None], rounds.rpy[1:, None]]
-    old, new = rounds.toes[:-1], rounds.toes[1:]
+    events = [(rounds.toes[1:], at_end)]
+    if spec.intermediate_reach:
+        events += [(rounds.toes[:-1], moving), (rounds.toes[1:], moving)]
     balls = [("reach", robot.shoulder_body, robot.reach)]
     if spec.stance_workspace:
         balls.append(("stance", robot.stance_body, robot.stance_radius))
     for label, centre, radius in balls:
-        events = [("", new, at_end)]
-        if spec.intermediate_reach:
-            events += [("_lift", old, moving), ("_place", new, moving)]
-        for suffix, toes, (com, rpy) in events:
+        beyond = []
+        for toes, (com, rpy) in events:
             turned = np.einsum("...nab,nb->...na", rotation_world_body(rpy), centre)
-            distance = np.linalg.norm(toes - com - turned, axis=-1)
-            findings.add(f"workspace.{label}{suffix}", distance - radius)
+            beyond.append(np.linalg.norm(toes - com - turned, axis=-1) - radius)
+        findings.add(f"workspace.{label}", np.max(beyond, axis=0))

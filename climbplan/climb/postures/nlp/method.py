@@ -16,12 +16,11 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import DEFAULT_STEPS
 from climbplan.climb.postures.nlp.check import Violation, check_postures, posture_cost
 from climbplan.climb.postures.nlp.numbers import (
+    JOINT_MARGINS,
     Guess,
     first_iterate,
     parameters,
@@ -30,18 +29,15 @@ from climbplan.climb.postures.nlp.numbers import (
     variable_bounds,
 )
 from climbplan.climb.postures.nlp.starts import convex_guess, repinned, straight_guess
-from climbplan.climb.postures.nlp.statement import PostureNlp, posture_nlp
+from climbplan.climb.postures.nlp.statement import posture_nlp
 from climbplan.climb.postures.planner import PostureResult, Progress
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, ReachFailure
-from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import require_reachable, to_body
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory
 
 ITERATIONS = 150  # per start; those that converge need 5 to 60
-# [rad] off every joint bound at the moments that are constrained. The second holds the joints at
-# the instants between them where the first did not.
-JOINT_MARGINS = (1e-3, np.deg2rad(2.0))
 # Blocks that the program holds at some instants only
 BETWEEN = ("kinematics.toes", "limbs.clearance", "swing.limb_free")
 REFINEMENTS = 4  # of the best plan
@@ -119,8 +115,9 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
     for margin in JOINT_MARGINS:
         box = variable_bounds(scene, margin)
         first = first_iterate(scene, guess, box)
-        bounds = Bounds(box.lower, box.upper, program.lower, program.upper)
-        point = program.solver.solve(first, parameters(scene, guess), bounds, deadline)
+        bounds = replace(program.bounds, lower=box.lower, upper=box.upper)
+        numbers = program.stated.theta(parameters(scene, guess))
+        point = program.solver.solve(first, numbers, bounds, deadline)
         iterations += point.iterations
         rounds = to_rounds(scene, guess, point.v)
         violations = tuple(v for v in check_postures(scene, rounds) if not v.holds)
@@ -200,10 +197,12 @@ def _goal_trouble(scene: ClimbScene) -> str:
     return ""
 
 
-def _sizes(program: PostureNlp, attempts: list[Attempt], best: Attempt) -> dict[str, object]:
+def _sizes(
+    program: CompiledTrajectory, attempts: list[Attempt], best: Attempt
+) -> dict[str, object]:
     return {
         "variables": program.solver.size,
-        "constraints": len(program.lower),
+        "constraints": len(program.bounds.row_lower),
         "starts": len(attempts),
         "accepted": sum(attempt.accepted for attempt in attempts),
         "iterations": sum(attempt.iterations for attempt in attempts),

@@ -23,6 +23,9 @@ from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.surfaces import Region, Tube
 
+# [rad] off every joint bound at the moments that are constrained. The second holds the joints at
+# the instants between them where the first did not.
+JOINT_MARGINS = (1e-3, np.deg2rad(2.0))
 _UPRIGHT_PITCH = np.deg2rad(80.0)  # beyond it roll and yaw are no longer told apart
 
 
@@ -61,14 +64,17 @@ def shape_of(scene: ClimbScene) -> Shape:
     )
 
 
-def parameters(scene: ClimbScene, guess: Guess) -> Array:
-    """Start posture, pinned choices of every round, and all other numbers of the scene."""
+def parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
+    """Start posture, pinned choices of every round (P, M), and all other numbers of the scene."""
     shape, start = shape_of(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
     planes = _planes(scene, guess)
     pins = [_pins(scene, shape, guess, planes, j) for j in range(shape.rounds)]
-    numbers = number_layout(shape).pack(_numbers(scene))
-    return np.concatenate([posture_layout(shape.limbs).pack(posture), *pins, numbers])
+    return {
+        "start": posture_layout(shape.limbs).pack(posture)[:, None],
+        "pins": np.stack(pins, axis=1),
+        "numbers": number_layout(shape).pack(_numbers(scene))[:, None],
+    }
 
 
 def _numbers(scene: ClimbScene) -> dict[str, Array]:

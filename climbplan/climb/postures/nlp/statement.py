@@ -13,7 +13,6 @@ number as a parameter, so all starts of a scene, and all scenes of a study, shar
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -30,16 +29,27 @@ from climbplan.climb.postures.nlp.layout import (
     variable_layout,
 )
 from climbplan.climb.postures.nlp.links import link_points
-from climbplan.robots.rotations import Array
+from climbplan.program.layout import Layout
+from climbplan.program.trajectory import Stage, Trajectory
 from climbplan.robots.symbols import rotation
-from climbplan.solvers.ipopt.program import IpoptProgram
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 
 CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
+SETTINGS = {
+    # Lower step bounds need 5 times fewer iterations with these two, the rest a few less.
+    "mu_strategy": "adaptive",
+    "obj_scaling_factor": 100.0,  # costs are a few 1e-3 m^2
+    "tol": 1e-8,
+    "constr_viol_tol": 1e-9,
+    "acceptable_tol": 1e-6,
+    "acceptable_constr_viol_tol": 1e-8,
+    "bound_relax_factor": 0.0,
+}
 
 
-def within(difference: Any, radius: Any) -> Any:
-    """|difference| <= radius as a smooth row <= 0, in metres near the boundary."""
-    return (ca.sumsqr(difference) - radius**2) / (2 * radius)
+def within(differences: Any, radius: Any) -> Any:
+    """|column| <= radius as smooth rows <= 0, in metres near the boundary; columns (3, k)."""
+    return (ca.sum1(differences**2) - radius**2) / (2 * radius)
 
 
 def turning_bulge(turn: Any, radius: Any) -> Any:
@@ -51,47 +61,44 @@ def turning_bulge(turn: Any, radius: Any) -> Any:
     return CONVEXITY * radius * ca.sumsqr(turn)
 
 
-class _Rows:
-    """Constraint rows under construction: equations = 0 and inequalities <= 0, by block."""
+class _Laid(Stage):
+    """A stage whose inputs are columns with layouts: `parts` has the matrices in each."""
 
-    def __init__(self) -> None:
-        self.expressions: list[Any] = []
-        self.blocks: list[tuple[str, int, bool]] = []
+    def __init__(self, name: str, **layouts: Layout) -> None:
+        columns = {key: ca.SX.sym(key, layout.size) for key, layout in layouts.items()}
+        super().__init__(name, columns)
+        self.parts = [layout.split(columns[key]) for key, layout in layouts.items()]
 
-    def add(self, name: str, expressions: list[Any], equality: bool = False) -> None:
-        if expressions:
-            stacked = ca.vertcat(*expressions)
-            self.expressions.append(stacked)
-            self.blocks.append((name, stacked.numel(), equality))
-
-
-@dataclass(frozen=True)
-class _RoundFunction:
-    function: Any  # (old posture, variables, pins, numbers) -> (step cost, rows)
-    blocks: tuple[tuple[str, int, bool], ...]
+    def below(self, name: str, *terms: Any, unit: str = "m") -> None:
+        """Each entry of the terms <= 0."""
+        self.between(name, ca.vertcat(*map(ca.vec, terms)), upper=0.0, unit=unit)
 
 
-def _round_function(shape: Shape) -> _RoundFunction:
-    """One round: step costs and all constraints between two postures."""
+def _round(shape: Shape) -> Stage:
+    """One round: (old posture, variables, pins, numbers) -> step costs and all constraints."""
     n = shape.limbs
-    old, new = posture_layout(n).symbols(), variable_layout(n).symbols()
-    pins, c = pin_layout(shape).symbols(), number_layout(shape).symbols()
+    stage = _Laid(
+        "round",
+        old=posture_layout(n),
+        new=variable_layout(n),
+        pins=pin_layout(shape),
+        numbers=number_layout(shape),
+    )
+    old, new, pins, c = stage.parts
     limbs = range(n)
-    rows = _Rows()
     step = {name: new[name] - old[name] for name in ("com", "rpy", "toes")}
 
     # A, B: steps of body, toes and rotation (the rotation step bounds each axis)
-    rows.add("steps.com", [within(step["com"], c["com_max"])])
-    rows.add("steps.toe", [within(step["toes"][:, i], c["toe_max"]) for i in limbs])
-    turns = [step["rpy"] - c["rotation_max"], -step["rpy"] - c["rotation_max"]]
-    rows.add("steps.rotation", turns)
+    stage.below("steps.com", within(step["com"], c["com_max"]))
+    stage.below("steps.toe", within(step["toes"], c["toe_max"]))
+    turns = [sign * step["rpy"] - c["rotation_max"] for sign in (1, -1)]
+    stage.below("steps.rotation", *turns, unit="rad")
     if shape.com_min:
         least = c["com_min"] ** 2 - ca.sumsqr(step["com"])
-        rows.add("steps.com_min", [least / (2 * c["com_max"])])
+        stage.below("steps.com", least / (2 * c["com_max"]))
     if shape.toe_min:
-        squares = [ca.sumsqr(step["toes"][:, i]) for i in limbs]
-        least_toes = [(c["toe_min"] ** 2 - square) / (2 * c["toe_max"]) for square in squares]
-        rows.add("steps.toe_min", least_toes)
+        least = c["toe_min"] ** 2 - ca.sum1(step["toes"] ** 2)
+        stage.below("steps.toe", least / (2 * c["toe_max"]))
 
     # Pose of the body while each limb moves: k / N of its way for the k-th limb
     end = (new["com"], rotation(new["rpy"]))
@@ -123,36 +130,34 @@ def _round_function(shape: Shape) -> _RoundFunction:
                 plane = planes[:, (obstacle * n + i) * LINKS + link]
                 least = plane[3] + c["limb_room"]
                 parted += [least - ca.dot(plane[:3], at) for at in points[link : link + 2]]
-        rows.add(f"kinematics.toes_{moment.name}", ties, equality=True)
-        rows.add(f"limbs.clearance_{moment.name}", parted)
+        stage.equal("kinematics.toes", ca.vertcat(*ties), "m")
+        stage.below("limbs.clearance", *parted)
 
-    # C: workspace balls about shoulder and nominal stance
+    # C: workspace balls about shoulder and nominal stance, also at lift and placing
     balls = [("reach", "shoulder", "reach")]
     if shape.stance:
         balls.append(("stance", "stance", "stance_radius"))
+    events = [(new["toes"], dict.fromkeys(limbs, end))]
+    if shape.intermediate:
+        events += [(old["toes"], moving), (new["toes"], moving)]
     for label, centre, size in balls:
-        for name, toes, body in (
-            (label, new["toes"], dict.fromkeys(limbs, end)),
-            (f"{label}_lift", old["toes"], moving),
-            (f"{label}_place", new["toes"], moving),
-        ):
-            if name == label or shape.intermediate:
-                arms = [toes[:, i] - body[i][0] - body[i][1] @ c[centre][:, i] for i in limbs]
-                rows.add(f"workspace.{name}", [within(arm, c[size]) for arm in arms])
+        for feet, body in events:
+            arms = [feet[:, i] - body[i][0] - body[i][1] @ c[centre][:, i] for i in limbs]
+            stage.below(f"workspace.{label}", within(ca.horzcat(*arms), c[size]))
 
     # D: toes on their pinned region, or on the tube
+    toes = new["toes"]
     if shape.curved:
-        axis, size = c["axis"], c["radius"]
-        on = [within(new["toes"][:2, i] - axis, size) for i in limbs]
+        on = within(toes[:2, :] - c["axis"], c["radius"])
     else:
-        on = [ca.dot(pins["normal"][:, i], new["toes"][:, i]) - pins["offset"][i] for i in limbs]
-        edge = [
-            pins["edge_rows"][:, i * shape.edges : (i + 1) * shape.edges].T @ new["toes"][:, i]
+        on = ca.sum1(pins["normal"] * toes) - pins["offset"]
+        edges = [
+            pins["edge_rows"][:, i * shape.edges : (i + 1) * shape.edges].T @ toes[:, i]
             - pins["edge_bounds"][:, i]
             for i in limbs
         ]
-        rows.add("contact.edges", edge)
-    rows.add("contact.region", on, equality=True)
+        stage.below("contact.region", *edges)
+    stage.equal("contact.region", on, "m")
 
     # Body clear of the terrain on its way: inside the tube, beyond one face of each obstacle.
     # Both sets are convex, so the ends of each corner's way and its bulge are enough.
@@ -162,90 +167,49 @@ def _round_function(shape: Shape) -> _RoundFunction:
         corners += [com + turned @ c["hull"][:, k] for k in range(shape.hull)]
     if shape.curved:
         inside = [within(x[:2] - c["axis"], c["radius"] - keep) for x in corners]
-        rows.add("body.tube", inside)
+        stage.below("body.clearance", *inside)
     if shape.free_rows:
         beyond = [pins["free_rows"].T @ x - pins["free_bounds"].T + keep for x in corners]
-        rows.add("body.clearance", beyond)
+        stage.below("body.clearance", *beyond)
 
-    cost = (
-        c["w_com"] * ca.sumsqr(step["com"])
-        + c["w_toe"] * ca.sumsqr(step["toes"])
-        + c["w_rotation"] * ca.sumsqr(step["rpy"])
-    )
-
-    def column(symbols: dict[str, Any]) -> Any:
-        return ca.vertcat(*(ca.vec(symbol) for symbol in symbols.values()))
-
-    arguments = [column(old), column(new), column(pins), column(c)]
-    return _RoundFunction(
-        function=ca.Function("round", arguments, [cost, ca.vertcat(*rows.expressions)]),
-        blocks=tuple(rows.blocks),
-    )
+    stage.minimise("com_step", c["w_com"] * ca.sumsqr(step["com"]))
+    stage.minimise("toe_step", c["w_toe"] * ca.sumsqr(step["toes"]))
+    stage.minimise("rotation_step", c["w_rotation"] * ca.sumsqr(step["rpy"]))
+    return stage
 
 
-def _goal_function(shape: Shape) -> Any:
-    """Cost and tolerance of the last posture."""
-    last, c = posture_layout(shape.limbs).symbols(), number_layout(shape).symbols()
+def _goal(shape: Shape) -> Stage:
+    """Cost and tolerance of the last posture: (posture, numbers)."""
+    stage = _Laid("goal", last=posture_layout(shape.limbs), numbers=number_layout(shape))
+    last, c = stage.parts
     away = {name: last[name] - c[f"goal_{name}"] for name in ("com", "rpy", "toes")}
-    cost = (
-        c["w_goal"] * ca.sumsqr(away["toes"])
-        + c["w_goal_com"] * ca.sumsqr(away["com"])
-        + c["w_goal_rotation"] * ca.sumsqr(away["rpy"])
-    )
-    parts = [away["com"], *ca.horzsplit(away["toes"])]
+    stage.below("goal.reached", within(ca.horzcat(away["com"], away["toes"]), c["tolerance"]))
     turned = [sign * away["rpy"] - c["rotation_tolerance"] for sign in (1, -1)]
-    rows = ca.vertcat(*(within(part, c["tolerance"]) for part in parts), *turned)
-    arguments = [ca.vertcat(*map(ca.vec, symbols.values())) for symbols in (last, c)]
-    return ca.Function("goal", arguments, [cost, rows])
+    stage.below("goal.rotation", *turned, unit="rad")
+    stage.minimise("goal", c["w_goal"] * ca.sumsqr(away["toes"]))
+    stage.minimise("goal_com", c["w_goal_com"] * ca.sumsqr(away["com"]))
+    stage.minimise("goal_rotation", c["w_goal_rotation"] * ca.sumsqr(away["rpy"]))
+    return stage
 
 
-@dataclass(frozen=True)
-class PostureNlp:
-    """The built program. Vector of variables: round after round."""
+def posture_trajectory(shape: Shape) -> Trajectory:
+    """M rounds of postures; variables round after round. Their bounds and start are numbers, too.
 
-    shape: Shape
-    solver: IpoptProgram
-    lower: Array  # constraint bounds
-    upper: Array
-    blocks: dict[str, int]  # rows by name
+    Parameters: `start` posture, `pins` of every round and `numbers`, as `layout` has them.
+    """
+    m, base = shape.rounds, posture_layout(shape.limbs).size
+    stated = Trajectory("posture")
+    start = stated.parameter("start", base)
+    pins = stated.parameter("pins", pin_layout(shape).size, m)
+    numbers = stated.parameter("numbers", number_layout(shape).size)
+    size = variable_layout(shape.limbs).size
+    new = ca.reshape(stated.variable("rounds", np.zeros(size * m)), size, m)
+    stated.add(_round(shape), ca.horzcat(start, new[:base, :-1]), new, pins, numbers)
+    stated.add(_goal(shape), new[:base, -1], numbers)
+    return stated
 
 
 @lru_cache(maxsize=8)
-def posture_nlp(shape: Shape, iterations: int) -> PostureNlp:
+def posture_nlp(shape: Shape, iterations: int) -> CompiledTrajectory:
     """The program of a shape with IPOPT attached; equal shapes share one."""
-    m, n = shape.rounds, shape.limbs
-    size, base = variable_layout(n).size, posture_layout(n).size
-    pin_size, number_size = pin_layout(shape).size, number_layout(shape).size
-    x = ca.MX.sym("x", size * m)
-    p = ca.MX.sym("p", base + pin_size * m + number_size)
-    start, pins, numbers = ca.vertsplit(p, [0, base, base + pin_size * m, p.numel()])
-    new = ca.reshape(x, size, m)
-    old = ca.horzcat(start, new[:base, :-1])
-    each = _round_function(shape)
-    cost, rows = each.function.map(m)(
-        old, new, ca.reshape(pins, pin_size, m), ca.repmat(numbers, 1, m)
-    )
-    goal_cost, goal_rows = _goal_function(shape)(new[:base, -1], numbers)
-    g = ca.vertcat(ca.vec(rows), goal_rows)
-
-    equality = np.concatenate([np.full(count, eq) for _, count, eq in each.blocks])
-    lower = np.where(
-        np.append(np.tile(equality, m), np.zeros(goal_rows.numel(), bool)), 0.0, -np.inf
-    )
-    blocks = {name: count * m for name, count, _ in each.blocks} | {
-        "goal.reached": goal_rows.numel()
-    }
-    settings = {
-        "max_iter": iterations,
-        # Lower step bounds need 5 times fewer iterations with these two, the rest a few less.
-        "mu_strategy": "adaptive",
-        "obj_scaling_factor": 100.0,  # costs are a few 1e-3 m^2
-        "tol": 1e-8,
-        "constr_viol_tol": 1e-9,
-        "acceptable_tol": 1e-6,
-        "acceptable_constr_viol_tol": 1e-8,
-        "bound_relax_factor": 0.0,
-    }
-    problem = {"x": x, "p": p, "f": ca.sum2(cost) + goal_cost, "g": g}
-    solver = IpoptProgram("posture", problem, settings)
-    return PostureNlp(shape, solver, lower, np.zeros(len(lower)), blocks)
+    return compiled(posture_trajectory(shape), {"max_iter": iterations, **SETTINGS})

@@ -51,10 +51,11 @@ class Layout:
         return {name: ca.reshape(vector[self.place(name)], *shape) for name, shape in self.shapes}
 
     def pack(self, values: Mapping[str, Array]) -> Array:
-        """The vector; values[name] has its shape, or any shape that broadcasts to it."""
-        return np.concatenate(
-            [np.broadcast_to(values[name], shape).ravel(order="F") for name, shape in self.shapes]
-        )
+        """Vectors (..., size) of arrays (..., *shape), or of any that broadcast to these."""
+        batch = np.broadcast_shapes(*(np.shape(values[name])[:-2] for name in self.names))
+        full = (np.broadcast_to(values[name], (*batch, *shape)) for name, shape in self.shapes)
+        columns = [np.swapaxes(part, -1, -2).reshape(*batch, -1) for part in full]
+        return np.concatenate(columns, axis=-1)
 
     def unpack(self, vectors: Array) -> dict[str, Array]:
         """Arrays (..., *shape) from vectors (..., size)."""

@@ -264,9 +264,9 @@ def test_yaw_is_bounded_on_flat_terrain_only(walls: ClimbScene, tmp_path: Path) 
     turned = scene_of(WALLS, "task.start.rpy_deg=[0, 0, 5]", tmp_path=tmp_path)
     limits = ((walls, 20.0), (turned, 25.0), (shipped("climb_tube"), np.inf))
     for scene, expected in limits:
-        box = variable_bounds(scene, 0.0)
+        _, upper = variable_bounds(scene, 0.0)
         layout = variable_layout(scene.robot.limb_count)
-        upper = layout.unpack(box.upper.reshape(-1, layout.size))["rpy"]
+        upper = layout.unpack(upper.reshape(-1, layout.size))["rpy"]
         np.testing.assert_allclose(upper[:, 2, 0], np.deg2rad(expected))
 
 
@@ -274,12 +274,11 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
     """Rows of the NLP and the exact check call the same postures good and bad."""
     for scene in (walls, shipped("climb_tube"), shipped("climb_obstacle", "solver.method=nlp")):
         program = posture_nlp(shape_of(scene), 150)
-        box = variable_bounds(scene, 0.0)
         guess = straight_guess(scene, 0, 0.0)
         good = solve_from(scene, guess, FOREVER)
         assert good.accepted
         good_guess = replace(guess, rounds=good.rounds)
-        x = first_iterate(scene, good_guess, box)
+        x = first_iterate(scene, good_guess, variable_bounds(scene, 0.0))
         numbers = program.stated.theta(parameters(scene, good_guess))
         blocks = program.stated.residuals(program.solver.rows(x, numbers))
         assert max(block.residual for block in blocks) < 1e-6
@@ -353,6 +352,16 @@ def test_methods_of_the_common_table_take_the_program(walls: ClimbScene, method:
     np.testing.assert_allclose(rounds.com, own.rounds.com, atol=1e-5)
 
 
+def test_a_goal_missed_names_body_or_limb(walls: ClimbScene) -> None:
+    for moved, where in (("com", "body"), ("toes", "limb LM")):
+        rounds = straight_guess(walls, 0, 0.0).rounds
+        limb = walls.robot.limb_names.index("LM")
+        point = rounds.com[4] if moved == "com" else rounds.toes[4, limb]
+        point[2] += walls.spec.task.goal.tolerance + 0.03
+        found = {v.name: v for v in check_postures(walls, rounds)}
+        assert str(found["goal.reached"]) == f"goal.reached at round 4, {where} by 30 mm"
+
+
 def test_check_refuses_a_diverged_answer(walls: ClimbScene) -> None:
     rounds = straight_guess(walls, 0, 0.0).rounds
     rounds.com[2] = np.nan
@@ -386,9 +395,14 @@ def test_layout_finds_what_it_packs() -> None:
     layout = Layout((("a", (3, 2)), ("b", (1, 4)), ("c", (1, 1))))
     rng = np.random.default_rng(0)
     values = {name: rng.normal(size=shape) for name, shape in layout.shapes}
-    found = layout.unpack(np.stack([layout.pack(values), layout.pack(values)]))
+    one = layout.pack(values)
+    assert one.tolist()[:4] == [*values["a"].T.ravel()[:4]]  # by columns
+    many = layout.pack(values | {"a": np.stack([values["a"] + k for k in range(4)])})
+    np.testing.assert_array_equal(many[0], one)
+    found = layout.unpack(many)
     for name, value in values.items():
-        np.testing.assert_array_equal(found[name][1], value)
+        np.testing.assert_array_equal(found[name][3], value + 3 * (name == "a"))
+    np.testing.assert_array_equal(layout.pack(values | {"b": np.array(2.0)})[6:10], 2.0)
 
 
 def test_a_way_that_steps_cannot_cover_needs_no_solver(tmp_path: Path) -> None:

@@ -115,7 +115,7 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
     for margin in JOINT_MARGINS:
         box = variable_bounds(scene, margin)
         first = first_iterate(scene, guess, box)
-        bounds = replace(program.bounds, lower=box.lower, upper=box.upper)
+        bounds = replace(program.bounds, lower=box[0], upper=box[1])
         numbers = program.stated.theta(parameters(scene, guess))
         point = program.solver.solve(first, numbers, bounds, deadline)
         iterations += point.iterations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.surfaces import Region, Tube
 
 # [rad] off every joint bound at the moments that are constrained. The second holds the joints at
@@ -36,14 +38,6 @@ class Guess:
     label: str
     rounds: Rounds  # postures, need not satisfy anything; regions are pinned
     free: Index  # (M, choices) free region of the body in every round
-
-
-@dataclass(frozen=True)
-class Box:
-    """Bounds of all variables."""
-
-    lower: Array
-    upper: Array
 
 
 def shape_of(scene: ClimbScene) -> Shape:
@@ -68,11 +62,9 @@ def parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     """Start posture, pinned choices of every round (P, M), and all other numbers of the scene."""
     shape, start = shape_of(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
-    planes = _planes(scene, guess)
-    pins = [_pins(scene, shape, guess, planes, j) for j in range(shape.rounds)]
     return {
         "start": posture_layout(shape.limbs).pack(posture)[:, None],
-        "pins": np.stack(pins, axis=1),
+        "pins": pin_layout(shape).pack(_pins(scene, guess)).T,
         "numbers": number_layout(shape).pack(_numbers(scene))[:, None],
     }
 
@@ -135,56 +127,52 @@ def _planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     return found
 
 
-def _pins(scene: ClimbScene, shape: Shape, guess: Guess, planes: dict[str, Array], j: int) -> Array:
-    """The pinned choices of the round from posture j to posture j + 1."""
-    terrain = scene.terrain
-    values: dict[str, Array] = {
-        # Unused rows hold everywhere: 0 x <= 1.
-        "free_rows": np.zeros((3, shape.free_rows)),
-        "free_bounds": np.ones((1, shape.free_rows)),
+def _pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
+    """The pinned choices of every round, (M, rows, columns) each."""
+    terrain, region = scene.terrain, guess.rounds.region
+    m = len(region) - 1
+    chosen = zip(terrain.free_choices, guess.free.T, strict=True)
+    rooms = [np.zeros((m, 4, 0)), *(_padded(choice)[index] for choice, index in chosen)]
+    room = np.concatenate(rooms, axis=-1)
+    pins = {"free_rows": room[:, :3], "free_bounds": room[:, 3:], **_planes(scene, guess)}
+    if terrain.curved:
+        return pins
+    old, new = region[:-1], region[1:]  # (M, N)
+    normal = np.stack([one.normal for one in terrain.regions])
+    offset = np.array([one.offset for one in terrain.regions])
+    edges = _padded(terrain.regions)[new]  # (M, N, 4, edges)
+    return pins | {
+        "old_normal": np.swapaxes(normal[old], 1, 2),
+        "normal": np.swapaxes(normal[new], 1, 2),
+        "offset": offset[new][:, None],
+        "edge_rows": np.swapaxes(edges[:, :, :3], 1, 2).reshape(m, 3, -1),
+        "edge_bounds": np.swapaxes(edges[:, :, 3], 1, 2),
     }
-    values |= {name: by_round[j] for name, by_round in planes.items()}
-    at = 0
-    for choice, chosen in zip(terrain.free_choices, guess.free[j], strict=True):
-        free = choice[chosen]
-        values["free_rows"][:, at : at + len(free.b)] = free.A.T
-        values["free_bounds"][0, at : at + len(free.b)] = free.b
-        at += max(len(region.b) for region in choice)
-    if not shape.curved:
-        regions = terrain.regions
-        old, new = ([regions[r] for r in guess.rounds.region[k]] for k in (j, j + 1))
-        edges = [_padded_edges(region, shape.edges) for region in new]
-        values |= {
-            "old_normal": np.stack([region.normal for region in old], axis=1),
-            "normal": np.stack([region.normal for region in new], axis=1),
-            "offset": np.array([[region.offset for region in new]]),
-            "edge_rows": np.concatenate([rows[:3] for rows in edges], axis=1),
-            "edge_bounds": np.stack([rows[3] for rows in edges], axis=1),
-        }
-    return pin_layout(shape).pack(values)
 
 
-def _padded_edges(region: Region, count: int) -> Array:
-    """Edge rows over their bounds, (4, count); rows beyond the region's own hold everywhere."""
-    rows = np.zeros((4, count))
-    rows[3] = 1.0
-    rows[:3, : len(region.b)] = region.A.T
-    rows[3, : len(region.b)] = region.b
-    return rows
+def _padded(regions: Sequence[Region | FreeRegion]) -> Array:
+    """Rows over their bounds (R, 4, most rows); rows beyond a region's own hold everywhere."""
+    table = np.zeros((len(regions), 4, max(len(region.b) for region in regions)))
+    table[:, 3] = 1.0  # 0 x <= 1
+    for own, region in zip(table, regions, strict=True):
+        own[:, : len(region.b)] = np.vstack([region.A.T, region.b])
+    return table
 
 
-def variable_bounds(scene: ClimbScene, joint_margin: float) -> Box:
-    """Rotation limits, joint bounds tightened by joint_margin [rad], and a tube's extent."""
+def variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Array]:
+    """Lower and upper bounds of all variables.
+
+    Rotation limits, joint bounds tightened by joint_margin [rad], and a tube's extent.
+    """
     shape, robot = shape_of(scene), scene.robot
     limit = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
     limit[1] = min(limit[1], _UPRIGHT_PITCH)
     if shape.curved:
         limit[2] = np.inf  # a tube looks the same from all sides
-    toes = np.full(3, np.inf)
     level = np.array([0.0, 0.0, scene.start.rpy[2]])  # a world turned about z changes nothing
     low, high = {"rpy": (level - limit)[:, None]}, {"rpy": (level + limit)[:, None]}
-    low |= {"com": np.full((3, 1), -np.inf), "toes": -toes[:, None]}
-    high |= {"com": np.full((3, 1), np.inf), "toes": toes[:, None]}
+    low |= dict.fromkeys(("com", "toes"), np.full((3, 1), -np.inf))
+    high |= dict.fromkeys(("com", "toes"), np.full((3, 1), np.inf))
     wall = scene.terrain.surfaces[0]
     if isinstance(wall, Tube):
         low["toes"] = np.array([[-np.inf], [-np.inf], [wall.lower]])
@@ -193,7 +181,8 @@ def variable_bounds(scene: ClimbScene, joint_margin: float) -> Box:
         low[f"angles_{moment.name}"] = robot.joint_lower.T + joint_margin
         high[f"angles_{moment.name}"] = robot.joint_upper.T - joint_margin
     layout = variable_layout(shape.limbs)
-    return Box(*(np.tile(layout.pack(side), shape.rounds) for side in (low, high)))
+    lower, upper = (np.tile(layout.pack(side), shape.rounds) for side in (low, high))
+    return lower, upper
 
 
 @dataclass(frozen=True)
@@ -227,7 +216,7 @@ def _limbs_at(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbsAt:
     return _LimbsAt(com, rpy, angles)
 
 
-def first_iterate(scene: ClimbScene, guess: Guess, box: Box) -> Array:
+def first_iterate(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Array]) -> Array:
     """All variables at a guess; joint angles by inverse kinematics, within the bounds."""
     rounds = guess.rounds
     values = {
@@ -239,9 +228,7 @@ def first_iterate(scene: ClimbScene, guess: Guess, box: Box) -> Array:
         angles = _limbs_at(scene, guess, moment).angles
         values[f"angles_{moment.name}"] = np.swapaxes(angles, 1, 2)
     layout = variable_layout(scene.robot.limb_count)
-    by_round = [{k: v[j] for k, v in values.items()} for j in range(rounds.count)]
-    x: Array = np.concatenate([layout.pack(v) for v in by_round])
-    return x.clip(box.lower, box.upper)
+    return layout.pack(values).ravel().clip(*bounds)
 
 
 def to_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
@@ -249,12 +236,17 @@ def to_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
     start, layout = scene.start, variable_layout(scene.robot.limb_count)
     parts = layout.unpack(np.reshape(x, (-1, layout.size)))
     toes = np.concatenate([start.toes[None], np.swapaxes(parts["toes"], 1, 2)])
-    for j, limb in np.ndindex(*guess.rounds.region[1:].shape):
-        surface = scene.terrain.surfaces[guess.rounds.region[j + 1, limb]]
-        toes[j + 1, limb] = surface.project(toes[j + 1, limb])
+    put_on_surfaces(scene, toes, guess.rounds.region)
     return Rounds(
         com=np.concatenate([start.com[None], parts["com"][..., 0]]),
         rpy=np.concatenate([start.rpy[None], parts["rpy"][..., 0]]),
         toes=toes,
         region=guess.rounds.region,
     )
+
+
+def put_on_surfaces(scene: ClimbScene, toes: Array, region: Index) -> None:
+    """Toes (M+1, N, 3) onto their surfaces, in place, but for those of the start."""
+    for j, limb in np.ndindex(*region[1:].shape):
+        surface = scene.terrain.surfaces[region[j + 1, limb]]
+        toes[j + 1, limb] = surface.project(toes[j + 1, limb])

@@ -31,8 +31,8 @@ class PostureProblem:
 
 def posture_problem(scene: ClimbScene, guess: Guess) -> PostureProblem:
     """The program of a scene from a guess, whose contact and free regions are pinned."""
-    box = variable_bounds(scene, JOINT_MARGINS[0])
-    program = posture_trajectory(shape_of(scene)).program(bounds=(box.lower, box.upper))
-    first = first_iterate(scene, guess, box)
+    bounds = variable_bounds(scene, JOINT_MARGINS[0])
+    program = posture_trajectory(shape_of(scene)).program(bounds=bounds)
+    first = first_iterate(scene, guess, bounds)
     problem = Problem("posture", program, start=lambda theta: {"rounds": first})
     return PostureProblem(problem, parameters(scene, guess))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from climbplan.climb.plan.climb_plan import Index, Rounds
-from climbplan.climb.postures.nlp.numbers import Guess
+from climbplan.climb.postures.nlp.numbers import Guess, put_on_surfaces
 from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NoPlanFound
@@ -130,9 +130,7 @@ def _unfold(scene: ClimbScene, rounds: Rounds, rng: np.random.Generator) -> Roun
         shortest = np.linalg.norm(np.diff(points, axis=0), axis=1).min()
         if shortest < least:
             points[1:] += 0.5 * least * side * _direction(rng)
-    for j, i in np.ndindex(*rounds.region[1:].shape):
-        surface = scene.terrain.surfaces[rounds.region[j + 1, i]]
-        toes[j + 1, i] = surface.project(toes[j + 1, i])
+    put_on_surfaces(scene, toes, rounds.region)
     return replace(rounds, com=com, toes=toes)
 
 

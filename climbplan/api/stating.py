@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,11 +22,12 @@ Stated = tuple[Problem, dict[str, Array]]
 def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) -> Stated:
     """The problem that a spec states, and its parameters: `climbplan.solve(problem, theta, ...)`.
 
-    spec, set: as `climbplan.plan`. A climb: its postures as method `micp` has them, forces apart.
+    spec, set: as `climbplan.plan`. A climb: its postures as method `micp` has them, forces apart;
+    with `solver.method` nlp as that has them, rotations exact, from its first start.
     A walk: all knots, contacts as binaries, from the guessed gait (`solver.guess`). A bookshelf:
     its only scene. Rows may be added before it is solved, `problem.program.between("mine", ...)`
     on `problem.program.affine(...)`. Answers have to pass the problem's own exact checker where
-    it has one (walks, bookshelves).
+    it has one (exact rotations, walks, bookshelves).
 
     Raises SpecError for mistakes, UsageError for other kinds and for files of several scenes.
     """
@@ -44,11 +46,16 @@ def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) 
 
 
 def _climb(loaded: LoadedClimb) -> Stated:
+    from climbplan.climb.postures.nlp.method import guesses
+    from climbplan.climb.postures.nlp.stated import posture_problem
     from climbplan.climb.postures.planner import refuse_unsuitable
     from climbplan.climb.postures.statement import posture_program
     from climbplan.climb.scene import build_scene
 
     scene = build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
+    solver = loaded.spec.solver
+    if solver.method == "nlp":
+        return posture_problem(scene, next(guesses(scene, 1, time.monotonic() + solver.time_limit)))
     refuse_unsuitable(scene)
     return Problem("postures", posture_program(scene)), {}
 

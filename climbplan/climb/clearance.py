@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.climb.gait import poses_between
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene import MotionScene
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -23,9 +24,7 @@ def body_shortfall(scene: MotionScene, rounds: Rounds) -> Array:
 
     A pose is clear of a choice if its hull lies in one of the choice's free regions.
     """
-    share = np.linspace(0.0, 1.0, _STEPS)[:, None]
-    com = rounds.com[:-1, None] + share * np.diff(rounds.com, axis=0)[:, None]  # (M, S, 3)
-    rpy = rounds.rpy[:-1, None] + share * np.diff(rounds.rpy, axis=0)[:, None]
+    com, rpy = poses_between(rounds, np.linspace(0.0, 1.0, _STEPS))
     corners = hull_world(scene, com, rpy)  # (M, S, 8, 3)
     keep = scene.spec.posture.body_clearance
     worst = np.zeros(rounds.count)

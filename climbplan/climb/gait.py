@@ -11,6 +11,14 @@ import numpy as np
 from climbplan.climb.instants import instants_at, joint_angles
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene
+from climbplan.robots.rotations import Array
+
+
+def poses_between(rounds: Rounds, share: Array) -> tuple[Array, Array]:
+    """Body origins and rotations (M, S, 3) when shares (S,) of every round are covered."""
+    ways = ((x[:-1, None], np.diff(x, axis=0)[:, None]) for x in (rounds.com, rounds.rpy))
+    com, rpy = (begin + share[:, None] * way for begin, way in ways)
+    return com, rpy
 
 
 def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
@@ -27,8 +35,7 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
 
     # Body fraction of its way: k/N when limb k is lifted, (k+1)/N after its push.
     fraction = np.stack([step / n, (step + 1) / n], axis=1).ravel()  # (2N,)
-    com = rounds.com[:-1, None] + fraction[:, None] * np.diff(rounds.com, axis=0)[:, None]
-    rpy = rounds.rpy[:-1, None] + fraction[:, None] * np.diff(rounds.rpy, axis=0)[:, None]
+    com, rpy = poses_between(rounds, fraction)
 
     # A limb stands on its new place from its own push on.
     is_push = np.tile([False, True], n)  # (2N,)

@@ -47,6 +47,28 @@ def test_a_climbs_postures_with_a_row_of_ones_own() -> None:
     assert "mine.aside" in {block.name for block in held.check().blocks}
 
 
+def test_a_climb_with_exact_rotations_up_a_tube() -> None:
+    problem, theta = climbplan.stated(SPECS / "climb_tube.yaml", set={"task.rounds": 9})
+    free = climbplan.solve(problem, theta, method="nlp")
+    names = {block.name for block in free.check().blocks}
+    assert {"body.clearance", "own.body.clearance", "own.kinematics.toes"} <= names
+    assert free.check().passed(1e-6)
+    lowest = float(free["com4"][2]) + 0.01
+    com = problem.program.affine("com4")
+    problem.program.between("mine.higher", com[2:], lowest, np.inf, unit="m")
+    held = climbplan.solve(problem, theta, method="nlp")
+    assert held["com4"][2] == pytest.approx(lowest, abs=1e-6)
+    assert held.objective > free.objective
+
+    # The exact check is asked, too
+    def bent(theta: object, values: dict[str, np.ndarray]) -> dict[str, float]:
+        assert problem.check is not None
+        return dict(problem.check(theta, {**values, "rpy9": values["rpy9"] + 0.05}))
+
+    refused = climbplan.solve(replace(problem, check=bent), theta, method="nlp")
+    assert "steps.rotation by" in refused.found.result.log[-1]
+
+
 @pytest.mark.parametrize("method", ["pinned", "mpcc"])
 def test_a_shelf_by_methods_of_the_table(method: str) -> None:
     problem, theta = climbplan.stated(SPECS / "bookshelf_scene.yaml")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.clearance import body_shortfall, hull_world
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait import plan_instants, poses_between
 from climbplan.climb.limb_clearance import (
     closest_link,
     least_room,
@@ -102,11 +102,8 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     short = body_shortfall(scene, rounds)
     wall = surfaces[0]
     if isinstance(wall, Tube):
-        share = np.linspace(0.0, 1.0, _POSES)[:, None]
-        com, rpy = (
-            x[:-1, None] + share * np.diff(x, axis=0)[:, None] for x in (rounds.com, rounds.rpy)
-        )
-        corners = hull_world(scene, com, rpy)[..., :2]  # (M, S, V, 2)
+        poses = poses_between(rounds, np.linspace(0.0, 1.0, _POSES))
+        corners = hull_world(scene, *poses)[..., :2]  # (M, S, V, 2)
         far = np.linalg.norm(corners - wall.center, axis=-1).max(axis=(1, 2))
         short = np.maximum(short, far + scene.spec.posture.body_clearance - wall.radius)
     findings.add("body.clearance", short)
@@ -129,6 +126,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         where = f"{error.where}, limb {error.limb} ({error.reason})"
         findings.found.append(Violation("kinematics.toes", amount, "m", where))
     else:
+        findings.found.append(Violation("kinematics.toes", 0.0, "m", "no instant"))
         findings.found.extend(_limbs_free(scene, rounds, instants))
     return tuple(findings.found)
 
@@ -180,11 +178,8 @@ def _add_workspaces(scene: ClimbScene, rounds: Rounds, findings: _Findings) -> N
     spec, robot = scene.spec.posture, scene.robot
     share = np.empty(robot.limb_count)
     share[list(scene.gait)] = np.arange(robot.limb_count) / robot.limb_count
-    moving = [
-        x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None]
-        for x in (rounds.com, rounds.rpy)
-    ]
-    at_end = [rounds.com[1:, None], rounds.rpy[1:, None]]
+    moving = poses_between(rounds, share)
+    at_end = rounds.com[1:, None], rounds.rpy[1:, None]
     events = [(rounds.toes[1:], at_end)]
     if spec.intermediate_reach:
         events += [(rounds.toes[:-1], moving), (rounds.toes[1:], moving)]

@@ -78,7 +78,7 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
     deadline = time.monotonic() + options.time_limit
     refuse_hopeless(scene)
     attempts: list[Attempt] = []
-    for number, guess in enumerate(_guesses(scene, options.starts, deadline)):
+    for number, guess in enumerate(guesses(scene, options.starts, deadline)):
         if report is not None:
             report("posture", number / options.starts)
         attempts.append(solve_from(scene, guess, deadline))
@@ -168,7 +168,7 @@ def refuse_hopeless(scene: ClimbScene) -> None:
         raise NotProved("no posture sequence found", [bare], because=DEFAULT_STEPS, stage="posture")
 
 
-def _guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
+def guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
     """`count` starts: the convex plan if there is one, the straight way, then random ones."""
     convex = convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
     if convex is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.gait import poses_between
 from climbplan.climb.limb_clearance import standing_room
 from climbplan.climb.plan.climb_plan import Index, Rounds
 from climbplan.climb.postures.nlp.layout import (
@@ -71,8 +72,7 @@ def parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
 
 def _numbers(scene: ClimbScene) -> dict[str, Array]:
     spec, robot, goal = scene.spec.posture, scene.robot, scene.goal
-    steps, weights = spec.steps, spec.weights
-    wall = scene.terrain.surfaces[0]
+    steps, wall = spec.steps, scene.terrain.surfaces[0]
     tube = wall if isinstance(wall, Tube) else None
     arrays = {
         "shoulder": robot.shoulder_body.T,
@@ -100,12 +100,7 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
         "rotation_max": np.deg2rad(steps.rotation_max_deg),
         "tolerance": scene.spec.task.goal.tolerance,
         "rotation_tolerance": np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg),
-        "w_goal": weights.goal,
-        "w_goal_com": weights.goal_com,
-        "w_goal_rotation": weights.goal_rotation,
-        "w_com": weights.com,
-        "w_toe": weights.toe,
-        "w_rotation": weights.rotation,
+        **{f"w_{name}": weight for name, weight in spec.weights},
     }
     return arrays | {name: np.array([[value]]) for name, value in scalars.items()}
 
@@ -200,10 +195,7 @@ def _limbs_at(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbsAt:
     share = np.ones(n)
     if not moment.at_end:
         share[list(scene.gait)] = np.arange(n) / n
-    com, rpy = (
-        x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None]
-        for x in (rounds.com, rounds.rpy)
-    )
+    com, rpy = poses_between(rounds, share)
     rows = slice(1, None) if moment.new_place else slice(None, -1)
     toes, region = rounds.toes[rows].copy(), rounds.region[rows]
     if moment.clear:

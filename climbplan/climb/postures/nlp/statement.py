@@ -193,7 +193,7 @@ def _goal(shape: Shape) -> Stage:
 
 
 def posture_trajectory(shape: Shape) -> Trajectory:
-    """M rounds of postures; variables round after round. Their bounds and start are numbers, too.
+    """M rounds of postures: com1, rpy1, toes1, ..., com2, ...; bounds and start are given later.
 
     Parameters: `start` posture, `pins` of every round and `numbers`, as `layout` has them.
     """
@@ -202,8 +202,12 @@ def posture_trajectory(shape: Shape) -> Trajectory:
     start = stated.parameter("start", base)
     pins = stated.parameter("pins", pin_layout(shape).size, m)
     numbers = stated.parameter("numbers", number_layout(shape).size)
-    size = variable_layout(shape.limbs).size
-    new = ca.reshape(stated.variable("rounds", np.zeros(size * m)), size, m)
+    arrays = variable_layout(shape.limbs).shapes
+    columns = [
+        [stated.variable(f"{name}{j + 1}", np.zeros(rows * cols)) for name, (rows, cols) in arrays]
+        for j in range(m)
+    ]
+    new = ca.horzcat(*(ca.vertcat(*column) for column in columns))
     stated.add(_round(shape), ca.horzcat(start, new[:base, :-1]), new, pins, numbers)
     stated.add(_goal(shape), new[:base, -1], numbers)
     return stated

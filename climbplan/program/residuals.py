@@ -62,10 +62,10 @@ def check_blocks(
 def _bounds(blocks: Blocks, x: Array) -> Iterator[BlockResidual]:
     for v in blocks.variables:
         values = x[v.start : v.stop].reshape(v.shape)
-        yield _worst(f"bounds.{v.name}", _outside(values, v.lower, v.upper), v.unit)
+        yield worst_entry(f"bounds.{v.name}", outside(values, v.lower, v.upper), v.unit)
         if v.integer:
             fraction = np.abs(values - np.round(values))
-            yield _worst(f"integrality.{v.name}", fraction, v.unit)
+            yield worst_entry(f"integrality.{v.name}", fraction, v.unit)
 
 
 def _rows(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
@@ -74,14 +74,14 @@ def _rows(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidua
     for rows in blocks.rows:
         here = slice(start, start + len(rows.expression))
         start = here.stop
-        outside = _outside(row[here], instance.row_lower[here], instance.row_upper[here])
-        yield _worst(rows.name, outside.reshape(rows.shape), rows.unit)
+        off = outside(row[here], instance.row_lower[here], instance.row_upper[here])
+        yield worst_entry(rows.name, off.reshape(rows.shape), rows.unit)
 
 
 def _balls(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
     for block, balls in zip(blocks.balls, instance.balls, strict=True):
         excess = np.maximum(balls.excess(x), 0.0).reshape(block.shape)
-        yield _worst(block.name, excess, block.unit)
+        yield worst_entry(block.name, excess, block.unit)
 
 
 def _implications(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
@@ -90,7 +90,7 @@ def _implications(blocks: Blocks, instance: Instance, x: Array) -> Iterator[Bloc
     for implied in blocks.implications:
         here = slice(start, start + len(implied.expression))
         start = here.stop
-        yield _worst(implied.name, failed[here].reshape(implied.shape), implied.unit)
+        yield worst_entry(implied.name, failed[here].reshape(implied.shape), implied.unit)
 
 
 def _choices(
@@ -106,7 +106,7 @@ def _choices(
                 for c, k in zip(instance.choices[here], chosen[here], strict=True)
             ]
         )
-        yield _worst(group.name, violation.reshape(group.shape), group.unit)
+        yield worst_entry(group.name, violation.reshape(group.shape), group.unit)
 
 
 def _smooth(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
@@ -117,14 +117,16 @@ def _smooth(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResid
     for block in blocks.smooth:
         here = slice(start, start + len(block.expression))
         start = here.stop
-        yield _worst(block.name, outside[here].reshape(block.shape), block.unit)
+        yield worst_entry(block.name, outside[here].reshape(block.shape), block.unit)
 
 
-def _outside(value: Array, lower: Array, upper: Array) -> Array:
+def outside(value: Array, lower: Array, upper: Array) -> Array:
+    """How far values are below their lower or above their upper ends, 0 within."""
     return np.maximum(np.maximum(lower - value, value - upper), 0.0)
 
 
-def _worst(name: str, residual: Array, unit: str) -> BlockResidual:
+def worst_entry(name: str, residual: Array, unit: str) -> BlockResidual:
+    """The largest residual of a block, of any shape, and where it is."""
     if residual.size == 0:
         return BlockResidual(name, 0.0, unit, ())
     flat = int(np.argmax(residual))

@@ -9,45 +9,45 @@ from limms_scenes import scene
 
 from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.logic_rows import add_logic
-from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STABLE, STANDS, setting_of
-from climbplan.solvers.highs.model import highs, linear_model
+from climbplan.program.linear_rows import LinearRows
+from climbplan.solvers.highs.model import highs, rows_model
 
 K = 3  # intervals
 
 
 @pytest.fixture(scope="module")
-def rules() -> tuple[Table, Columns]:
+def rules() -> tuple[LinearRows, Columns]:
     four = setting_of(scene("limms_lift_light", "box.arrival_speed=1"), K)
-    table = Table()
+    table = LinearRows()
     columns = columns_of(four, table)
     add_logic(four, table, columns)
     return table, columns
 
 
-def allowed(rules: tuple[Table, Columns], ones: list[int], zeros: list[int]) -> bool:
+def allowed(rules: tuple[LinearRows, Columns], ones: list[int], zeros: list[int]) -> bool:
     """Whether some choice has these columns at 1 and those at 0."""
     table, _ = rules
-    _, lower, upper = table.numbers()
+    lower, upper = np.array(table.lower), np.array(table.upper)
     lower[ones], upper[zeros] = 1.0, 0.0
     if (lower > upper).any():
         return False
-    matrix, low, high = table.matrix(), np.array(table.row_lower), np.array(table.row_upper)
+    model = rows_model(table)
+    model.col_lower_, model.col_upper_ = lower, upper
     solver = highs()
-    model = linear_model(np.zeros(len(lower)), 0.0, lower, upper, table.binary, matrix, low, high)
     solver.passModel(model)
     solver.run()
     return bool(solver.getModelStatus() == highspy.HighsModelStatus.kOptimal)
 
 
-def owner(rules: tuple[Table, Columns], numbers: np.ndarray, place: int) -> int:
+def owner(rules: tuple[LinearRows, Columns], numbers: np.ndarray, place: int) -> int:
     """The module that an anchor, or a side as a leg's, is left to."""
     table, _ = rules
-    _, _, upper = table.numbers()
+    upper = np.array(table.upper)
     return int(np.flatnonzero(upper[numbers[place, :, -1]])[0])
 
 
-def test_every_behaviour_is_possible(rules: tuple[Table, Columns]) -> None:
+def test_every_behaviour_is_possible(rules: tuple[LinearRows, Columns]) -> None:
     _, c = rules
     for mode in (STABLE, FREE, HELD, STANDS, LEAPS):
         assert allowed(rules, [c.box[mode, -1]], []), mode
@@ -55,7 +55,7 @@ def test_every_behaviour_is_possible(rules: tuple[Table, Columns]) -> None:
         assert any(allowed(rules, [numbers[m, -1]], []) for m in range(4))
 
 
-def test_rules_of_legs(rules: tuple[Table, Columns]) -> None:
+def test_rules_of_legs(rules: tuple[LinearRows, Columns]) -> None:
     _, c = rules
     k = K - 1
     m = owner(rules, c.mount, 0)
@@ -67,7 +67,7 @@ def test_rules_of_legs(rules: tuple[Table, Columns]) -> None:
     assert allowed(rules, [c.mount[0, m, k], c.box[STANDS, k], c.leg[m, k]], [])
 
 
-def test_rules_of_arms(rules: tuple[Table, Columns]) -> None:
+def test_rules_of_arms(rules: tuple[LinearRows, Columns]) -> None:
     _, c = rules
     k = K - 1
     m = owner(rules, c.wall, 0)
@@ -80,7 +80,7 @@ def test_rules_of_arms(rules: tuple[Table, Columns]) -> None:
     assert allowed(rules, [c.box[HELD, k], c.hold[2, m, k], c.wall[0, m, k]], [])
 
 
-def test_rules_of_added_arms(rules: tuple[Table, Columns]) -> None:
+def test_rules_of_added_arms(rules: tuple[LinearRows, Columns]) -> None:
     _, c = rules
     k = K - 1
     parent = owner(rules, c.wall, 0)
@@ -93,7 +93,7 @@ def test_rules_of_added_arms(rules: tuple[Table, Columns]) -> None:
     assert allowed(rules, [c.carry[parent, child, k], c.hold[2, child, k]], [])
 
 
-def test_one_mode_one_hand_one_pick_up(rules: tuple[Table, Columns]) -> None:
+def test_one_mode_one_hand_one_pick_up(rules: tuple[LinearRows, Columns]) -> None:
     _, c = rules
     m = owner(rules, c.wall, 0)
     assert not allowed(rules, [c.arm[m, 1], c.leg[m, 1]], [])

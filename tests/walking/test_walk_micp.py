@@ -8,7 +8,7 @@ import pytest
 from walk_tasks import shorter, stairs_task, walk_task
 
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.solvers.highs.model import highs
+from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
@@ -37,7 +37,7 @@ def lifted_cost(task: WalkTask, answer: WalkAnswer, spoil: float = 0.0) -> float
     tube = tube_about(task, found.state, ANGLES, SPIN)
     assert tube.holds(found.state)
     program = relaxation(task, tube, answer.objective * 1.01, 2, 2, 1.5)
-    model = program.model.lp(whole=False)
+    model = rows_model(program.model, relaxed=True)
     low, high = np.array(model.col_lower_), np.array(model.col_upper_)
     for column, value in program.point(found).items():
         low[column], high[column] = value - 1e-6, value + 1e-6
@@ -106,16 +106,16 @@ def test_bound_and_incumbent_enclose_what_is_best() -> None:
 def test_shares_of_a_square_are_its_perspective() -> None:
     model = LinearModel()
     x, share = model.variable(-2.0, 2.0), model.variable(0.0, 1.0)
-    epigraph = model.square(3.0, x, (-2.0, 2.0), 1.2, share)
+    epigraph = model.square("cost", 3.0, x, (-2.0, 2.0), 1.2, share)
+    rows, low = model.matrix().toarray(), model.row_lower
     for value, part in ((1.0, 1.0), (0.5, 0.5), (-0.3, 0.25), (0.0, 0.0)):
-        at = {x.column: value, share.column: part}
-        lowest = max(
-            low - sum(f * at.get(c, 0.0) for c, f in terms.items()) for terms, low, _ in model.rows
-        )
+        at = np.zeros(len(model.lower))
+        at[[x.column, share.column]] = value, part
+        lowest = float((low - rows @ at).max())
         true = 3.0 * value**2 / part if part else 0.0
         assert 0.95 * true <= lowest + 1e-12
         assert lowest <= true + 1e-12
-        assert all(terms[epigraph.column] == 1.0 for terms, _, _ in model.rows)
+        assert (rows[:, epigraph.column] == 1.0).all()
 
 
 def test_mixtures_of_contacts_cost_what_they_do() -> None:
@@ -126,7 +126,7 @@ def test_mixtures_of_contacts_cost_what_they_do() -> None:
     tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
     program = relaxation(task, tube, answer.objective, 1, 1, 1.5)
     solver = highs(30.0)
-    solver.passModel(program.model.lp(whole=False))
+    solver.passModel(rows_model(program.model, relaxed=True))
     solver.run()
     assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
     assert solver.getInfo().objective_function_value > 0.15 * answer.objective
@@ -168,11 +168,10 @@ def test_what_turns_stays_within_its_bounds() -> None:
 def test_tangents_are_below_their_square() -> None:
     model = LinearModel()
     x = model.variable(-2.0, 2.0)
-    model.square(3.0, x - 0.5, (-2.5, 1.5), 1.4)
+    model.square("cost", 3.0, x - 0.5, (-2.5, 1.5), 1.4)
+    rows = model.matrix().toarray()
     for value in np.linspace(-2, 2, 41):
-        lowest = max(
-            (low - terms.get(x.column, 0.0) * value) / terms[1] for terms, low, _ in model.rows
-        )
+        lowest = float(((model.row_lower - rows[:, x.column] * value) / rows[:, 1]).max())
         true = 3.0 * (value - 0.5) ** 2
         assert lowest <= true + 1e-9
         if abs(value - 0.5) > 0.1:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from walk_tasks import named, shorter, walk_task
 
+from climbplan.program.linear_rows import LinearRows
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
 from climbplan.walking.online.attempt import Budget, GaitTrials
@@ -15,7 +16,7 @@ from climbplan.walking.online.library import build_library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.published.rows import Rows
+from climbplan.walking.published.rows import ChangingRows
 from climbplan.walking.task import Integrator, Start
 
 RNG = np.random.default_rng(3)
@@ -51,11 +52,14 @@ def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> 
 
 
 def test_rows_add_up_coefficients_of_one_unknown() -> None:
-    rows = Rows(3)
-    first = rows.add(((np.array([0, 1]), 2.0), (np.array([0, 2]), np.array([1.0, 4.0]))), 5.0)
-    frozen = rows.frozen()
+    rows = LinearRows()
+    rows.columns((3,), -np.inf, np.inf)
+    first = rows.rows(
+        "sums", ((np.array([0, 1]), 2.0), (np.array([0, 2]), np.array([1.0, 4.0]))), 5.0
+    )
+    frozen = ChangingRows(rows)
     np.testing.assert_allclose(frozen.matrix.toarray(), [[3, 0, 0], [0, 2, 4]])
-    frozen.value[first.values] = [1, 1, 1, -1]
+    frozen.value[first.values] = [1, 1, 1, -1]  # row by row
     frozen.refresh()
     np.testing.assert_allclose(frozen.matrix.toarray(), [[2, 0, 0], [0, 1, -1]])
     np.testing.assert_allclose(frozen.high, [5, 5])

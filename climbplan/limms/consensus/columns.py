@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import POINTS, Setting
 from climbplan.limms.scene import Array, Index, Scene
+from climbplan.program.linear_rows import LinearRows
 
 FASTEST = 6.0  # [m/s] of the box
 
@@ -47,7 +47,7 @@ class Columns:
     missed: Index  # (3,) distance of the box from its goal at the end
 
 
-def columns_of(setting: Setting, table: Table) -> Columns:
+def columns_of(setting: Setting, table: LinearRows) -> Columns:
     """All variables with their bounds; those that modules latched at the start lack are fixed."""
     scene, K, L = setting.scene, setting.intervals, setting.scene.count
     low, high = setting.free[:, 0].min(axis=0), setting.free[:, 1].max(axis=0)
@@ -92,7 +92,7 @@ def columns_of(setting: Setting, table: Table) -> Columns:
     return found
 
 
-def _fix(setting: Setting, table: Table, columns: Columns) -> None:
+def _fix(setting: Setting, table: LinearRows, columns: Columns) -> None:
     """What cannot be: fewer than four legs, arms that are not allowed, latched ones that leave."""
     scene = setting.scene
     latched = scene.held >= 0

@@ -17,10 +17,10 @@ from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.copies import Copy, Found, modes_of
 from climbplan.limms.consensus.logic_rows import add_logic
 from climbplan.limms.consensus.module_rows import add_modules
-from climbplan.limms.consensus.rows import Table
 from climbplan.limms.consensus.setting import FREE, LEAPS, Setting
 from climbplan.limms.scene import Array
-from climbplan.solvers.highs.model import highs, linear_model, run_highs
+from climbplan.program.linear_rows import LinearRows
+from climbplan.solvers.highs.model import highs, rows_model, run_highs
 
 GOAL = 1000.0  # [1/m] cost of what is missing to the goal
 REACHED = 20.0  # cost of a plan that reaches it, more than all else together
@@ -30,7 +30,12 @@ NEAR_GOAL = 1e-3  # [m] an answer worth keeping the integers of
 SMOOTHING_SECONDS = 10.0
 EFFORT = 0.02  # [s^2/m] of accelerations of the box
 RESTS = 0.1  # of an interval in which the box has not been picked up
-
+UNITS = {  # of rows; those of choices have none
+    **dict.fromkeys(("box.dynamics", "force.limit", "force.friction", "force.unattached"), "N"),
+    **dict.fromkeys(("goal.reached", "clear.box", "clear.solids", "kinematics.points"), "m"),
+    **dict.fromkeys(("latch.position", "latch.rotation", "ground.stand", "support.sides"), "m"),
+    "latch.moment": "N m",
+}
 
 Kind = Literal["arms", "stand", "leap"]
 
@@ -41,7 +46,7 @@ class MixedInteger:
     def __init__(self, setting: Setting) -> None:
         began = time.perf_counter()
         self.setting = setting
-        table = Table()
+        self.rows = table = LinearRows(UNITS)
         self.columns: Columns = columns_of(setting, table)
         add_logic(setting, table, self.columns)
         add_box(setting, table, self.columns)
@@ -50,35 +55,22 @@ class MixedInteger:
         self._pulled = np.concatenate([self.columns.position.ravel(), self.columns.points.ravel()])
         self._away = table.columns((len(self._pulled),), 0.0, np.inf).astype(np.int32)
         # away >= x - target and away >= target - x
-        pairs = list(zip(self._pulled, self._away, strict=True))
-        self._first_row = len(table.row_lower)
-        for x, away in pairs:
-            table.row([(away, 1), (x, -1)], -np.inf, np.inf)
-        for x, away in pairs:
-            table.row([(away, 1), (x, 1)], -np.inf, np.inf)
-        self._cost, self._lower, self._upper = table.numbers()
-        self._binary = np.flatnonzero(table.binary).astype(np.int32)
-        lp = linear_model(
-            self._cost,
-            0.0,
-            self._lower,
-            self._upper,
-            table.binary,
-            table.matrix(),
-            np.array(table.row_lower),
-            np.array(table.row_upper),
-        )
+        self._first_row = len(table)
+        for sign in (-1.0, 1.0):
+            table.rows("consensus", ((self._away, 1.0), (self._pulled, sign)), -np.inf, np.inf)
+        self._cost, self._lower, self._upper = map(np.array, (table.cost, table.lower, table.upper))
+        self._binary = np.flatnonzero(table.integer).astype(np.int32)
         self._solver: Any = highs(gap=1e-3)
         # Tight tolerances are for proofs; the next consensus moves this answer anyway
         self._solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
         self._solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
-        self._solver.passModel(lp)
+        self._solver.passModel(rows_model(table))
         self._frozen = False
         self._kind: Kind = self.kinds[0]
         self.build_seconds = time.perf_counter() - began
         self.variables = len(self._cost)
         self.binaries = int((self._upper > self._lower)[self._binary].sum())
-        self.constraints = len(table.row_lower)
+        self.constraints = len(table)
 
     def pull(self, target: Copy, weight: float) -> None:
         """Set the consensus term: weight |x - target| for every coordinate."""
@@ -231,7 +223,7 @@ class MixedInteger:
             x,
         )
 
-    def _costs(self, table: Table) -> None:
+    def _costs(self, table: LinearRows) -> None:
         c = self.columns
         for columns, cost in (
             (c.missed, GOAL),

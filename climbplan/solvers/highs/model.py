@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.program.linear_rows import LinearRows
 from climbplan.program.polytope import Array
 from climbplan.solvers.interruption import interruptible
 
@@ -78,6 +79,20 @@ def linear_model(
         kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
         lp.integrality_ = [kinds[int(whole)] for whole in integer]
     return lp
+
+
+def rows_model(rows: LinearRows, relaxed: bool = False) -> Any:
+    """What was stated as named rows; relaxed: without integrality."""
+    return linear_model(
+        np.array(rows.cost),
+        rows.constant,
+        np.array(rows.lower),
+        np.array(rows.upper),
+        np.array(rows.integer) & (not relaxed),
+        rows.matrix(),
+        rows.row_lower,
+        rows.row_upper,
+    )
 
 
 def quadratic_model(lp: Any, P: sparse.csc_matrix) -> Any:

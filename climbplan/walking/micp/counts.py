@@ -40,27 +40,29 @@ class Counts(Legs):
         task, model = self.task, self.model
         found = tuple(self.of_count(n, m) for m in range(task.least_contacts, LEGS + 1))
         contacts = [total(q.chosen for q in leg) for leg in legs]
-        model.add(total(one.chosen for one in found), 1.0, 1.0)
+        model.add("gait.contacts", total(one.chosen for one in found), 1.0, 1.0)
         standing = total(one.chosen * float(one.legs) for one in found)
-        model.add(standing - total(contacts), 0.0, 0.0)
+        model.add("gait.contacts", standing - total(contacts), 0.0, 0.0)
         for contact in contacts:
-            model.least(contact - found[-1].chosen)
+            model.least("gait.contacts", contact - found[-1].chosen)
             if not task.least_contacts:
-                model.least(1.0 - contact - found[0].chosen)
+                model.least("gait.contacts", 1.0 - contact - found[0].chosen)
         pushed = total(q.force[2] for leg in legs for q in leg)
-        model.add(total(one.force for one in found) - pushed, 0.0, 0.0)
-        model.add(total(one.before for one in found) - self.v[n][2], 0.0, 0.0)
+        model.add("gait.contacts", total(one.force for one in found) - pushed, 0.0, 0.0)
+        model.add("gait.contacts", total(one.before for one in found) - self.v[n][2], 0.0, 0.0)
         return found
 
     def of_count(self, n: int, legs: int) -> Count:
         task, model = self.task, self.model
         chosen = model.variable(0.0, 1.0, whole=True)
-        force = self.scaled(chosen, 0.0, legs * self.most)
-        before = self.scaled(chosen, float(self.v_low[n, 2]), float(self.v_high[n, 2]))
+        force = self.scaled("force.limit", chosen, 0.0, legs * self.most)
+        before = self.scaled(
+            "dynamics.velocity", chosen, float(self.v_low[n, 2]), float(self.v_high[n, 2])
+        )
         gain = task.step * self.unit / task.body.mass
         after = before + force * gain - chosen * (task.step * task.body.gravity)
-        model.least(after - chosen * float(self.v_low[n + 1, 2]))
-        model.least(chosen * float(self.v_high[n + 1, 2]) - after)
+        model.least("dynamics.velocity", after - chosen * float(self.v_low[n + 1, 2]))
+        model.least("dynamics.velocity", chosen * float(self.v_high[n + 1, 2]) - after)
         return Count(legs, chosen, force, before, after)
 
     def tracking(self, n: int, come: tuple[Count, ...], go: tuple[Count, ...]) -> None:
@@ -80,15 +82,17 @@ class Counts(Legs):
             model.constant += track * wanted**2 - weight * middle**2
             ends = float(self.v_low[n, k]) - middle, float(self.v_high[n, k]) - middle
             if k < 2:
-                self.square(weight, self.v[n][k] - middle, ends)
+                self.square("cost.tracking", weight, self.v[n][k] - middle, ends)
                 continue
             cost = model.variable(0.0, np.inf, cost=1.0)
             for shares in ([(c.after, c) for c in come], [(c.before, c) for c in go]):
                 squares = [
-                    self.square(weight, v - c.chosen * middle, ends, c.chosen, cost=0.0)
+                    self.square(
+                        "cost.tracking", weight, v - c.chosen * middle, ends, c.chosen, cost=0.0
+                    )
                     for v, c in shares
                 ]
-                model.least(cost - total(squares))
+                model.least("cost.tracking", cost - total(squares))
 
     def differences(self, legs: tuple[tuple[Piece, ...], ...], counts: tuple[Count, ...]) -> None:
         """Cost of differences of forces: a sum F on m legs costs at least 2 (4 / m - 1) F^2."""
@@ -101,12 +105,13 @@ class Counts(Legs):
             for sign in _CONTRASTS:
                 contrast = total(f * (0.5 * s) for f, s in zip(forces, sign, strict=True))
                 price = 0.0 if k == 2 else 1.0
-                square = self.square(8.0 * weight, contrast, cost=price)
+                square = self.square("cost.force_difference", 8.0 * weight, contrast, cost=price)
                 if k == 2:
                     contrasts.append(square)
         cost = model.variable(0.0, np.inf, cost=1.0)
         sums = [
             self.square(
+                "cost.force_difference",
                 2.0 * (LEGS / one.legs - 1.0) * weight,
                 one.force,
                 (0.0, one.legs * self.most),
@@ -116,11 +121,12 @@ class Counts(Legs):
             for one in counts
             if 0 < one.legs < LEGS
         ]
-        model.least(cost - total(contrasts))
-        model.least(cost - total(sums))
+        model.least("cost.force_difference", cost - total(contrasts))
+        model.least("cost.force_difference", cost - total(sums))
 
     def square(
         self,
+        name: str,
         weight: float,
         value: Lin,
         ends: tuple[float, float] | None = None,
@@ -135,4 +141,4 @@ class Counts(Legs):
         low, high = ends if ends is not None else self.extent(value)
         reach = float(np.sqrt(self.cost / max(weight, 1e-12)))
         low, high = max(low, -reach), min(high, reach)
-        return model.square(weight, value, (low, high), self.ratio, share, cost)
+        return model.square(name, weight, value, (low, high), self.ratio, share, cost)

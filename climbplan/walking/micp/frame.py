@@ -65,12 +65,12 @@ class Frame:
             )
         self.p, self.v, self.angles, self.spin = p, v, angles, spin
 
-    def scaled(self, chosen: Lin, low: float, high: float) -> Lin:
+    def scaled(self, name: str, chosen: Lin, low: float, high: float) -> Lin:
         """A variable within [low, high] if chosen, else zero."""
         low, high = float(low), float(high)
         new = self.model.variable(min(low, 0.0), max(high, 0.0))
-        self.model.least(new - chosen * low)
-        self.model.least(chosen * high - new)
+        self.model.least(name, new - chosen * low)
+        self.model.least(name, chosen * high - new)
         return new
 
     def product(self, x: Lin, ends: tuple[float, float], y: Lin, most: float, chosen: Lin) -> Lin:
@@ -80,10 +80,10 @@ class Frame:
             return y * low
         model = self.model
         w = model.variable(-np.inf, np.inf)
-        model.least(w - y * low)
-        model.least(w - y * high - x * most + chosen * (high * most))
-        model.least(y * high - w)
-        model.least(y * low + x * most - chosen * (low * most) - w)
+        model.least("dynamics.spin", w - y * low)
+        model.least("dynamics.spin", w - y * high - x * most + chosen * (high * most))
+        model.least("dynamics.spin", y * high - w)
+        model.least("dynamics.spin", y * low + x * most - chosen * (low * most) - w)
         return w
 
     def sideways(
@@ -97,10 +97,12 @@ class Frame:
         w = model.variable(-np.inf, np.inf)
         for side in (1.0, -1.0):
             model.least(
-                with_normal * friction + w * side - normal * (low * friction) - y * (low * side)
+                "dynamics.spin",
+                with_normal * friction + w * side - normal * (low * friction) - y * (low * side),
             )
             model.least(
-                normal * (high * friction) + y * (high * side) - with_normal * friction - w * side
+                "dynamics.spin",
+                normal * (high * friction) + y * (high * side) - with_normal * friction - w * side,
             )
         return w
 

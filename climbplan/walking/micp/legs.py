@@ -36,7 +36,7 @@ class Legs(Frame):
             ]
         pieces = tuple(self.piece(*end) for end in ends)
         standing = total(q.chosen for q in pieces)
-        model.add(standing, -np.inf, 1.0)
+        model.add("contact.region", standing, -np.inf, 1.0)
         if first:
             self.arms[n, leg] = (Lin(constant=held[0]), Lin(constant=held[1]))
             return pieces
@@ -45,13 +45,13 @@ class Legs(Frame):
         for k in range(2):
             chosen = total(q.arm[k] for q in pieces)
             # A swinging toe is anywhere in reach.
-            model.add(arm[k] - chosen + standing * low[k], low[k], np.inf)
-            model.add(arm[k] - chosen + standing * high[k], -np.inf, high[k])
+            model.add("contact.region", arm[k] - chosen + standing * low[k], low[k], np.inf)
+            model.add("contact.region", arm[k] - chosen + standing * high[k], -np.inf, high[k])
         height = total(q.chosen * float(level[q.region]) for q in pieces)
         clear = (float(level.min() + task.lift), float(level.max() + task.lift))
         toe = model.variable(level.min(), clear[1])
-        model.add(toe - height + standing * clear[0], clear[0], np.inf)
-        model.add(toe - height + standing * clear[1], -np.inf, clear[1])
+        model.add("swing.height", toe - height + standing * clear[0], clear[0], np.inf)
+        model.add("swing.height", toe - height + standing * clear[1], -np.inf, clear[1])
         self.workspace(n, leg, (arm[0], arm[1], toe - self.p[n][2]))
         for q in pieces:
             self.in_region(n, q, arm)
@@ -72,7 +72,7 @@ class Legs(Frame):
             corners = [sorted(float(t.R[j, k]) * e for e in ends[j]) for j in range(3)]
             low[k] = max(low[k], sum(c[0] for c in corners))
             high[k] = min(high[k], sum(c[1] for c in corners))
-            model.add(seen[k], low[k], high[k])
+            model.add("workspace.toe", seen[k], low[k], high[k])
         middle = self.tube.angles[n]
         turn = [
             total((self.angles[n][j] - float(middle[j])) * float(t.axes[i, j]) for j in range(3))
@@ -87,7 +87,10 @@ class Legs(Frame):
             most = np.maximum(t.seen_low[k] * low, t.seen_low[k] * high)
             most = np.maximum(most, np.maximum(t.seen_high[k] * low, t.seen_high[k] * high))
             model.add(
-                seen[k] - across, box[k] - half[k] - most.sum(), box[k] + half[k] - least.sum()
+                "workspace.toe",
+                seen[k] - across,
+                box[k] - half[k] - most.sum(),
+                box[k] + half[k] - least.sum(),
             )
 
     def envelope(self, x: Lin, half: float, y: Lin, low: float, high: float) -> Lin:
@@ -98,8 +101,8 @@ class Legs(Frame):
             return x * low
         w = self.model.variable(-np.inf, np.inf)
         for side in (1.0, -1.0):
-            self.model.least((w - x * low) * side + (y - low) * half)
-            self.model.least((x * high - w) * side + (high - y) * half)
+            self.model.least("workspace.toe", (w - x * low) * side + (y - low) * half)
+            self.model.least("workspace.toe", (x * high - w) * side + (high - y) * half)
         return w
 
     def piece(self, region: int, low: Array, high: Array) -> Piece:
@@ -107,18 +110,18 @@ class Legs(Frame):
         friction = self.task.ground.friction
         chosen = model.variable(0.0, 1.0, whole=True)
         arm = (
-            self.scaled(chosen, float(low[0]), float(high[0])),
-            self.scaled(chosen, float(low[1]), float(high[1])),
+            self.scaled("contact.region", chosen, float(low[0]), float(high[0])),
+            self.scaled("contact.region", chosen, float(low[1]), float(high[1])),
         )
         force = (
-            self.scaled(chosen, -most, most),
-            self.scaled(chosen, -most, most),
-            self.scaled(chosen, 0.0, most),
+            self.scaled("force.swing", chosen, -most, most),
+            self.scaled("force.swing", chosen, -most, most),
+            self.scaled("force.swing", chosen, 0.0, most),
         )
         for k in range(FACETS):
             angle = 2 * np.pi * k / FACETS
             pull = force[0] * float(np.cos(angle)) + force[1] * float(np.sin(angle))
-            model.least(force[2] * friction - pull)
+            model.least("force.friction", force[2] * friction - pull)
         products = []
         for k in range(2):
             ends = float(low[k]), float(high[k])
@@ -144,9 +147,9 @@ class Legs(Frame):
             largest = self.p_high[n, k] + max(self.end(n, arm[k], 1), 0.0)
             low, high = float(ground.lower[piece.region, k]), float(ground.upper[piece.region, k])
             if least < low:
-                self.model.least(toe - least - piece.chosen * (low - least))
+                self.model.least("contact.region", toe - least - piece.chosen * (low - least))
             if largest > high:
-                self.model.least(largest - toe - piece.chosen * (largest - high))
+                self.model.least("contact.region", largest - toe - piece.chosen * (largest - high))
 
     def end(self, n: int, arm: Lin, side: int) -> float:
         column = next(iter(arm.terms))
@@ -158,25 +161,25 @@ class Legs(Frame):
         model, dt = self.model, self.task.step
         before, after = total(q.chosen for q in now), total(q.chosen for q in later)
         through = model.variable(0.0, 1.0)
-        model.least(before - through)
-        model.least(after - through)
-        model.least(through - before - after + 1.0)
+        model.least("contact.no_slip", before - through)
+        model.least("contact.no_slip", after - through)
+        model.least("contact.no_slip", through - before - after + 1.0)
         for k in range(2):
             arms = []
             for pieces, standing in ((now, before), (later, after)):
                 low = min(float(q.low[k]) for q in pieces)
                 high = max(float(q.high[k]) for q in pieces)
-                arm = self.scaled(through, low, high)
+                arm = self.scaled("contact.no_slip", through, low, high)
                 left = total(q.arm[k] for q in pieces) - arm
-                model.least(left - (standing - through) * low)
-                model.least((standing - through) * high - left)
+                model.least("contact.no_slip", left - (standing - through) * low)
+                model.least("contact.no_slip", (standing - through) * high - left)
                 arms.append(arm)
             low, high = float(self.v_low[n, k]), float(self.v_high[n, k])
-            velocity = self.scaled(through, low, high)
+            velocity = self.scaled("contact.no_slip", through, low, high)
             other = self.v[n][k] - velocity
-            model.least(other - (1.0 - through) * low)
-            model.least((1.0 - through) * high - other)
-            model.add(arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
+            model.least("contact.no_slip", other - (1.0 - through) * low)
+            model.least("contact.no_slip", (1.0 - through) * high - other)
+            model.add("contact.no_slip", arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
 
     def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
         """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
@@ -194,5 +197,10 @@ class Legs(Frame):
                     least = reach[n][leg][0][:2] - reach[last][leg][1][:2]
                     most = reach[n][leg][1][:2] - reach[last][leg][0][:2]
                     if (slow > most + 1e-9).any() or (fast < least - 1e-9).any():
-                        self.model.add(total(standing[n : last + 1]), -np.inf, float(last - n))
+                        self.model.add(
+                            "contact.endurance",
+                            total(standing[n : last + 1]),
+                            -np.inf,
+                            float(last - n),
+                        )
                         break

@@ -14,7 +14,7 @@ from typing import Any
 import highspy
 import numpy as np
 
-from climbplan.solvers.highs.model import highs, run_highs
+from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.spec.mpc_solver import WalkSolverSpec
 from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
@@ -184,7 +184,7 @@ class _Run:
         x: Array | None = None
         for _ in range(_ROUNDS):
             solver = _quiet(self.left)
-            solver.passModel(model.lp(whole=False))
+            solver.passModel(rows_model(model, relaxed=True))
             run_highs(solver)
             status = solver.getModelStatus()
             if status == highspy.HighsModelStatus.kInfeasible:
@@ -208,7 +208,7 @@ class _Run:
         solver = _quiet(self.left)
         solver.setOptionValue("mip_rel_gap", 0.0)
         solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
-        solver.passModel(model.lp(whole=True))
+        solver.passModel(rows_model(model))
         start = program.integers(known)
         columns = np.array(list(start), np.int32)
         solver.setSolution(len(columns), columns, np.array(list(start.values()), float))
@@ -233,8 +233,8 @@ class _Run:
         status = solver.getModelStatus()
         self.word = (
             f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}, "
-            f"{info.mip_node_count} nodes, {len(model.lower)} variables, {len(model.binaries)} "
-            f"binaries, {len(model.rows)} rows"
+            f"{info.mip_node_count} nodes, {len(model.lower)} variables, {sum(model.integer)} "
+            f"binaries, {len(model)} rows"
         )
         self.solved = status == highspy.HighsModelStatus.kOptimal
         if status == highspy.HighsModelStatus.kInfeasible:

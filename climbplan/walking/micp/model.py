@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
-from climbplan.solvers.highs.model import linear_model
-from climbplan.walking.task import Array, Whole
+from climbplan.program.linear_rows import LinearRows
+from climbplan.walking.task import Array
 
 _LEAST_SHARE = 1e-4  # of a square that tangents are added to
 
@@ -78,43 +76,40 @@ def total(parts: Iterable[Lin]) -> Lin:
 class Square:
     """weight value^2 / share from below by tangents; the value vanishes with its share."""
 
+    name: str  # of the block of its tangents
     weight: float
     value: Lin
     share: Lin
     column: int  # of its epigraph
 
 
-@dataclass
-class LinearModel:
-    """Columns and rows."""
+class LinearModel(LinearRows):
+    """Columns and rows, with expressions for terms and squares in the cost."""
 
-    lower: list[float] = field(default_factory=list)
-    upper: list[float] = field(default_factory=list)
-    whole: list[bool] = field(default_factory=list)
-    cost: list[float] = field(default_factory=list)
-    constant: float = 0.0
-    rows: list[tuple[dict[int, float], float, float]] = field(default_factory=list)
-    squares: list[Square] = field(default_factory=list)
+    def __init__(self) -> None:
+        super().__init__()
+        self.squares: list[Square] = []
 
     def variable(self, lower: float, upper: float, whole: bool = False, cost: float = 0.0) -> Lin:
         """A new column."""
         self.lower.append(lower)
         self.upper.append(upper)
-        self.whole.append(whole)
+        self.integer.append(whole)
         self.cost.append(cost)
         return Lin({len(self.lower) - 1: 1.0})
 
-    def add(self, expression: Lin, lower: float, upper: float) -> None:
-        """lower <= expression <= upper."""
-        low, high = lower - expression.constant, upper - expression.constant
-        self.rows.append((expression.terms, low, high))
+    def add(self, name: str, expression: Lin, lower: float, upper: float) -> None:
+        """lower <= expression <= upper, in the block of that name."""
+        shift = expression.constant
+        self.row(name, expression.terms.items(), lower - shift, upper - shift)
 
-    def least(self, expression: Lin) -> None:
+    def least(self, name: str, expression: Lin) -> None:
         """expression >= 0."""
-        self.add(expression, 0.0, np.inf)
+        self.add(name, expression, 0.0, np.inf)
 
     def square(
         self,
+        name: str,
         weight: float,
         value: Lin,
         ends: tuple[float, float],
@@ -136,7 +131,7 @@ class LinearModel:
             return Lin()
         epigraph = self.variable(0.0, np.inf, cost=cost)
         whole = share if share is not None else Lin(constant=1.0)
-        self.squares.append(Square(weight, value, whole, epigraph.column))
+        self.squares.append(Square(name, weight, value, whole, epigraph.column))
         low, high = ends
         least, at = 0.02 * max(abs(low), abs(high)), max(abs(low), abs(high))
         points = []
@@ -152,11 +147,11 @@ class LinearModel:
         """One more tangent, at a value that belongs to a share of 1."""
         slope = 2.0 * at * square.weight
         below = square.value * slope - square.share * (square.weight * at * at)
-        self.least(Lin({square.column: 1.0}) - below)
+        self.least(square.name, Lin({square.column: 1.0}) - below)
 
     def refine(self, x: Array, tolerance: float) -> int:
         """Tangents where a point has squares too small; how many."""
-        before = len(self.rows)
+        before = len(self)
         for square in self.squares:
             share = square.share.at(x)
             if share < _LEAST_SHARE:
@@ -164,32 +159,4 @@ class LinearModel:
             value = square.value.at(x)
             if square.weight * value**2 / share - x[square.column] > tolerance:
                 self.tangent(square, value / share)
-        return len(self.rows) - before
-
-    @property
-    def binaries(self) -> Whole:
-        """Columns that are whole."""
-        return np.flatnonzero(np.array(self.whole))
-
-    def lp(self, whole: bool) -> Any:
-        """HiGHS's model, with binaries or relaxed."""
-        lengths = [len(terms) for terms, _, _ in self.rows]
-        matrix = sparse.csr_matrix(
-            (
-                np.array([value for terms, _, _ in self.rows for value in terms.values()], float),
-                np.array([column for terms, _, _ in self.rows for column in terms], np.int32),
-                np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32),
-            ),
-            shape=(len(self.rows), len(self.lower)),
-        )
-        kinds = np.array(self.whole) & whole
-        return linear_model(
-            np.array(self.cost),
-            self.constant,
-            np.array(self.lower),
-            np.array(self.upper),
-            kinds,
-            matrix,
-            np.array([low for _, low, _ in self.rows]),
-            np.array([high for _, _, high in self.rows]),
-        )
+        return len(self) - before

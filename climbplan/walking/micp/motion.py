@@ -27,26 +27,26 @@ class Motion(Counts):
         most, friction = LEGS * self.most, self.task.ground.friction
         for a, b in itertools.pairwise(knots):
             one = model.variable(1.0 if parts == 1 else 0.0, 1.0, whole=parts > 1)
-            z = self.scaled(one, a, b)
+            z = self.scaled("dynamics.spin", one, a, b)
             f = (
-                self.scaled(one, -most, most),
-                self.scaled(one, -most, most),
-                self.scaled(one, 0.0, most),
+                self.scaled("force.limit", one, -most, most),
+                self.scaled("force.limit", one, -most, most),
+                self.scaled("force.limit", one, 0.0, most),
             )
             with_z = self.product(z, (float(a), float(b)), f[2], most, one)
             for k in range(2):
                 ends = float(a), float(b)
                 products[k].append(self.sideways(ends, f[k], f[2], with_z, friction))
-                model.least(f[2] * friction - f[k])
-                model.least(f[2] * friction + f[k])
+                model.least("force.friction", f[2] * friction - f[k])
+                model.least("force.friction", f[2] * friction + f[k])
             chosen.append(one)
             height.append(z)
             for k in range(3):
                 sums[k].append(f[k])
-        model.add(total(chosen), 1.0, 1.0)
-        model.add(total(height) - self.p[n][2], 0.0, 0.0)
+        model.add("dynamics.spin", total(chosen), 1.0, 1.0)
+        model.add("dynamics.spin", total(height) - self.p[n][2], 0.0, 0.0)
         for k in range(3):
-            model.add(total(sums[k]) - force[k], 0.0, 0.0)
+            model.add("dynamics.spin", total(sums[k]) - force[k], 0.0, 0.0)
         found = Height(knots[:-1], knots[1:], tuple(chosen))
         return found, (total(products[0]), total(products[1]))
 
@@ -61,10 +61,12 @@ class Motion(Counts):
         task, model, dt, t = self.task, self.model, self.task.step, self.turns[n]
         level = task.ground.height
         for k in range(3):
-            model.add(self.p[n + 1][k] - self.p[n][k] - self.v[n][k] * dt, 0.0, 0.0)
+            model.add(
+                "dynamics.position", self.p[n + 1][k] - self.p[n][k] - self.v[n][k] * dt, 0.0, 0.0
+            )
             fall = dt * task.body.gravity if k == 2 else 0.0
             gain = force[k] * (dt * self.unit / task.body.mass)
-            model.add(self.v[n + 1][k] - self.v[n][k] - gain + fall, 0.0, 0.0)
+            model.add("dynamics.velocity", self.v[n + 1][k] - self.v[n][k] - gain + fall, 0.0, 0.0)
         pieces = [q for leg in legs for q in leg]
         moment = [
             total(q.by_y[1] - q.force[1] * float(level[q.region]) for q in pieces) + raised[1],
@@ -90,13 +92,13 @@ class Motion(Counts):
             most = np.abs(self.tube.spin[n]) + self.tube.spin_half[n]
             off = dt * float(t.rates_off[k] @ most)
             rise = self.angles[n + 1][k] - self.angles[n][k] - turned * dt
-            model.add(rise, -off, off)
+            model.add("dynamics.attitude", rise, -off, off)
             push = total(moment[j] * float(t.inverse[k, j] * self.unit) for j in range(3))
             change = self.spin[n + 1][k] - self.spin[n][k] - (push + float(t.gyro[k])) * dt
             slack = total(largest[j] * float(t.inverse_off[k, j] * self.unit) for j in range(3))
             slack = (slack + float(t.gyro_off[k])) * dt
-            model.least(change + slack)
-            model.least(slack - change)
+            model.least("dynamics.spin", change + slack)
+            model.least("dynamics.spin", slack - change)
 
     # Objective, eq. (8.30)
     def costs(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> list[tuple[Count, ...]]:
@@ -109,6 +111,8 @@ class Motion(Counts):
             self.differences(legs, counts[n])
             for k in range(3):
                 off = self.angles[n + 1][k] - float(task.reference.euler[n, k])
-                self.square(float(w.angles[k]), off)
-            self.square(w.height, self.p[n + 1][2] - float(task.reference.height[n]))
+                self.square("cost.tracking", float(w.angles[k]), off)
+            self.square(
+                "cost.tracking", w.height, self.p[n + 1][2] - float(task.reference.height[n])
+            )
         return counts

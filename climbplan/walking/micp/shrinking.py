@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import highspy
 import numpy as np
 
-from climbplan.solvers.highs.model import highs, run_highs
+from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.micp.tube import Tube
 from climbplan.walking.task import ANGLES, POSITION, SPIN, Array
@@ -49,7 +49,7 @@ def shrunk(program: Relaxation, seconds: float) -> Box | None:
     solver = highs()
     solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
     solver.setOptionValue("presolve", "off")  # the next one starts from where the last one ended
-    solver.passModel(model.lp(whole=False))
+    solver.passModel(rows_model(model, relaxed=True))
     everything = np.arange(len(model.lower), dtype=np.int32)
     solver.changeColsCost(len(everything), everything, np.zeros(len(everything)))
     for n in range(1, len(columns)):

@@ -108,7 +108,7 @@ class _Statement(Motion):
             self.dynamics(n, pieces[n], force, height[1])
             if task.least_contacts:
                 standing = total(q.chosen for leg in pieces[n] for q in leg)
-                self.model.add(standing, task.least_contacts, LEGS)
+                self.model.add("gait.contacts", standing, task.least_contacts, LEGS)
         self.endurance(pieces)
         for n in range(knots - 1):
             for leg in range(LEGS):
@@ -116,7 +116,7 @@ class _Statement(Motion):
         counts = self.costs(pieces)
         # Nothing dearer than what is known
         priced = {c: cost for c, cost in enumerate(self.model.cost) if cost}
-        self.model.add(Lin(priced), 0.0, self.cost - self.model.constant)
+        self.model.add("cost.known", Lin(priced), 0.0, self.cost - self.model.constant)
         states = [(*p[n], *v[n], *angles[n], *spin[n]) for n in range(knots + 1)]
         return Relaxation(
             self.model, tuple(pieces), tuple(heights), tuple(counts), self.unit, tuple(states)

@@ -14,10 +14,11 @@ import numpy as np
 import osqp
 from scipy import sparse
 
+from climbplan.program.linear_rows import Block, LinearRows, Terms
 from climbplan.walking.kernels.footing import HELD, SWINGING
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.published.layout import ENTRIES, SQUARES, Layout, tracked_columns
-from climbplan.walking.published.rows import Block, RowBlocks, Rows, Terms
+from climbplan.walking.published.rows import ChangingRows
 from climbplan.walking.task import LEGS, POSITION, Array
 
 TOLERANCE = 1e-3  # absolute and relative, of OSQP: its default
@@ -43,18 +44,22 @@ class PublishedProgram:
         self.beside = beside
         self.program = program  # its start is that of each solve
         self.layout = Layout(program.task, program.gait, program.footing)
-        rows = Rows(self.layout.size)
+        rows = LinearRows()
+        rows.columns((self.layout.size,), -np.inf, np.inf)
         self._begin = self._dynamics(rows)
         self.arms, self.reaches = self._feet(rows)
         self._friction(rows)
         trig, angle = self.layout.trig, np.tile(self.layout.angle, (1, 2))
-        self.lines = [rows.add(((trig.ravel(), 1.0), (angle.ravel(), 1.0)), 0.0) for _ in range(3)]
+        self.lines = [
+            rows.rows("envelopes.angles", ((trig.ravel(), 1.0), (angle.ravel(), 1.0)), 0.0)
+            for _ in range(3)
+        ]
         w, self._x, self._y = self.layout.products()
         terms = ((w, 1.0), (self._x, 1.0), (self._y, 1.0))
-        self.planes = [rows.add(terms, 0.0) for _ in range(4)]
+        self.planes = [rows.rows("envelopes.products", terms, 0.0) for _ in range(4)]
         self._boxed = np.unique(np.concatenate([self._x, self._y]))
-        self._box = rows.add(((self._boxed, 1.0),), 0.0)
-        self.rows: RowBlocks = rows.frozen()
+        self._box = rows.rows("envelopes.cells", ((self._boxed, 1.0),), 0.0)
+        self.rows = ChangingRows(rows)
         self._hessian, self._gradient = self._cost()
         self._solver: osqp.OSQP | None = None
 
@@ -122,7 +127,8 @@ class PublishedProgram:
         # eq. (8.26): w - b x - a y against - a b, from below and from above
         for k, (a, b) in enumerate(((xl, yl), (xu, yu), (xu, yl), (xl, yu))):
             block = self.planes[k]
-            rows.value[block.values].reshape(3, -1)[1:] = -b, -a
+            by_row = rows.value[block.values].reshape(-1, 3)
+            by_row[:, 1], by_row[:, 2] = -b, -a
             rows.low[block.rows] = -a * b if k < 2 else -np.inf
             rows.high[block.rows] = np.inf if k < 2 else -a * b
         # Workspace boxes, eqs. (8.20), (8.21)
@@ -150,55 +156,80 @@ class PublishedProgram:
         both = sine & (begin < -1e-12) & (end > 1e-12)
         least = np.minimum(*slope)
         for k, (block, (m, at, value)) in enumerate(zip(self.lines, lines, strict=True)):
-            rows.value[block.values].reshape(2, -1)[1] = -m
+            by_angle = rows.value[block.values].reshape(-1, 2)[:, 1]
+            by_angle[:] = -m
             above = hollow if k else ~hollow
             rows.low[block.rows] = np.where(above, value - m * at, -np.inf)
             rows.high[block.rows] = np.where(above, np.inf, value - m * at)
             steep = least if k == 0 else np.ones(len(least))
-            rows.value[block.values].reshape(2, -1)[1, both] = -steep[both]
+            by_angle[both] = -steep[both]
             ends = f[0] - steep * begin, f[1] - steep * end
             rows.low[block.rows][both] = np.minimum(*ends)[both]
             rows.high[block.rows][both] = np.maximum(*ends)[both]
 
-    def _dynamics(self, rows: Rows) -> Block:
+    def _dynamics(self, rows: LinearRows) -> Block:
         """Eqs. (8.14) to (8.19); returns the rows of the first state."""
         layout = self.layout
         task, x = layout.task, layout.state
         body, dt = task.body, task.step
         share = 0.5 if layout.mean else 0.0  # of the later knot in averages over an interval
-        begin = rows.add(((x[0], 1.0),), 0.0)
+        begin = rows.rows("start.state", ((x[0], 1.0),), 0.0)
         now, then = x[:-1], x[1:]
         for k in range(3):
             p, v, angle, spin = k, 3 + k, 6 + k, 9 + k
             moved = ((now[:, v], -dt * (1 - share)), (then[:, v], -dt * share))
-            rows.add(((then[:, p], 1.0), (now[:, p], -1.0), *moved), 0.0)
+            rows.rows("dynamics.position", ((then[:, p], 1.0), (now[:, p], -1.0), *moved), 0.0)
             for n in range(task.knots):
                 pushes = layout.force[layout.stand_knot == n, k]
                 scale = -dt * layout.force_unit / body.mass
                 terms = [(np.array([f]), scale) for f in pushes]
                 weight = -dt * body.gravity if k == 2 else 0.0
-                rows.add(((then[n : n + 1, v], 1.0), (now[n : n + 1, v], -1.0), *terms), weight)
-            rows.add(((then[:, angle], 1.0), (now[:, angle], -1.0), (layout.rate[:, k], -dt)), 0.0)
+                rows.rows(
+                    "dynamics.velocity",
+                    ((then[n : n + 1, v], 1.0), (now[n : n + 1, v], -1.0), *terms),
+                    weight,
+                )
+            rows.rows(
+                "dynamics.attitude",
+                ((then[:, angle], 1.0), (now[:, angle], -1.0), (layout.rate[:, k], -dt)),
+                0.0,
+            )
             middle = ((now[:, spin], share - 1.0), (then[:, spin], -share))
-            rows.add(((layout.spin[:, k], 1.0), *middle), 0.0)
-            rows.add(((layout.angle[: task.knots + 1, k], 1.0), (x[:, angle], -1.0)), 0.0)
+            rows.rows("dynamics.attitude", ((layout.spin[:, k], 1.0), *middle), 0.0)
+            rows.rows(
+                "dynamics.attitude",
+                ((layout.angle[: task.knots + 1, k], 1.0), (x[:, angle], -1.0)),
+                0.0,
+            )
             if layout.mean:
                 halves = ((now[:, angle], -0.5), (then[:, angle], -0.5))
-                rows.add(((layout.angle[task.knots + 1 :, k], 1.0), *halves), 0.0)
+                rows.rows(
+                    "dynamics.attitude", ((layout.angle[task.knots + 1 :, k], 1.0), *halves), 0.0
+                )
         # Angular velocity by Euler rates, eq. (8.17)
         turning, swept, yaw_rate = layout.spin, layout.swept, layout.rate[:, 2]
-        rows.add(((turning[:, 0], 1.0), (swept[:, 0], -1.0), (swept[:, 1], 1.0)), 0.0)
-        rows.add(((turning[:, 1], 1.0), (swept[:, 2], -1.0), (swept[:, 3], -1.0)), 0.0)
-        rows.add(((turning[:, 2], 1.0), (yaw_rate, -1.0), (swept[:, 4], 1.0)), 0.0)
+        rows.rows(
+            "dynamics.attitude",
+            ((turning[:, 0], 1.0), (swept[:, 0], -1.0), (swept[:, 1], 1.0)),
+            0.0,
+        )
+        rows.rows(
+            "dynamics.attitude",
+            ((turning[:, 1], 1.0), (swept[:, 2], -1.0), (swept[:, 3], -1.0)),
+            0.0,
+        )
+        rows.rows(
+            "dynamics.attitude", ((turning[:, 2], 1.0), (yaw_rate, -1.0), (swept[:, 4], 1.0)), 0.0
+        )
         # Entries of R, eq. (8.16)
         parts = np.concatenate([layout.pair, layout.triple, layout.trig[:, 1:2]], axis=1)
         for entry, signs in enumerate(ENTRIES):
             sums = [(parts[:, k], -float(sign)) for k, sign in signs]
-            rows.add(((layout.turn[:, entry], 1.0), *sums), 0.0)
+            rows.rows("dynamics.attitude", ((layout.turn[:, entry], 1.0), *sums), 0.0)
         self._turning(rows)
         return begin
 
-    def _turning(self, rows: Rows) -> None:
+    def _turning(self, rows: LinearRows) -> None:
         """Eq. (8.15) as published: the inertia is that of the world frame."""
         layout = self.layout
         body, dt, x = layout.task.body, layout.task.step, layout.state
@@ -211,7 +242,7 @@ class PublishedProgram:
         for n in range(layout.task.knots):
             legs = layout.stand_knot == n
             for i in range(3):
-                terms: Terms = []
+                terms: list[Terms] = []
                 for j in range(3):
                     if body.inertia[i, j]:
                         terms.append((x[n + 1 : n + 2, 9 + j], body.inertia[i, j] / dt))
@@ -220,9 +251,9 @@ class PublishedProgram:
                 for moment in layout.moment[legs]:
                     terms.append((moment[2 * i : 2 * i + 1], -layout.force_unit))
                     terms.append((moment[2 * i + 1 : 2 * i + 2], layout.force_unit))
-                rows.add(terms, 0.0)
+                rows.rows("dynamics.spin", terms, 0.0)
 
-    def _feet(self, rows: Rows) -> tuple[list[Block], list[list[tuple[int, Block]]]]:
+    def _feet(self, rows: LinearRows) -> tuple[list[Block], list[list[tuple[int, Block]]]]:
         """Moment arms of forces, and toes in the body at knots, eqs. (8.20), (8.21)."""
         layout, footing = self.layout, self.program.footing
         share = 0.5 if layout.mean else 0.0
@@ -230,12 +261,12 @@ class PublishedProgram:
         now, then = layout.state[layout.stand_knot], layout.state[layout.stand_knot + 1]
         arms = []
         for j in range(3):
-            terms: Terms = [(layout.arm[:, j], 1.0)]
+            terms: list[Terms] = [(layout.arm[:, j], 1.0)]
             terms += [(now[:, j], 1.0 - share), (then[:, j], share)]
             if j < 2 and footing.count:
                 free = np.where(stood >= 0, -1.0, 0.0)
                 terms.append((layout.spot[np.maximum(stood, 0), j], free))
-            arms.append(rows.add(terms, 0.0))
+            arms.append(rows.rows("dynamics.spin", terms, 0.0))
         reaches = []
         for k, reach in enumerate(layout.reaches):
             blocks = []
@@ -250,17 +281,17 @@ class PublishedProgram:
                 terms += [(turn[i : i + 1], center[i]) for i in range(3)]
                 if j < 2 and reach.foothold >= 0:
                     terms.append((layout.spot[reach.foothold, j : j + 1], -1.0))
-                blocks.append((j, rows.add(terms, 0.0)))
+                blocks.append((j, rows.rows("workspace.toe", terms, 0.0)))
             reaches.append(blocks)
         return arms, reaches
 
-    def _friction(self, rows: Rows) -> None:
+    def _friction(self, rows: LinearRows) -> None:
         """Eq. (8.18), as a pyramid inside the cone."""
         force = self.layout.force
         slope = self.layout.task.ground.friction * np.cos(np.pi / FACETS)
         for angle in 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS:
             sides = ((force[:, 0], np.cos(angle)), (force[:, 1], np.sin(angle)))
-            rows.add((*sides, (force[:, 2], -slope)), -np.inf, 0.0)
+            rows.rows("force.friction", (*sides, (force[:, 2], -slope)), -np.inf, 0.0)
 
     def _cost(self) -> tuple[sparse.csc_matrix, Array]:
         """Eq. (8.30): upper triangle of the Hessian, and the gradient."""

@@ -130,15 +130,24 @@ class Conflict:
     remedies: tuple[Remedy, ...] = ()  # each enough on its own
     in_words: bool = False  # the constraints already say how they fail
     enough: bool = True  # else each remedy is needed at least, and was not planned with
+    names: tuple[str, ...] = ()  # of the checks that judge them: one a constraint, or of all words
 
     def __str__(self) -> str:
-        what = " and ".join(self.constraints)
+        what = " and ".join(self._named())
         verb = " conflict" if len(self.constraints) > 1 else " cannot be met"
         if self.in_words:
             verb = ""
         cure = "; feasible with " if self.enough else "; at least needed: "
         cure = cure + " or ".join(map(str, self.remedies)) if self.remedies else ""
         return f"{self.where}: {what}{verb}{cure}"
+
+    def _named(self) -> tuple[str, ...]:
+        """The constraints, each with the name of its check in brackets."""
+        if self.in_words or not self.names:
+            told = f" [{', '.join(self.names)}]" if self.names else ""
+            return (*self.constraints[:-1], self.constraints[-1] + told)
+        both = zip(self.constraints, self.names, strict=True)
+        return tuple(what if what == name else f"{what} [{name}]" for what, name in both)
 
 
 class NoPlanFound(ClimbplanError):

@@ -65,6 +65,7 @@ def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[s
             {
                 "where": conflict.where,
                 "constraints": list(conflict.constraints),
+                "names": list(conflict.names),
                 "remedies": [_plain(remedy) for remedy in conflict.remedies],
             }
             for conflict in conflicts

@@ -40,7 +40,8 @@ def conflicting_blocks(
         rest = [other for other in kept if other != name]
         if _infeasible(_only(problem, instance, set(rest)), patience):
             kept = rest
-    return [Conflict(f"problem {problem.name!r}", tuple(kept or ["bounds of the variables"]))]
+    where, what = f"problem {problem.name!r}", tuple(kept or ["bounds of the variables"])
+    return [Conflict(where, what, names=tuple(kept))]
 
 
 def _infeasible(instance: Instance, patience: float) -> bool:

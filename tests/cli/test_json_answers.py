@@ -52,7 +52,7 @@ def test_refusal_carries_conflicts_and_remedies(run_command: RunCommand) -> None
     assert cure["value"] > 0.05
     assert cure["words"]
     first = told["conflict"][0]
-    assert first.keys() == {"where", "constraints", "remedies"}
+    assert first.keys() == {"where", "constraints", "names", "remedies"}
     assert first["constraints"]
     # The same words for people as ever
     assert outcome.err.startswith("error: ")

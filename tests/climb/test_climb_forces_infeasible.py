@@ -203,7 +203,7 @@ def three_limbs(braced_robot: RobotMaker, demo_climb: SceneMaker) -> tuple[Climb
 def test_two_contacts_cannot_balance(braced_robot: RobotMaker, demo_climb: SceneMaker) -> None:
     scene, instants = three_limbs(braced_robot, demo_climb)
     error = refused(scene, instants)
-    assert "balance on R2, L1 alone cannot be met" in str(error)
+    assert "balance on R2, L1 alone [force.equilibrium] cannot be met" in str(error)
     assert error.conflicts[0].remedies == ()
 
 
@@ -233,4 +233,4 @@ def test_two_contacts_carry_a_load_above_them(
 def test_no_contact_at_all(demo_scene: ClimbScene, demo_instants: Instants) -> None:
     one = replace(demo_instants, **{name: value[:1] for name, value in vars(demo_instants).items()})
     none = replace(one, contact=np.zeros_like(one.contact))
-    assert "balance cannot be met" in str(refused(demo_scene, none))
+    assert "balance [force.equilibrium] cannot be met" in str(refused(demo_scene, none))

@@ -23,6 +23,7 @@ LARGEST_MU = 5.0  # beyond any dry contact: friction is no remedy there
 LARGEST_TORQUE_FACTOR = 100.0
 LARGEST_STIFFNESS_FACTOR = 100.0
 LEAST_SHARE = 1e-3  # of the present mass: a weightless robot is no remedy
+_BY_STIFFNESS = ("kinematics.joint_bounds", "force.inward", "static.stability")
 _BISECTIONS = 40
 _PRECISION = 1e-6  # relative, of the friction factor
 
@@ -54,7 +55,7 @@ def friction_shortfall(cones: InstantCones) -> float:
     for i in range(cones.contacts):
         rows = friction_rows(cones, i, program.size)
         rows[0, -1] = -1.0
-        program.cone(f"friction.{i}", rows, np.zeros(3))
+        program.cone(f"force.friction.{i}", rows, np.zeros(3))
     last = np.zeros((1, program.size))
     last[0, -1] = -1.0
     program.below("shortfall", last, np.zeros(1))
@@ -105,7 +106,7 @@ def least_stiffness_factor(cones: InstantCones) -> float | None:
     scaled = []
     for name, cone, A, b in program.blocks:
         rows = A.copy()
-        if name.startswith(("command", "inward", "stability")):
+        if name.startswith(_BY_STIFFNESS):
             rows[:, -1], b = -b, np.zeros(len(b))
         scaled.append((name, cone, rows, b))
     program.blocks = scaled

@@ -7,7 +7,7 @@ coefficient or a torque limit can be a variable as well. Forces are in units of 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import clarabel
 import numpy as np
@@ -20,6 +20,15 @@ from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
 
+# Of constraints, as the check of forces, postures or statics has them
+Name = Literal[
+    "force.friction",
+    "torque.limit",
+    "force.unilateral",
+    "force.inward",
+    "kinematics.joint_bounds",
+    "static.stability",
+]
 _GAVE_UP = ("NumericalError", "InsufficientProgress", "MaxIterations")
 FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, that counts as none
 
@@ -98,7 +107,11 @@ class ConicAnswer:
 
 @dataclass
 class ConicProgram:
-    """Minimise cost . x over named blocks b - A x in a cone, built block by block."""
+    """Minimise cost . x over named blocks b - A x in a cone, built block by block.
+
+    A name is that of the check that judges the constraint, with limb and joint where it has several
+    blocks: `torque.limit.2`.
+    """
 
     size: int
     blocks: list[tuple[str, Any, Array, Array]] = field(default_factory=list)
@@ -128,29 +141,33 @@ class ConicProgram:
         """
         grasp = np.zeros((6, self.size))
         grasp[:, : 3 * cones.contacts] = cones.grasp
-        self.zero("equilibrium", grasp, -cones.load)
+        self.zero("force.equilibrium", grasp, -cones.load)
         for i in range(cones.contacts):
             rows = selector(np.concatenate([cones.torque[i], -cones.torque[i]]), i, self.size)
             if s_column is not None:
                 rows[:, s_column] = -1.0
             self.below(
-                f"torque.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
+                f"torque.limit.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
             )
             press = np.array([-cones.least_pressure])
-            self.below(f"contact.{i}", -selector(cones.axes[i, :1], i, self.size), press)
+            self.below(f"force.unilateral.{i}", -selector(cones.axes[i, :1], i, self.size), press)
             if friction:
-                self.cone(f"friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
+                self.cone(f"force.friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
             for j in range(cones.joints):
                 self.below(
-                    f"command.{i}.{j}", command_rows(cones, i, j, self.size), cones.room[i, j]
+                    f"kinematics.joint_bounds.{i}.{j}",
+                    command_rows(cones, i, j, self.size),
+                    cones.room[i, j],
                 )
         for i in range(len(cones.inward)):
             self.below(
-                f"inward.{i}", inward_rows(cones, i, self.size), np.array([-cones.least_depth])
+                f"force.inward.{i}",
+                inward_rows(cones, i, self.size),
+                np.array([-cones.least_depth]),
             )
         if len(cones.stiffness_lost):
             rows = on_forces(cones.stiffness_lost, self.size)
-            self.semidefinite("stability", rows, cones.stiffness)
+            self.semidefinite("static.stability", rows, cones.stiffness)
 
     def minimise(self, cost: Array) -> ConicAnswer | None:
         """The optimum, or None if Clarabel finds none (infeasible or unbounded)."""

@@ -9,7 +9,6 @@ the others can be met.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from climbplan.climb.forces.cones import (
     FEASIBLE,
     ConicProgram,
     InstantCones,
+    Name,
     command_rows,
     friction_rows,
     inward_rows,
@@ -29,15 +29,15 @@ _TAKES_PART = 1e-6  # multiplier relative to the largest
 
 @dataclass(frozen=True)
 class Member:
-    """One constraint of an instant.
+    """One constraint of an instant, by the name of the check that judges it.
 
     Friction, contact or commanded depth of a limb, torque or command of a joint, stability of the
     whole.
     """
 
-    kind: Literal["friction", "torque", "contact", "inward", "command", "stability"]
+    name: Name
     contact: int = -1  # position among the limbs in contact
-    joint: int = -1  # for torque and command
+    joint: int = -1  # for torques and commands
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ def all_members(cones: InstantCones) -> list[Member]:
     """Every constraint of an instant that may take part in a conflict."""
     limbs = range(cones.contacts)
     return [
-        *(Member("friction", i) for i in limbs),
-        *(Member("torque", i, j) for i in limbs for j in range(cones.joints)),
-        *(Member("contact", i) for i in limbs),
-        *(Member("inward", i) for i in range(len(cones.inward))),
-        *(Member("command", i, j) for i in limbs for j in range(cones.joints)),
-        *([Member("stability")] if len(cones.stiffness_lost) else []),
+        *(Member("force.friction", i) for i in limbs),
+        *(Member("torque.limit", i, j) for i in limbs for j in range(cones.joints)),
+        *(Member("force.unilateral", i) for i in limbs),
+        *(Member("force.inward", i) for i in range(len(cones.inward))),
+        *(Member("kinematics.joint_bounds", i, j) for i in limbs for j in range(cones.joints)),
+        *([Member("static.stability")] if len(cones.stiffness_lost) else []),
     ]
 
 
@@ -66,30 +66,30 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
     n = cones.contacts
     program = ConicProgram(3 * n + len(members))
     pad = np.zeros((6, len(members)))
-    program.zero("equilibrium", np.hstack([cones.grasp, pad]), -cones.load)
+    program.zero("force.equilibrium", np.hstack([cones.grasp, pad]), -cones.load)
     slacks = np.zeros((len(members), program.size))
     slacks[:, 3 * n :] = -np.eye(len(members))
     program.below("slack", slacks, np.zeros(len(members)))
     for index, member in enumerate(members):
         i, slack = member.contact, 3 * n + index
-        if member.kind == "friction":
+        if member.name == "force.friction":
             rows = friction_rows(cones, i, program.size)
             rows[0, slack] = -1.0
             program.cone(str(index), rows, np.zeros(3))
-        elif member.kind == "torque":
+        elif member.name == "torque.limit":
             one = cones.torque[i, member.joint : member.joint + 1]
             rows = selector(np.vstack([one, -one]), i, program.size)
             rows[:, slack] = -1.0
             program.below(str(index), rows, np.full(2, cones.largest_s))
-        elif member.kind == "command":
+        elif member.name == "kinematics.joint_bounds":
             rows = command_rows(cones, i, member.joint, program.size)
             rows[:, slack] = -1.0
             program.below(str(index), rows, cones.room[i, member.joint])
-        elif member.kind == "inward":
+        elif member.name == "force.inward":
             rows = inward_rows(cones, i, program.size)
             rows[0, slack] = -1.0
             program.below(str(index), rows, np.array([-cones.least_depth]))
-        elif member.kind == "stability":
+        elif member.name == "static.stability":
             rows = on_forces(cones.stiffness_lost, program.size)
             rows[:, slack] = -cones.stiffness  # of which more is missing than there is
             program.semidefinite(str(index), rows, cones.stiffness)
@@ -118,7 +118,7 @@ def conflicting_members(cones: InstantCones) -> list[Member] | None:
     if relaxation is None or relaxation.missed <= FEASIBLE:
         return None
     # A cone holds contact as well: where no friction whatever would do, it is not friction's fault.
-    smooth = relax(cones, [m for m in all_members(cones) if m.kind != "friction"])
+    smooth = relax(cones, [m for m in all_members(cones) if m.name != "force.friction"])
     if smooth is not None and smooth.missed > FEASIBLE:
         relaxation = smooth
     weight = relaxation.multiplier

@@ -14,7 +14,7 @@ from climbplan.climb.forces.amounts import (
     least_stiffness_factor,
     least_torque_factor,
 )
-from climbplan.climb.forces.cones import InstantCones, instant_cones
+from climbplan.climb.forces.cones import InstantCones, Name, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
@@ -72,7 +72,7 @@ def explain(
         if k in unbalanced:
             limbs = [names[i] for i in np.flatnonzero(statement.contact[k])]
             alone = f"balance on {_listed(limbs, len(limbs))} alone" if limbs else "balance"
-            conflicts.append(Conflict(where, (alone,)))
+            conflicts.append(Conflict(where, (alone,), names=("force.equilibrium",)))
             worst = Amounts(None, None, None, "mass", None)
             continue
         cones = instant_cones(statement, int(k))
@@ -83,11 +83,12 @@ def explain(
                 raise LimitReached(
                     f"{where}: contact forces are feasible only just; no solver found them"
                 )
-            unsteady &= any(member.kind == "stability" for member in members)
+            unsteady &= any(member.name == "static.stability" for member in members)
             amounts = _amounts(cones, load, None)
             remedies = _remedies(scene, statement, amounts)
             words = _constraints(members, cones, scene.robot, statement.unit)
-            conflicts.append(Conflict(where, words, remedies))
+            found = Conflict(where, tuple(words.values()), remedies, names=tuple(words))
+            conflicts.append(found)
             worst = _worse(worst, amounts)
         else:
             # The conflicts that are not listed are not looked into: taken to be like the others
@@ -214,36 +215,36 @@ def _remedies(
 
 def _constraints(
     members: list[Member], cones: InstantCones, robot: Robot, unit: float
-) -> tuple[str, ...]:
-    """Members in words, one phrase a kind. unit: of forces [N]."""
+) -> dict[str, str]:
+    """Members in words, one phrase for each check that judges them. unit: of forces [N]."""
     limb = [robot.limb_names[i] for i in cones.limb]
-    phrases = []
-    for kind, words in (
-        ("friction", "friction at"),
-        ("torque", "torque of"),
-        ("contact", "push-only contact at"),
-        ("inward", f"command {1e3 * cones.least_depth:.3g} mm inside its surface of"),
-        ("command", "command within bounds of"),
-        ("stability", "stability of the braced body"),
-    ):
-        if kind == "contact" and cones.least_pressure > 0:
-            words = f"pressure of {cones.least_pressure * unit:.3g} N at"
-        chosen = [m for m in members if m.kind == kind]
+    pressed = f"pressure of {cones.least_pressure * unit:.3g} N at"
+    kinds: dict[Name, str] = {
+        "force.friction": "friction at",
+        "torque.limit": "torque of",
+        "force.unilateral": pressed if cones.least_pressure > 0 else "push-only contact at",
+        "force.inward": f"command {1e3 * cones.least_depth:.3g} mm inside its surface of",
+        "kinematics.joint_bounds": "command within bounds of",
+        "static.stability": "stability of the braced body",
+    }
+    phrases: dict[str, str] = {}
+    for name, words in kinds.items():
+        chosen = [m for m in members if m.name == name]
         if not chosen:
             continue
-        if kind == "stability":
-            phrases.append(words)
+        if name == "static.stability":
+            phrases[name] = words
             continue
-        if kind in ("torque", "command"):
+        if chosen[0].joint >= 0:
             joints = [robot.joint_name(int(cones.limb[m.contact]), m.joint) for m in chosen]
-            said = [f"{limb[m.contact]} {name}" for m, name in zip(chosen, joints, strict=True)]
+            said = [f"{limb[m.contact]} {joint}" for m, joint in zip(chosen, joints, strict=True)]
             listed = _listed(said, _NAMED)
         elif len(chosen) == len(limb) > _NAMED:
             listed = f"all {len(limb)} limbs"
         else:
             listed = _listed([limb[m.contact] for m in chosen], _NAMED)
-        phrases.append(f"{words} {listed}")
-    return tuple(phrases)
+        phrases[name] = f"{words} {listed}"
+    return phrases
 
 
 def _listed(names: list[str], most: int) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.climb.forces.cones import ConicAnswer, ConicProgram
 from climbplan.climb.forces.explanation import CHOSEN
-from climbplan.climb.grips.program import GripInstant, conic_program, grip_instant
+from climbplan.climb.grips.program import GripInstant, conic_program, grip_instant, linear_blocks
 from climbplan.climb.grips.statement import GripStatement
 from climbplan.climb.plan.climb_plan import Array, Index, Instants
 from climbplan.climb.scene import MotionScene
@@ -47,8 +47,8 @@ def explain_grips(
         remedies = _remedies(scene, instants, statement, instant, int(k))
         worst = remedies if worst is None else worst.and_also(remedies)
         if len(conflicts) < LISTED:
-            said = _pull_words(instant, pull, statement.unit, names)
-            conflicts.append(Conflict(where, (said,), remedies.remedies(), in_words=True))
+            lacking = _lacking(instant, pull, statement.unit, names)
+            conflicts.append(replace(lacking, where=where, remedies=remedies.remedies()))
     message = f"{len(missing)} of {instants.count} instants have no admissible grips"
     if len(missing) > 1 and worst is not None and (cures := worst.remedies()):
         message += f"; all have with {' or '.join(map(str, cures))}"
@@ -57,25 +57,33 @@ def explain_grips(
     return NotProved(message, conflicts, because=CHOSEN, stage="force")
 
 
-def _pull_words(
+def _lacking(
     instant: GripInstant, pull: Array | None, unit: float, names: tuple[str, ...]
-) -> str:
+) -> Conflict:
+    """What is missing, without place and remedies."""
+    checks: tuple[str, ...] = ("grip.press", "grip.shear")
     if pull is None:
         free = replace(instant, room=np.full_like(instant.room, _ANY_COMMAND))
         if missing_pull(free) is None:
-            return "no pull would do: joint or wrist torques are too small for the load"
-        return "no pull would do: joint commands would leave their bounds, the joints are too soft"
-    parts = [
-        f"{value * unit:.1f} N at {names[i]}"
-        for i, value in zip(instant.limb, pull, strict=True)
-        if value * unit > _LEAST_PULL
-    ]
-    gripped = (
-        f"with {instant.max_grip * unit:.4g} N of gripping force"
-        if instant.closed
-        else "with open grippers"
-    )
-    return f"{gripped} pull towards the surface is missing: {', '.join(parts)}"
+            checks = ("torque.limit", "wrist.torque")
+            words = "no pull would do: joint or wrist torques are too small for the load"
+        else:
+            checks = ("kinematics.joint_bounds",)
+            words = "no pull would do: joint commands would leave their bounds, the joints are too "
+            words += "soft"
+    else:
+        parts = [
+            f"{value * unit:.1f} N at {names[i]}"
+            for i, value in zip(instant.limb, pull, strict=True)
+            if value * unit > _LEAST_PULL
+        ]
+        gripped = (
+            f"with {instant.max_grip * unit:.4g} N of gripping force"
+            if instant.closed
+            else "with open grippers"
+        )
+        words = f"{gripped} pull towards the surface is missing: {', '.join(parts)}"
+    return Conflict("", (words,), in_words=True, names=checks)
 
 
 def missing_pull(instant: GripInstant) -> Array | None:
@@ -90,7 +98,9 @@ def missing_pull(instant: GripInstant) -> Array | None:
     for i in range(n):
         # A pull acts as a palm force along -n that no surface has to push back.
         pulls[:, i] = -instant.part_rows(i, 0)[0]
-    _add_columns(program, {"equilibrium": instant.grasp, "linear": _linear(instant)}, pulls, start)
+    linear = _linear(instant)
+    rows = {name: linear[own] for name, own in linear_blocks(n).items()}
+    _add_columns(program, {"force.equilibrium": instant.grasp, **rows}, pulls, start)
     least = np.zeros((n, program.size))
     least[:, start:] = -np.eye(n)
     program.below("pull", least, np.zeros(n))
@@ -198,11 +208,10 @@ def _least_grip(instant: GripInstant, statement: GripStatement) -> float | None:
     n = instant.contacts
     blocks = []
     for name, cone, A, b in program.blocks:
-        wider, right = A.copy(), b
-        if name == "linear":
-            rows = slice(12 * n, 13 * n)
-            wider[rows, instant.size], wider[rows, -1] = 0.0, -1.0
-        blocks.append((name, cone, wider, right))
+        wider = A.copy()
+        if name == "grip.force":
+            wider[:n, instant.size], wider[:n, -1] = 0.0, -1.0
+        blocks.append((name, cone, wider, b))
     program.blocks = blocks
     cost = np.zeros(program.size)
     cost[-1] = 1.0
@@ -275,7 +284,7 @@ def _largest_mass(instant: GripInstant, per_kg: Array, now: float) -> float | No
     blocks = []
     for name, cone, A, b in program.blocks:
         wider, right = A, b
-        if name == "equilibrium":
+        if name == "force.equilibrium":
             wider = A.copy()
             wider[:, -1] = now * per_kg
             right = b + now * per_kg

@@ -124,6 +124,19 @@ def linear_rows(instant: GripInstant) -> LinearRows:
     return LinearRows(np.concatenate(A), np.concatenate(by_s), np.concatenate(upper))
 
 
+def linear_blocks(contacts: int) -> dict[str, slice]:
+    """Which of the linear rows each check judges; torques of wrists are among those of joints."""
+    counts = {
+        "torque.limit": 12,
+        "grip.force": 2,
+        "grip.press": PARTS,
+        "kinematics.joint_bounds": 6,
+    }
+    ends = contacts * np.cumsum(list(counts.values()))
+    starts = [0, *ends[:-1]]
+    return {name: slice(a, b) for name, a, b in zip(counts, starts, ends, strict=True)}
+
+
 def friction_rows(instant: GripInstant, facets: int) -> LinearRows:
     """Pyramids inscribed in the cones, which spines widen."""
     corners = regular_corners(facets)
@@ -144,18 +157,19 @@ def conic_program(
 ) -> ConicProgram:
     """The exact problem on x, then s, then `extra` variables that its rows leave alone.
 
-    fixed_s: s is at its upper bound instead; friction: factor on friction and spines. Blocks are
-    equilibrium, linear and cone.<limb>.<part>.
+    fixed_s: s is at its upper bound instead; friction: factor on friction and spines. Blocks have
+    the names of the checks that judge them, cones with limb and part: `grip.shear.1.0`.
     """
     program = ConicProgram(instant.size + 1 + extra)
     wide = np.zeros((6, program.size))
     wide[:, : instant.size] = instant.grasp
-    program.zero("equilibrium", wide, -instant.load)
+    program.zero("force.equilibrium", wide, -instant.load)
     rows = linear_rows(instant)
     A = np.zeros((len(rows.A), program.size))
     A[:, : instant.size] = rows.A
     A[:, instant.size] = -rows.by_s
-    program.below("linear", A, rows.upper)
+    for name, own in linear_blocks(instant.contacts).items():
+        program.below(name, A[own], rows.upper[own])
     bounds = np.zeros((2, program.size))
     bounds[0, instant.size], bounds[1, instant.size] = 1.0, -1.0
     least = -instant.largest_s if fixed_s else 0.0
@@ -163,7 +177,7 @@ def conic_program(
     if not instant.closed:
         opened = np.zeros((2 * SIZE // PARTS * instant.contacts, program.size))
         opened[:, : instant.size] = open_fingers(instant)
-        program.zero("open", opened, np.zeros(len(opened)))
+        program.zero("grip.open", opened, np.zeros(len(opened)))
     for i in range(instant.contacts):
         for part in range(PARTS):
             cone = np.zeros((3, program.size))
@@ -171,5 +185,5 @@ def conic_program(
             share = friction / instant.safety_friction
             cone[0] *= instant.mu[i] * share
             b = np.array([instant.spines[i, part] * share, 0.0, 0.0])
-            program.cone(f"cone.{i}.{part}", cone, b)
+            program.cone(f"grip.shear.{i}.{part}", cone, b)
     return program

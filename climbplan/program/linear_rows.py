@@ -165,7 +165,11 @@ class LinearRows:
         beyond = outside(x, np.array(self.lower), np.array(self.upper))
         fraction = np.where(self.integer, np.abs(x - np.round(x)), 0.0)
         columns = worst_entry("bounds", beyond, ""), worst_entry("integrality", fraction, "")
-        return (*self.names.worst(off), *columns)
+        return (*self.names.residuals(off), *columns)
+
+    def worst(self, x: Array) -> BlockResidual:
+        """The block that x (n,) is furthest off."""
+        return max(self.residuals(x), key=lambda block: block.residual)
 
 
 @dataclass(frozen=True)
@@ -176,7 +180,7 @@ class RowNames:
     units: tuple[str, ...]
     block: NDArray[np.int32]  # (m,)
 
-    def worst(self, off: Array) -> tuple[BlockResidual, ...]:
+    def residuals(self, off: Array) -> tuple[BlockResidual, ...]:
         """Worst of each block, of what rows (m,) are off by; the index counts the block's rows."""
         return tuple(
             worst_entry(name, off[self.block == number], unit)

@@ -22,6 +22,9 @@ class BlockResidual:
     unit: str
     index: tuple[int, ...]  # where in the block it is worst
 
+    def __str__(self) -> str:
+        return f"{self.name} off by {self.residual:.2g} {self.unit}".rstrip()
+
 
 @dataclass(frozen=True)
 class CheckReport:

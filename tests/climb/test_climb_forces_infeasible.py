@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from climbplan.bench.climb.force import straight_rounds
-from climbplan.climb.forces.cones import FEASIBLE, instant_cones
+from climbplan.climb.forces.cones import FEASIBLE, Name, instant_cones
 from climbplan.climb.forces.conflict import all_members, conflicting_members, relax
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
@@ -20,6 +20,7 @@ from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
+from climbplan.plans.check import LIMITS
 from climbplan.spec.robot import RobotSpec
 
 SceneMaker = Callable[..., ClimbScene]
@@ -63,10 +64,19 @@ def test_a_conflict_reads_in_the_robots_terms(demo_climb: SceneMaker) -> None:
         r"torque of (\w\w (coxa|femur|tibia)(, | and \d more)?)+", first.constraints[1]
     )
     assert "conflict; feasible with mu >= 0." in str(first)
+    # The names under which the report judges the same constraints
+    assert first.names == ("force.friction", "torque.limit", "kinematics.joint_bounds")
+    assert set(first.names) <= set(LIMITS)
+    assert f"{first.constraints[0]} [force.friction] and torque of" in str(first)
+    assert f"{first.constraints[2]} [kinematics.joint_bounds] conflict" in str(first)
     assert len(error.conflicts) == 5
     count = int(amount(str(error), r"# of 36 instants have no admissible contact forces"))
     assert count > 5
     assert "; the first 5:" in str(error)
+
+
+def test_every_constraint_has_the_name_of_its_check() -> None:
+    assert set(get_args(Name)) <= set(LIMITS)
 
 
 # Each remedy: what the message says, and the scene that follows it up to a factor

@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import NotProved, UsageError
-from climbplan.plans.check import GRIP_LIMITS
+from climbplan.plans.check import GRIP_LIMITS, LIMITS
 from climbplan.spec.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -76,6 +76,8 @@ def test_open_grippers_lack_pull() -> None:
     first = str(caught.value.conflicts[0])
     assert first.startswith("round 1, LF lifted: with open grippers pull towards the surface")
     assert "N at RF" in first
+    assert "[grip.press, grip.shear]" in first
+    assert {"grip.press", "grip.shear", "torque.limit", "wrist.torque"} <= set(LIMITS)
     # The least gripping force that is said to do, does.
     needed = float(text.split("gripping force >= ")[1].split(" N")[0])
     plan_climb(load_climb(WALL, [f"gripper.max_force={needed}", *SHORT]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -160,8 +161,16 @@ def test_what_conflicts_is_named() -> None:
     slow = replace(spec, module=spec.module.model_copy(update={"ground_speed": 0.05}))
     with pytest.raises(NotProved) as refused:
         plan_limms(slow)
-    assert "speed on the ground" in str(refused.value)
-    assert "force" not in str(refused.value)
+    said = str(refused.value)
+    assert "speed on the ground" in said
+    assert "force" not in said
+    (conflict,) = refused.value.conflicts
+    assert conflict.names[:2] == ("goal.reached", "ground.speed")
+    assert said.splitlines()[1].endswith(f"[{', '.join(conflict.names)}]")
+    # It comes far nearer than it begins, 1.35 m off
+    off = re.search(r"goal, (\S+) m off in the best plan seen", said)
+    assert off is not None
+    assert float(off.group(1)) < 0.5
 
 
 def test_a_limit_is_overall() -> None:

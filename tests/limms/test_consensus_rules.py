@@ -1,14 +1,18 @@
-"""The mixed-integer block's logic rows, by themselves: each rule can be kept, and not be broken."""
+"""The mixed-integer block's rows: each logic rule can be kept, and not be broken; names of all."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import highspy
 import numpy as np
 import pytest
 from limms_scenes import scene
 
+from climbplan.limms.check.limits import LIMITS
 from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.logic_rows import add_logic
+from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STABLE, STANDS, setting_of
 from climbplan.program.linear_rows import LinearRows
 from climbplan.solvers.highs.model import highs, rows_model
@@ -102,3 +106,53 @@ def test_one_mode_one_hand_one_pick_up(rules: tuple[LinearRows, Columns]) -> Non
     assert not allowed(rules, [c.box[HELD, 1], c.box[STABLE, 2]], [])
     assert not allowed(rules, [c.box[HELD, 1], c.box[STANDS, 2]], [])
     assert not allowed(rules, [c.wall[0, m, 1]], [c.wall[0, m, 2]])
+
+
+OWN = {  # what the block alone states: no sample of a plan has two modes, leaps back or consents
+    *("logic.box_mode", "logic.behaviour", "logic.module_mode", "latch.stays", "box.once"),
+    *("box.one_leap", "ground.feet", "cost.effort", "consensus"),
+}
+
+
+@pytest.mark.parametrize("name", ["limms_lift_light", "limms_throw", "limms_jump", "limms_walk"])
+def test_blocks_have_the_names_of_the_checks(name: str) -> None:
+    block = MixedInteger(setting_of(scene(name), 4))
+    names = set(block.rows.names.names)
+    assert names - OWN <= set(LIMITS)
+    assert {"box.dynamics", "latch.moment", "force.limit", "joint.speed"} <= names
+
+
+def test_a_spoiled_answer_is_off_in_the_block_that_was_spoiled() -> None:
+    block = MixedInteger(setting_of(scene("limms_throw"), 8))
+    block.choose("arms")
+    found = block.first(30.0)
+    assert found.x is not None
+    assert found.off is not None
+    assert found.off.residual < 1e-5
+    c = block.columns
+    k = int(np.flatnonzero(np.round(found.x[c.box[HELD]]))[0])  # the box is held
+    for columns, name in (
+        (c.in_mode[0, k], "box.motion"),
+        (c.hold[:, :, k].ravel(), "logic.rule_5"),
+        (c.missed, "goal.reached"),
+    ):
+        x = found.x.copy()
+        x[columns] = 0.0 if name == "logic.rule_5" else x[columns] - 0.5
+        off = {each.name for each in block.rows.residuals(x) if each.residual > 0.01}
+        assert name in off
+        assert "kinematics.points" not in off
+
+
+def test_a_block_is_loosened_and_holds_again() -> None:
+    stiff = scene("limms_throw")
+    bent = tuple(0.2 * angle for angle in stiff.module.joint_range)
+    module = stiff.module.model_copy(update={"joint_range": bent})
+    block = MixedInteger(setting_of(replace(stiff, module=module), 6))
+    block.choose("arms")
+    assert block.first(20.0).status == "infeasible"
+    block.loosen("joint.range")
+    assert block.first(20.0).missed <= NEAR_GOAL
+    block.restore("joint.range")
+    again = block.first(20.0)
+    assert again.status == "infeasible"
+    assert NEAR_GOAL < again.missed < np.inf  # of the best plan seen

@@ -10,7 +10,7 @@ from walk_tasks import shorter, stairs_task, walk_task
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
-from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.micp.method import MicpLimits, solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
@@ -177,3 +177,30 @@ def test_tangents_are_below_their_square() -> None:
         if abs(value - 0.5) > 0.1:
             assert lowest > 0.9 * true
     assert Lin({0: 2.0}, 1.0).at(np.array([3.0])) == 7.0
+
+
+OWN = {"cost.tracking", "cost.force_difference", "cost.known", "contact.endurance"}
+
+
+@pytest.mark.parametrize("on_steps", [False, True])
+def test_rows_have_the_names_of_the_checks(on_steps: bool) -> None:
+    task = shorter(stairs_task() if on_steps else walk_task((1.0, 0, 0)), 5)
+    state = np.tile(task.start.state, (6, 1))
+    program = relaxation(task, tube_about(task, state, ANGLES, SPIN), 3000.0, 2, 2, 1.5)
+    names = set(program.model.names.names)
+    assert names - OWN <= set(LIMITS)
+    assert {"dynamics.spin", "force.friction", "workspace.toe", "contact.no_slip"} <= names
+
+
+def test_an_answer_that_is_off_is_named() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    state = np.tile(task.start.state, (5, 1))
+    program = relaxation(task, tube_about(task, state, ANGLES, SPIN), 3000.0, 1, 1, 1.5)
+    solver = highs(30.0)
+    solver.passModel(rows_model(program.model, relaxed=True))
+    solver.run()
+    x = np.array(solver.getSolution().col_value)
+    worst = {block.name: block.residual for block in program.model.residuals(x)}
+    assert max(value for name, value in worst.items() if name != "integrality") < 1e-6
+    x[program.states[2][0].column] += 20.0  # no velocity leads there
+    assert program.model.worst(x).name == "dynamics.position"

@@ -9,6 +9,7 @@ import pytest
 from walk_tasks import named, shorter, walk_task
 
 from climbplan.program.linear_rows import LinearRows
+from climbplan.walking.check.checker import LIMITS
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
 from climbplan.walking.online.attempt import Budget, GaitTrials
@@ -46,6 +47,10 @@ def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> 
     rows = published.rows
     found = rows.matrix @ values
     off = np.maximum(rows.low - found, found - rows.high)
+    worst = {block.name: block.residual for block in rows.residuals(values)}
+    assert set(worst) - {"envelopes.angles", "envelopes.products", "envelopes.cells"} <= set(LIMITS)
+    assert max(worst["envelopes.angles"], worst["envelopes.products"]) < 1e-9
+    assert max(worst["workspace.toe"], worst["dynamics.position"]) < 1e-9
     blocks = [*published.lines, *published.planes, *published.arms]
     blocks += [block for parts in published.reaches for _, block in parts]
     assert max(float(off[block.rows].max()) for block in blocks) < 1e-9

@@ -1,4 +1,7 @@
-"""Why the mixed-integer block reaches no goal: limits that, loosened one at a time, let it."""
+"""Why the mixed-integer block reaches no goal: what, loosened one at a time, lets it.
+
+First the limits of the spec, then blocks of rows that no single number loosens.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,22 @@ from climbplan.limms.scene import Scene
 
 KINDS = {"arms": "arms", "stand": "quadruped that stands", "leap": "quadruped that leaps"}
 TRIAL = 5.0  # [s] of each loosened block
+LEAST = 1.0  # [s] below which none is begun
+_HORIZON = "horizon"  # which no check holds
+# Limits of the spec, by the names of the checks that hold them: words, key of the module, factor
 _LOOSER = {
-    "force limit (max_force)": ("max_force", 10.0),
-    "latch moment (latch_moment)": ("latch_moment", 20.0),
-    "joint speed (max_joint_speed)": ("max_joint_speed", 5.0),
-    "speed on the ground (ground_speed)": ("ground_speed", 5.0),
+    "force.limit": ("force limit (max_force)", "max_force", 10.0),
+    "latch.moment": ("latch moment (latch_moment)", "latch_moment", 20.0),
+    "joint.speed": ("joint speed (max_joint_speed)", "max_joint_speed", 5.0),
+    "ground.speed": ("speed on the ground (ground_speed)", "ground_speed", 5.0),
+}
+# Blocks of rows that no single number loosens
+_BLOCKS = {
+    "clear.box": "free space of the box",
+    "clear.solids": "free space of modules",
+    "kinematics.points": "lengths of links",
+    "joint.range": "joint ranges",
+    "support.sides": "sides that feet stand on",
 }
 
 
@@ -29,25 +43,41 @@ def conflicts_of(
         text = f"the box is proved to miss its goal, {missed:.2f} m off in the best plan seen"
         guilty = _guilty(scene, intervals, kind, deadline)
         if guilty:
-            text += "; it conflicts with the " + " and the ".join(guilty)
-        found.append(Conflict(KINDS[kind], (text,), (), True))
+            text += "; it conflicts with the " + " and the ".join(guilty.values())
+        names = ("goal.reached", *(name for name in guilty if name != _HORIZON))
+        found.append(Conflict(KINDS[kind], (text,), in_words=True, names=names))
     return found
 
 
-def _guilty(scene: Scene, intervals: int, kind: Kind, deadline: float) -> list[str]:
-    found = []
+def _guilty(scene: Scene, intervals: int, kind: Kind, deadline: float) -> dict[str, str]:
+    """What lets the goal be reached once it is loosened, in words, by the names of checks."""
+
+    def reaches(block: MixedInteger) -> bool:
+        block.choose(kind)
+        return block.first(min(TRIAL, deadline - time.perf_counter())).missed <= NEAR_GOAL
+
+    found: dict[str, str] = {}
     trials = [
-        (name, replace(scene, module=scene.module.model_copy(update={key: factor * value})), 1)
-        for name, (key, factor) in _LOOSER.items()
+        (name, words, replace(scene, module=scene.module.model_copy(update={key: factor * value})))
+        for name, (words, key, factor) in _LOOSER.items()
         if (value := float(vars(scene.module)[key]))
     ]
-    trials.append((f"horizon (solver.admm.intervals = {intervals})", scene, 2))
-    for name, loose, longer in trials:
-        left = deadline - time.perf_counter()
-        if left <= 1.0:
-            break
-        block = MixedInteger(setting_of(loose, longer * intervals))
-        block.choose(kind)
-        if block.first(min(TRIAL, left)).missed <= NEAR_GOAL:
-            found.append(name)
+    if kind != "arms":
+        rough = replace(scene, friction=10.0 * scene.friction)
+        trials.append(("force.friction", "friction of the ground (terrain.friction)", rough))
+    trials.append((_HORIZON, f"horizon (solver.admm.intervals = {intervals})", scene))
+    for name, words, loose in trials:
+        if deadline - time.perf_counter() <= LEAST:
+            return found
+        longer = 2 if name == _HORIZON else 1
+        if reaches(MixedInteger(setting_of(loose, longer * intervals))):
+            found[name] = words
+    block = MixedInteger(setting_of(scene, intervals))
+    for name in (name for name in block.rows.names.names if name in _BLOCKS):
+        if deadline - time.perf_counter() <= LEAST:
+            return found
+        block.loosen(name)
+        if reaches(block):
+            found[name] = _BLOCKS[name]
+        block.restore(name)
     return found

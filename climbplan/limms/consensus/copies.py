@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.limms.consensus.columns import Columns
 from climbplan.limms.consensus.setting import Setting
 from climbplan.limms.scene import Array, Index
+from climbplan.program.residuals import BlockResidual
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Found:
     missed: float  # [m] of the goal
     seconds: float
     x: Array | None
+    off: BlockResidual | None = None  # the block of rows that x is furthest off
 
 
 def modes_of(setting: Setting, c: Columns, x: Array) -> Modes:

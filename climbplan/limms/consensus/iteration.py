@@ -13,6 +13,7 @@ from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.setting import Setting, chain_points
 from climbplan.limms.scene import Array
+from climbplan.program.residuals import BlockResidual
 
 GOOD = (0.01, 0.01, 0.1)  # [m], [m], [rad] mean residuals to reach
 LATCHED = 1e-4  # [m] by which latches of an iterate may be off
@@ -60,6 +61,7 @@ class Iterate:
     velocity: Array  # of the box, from the mixed-integer block
     residual: Residual
     violation: float
+    off: BlockResidual | None  # the rows that the mixed-integer block's answer is furthest off
 
     def rank(self) -> tuple[bool, float]:
         """Smaller is better: latches that hold first, then agreement."""
@@ -155,6 +157,7 @@ def agree(
             found.velocity,
             residual,
             max(bent.violation, bent.penetration),
+            found.off,
         )
         if best is None or iterate.rank() < best.rank():
             best = iterate

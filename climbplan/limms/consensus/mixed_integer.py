@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import highspy
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.limms.consensus.box_rows import add_box
 from climbplan.limms.consensus.columns import Columns, columns_of
@@ -159,14 +160,36 @@ class MixedInteger:
         values = np.append(np.ones(len(used)), 1.0 if free else -1.0)
         self._solver.addRow(-np.inf, float(len(used) - 1 + free), len(columns), columns, values)
 
+    def loosen(self, name: str) -> None:
+        """Let a block of rows, by its name, hold no more."""
+        rows = self._rows_of(name)
+        free = np.full(len(rows), np.inf)
+        self._solver.changeRowsBounds(len(rows), rows, -free, free)
+
+    def restore(self, name: str) -> None:
+        """Let a loosened block hold again."""
+        rows = self._rows_of(name)
+        lower, upper = self.rows.row_lower[rows], self.rows.row_upper[rows]
+        self._solver.changeRowsBounds(len(rows), rows, lower, upper)
+
+    def _rows_of(self, name: str) -> NDArray[np.int32]:
+        names = self.rows.names
+        return np.flatnonzero(names.block == names.names.index(name)).astype(np.int32)
+
     def first(self, seconds: float) -> Found:
-        """A point that reaches the goal, or the proof that there is none; no consensus yet."""
+        """A point that reaches the goal, or the proof that there is none; no consensus yet.
+
+        With a proof, the point that comes nearest of those seen.
+        """
         self._solver.setOptionValue("objective_target", REACHED)
         found = self.solve(seconds / 2)
         if found.missed > NEAR_GOAL and found.status != "infeasible":
             again = self._at_goal(seconds / 2)
-            if again.status == "infeasible" or again.x is not None:
-                found = replace(again, seconds=found.seconds + again.seconds)
+            spent = found.seconds + again.seconds
+            if again.x is not None:
+                found = replace(again, seconds=spent)
+            elif again.status == "infeasible":
+                found = replace(found, status="infeasible", seconds=spent)
         if found.x is None or found.missed > NEAR_GOAL:
             return found
         # The first point at hand is restless: with its integers, the smoothest
@@ -221,6 +244,7 @@ class MixedInteger:
             float(np.linalg.norm(copy.box[-1] - self.setting.scene.goal)),
             spent,
             x,
+            self.rows.worst(x),
         )
 
     def _costs(self, table: LinearRows) -> None:

@@ -43,6 +43,9 @@ def consensus_lines(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tup
         f"nonlinear {sizes['nlp_variables']}"
     )
     modes = f"{'modes':<9} {'found':<9} {times['first_integers']:.2f} s   {plan.sequence}"
+    if best.off is not None:
+        off = f"{best.off.residual:.1g} {best.off.unit}".rstrip()
+        modes += f"; rows hold within {off} [{best.off.name}]"
     agreed = (
         f"{'consensus':<9} {'agreed' if r.good else 'apart':<9} "
         f"{times['mixed_integer'] + times['nonlinear']:.2f} s   {sizes['iterations']} iterations, "

@@ -27,6 +27,7 @@ from climbplan.walking.offline.sqp import iterate_of, solve_gait
 from climbplan.walking.task import Array, WalkTask, WalkTrajectory
 
 _TOLERANCE = 1e-7  # of rows
+_OFF = 1e-5  # of rows, beyond which it is told
 _SHRINKS = 1  # rounds of drawing tube and ranges closer
 _SHRINKING = 0.1  # of the time that is left, for each
 _NEW_START = 0.85  # times the cost before
@@ -245,6 +246,8 @@ class _Run:
         x = np.array(solution.col_value) if solution.value_valid else None
         if x is not None:
             self.consider(program, x)
+            if (worst := model.worst(x)).residual > _OFF:
+                self.word += f", {worst}"
         self.note()
         return x if self.solved else None
 

@@ -32,4 +32,4 @@ class ChangingRows:
 
     def residuals(self, x: Array) -> tuple[BlockResidual, ...]:
         """Worst violation of each block at x (n,), with the numbers of the last refresh."""
-        return self.names.worst(outside(self.matrix @ x, self.low, self.high))
+        return self.names.residuals(outside(self.matrix @ x, self.low, self.high))

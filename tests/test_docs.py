@@ -99,7 +99,7 @@ def test_places_beside_a_declaration_are_named_once_with_a_reason() -> None:
 # Rows of programs are written by calls of these; whoever writes some is in the table
 WRITES = re.compile(
     r"^import (daqp|clarabel|osqp|highspy|casadi)|^    import osqp|linprog\(|IpoptProgram\("
-    r"|LinearProgram\(|\b(Program|Trajectory)\(f?\"",
+    r"|Linear(Program|Rows)\(|\b(Program|Trajectory)\(f?\"",
     re.MULTILINE,
 )
 READS_ONLY = {

@@ -102,11 +102,11 @@ class LinearRows:
         self.row(name, [*terms, *((c, -v) for c, v in loose)], -np.inf, most)
         self.row(name, [*terms, *loose], -most, np.inf)
 
-    def rows(
+    def block(
         self,
         name: str,
         terms: Sequence[Terms],
-        low: Array | float,
+        low: Array | float = 0.0,
         high: Array | float | None = None,
     ) -> Block:
         """One row for each entry of the terms' columns (of one length); equal to low without high.
@@ -124,10 +124,8 @@ class LinearRows:
         self._start.frombytes(ends.tobytes())
         number = self._number.setdefault(name, len(self._number))
         self._block.extend([number] * size)
-        for bounds, given in (
-            (self._row_lower, low),
-            (self._row_upper, low if high is None else high),
-        ):
+        both = (self._row_lower, low), (self._row_upper, low if high is None else high)
+        for bounds, given in both:
             bounds.frombytes(np.broadcast_to(np.asarray(given, float), (size,)).tobytes())
         return Block(slice(before, before + size), slice(first, first + width * size))
 

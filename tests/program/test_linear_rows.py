@@ -51,7 +51,7 @@ def test_many_rows_at_once_are_the_same_as_one_by_one() -> None:
     for rows in (together, apart):
         rows.columns((6,), -1.0, 1.0)
         rows.equal("before", [(0, 1.0)])
-    block = together.rows("sum", ((first, weights), (second, -2.0)), low, 3.0)
+    block = together.block("sum", ((first, weights), (second, -2.0)), low, 3.0)
     for i, j, w, bound in zip(first, second, weights, low, strict=True):
         apart.row("sum", [(i, w), (j, -2.0)], bound, 3.0)
     np.testing.assert_array_equal(together.matrix().toarray(), apart.matrix().toarray())
@@ -68,7 +68,7 @@ def test_many_rows_at_once_are_the_same_as_one_by_one() -> None:
 def test_without_upper_ends_rows_are_equations() -> None:
     rows = LinearRows()
     x = rows.columns((2,), -1.0, 1.0)
-    rows.rows("pinned", ((x, 1.0),), np.array([0.5, -0.5]))
+    rows.block("pinned", ((x, 1.0),), np.array([0.5, -0.5]))
     np.testing.assert_array_equal(rows.row_lower, rows.row_upper)
 
 

@@ -59,7 +59,7 @@ def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> 
 def test_rows_add_up_coefficients_of_one_unknown() -> None:
     rows = LinearRows()
     rows.columns((3,), -np.inf, np.inf)
-    first = rows.rows(
+    first = rows.block(
         "sums", ((np.array([0, 1]), 2.0), (np.array([0, 2]), np.array([1.0, 4.0]))), 5.0
     )
     frozen = ChangingRows(rows)

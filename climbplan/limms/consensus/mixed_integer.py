@@ -58,7 +58,7 @@ class MixedInteger:
         # away >= x - target and away >= target - x
         self._first_row = len(table)
         for sign in (-1.0, 1.0):
-            table.rows("consensus", ((self._away, 1.0), (self._pulled, sign)), -np.inf, np.inf)
+            table.block("consensus", ((self._away, 1.0), (self._pulled, sign)), -np.inf, np.inf)
         self._cost, self._lower, self._upper = map(np.array, (table.cost, table.lower, table.upper))
         self._binary = np.flatnonzero(table.integer).astype(np.int32)
         self._solver: Any = highs(gap=1e-3)

@@ -8,6 +8,7 @@ that its answer obeys the dynamics: `attempt.py` judges it as it judges everythi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,15 +51,13 @@ class PublishedProgram:
         self.arms, self.reaches = self._feet(rows)
         self._friction(rows)
         trig, angle = self.layout.trig, np.tile(self.layout.angle, (1, 2))
-        self.lines = [
-            rows.rows("envelopes.angles", ((trig.ravel(), 1.0), (angle.ravel(), 1.0)), 0.0)
-            for _ in range(3)
-        ]
+        lines = ((trig.ravel(), 1.0), (angle.ravel(), 1.0))
+        self.lines = [rows.block("envelopes.angles", lines) for _ in range(3)]
         w, self._x, self._y = self.layout.products()
         terms = ((w, 1.0), (self._x, 1.0), (self._y, 1.0))
-        self.planes = [rows.rows("envelopes.products", terms, 0.0) for _ in range(4)]
+        self.planes = [rows.block("envelopes.products", terms) for _ in range(4)]
         self._boxed = np.unique(np.concatenate([self._x, self._y]))
-        self._box = rows.rows("envelopes.cells", ((self._boxed, 1.0),), 0.0)
+        self._box = rows.block("envelopes.cells", ((self._boxed, 1.0),))
         self.rows = ChangingRows(rows)
         self._hessian, self._gradient = self._cost()
         self._solver: osqp.OSQP | None = None
@@ -173,59 +172,37 @@ class PublishedProgram:
         task, x = layout.task, layout.state
         body, dt = task.body, task.step
         share = 0.5 if layout.mean else 0.0  # of the later knot in averages over an interval
-        begin = rows.rows("start.state", ((x[0], 1.0),), 0.0)
+        attitude = partial(rows.block, "dynamics.attitude")
+        begin = rows.block("start.state", ((x[0], 1.0),))
         now, then = x[:-1], x[1:]
         for k in range(3):
             p, v, angle, spin = k, 3 + k, 6 + k, 9 + k
             moved = ((now[:, v], -dt * (1 - share)), (then[:, v], -dt * share))
-            rows.rows("dynamics.position", ((then[:, p], 1.0), (now[:, p], -1.0), *moved), 0.0)
+            rows.block("dynamics.position", ((then[:, p], 1.0), (now[:, p], -1.0), *moved))
             for n in range(task.knots):
                 pushes = layout.force[layout.stand_knot == n, k]
                 scale = -dt * layout.force_unit / body.mass
                 terms = [(np.array([f]), scale) for f in pushes]
                 weight = -dt * body.gravity if k == 2 else 0.0
-                rows.rows(
-                    "dynamics.velocity",
-                    ((then[n : n + 1, v], 1.0), (now[n : n + 1, v], -1.0), *terms),
-                    weight,
-                )
-            rows.rows(
-                "dynamics.attitude",
-                ((then[:, angle], 1.0), (now[:, angle], -1.0), (layout.rate[:, k], -dt)),
-                0.0,
-            )
+                terms += [(then[n : n + 1, v], 1.0), (now[n : n + 1, v], -1.0)]
+                rows.block("dynamics.velocity", terms, weight)
+            attitude(((then[:, angle], 1.0), (now[:, angle], -1.0), (layout.rate[:, k], -dt)))
             middle = ((now[:, spin], share - 1.0), (then[:, spin], -share))
-            rows.rows("dynamics.attitude", ((layout.spin[:, k], 1.0), *middle), 0.0)
-            rows.rows(
-                "dynamics.attitude",
-                ((layout.angle[: task.knots + 1, k], 1.0), (x[:, angle], -1.0)),
-                0.0,
-            )
+            attitude(((layout.spin[:, k], 1.0), *middle))
+            attitude(((layout.angle[: task.knots + 1, k], 1.0), (x[:, angle], -1.0)))
             if layout.mean:
                 halves = ((now[:, angle], -0.5), (then[:, angle], -0.5))
-                rows.rows(
-                    "dynamics.attitude", ((layout.angle[task.knots + 1 :, k], 1.0), *halves), 0.0
-                )
+                attitude(((layout.angle[task.knots + 1 :, k], 1.0), *halves))
         # Angular velocity by Euler rates, eq. (8.17)
         turning, swept, yaw_rate = layout.spin, layout.swept, layout.rate[:, 2]
-        rows.rows(
-            "dynamics.attitude",
-            ((turning[:, 0], 1.0), (swept[:, 0], -1.0), (swept[:, 1], 1.0)),
-            0.0,
-        )
-        rows.rows(
-            "dynamics.attitude",
-            ((turning[:, 1], 1.0), (swept[:, 2], -1.0), (swept[:, 3], -1.0)),
-            0.0,
-        )
-        rows.rows(
-            "dynamics.attitude", ((turning[:, 2], 1.0), (yaw_rate, -1.0), (swept[:, 4], 1.0)), 0.0
-        )
+        attitude(((turning[:, 0], 1.0), (swept[:, 0], -1.0), (swept[:, 1], 1.0)))
+        attitude(((turning[:, 1], 1.0), (swept[:, 2], -1.0), (swept[:, 3], -1.0)))
+        attitude(((turning[:, 2], 1.0), (yaw_rate, -1.0), (swept[:, 4], 1.0)))
         # Entries of R, eq. (8.16)
         parts = np.concatenate([layout.pair, layout.triple, layout.trig[:, 1:2]], axis=1)
         for entry, signs in enumerate(ENTRIES):
             sums = [(parts[:, k], -float(sign)) for k, sign in signs]
-            rows.rows("dynamics.attitude", ((layout.turn[:, entry], 1.0), *sums), 0.0)
+            attitude(((layout.turn[:, entry], 1.0), *sums))
         self._turning(rows)
         return begin
 
@@ -251,7 +228,7 @@ class PublishedProgram:
                 for moment in layout.moment[legs]:
                     terms.append((moment[2 * i : 2 * i + 1], -layout.force_unit))
                     terms.append((moment[2 * i + 1 : 2 * i + 2], layout.force_unit))
-                rows.rows("dynamics.spin", terms, 0.0)
+                rows.block("dynamics.spin", terms)
 
     def _feet(self, rows: LinearRows) -> tuple[list[Block], list[list[tuple[int, Block]]]]:
         """Moment arms of forces, and toes in the body at knots, eqs. (8.20), (8.21)."""
@@ -266,7 +243,7 @@ class PublishedProgram:
             if j < 2 and footing.count:
                 free = np.where(stood >= 0, -1.0, 0.0)
                 terms.append((layout.spot[np.maximum(stood, 0), j], free))
-            arms.append(rows.rows("dynamics.spin", terms, 0.0))
+            arms.append(rows.block("dynamics.spin", terms))
         reaches = []
         for k, reach in enumerate(layout.reaches):
             blocks = []
@@ -281,7 +258,7 @@ class PublishedProgram:
                 terms += [(turn[i : i + 1], center[i]) for i in range(3)]
                 if j < 2 and reach.foothold >= 0:
                     terms.append((layout.spot[reach.foothold, j : j + 1], -1.0))
-                blocks.append((j, rows.rows("workspace.toe", terms, 0.0)))
+                blocks.append((j, rows.block("workspace.toe", terms)))
             reaches.append(blocks)
         return arms, reaches
 
@@ -291,7 +268,7 @@ class PublishedProgram:
         slope = self.layout.task.ground.friction * np.cos(np.pi / FACETS)
         for angle in 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS:
             sides = ((force[:, 0], np.cos(angle)), (force[:, 1], np.sin(angle)))
-            rows.rows("force.friction", (*sides, (force[:, 2], -slope)), -np.inf, 0.0)
+            rows.block("force.friction", (*sides, (force[:, 2], -slope)), -np.inf, 0.0)
 
     def _cost(self) -> tuple[sparse.csc_matrix, Array]:
         """Eq. (8.30): upper triangle of the Hessian, and the gradient."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, changed, load
 from climbplan.api.making import MakingOptions, Progress, make
 from climbplan.api.plan import Folder, Plan, read
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from climbplan.plans.verification import Verification
 
 
+@ctrl_c_insists()
 def plan(
     spec: SpecSource | LoadedSpec,
     set: Mapping[str, Any] | None = None,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.errors import UsageError
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta
@@ -80,6 +81,7 @@ class Solution:
         return f"<Solution of {self.problem.name!r} by {self.method}: {self.status}{cost}>"
 
 
+@ctrl_c_insists()
 def solve(
     problem: Problem | Program, theta: Theta | None = None, *, method: str = "micp", **settings: Any
 ) -> Solution:

@@ -9,9 +9,10 @@ handles it. Handling it, clearing away included, is not interrupted itself.
 from __future__ import annotations
 
 import signal
-import sys
 from types import FrameType
 from typing import NoReturn
+
+from climbplan.api.ctrl_c import being_handled
 
 _AGAIN = 0.1  # [s]
 _received: list[int] = []  # the first signal, from then on the only one
@@ -44,12 +45,8 @@ def _interrupt(number: int, _: FrameType | None) -> NoReturn:
 
 
 def _once_more(_: int, frame: FrameType | None) -> None:
-    error = sys.exc_info()[1]  # what the interrupted code is handling
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return
-        error = error.__context__
-    raise _exception()
+    if not being_handled():
+        raise _exception()
 
 
 def _exception() -> KeyboardInterrupt:

@@ -6,6 +6,7 @@ others do not let Python look at signals before they are through.
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import signal
@@ -14,9 +15,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
+
+Answer = TypeVar("Answer")
+_LOOK = 0.1  # [s] between looks at whether to leave a solver behind
+_PATIENCE = 0.5  # [s] with solvers that cannot be stopped
+_MUCH_WORK = 20_000  # entries of matrices: tens of milliseconds
 
 
 @contextmanager
@@ -50,13 +56,17 @@ def interruptible(stop: Callable[[], None]) -> Iterator[None]:
         handler(received[0], None)  # raises KeyboardInterrupt, or what the program made of it
 
 
-def run_aside(solve: Callable[[], object], stop: Callable[[], None]) -> None:
+def run_aside(
+    solve: Callable[[], object], stop: Callable[[], None], patience: float = math.inf
+) -> None:
     """Run a solver that lets go of Python in a thread, so that this one sees signals meanwhile.
 
     Ctrl-C and SIGTERM call `stop`, which must be safe while the solver runs, and are passed on
-    once the solver has returned. Raises what `solve` raises.
+    once the solver has returned, or after `patience` [s]: then it is left to itself, and nothing
+    that it works on may be used again. Raises what `solve` raises.
     """
     failed: list[BaseException] = []
+    leave_at = math.inf
 
     def run() -> None:
         try:
@@ -64,11 +74,36 @@ def run_aside(solve: Callable[[], object], stop: Callable[[], None]) -> None:
         except BaseException as error:  # passed on in the thread that waits
             failed.append(error)
 
+    def asked() -> None:
+        nonlocal leave_at
+        leave_at = time.monotonic() + patience
+        stop()
+
     thread = _solver_thread()
-    with interruptible(stop):
-        thread.run_and_wait(run)
+    with interruptible(asked):
+        done = thread.begin(run)
+        while not done.wait(None if math.isinf(patience) else _LOOK):
+            if time.monotonic() > leave_at:
+                _leave(thread)
+                break
     if failed:
         raise failed[0]
+
+
+def run_deaf(solve: Callable[[], Answer], work: int) -> Answer:
+    """What a solver returns that nothing can stop, as DAQP, Clarabel and OSQP are.
+
+    work: entries of its matrices. Small programs are solved in microseconds, as they stand; larger
+    ones aside, so that Ctrl-C and SIGTERM leave them behind after half a second. Raises what
+    `solve` raises.
+    """
+    if work < _MUCH_WORK:
+        return solve()
+    found: list[Answer] = []
+    run_aside(lambda: found.append(solve()), lambda: None, _PATIENCE)
+    if not found:
+        raise KeyboardInterrupt  # where a program makes nothing of its signals
+    return found[0]
 
 
 class _SolverThread(threading.Thread):
@@ -83,24 +118,26 @@ class _SolverThread(threading.Thread):
         self._jobs: queue.SimpleQueue[tuple[Callable[[], None], threading.Event]]
         self._jobs = queue.SimpleQueue()
         self.process = os.getpid()
+        self.left = False  # to a solver that did not stop
 
     def run(self) -> None:
-        """Take jobs for ever."""
-        while True:
+        """Take jobs until it is left."""
+        while not self.left:
             job, done = self._jobs.get()
             try:
                 job()
             finally:
                 done.set()
 
-    def run_and_wait(self, job: Callable[[], None]) -> None:
-        """Run a job that raises nothing, and wait until it is done."""
+    def begin(self, job: Callable[[], None]) -> threading.Event:
+        """Run a job that raises nothing; what is set when it is done."""
+        done = threading.Event()
         if threading.current_thread() is self:
             job()
-            return
-        done = threading.Event()
-        self._jobs.put((job, done))
-        done.wait()
+            done.set()
+        else:
+            self._jobs.put((job, done))
+        return done
 
 
 _thread: _SolverThread | None = None
@@ -115,6 +152,15 @@ def _solver_thread() -> _SolverThread:
             _thread = _SolverThread()
             _thread.start()
         return _thread
+
+
+def _leave(thread: _SolverThread) -> None:
+    """The next solver that runs aside gets a thread of its own."""
+    global _thread
+    with _starting:
+        thread.left = True
+        if _thread is thread:
+            _thread = None
 
 
 class Deadline(ca.Callback):

@@ -38,6 +38,9 @@ _POLE = f"solve SPECS/cart_pole.yaml {_OWN} --method"
 RUNS = (
     _run("climb-micp", "plan-climb SPECS/climb_obstacle.yaml --method micp", 3.0),
     _run("climb-nlp", "plan-climb SPECS/climb_obstacle.yaml --method nlp", 3.0),
+    _run("climb-auto", "plan-climb SPECS/climb_obstacle.yaml --set terrain.friction=0.3", 8.0),
+    _run("climb-osqp", "plan-climb SPECS/climb_obstacle.yaml --solver osqp", 6.0),
+    _run("climb-clarabel", "plan-climb SPECS/climb_obstacle.yaml --solver clarabel", 2.0),
     _run("climb-walker", "plan-climb SPECS/climb_walker.yaml", 3.0),
     _run("climb-grips", "plan-climb SPECS/climb_single_wall.yaml", 3.0),
     _run("climb-study", "plan-climb SPECS/climb_region.yaml", 8.0),

@@ -10,9 +10,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import casadi as ca
+import numpy as np
+import osqp
 import pytest
+from scipy import sparse
 
-from climbplan.solvers.interruption import Deadline, interruptible
+from climbplan.solvers.convex.osqp import run_osqp
+from climbplan.solvers.interruption import Deadline, interruptible, run_deaf
 
 
 @pytest.fixture(autouse=True)
@@ -97,3 +101,56 @@ def test_ipopt_stops_at_the_iteration_in_which_ctrl_c_comes() -> None:
         solve()
     assert solver.stats()["return_status"] == "User_Requested_Stop"
     assert deadline.iterations == 3
+
+
+def test_a_deaf_solver_is_left_behind_and_the_next_one_runs() -> None:
+    over, woken = threading.Event(), threading.Event()
+
+    def deaf() -> int:
+        press_ctrl_c()
+        woken.wait(20.0)
+        over.set()
+        return 1
+
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_deaf(deaf, 10**6)
+    assert time.monotonic() - begin < 10.0
+    assert not over.is_set()
+    names = []
+    assert run_deaf(lambda: names.append(threading.current_thread()), 10**6) is None
+    assert names[0] is not threading.main_thread()
+    woken.set()
+    assert over.wait(10.0)
+
+
+def test_small_programs_are_solved_as_they_stand() -> None:
+    assert run_deaf(threading.current_thread, 100) is threading.current_thread()
+
+
+def test_what_fails_aside_is_raised() -> None:
+    def fail() -> None:
+        raise MemoryError("factorisation")
+
+    with pytest.raises(MemoryError, match="factorisation"):
+        run_deaf(fail, 10**6)
+
+
+def test_osqp_does_not_keep_ctrl_c_to_itself(capfd: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(0)
+    rows, price = sparse.csc_matrix(rng.normal(size=(300, 300))), rng.normal(size=300)
+    solver = osqp.OSQP()
+    endless = {"eps_abs": 1e-16, "eps_rel": 1e-16, "max_iter": 10**8, "verbose": False}
+    ones = np.ones(300)
+    solver.setup(sparse.identity(300, format="csc"), price, rows, -ones, ones, **endless)
+    press = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    press.start()
+
+    def solve() -> None:
+        run_osqp(solver, 0)
+        time.sleep(5.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        solve()
+    press.join()
+    assert capfd.readouterr().out == ""  # for results

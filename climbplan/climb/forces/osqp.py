@@ -27,6 +27,8 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = Non
     """
     import osqp  # a fifth of a second: only where it is asked for
 
+    from climbplan.solvers.convex.osqp import run_osqp
+
     b, m, size = rows.A.shape
     P = sparse.diags(np.full(size, _CURVATURE), format="csc")
     length = np.linalg.norm(rows.A, axis=-1)
@@ -56,7 +58,7 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = Non
             adaptive_rho_interval=50,  # by iterations, not by time: the same answer every run
         )
         for _ in range(_PROXIMAL_STEPS):
-            answer = solver.solve(raise_error=False)
+            answer = run_osqp(solver, (m + 1) * size)
             if answer.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
                 break
             change = float(np.abs(answer.x - x[k]).max())

@@ -11,6 +11,7 @@ from scipy import sparse
 
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.solvers.interruption import run_deaf
 from climbplan.solvers.result import Answer
 from climbplan.solvers.weak_duality import weak_dual
 
@@ -69,7 +70,7 @@ class ClarabelSession:
             settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = _ACCURACY
             self._solver = clarabel.DefaultSolver(P, instance.q, A, b, cones, settings)
             self._shape = pattern
-        solution = self._solver.solve()
+        solution = run_deaf(self._solver.solve, P.nnz + A.nnz)
         x: Array | None = None
         bound = -np.inf
         if solution.status in _SOLVED:

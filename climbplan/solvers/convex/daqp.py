@@ -13,6 +13,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.convex.clarabel import ClarabelSession
+from climbplan.solvers.interruption import run_deaf
 from climbplan.solvers.result import Answer
 from climbplan.solvers.weak_duality import weak_dual
 
@@ -83,7 +84,7 @@ class DaqpSession:
                 self._free = None
                 return self._second(instance, begin, 0, f"DAQP setup returned {flag}")
         self._free, self._hessian, self._matrix = free, H, A
-        found, _, flag, info = self._model.solve()
+        found, _, flag, info = run_deaf(self._model.solve, H.size + A.size)
         note, steps = f"DAQP returned {flag}", int(info["iterations"])
         if flag != _OPTIMAL:
             self._free = None  # a workspace that failed is not a start

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 import time
+from contextlib import redirect_stdout
+from typing import Any
 
 import numpy as np
 import osqp
@@ -12,6 +16,7 @@ from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.solvers.interruption import run_deaf
 from climbplan.solvers.result import Answer
 from climbplan.solvers.weak_duality import weak_dual
 
@@ -77,7 +82,7 @@ class OsqpSession:
                 adaptive_rho_interval=50,  # by iterations, not by time: the same answer every run
             )
         self._P, self._A = P, A
-        answer = self._solver.solve(raise_error=False)
+        answer = run_osqp(self._solver, P.nnz + A.nnz)
         status = answer.info.status_val
         x, bound = None, -np.inf
         if status in _SOLVED or status == osqp.SolverStatus.OSQP_MAX_ITER_REACHED:
@@ -93,6 +98,19 @@ class OsqpSession:
             solver="osqp",
             log=(f"OSQP: {answer.info.status}",),
         )
+
+
+def run_osqp(solver: osqp.OSQP, work: int) -> Any:
+    """OSQP's answer, in the one place that runs it; work: entries of its matrices.
+
+    Its own handler of Ctrl-C, which ends it, hides the signal from Python: it is sent again. What
+    it prints of that is not a result.
+    """
+    with redirect_stdout(sys.stderr):
+        answer = run_deaf(lambda: solver.solve(raise_error=False), work)
+    if answer.info.status_val == osqp.SolverStatus.OSQP_SIGINT:
+        signal.raise_signal(signal.SIGINT)
+    return answer
 
 
 def _width(instance: Instance) -> Array:

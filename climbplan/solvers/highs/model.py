@@ -14,7 +14,7 @@ from scipy import sparse
 
 from climbplan.program.linear_rows import LinearRows
 from climbplan.program.polytope import Array
-from climbplan.solvers.interruption import interruptible
+from climbplan.solvers.interruption import interruptible, run_deaf
 
 _FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
 
@@ -33,7 +33,12 @@ def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
 
 
 def run_highs(solver: Any) -> Any:
-    """Solve what it holds, and return HiGHS's code; Ctrl-C and SIGTERM end it and are passed on."""
+    """Solve what it holds, and return HiGHS's code; Ctrl-C and SIGTERM end it and are passed on.
+
+    Quadratic programs it solves without looking up: a large one is left behind.
+    """
+    if entries := solver.getHessianNumNz():
+        return run_deaf(solver.run, entries + solver.getNumNz())
     stopping = False
 
     def stop() -> None:

@@ -16,6 +16,7 @@ import osqp
 from scipy import sparse
 
 from climbplan.program.linear_rows import Block, LinearRows, Terms
+from climbplan.solvers.convex.osqp import run_osqp
 from climbplan.walking.kernels.footing import HELD, SWINGING
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.published.layout import ENTRIES, SQUARES, Layout, tracked_columns
@@ -89,7 +90,7 @@ class PublishedProgram:
         else:
             self._solver.update(l=rows.low, u=rows.high, Ax=rows.matrix.data)
         self._solver.warm_start(x=values, y=np.zeros(len(rows.low)))
-        found = self._solver.solve(raise_error=False)
+        found = run_osqp(self._solver, rows.matrix.nnz)
         if found.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
             return PublishedAnswer(None, str(found.info.status), int(found.info.iter))
         at = self._iterate(found.x)

@@ -89,12 +89,13 @@ def test_every_method_ends(tmp_path: Path, given: Path, run: SolverRun, moment: 
     assert_stops(run, given, tmp_path, after, (signal.SIGINT, signal.SIGTERM)[moment % 2])
 
 
-def test_ipopt_highs_and_scip_are_called_in_one_place_each() -> None:
+def test_solvers_that_block_are_called_in_one_place_each() -> None:
     """Elsewhere nothing would stop them."""
     calls = {
         r"nlpsol\(": {"solvers/ipopt/program.py", "solvers/bonmin.py"},  # Bonmin: its own process
         r"solver\.run\(\)": {"solvers/highs/model.py"},
         r"model\.optimize": {"solvers/scip/run.py", "solvers/gurobi.py"},
+        r"solve\(raise_error": {"solvers/convex/osqp.py"},
     }
     package = ROOT / "climbplan"
     for pattern, places in calls.items():

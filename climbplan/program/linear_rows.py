@@ -36,6 +36,8 @@ class Block:
 class LinearRows:
     """A growing program: bounds, integrality and cost of columns; named rows between two bounds."""
 
+    repeats = True  # whether a column may stand in a row several times
+
     def __init__(self, units: Mapping[str, str] | None = None) -> None:
         """units: of the rows of a block, by its name; none where it is left out."""
         self.lower: list[float] = []
@@ -145,10 +147,11 @@ class LinearRows:
         return row, np.array(self._index, np.int64), np.array(self._value)
 
     def matrix(self) -> sparse.csr_matrix:
-        """All rows; entries of the same column in a row are added up."""
+        """All rows; entries of the same column in a row are added up, where there may be some."""
         parts = np.array(self._value), np.array(self._index), np.array(self._start)
         matrix = sparse.csr_matrix(parts, shape=(len(self), len(self.lower)))
-        matrix.sum_duplicates()
+        if self.repeats:
+            matrix.sum_duplicates()
         return matrix
 
     @property

@@ -86,6 +86,8 @@ class Square:
 class LinearModel(LinearRows):
     """Columns and rows, with expressions for terms and squares in the cost."""
 
+    repeats = False  # expressions have each column once
+
     def __init__(self) -> None:
         super().__init__()
         self.squares: list[Square] = []

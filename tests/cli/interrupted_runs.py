@@ -74,13 +74,13 @@ def stop_run(
         time.sleep(_LOOK)
     early = run.poll() is not None
     family = _family(run.pid)
-    waited_before = {pid: waited(pid) for pid in family}
+    waited_before = {pid: waited_for_core(pid) for pid in family}
     waited: dict[int, float] = {}
     start = time.monotonic()
     run.send_signal(number)
     while run.poll() is None and time.monotonic() < start + _KILLED:
         for pid, known in waited_before.items():
-            waited[pid] = max(waited.get(pid, 0.0), waited(pid) - known)
+            waited[pid] = max(waited.get(pid, 0.0), waited_for_core(pid) - known)
         time.sleep(_LOOK)
     clock = time.monotonic() - start
     if run.poll() is None:
@@ -126,7 +126,7 @@ def _used(pid: int) -> float:
     return sum(map(int, fields[11:15])) / TICK if fields else 0.0
 
 
-def waited(pid: int) -> float:
+def waited_for_core(pid: int) -> float:
     """Seconds that its main thread was ready and had no core."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from hard_runs import RUNS
-from interrupted_runs import waited
+from interrupted_runs import waited_for_core
 
 import climbplan
 
@@ -44,13 +44,13 @@ def assert_stops(name: str, after: float, folder: Path) -> None:
         assert run.stdout is not None
         line = run.stdout.readline()
         time.sleep(after)
-        before = waited(run.pid)
+        before = waited_for_core(run.pid)
         begin = time.monotonic()
         assert run.poll() is None, f"{name} was over before the signal: {line}"
         run.send_signal(signal.SIGINT)
         lost = 0.0
         while run.poll() is None and time.monotonic() < begin + _KILLED:
-            lost = max(lost, waited(run.pid) - before)
+            lost = max(lost, waited_for_core(run.pid) - before)
             time.sleep(0.01)
         clock = time.monotonic() - begin
         run.kill()

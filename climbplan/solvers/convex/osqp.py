@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import signal
-import sys
 import time
 from contextlib import redirect_stdout
 from typing import Any
@@ -104,9 +104,9 @@ def run_osqp(solver: osqp.OSQP, work: int) -> Any:
     """OSQP's answer, in the one place that runs it; work: entries of its matrices.
 
     Its own handler of Ctrl-C, which ends it, hides the signal from Python: it is sent again. What
-    it prints of that is not a result.
+    it prints of that is said by whoever handles the signal.
     """
-    with redirect_stdout(sys.stderr):
+    with redirect_stdout(io.StringIO()):
         answer = run_deaf(lambda: solver.solve(raise_error=False), work)
     if answer.info.status_val == osqp.SolverStatus.OSQP_SIGINT:
         signal.raise_signal(signal.SIGINT)

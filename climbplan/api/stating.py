@@ -15,6 +15,7 @@ from climbplan.spec.bookshelf_loading import LoadedShelf
 from climbplan.spec.loaded import LoadedSpec
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.mpc_loading import LoadedMpc
+from climbplan.spec.transition_loading import LoadedTransition
 
 Stated = tuple[Problem, dict[str, Array]]
 
@@ -24,12 +25,15 @@ def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) 
 
     spec, set: as `climbplan.plan`. A climb: its postures as method `micp` has them, forces apart;
     with `solver.method` nlp as that has them, rotations exact, from its first start.
-    A walk: all knots, contacts as binaries, from the guessed gait (`solver.guess`). A bookshelf:
-    its only scene. Rows may be added before it is solved, `problem.program.between("mine", ...)`
-    on `problem.program.affine(...)`. Answers have to pass the problem's own exact checker where
-    it has one (exact rotations, walks, bookshelves).
+    A transition: its motion from the best sequence of the search, which is free unless the spec
+    names one. A walk: all knots, contacts as binaries, from the guessed gait (`solver.guess`). A
+    bookshelf: its only scene. Rows may be added before it is solved,
+    `problem.program.between("mine", ...)` on `problem.program.affine(...)`. Answers have to pass
+    the problem's own exact checker where it has one (exact rotations, transitions, walks,
+    bookshelves).
 
-    Raises SpecError for mistakes, UsageError for other kinds and for files of several scenes.
+    Raises SpecError for mistakes, UsageError for other kinds and for files of several scenes,
+    NoPlanFound where the search has no sequence for a transition.
     """
     if isinstance(spec, LoadedSpec):
         loaded: object = changed(spec, set) if set else spec
@@ -38,7 +42,7 @@ def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) 
     maker = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
     if maker is None or not isinstance(loaded, LoadedSpec):
         raise UsageError(
-            "problems are stated by specs of kind climb, mpc and bookshelf; "
+            "problems are stated by specs of kind climb, transition, mpc and bookshelf; "
             f"this is a {type(loaded).__name__}"
         )
     with placed_mistakes(loaded):
@@ -60,6 +64,12 @@ def _climb(loaded: LoadedClimb) -> Stated:
     return Problem("postures", posture_program(scene)), {}
 
 
+def _transition(loaded: LoadedTransition) -> Stated:
+    from climbplan.climb.transition.problem import stated_transition
+
+    return stated_transition(loaded)
+
+
 def _walk(loaded: LoadedMpc) -> Stated:
     from climbplan.walking.offline.stated import walk_problem
     from climbplan.walking.problem import build_task
@@ -78,4 +88,9 @@ def _shelf(loaded: LoadedShelf) -> Stated:
     return shelf_problem(scenes[0], shelf_of(loaded.spec.shelf), loaded.spec.meaning)
 
 
-_MAKERS: dict[type, Any] = {LoadedClimb: _climb, LoadedMpc: _walk, LoadedShelf: _shelf}
+_MAKERS: dict[type, Any] = {
+    LoadedClimb: _climb,
+    LoadedTransition: _transition,
+    LoadedMpc: _walk,
+    LoadedShelf: _shelf,
+}

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from climbplan.program.instance import Index
 from climbplan.program.layout import Layout
 from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual
@@ -32,9 +33,13 @@ class _Rows:
     upper: Array
 
 
-def _unused(name: str, known: Mapping[str, Any]) -> str:
-    """x, then x.1, x.2, ..."""
-    return name if name not in known else f"{name}.{sum(n.startswith(name) for n in known)}"
+def _places(name: str, names: list[str], sizes: list[int]) -> Index:
+    """(K, d) where the K pieces of a name are; KeyError without any, ValueError if they differ."""
+    ends = np.cumsum(sizes)
+    found = [np.arange(e - d, e) for n, d, e in zip(names, sizes, ends, strict=True) if n == name]
+    if not found:
+        raise KeyError(name)
+    return np.stack(found)
 
 
 class _Blocks:
@@ -88,6 +93,7 @@ class Stage(_Blocks):
         """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
         super().__init__(ca.SX)
         self.name = name
+        self.inputs = tuple(inputs)
         self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
 
     def function(self) -> Any:
@@ -104,6 +110,7 @@ class Trajectory(_Blocks):
         super().__init__(symbols)
         self.name = name
         self._x: dict[str, Any] = {}
+        self._named: list[str] = []  # of each variable as it was stated
         self._p: dict[str, Any] = {}
         self._start: list[Array] = []
         self._lower: list[Array] = []
@@ -120,11 +127,17 @@ class Trajectory(_Blocks):
     ) -> Any:
         """A column of variables, one an entry of `start`, which is brought into the bounds.
 
-        binary: 0 or 1; IPOPT has them between, see `relax`.
+        binary: 0 or 1; IPOPT has them between, see `relax`. A name that is stated again and again,
+        as at every knot, is x, x.1, x.2, ... in `program`, and all of them in `place`.
         """
         value = np.atleast_1d(np.asarray(start, float))
         symbol = self._symbols.sym(name, len(value))
-        self._x[_unused(name, self._x)] = symbol
+        before = self._named.count(name)
+        unique = f"{name}.{before}" if before else name
+        if unique in self._x:
+            raise ValueError(f"{self.name}: {unique!r} is the name of another variable")
+        self._x[unique] = symbol
+        self._named.append(name)
         self._binary.append(binary)
         self._lower.append(np.broadcast_to(np.asarray(lower, float), value.shape))
         self._upper.append(np.broadcast_to(np.asarray(upper, float), value.shape))
@@ -137,17 +150,23 @@ class Trajectory(_Blocks):
 
     def parameter(self, name: str, rows: int, columns: int = 1) -> Any:
         """Numbers that are given when it is solved, column by column, in order of statement."""
-        symbol = self._symbols.sym(name, rows, columns)
-        self._p[_unused(name, self._p)] = symbol
+        if name in self._p:
+            raise ValueError(f"{self.name}: parameter {name!r} is stated twice")
+        self._p[name] = symbol = self._symbols.sym(name, rows, columns)
         return symbol
 
-    def add(self, stage: Stage, *arguments: Any) -> None:
+    def add(self, stage: Stage, *arguments: Any, **named: Any) -> None:
         """A stage at K knots: its rows knot after knot, its costs summed.
 
         arguments: a matrix (d, K) for each input of the stage, one column a knot; or (d, 1) where
-        it is the same at all knots.
+        it is the same at all knots. named: those of the inputs behind them, by name. Raises
+        ValueError where they are not the inputs of the stage.
         """
-        given = [ca.MX(a) if self._symbols is ca.MX else a for a in arguments]
+        rest = stage.inputs[len(arguments) :]
+        if set(rest) != set(named) or len(arguments) + len(rest) != len(stage.inputs):
+            raise ValueError(f"{stage.name} takes {', '.join(stage.inputs)}")
+        columns = (*arguments, *(named[name] for name in rest))
+        given = [ca.MX(a) if self._symbols is ca.MX else a for a in columns]
         knots = max(argument.size2() for argument in given)
         function = stage.function()
         if knots > 1:
@@ -216,6 +235,44 @@ class Trajectory(_Blocks):
             np.concatenate([np.zeros(0), *(rows.lower for rows in self._rows)]),
             np.concatenate([np.zeros(0), *(rows.upper for rows in self._rows)]),
         )
+
+    def place(self, name: str) -> Index:
+        """(K, d) where the variables that were stated by a name are in x: K times d of them."""
+        return _places(name, self._named, [len(part) for part in self._start])
+
+    def block(self, name: str) -> Index:
+        """(K, m) where the rows of a block are: K times m of them."""
+        return _places(name, [r.name for r in self._rows], [len(r.lower) for r in self._rows])
+
+    def point(self, values: Mapping[str, ArrayLike]) -> Array:
+        """x (N,) of values of all variables by name, each broadcast to its (K, d).
+
+        Raises KeyError for a name that is unknown or left out.
+        """
+        x = self.start
+        for name in dict.fromkeys((*self._named, *values)):
+            x[self.place(name)] = values[name]
+        return x
+
+    def bounded(
+        self,
+        given: Mapping[str, tuple[ArrayLike, ArrayLike]],
+        held: Mapping[str, ArrayLike] | None = None,
+    ) -> tuple[Array, Array]:
+        """Bounds of the rows (M,) each: as stated, but for the blocks that are given by name.
+
+        given: bounds, each broadcast to (K, m), K times m rows of a block. held: where rows of a
+        block hold, likewise; the others are open. Raises KeyError for an unknown block.
+        """
+        lower, upper = self.row_bounds
+        for name, (low, high) in given.items():
+            at = self.block(name)
+            lower[at], upper[at] = low, high
+        for name, mask in (held or {}).items():
+            at = self.block(name)
+            loose = at[~np.broadcast_to(np.asarray(mask, bool), at.shape)]
+            lower[loose], upper[loose] = -np.inf, np.inf
+        return lower, upper
 
     def residuals(
         self, rows: Array, bounds: tuple[Array, Array] | None = None

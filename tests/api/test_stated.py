@@ -69,6 +69,22 @@ def test_a_climb_with_exact_rotations_up_a_tube() -> None:
     assert "steps.rotation by" in refused.found.result.log[-1]
 
 
+@pytest.mark.parametrize(
+    ("spec", "method"),
+    [("transition_flat", "pinned"), ("transition_flat", "mpcc"), ("transition_bricks", "nlp")],
+)
+def test_a_transition_by_methods_of_the_table(spec: str, method: str) -> None:
+    problem, theta = climbplan.stated(SPECS / f"{spec}.yaml")
+    found = climbplan.solve(problem, theta, method=method, time_limit=60)
+    assert found.status == "feasible"
+    report = found.check()
+    names = {block.name for block in report.blocks}
+    assert {"transition.reach", "force.equilibrium", "steps.com"} <= names
+    # A named sequence is fixed: all checks of its plan; others are carried through
+    assert ("own.force.friction" if method == "nlp" else "own.carried_through") in names
+    assert report.passed(1e-6)
+
+
 @pytest.mark.parametrize("method", ["pinned", "mpcc"])
 def test_a_shelf_by_methods_of_the_table(method: str) -> None:
     problem, theta = climbplan.stated(SPECS / "bookshelf_scene.yaml")

@@ -130,3 +130,52 @@ def test_numbers_of_parameters_and_bounds_given_later() -> None:
     assert program.variables["x"].lower.tolist() == [-1.0, -2.0]
     assert program.variables["y"].lower.tolist() == [3.0]
     assert program.variables["y"].upper.tolist() == [5.0]
+
+
+def test_variables_are_found_by_name() -> None:
+    walk = Trajectory("walk")
+    for _ in range(3):
+        walk.variable("toe", [0.0, 0.0])
+        walk.variable("side", np.zeros(0))
+        walk.variable("t", [1.0])
+    assert walk.place("toe").tolist() == [[0, 1], [3, 4], [6, 7]]
+    assert walk.place("side").shape == (3, 0)
+    x = walk.point({"toe": [[1, 2], [3, 4], [5, 6]], "t": 9.0, "side": 0.0})
+    assert x.tolist() == [1, 2, 9, 3, 4, 9, 5, 6, 9]
+    with pytest.raises(KeyError, match="t"):
+        walk.point({"toe": 0.0, "side": 0.0})
+    with pytest.raises(KeyError, match="heel"):
+        walk.place("heel")
+    walk.parameter("goal", 2)
+    with pytest.raises(ValueError, match="stated twice"):
+        walk.parameter("goal", 2)
+
+
+def test_bounds_of_blocks_are_given_by_name() -> None:
+    swing = swung(3)
+    assert swing.block("dynamics").tolist() == [[0, 1], [3, 4], [6, 7]]
+    lower, upper = swing.bounded(
+        {"slow": (-1.0, [[2.0], [3.0], [4.0]])}, {"dynamics": [[True, False]], "goal": [False]}
+    )
+    assert upper.tolist() == [0, np.inf, 2, 0, np.inf, 3, 0, np.inf, 4, np.inf]
+    assert lower.tolist() == [0, -np.inf, -1] * 3 + [-np.inf]
+    with pytest.raises(KeyError, match="swift"):
+        swing.bounded({}, {"swift": True})
+    # The stated ones are as they were
+    assert swing.row_bounds[1].tolist() == [0, 0, 4] * 3 + [np.inf]
+
+
+def test_inputs_of_a_stage_by_name() -> None:
+    a, b = ca.SX.sym("a", 2), ca.SX.sym("b")
+    stage = Stage("sum", {"a": a, "b": b})
+    stage.equal("sum", ca.sum1(a) - b)
+    both = Trajectory("both")
+    x, y = both.variable("x", [1.0, 2.0]), both.variable("y", [3.0])
+    both.add(stage, x, b=y)
+    both.add(stage, b=y, a=x)
+    assert both.block("sum").tolist() == [[0], [1]]
+    for wrong in ({}, {"b": y, "other": x}):
+        with pytest.raises(ValueError, match="sum takes a, b"):
+            both.add(stage, x, **wrong)
+    with pytest.raises(ValueError, match="sum takes a, b"):
+        both.add(stage, x, y, y)

@@ -19,26 +19,41 @@ Toes keep out of a box by weights of its faces, g >= 0 with sum g = 1 and sum g_
 bound the whole room (the top of a box) are those of the polygon, rounded off near zero. Friction
 cones are pyramids here; the motion is then planned again with the sequence and the surfaces fixed,
 on the cones as they are.
+
+The same program with u binary and all pairs as rows, products of at most `COMPLEMENTS`, says
+whether a point complements, and is what other methods solve (`transition_problem`). Rows beside
+those of every round (`round_rows`):
+
+    contact.distance    d >= 0 where a surface bounds the room
+    contact.pairs       n . f d of every surface, the product of all d, u |dp|^2
+    switch.load         n . f between the least and the most load of a limb that holds
+    switch.supporting   at least so many limbs hold, and one moves
+    force.friction      pyramids in the cones
+    solid.outside       toes out of every solid, by weights of its faces
+    solid.sides         that add up to one
+    integers.whole      u (1 - u)
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
-from climbplan.climb.transition.limb_expressions import limb_expression, torques
-from climbplan.climb.transition.motion_statement import COST_SCALE
-from climbplan.program.layout import Layout
-from climbplan.robots.symbols import rotation
-from climbplan.solvers.ipopt.program import IpoptProgram
+from climbplan.climb.transition.round_rows import RoundRows
+from climbplan.program.trajectory import Trajectory
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 
 FACETS = 8
 MOST_LOAD = 1.5  # of a limb, in units of the weight
 DISTANCE = 0.2  # [m] distances and steps are measured in, so that both sides are about one
+COMPLEMENTS = 2e-3  # largest product of a pair that complements
 _ROUND_OFF = 5e-3  # [m] within which a distance from a polygon is smooth
+_STRETCH_ROOM = 1e-3  # off full stretch, of the cosine of the knee's angle
 _ITERATIONS = 200
 _FORCE_PREFERENCE = 1e-4
 
@@ -54,83 +69,52 @@ class Shape:
     solids: int  # B that toes keep out of
     faces: int  # F of each
 
+    @property
+    def variables(self) -> dict[str, tuple[int, int]]:
+        """Names and shapes of the variables of one round."""
+        n = self.limbs
+        return {
+            "pose": (6, 1),  # at which the limbs of the round move
+            "toe": (3, n),  # after the round
+            "force": (3, n * self.surfaces),  # normal, tangent, bitangent [weight]
+            "hold": (1, n),  # u
+            "side": (self.faces, n * self.solids),  # g
+            "s": (1, 1),
+        }
+
+    @property
+    def numbers(self) -> dict[str, tuple[int, int]]:
+        """Names and shapes of the numbers, the same in all rounds."""
+        most = self.limbs * self.surfaces
+        return {
+            "axes": (3, 3 * most),  # columns normal, tangent, bitangent
+            "offset": (1, most),
+            "bounds_room": (1, most),  # 1 if all free space is in front of it
+            "edge_row": (3, most * self.edges),
+            "edge_end": (1, most * self.edges),
+            "face_row": (3, self.solids * self.faces),
+            "face_end": (1, self.solids * self.faces),
+            "mu": (1, most),
+            "load": (6, 1),
+        }
+
 
 @dataclass(frozen=True)
 class ComplementarityProgram:
-    """The compiled program: M rounds of variables, common numbers, and rows by kind."""
+    """The compiled program with all products in the objective, and the one that judges its points.
+
+    Both have the same variables; the numbers of the first end with the weight of the products.
+    """
 
     shape: Shape
-    variables: Layout  # of one round
-    numbers: Layout
-    kinds: tuple[tuple[str, int], ...]  # of one round: name and number of rows
-    solver: IpoptProgram
-    products: Any  # function (v, p) -> (products of all pairs, rows)
-
-
-def _variables(shape: Shape) -> Layout:
-    n = shape.limbs
-    return Layout.of(
-        {
-            "pose": (6, 1),  # at which the limbs of the round move
-            "toe": (3, n),  # after the round
-            "force": (3, n * shape.surfaces),  # normal, tangent, bitangent [weight]
-            "hold": (1, n),  # u
-            "side": (shape.faces, n * shape.solids),  # g
-            "s": (1, 1),
-        }
-    )
-
-
-def _numbers(shape: Shape) -> Layout:
-    n = shape.limbs
-    return Layout.of(
-        {
-            "first_toe": (3, n),
-            "last_pose": (6, 1),
-            "shoulder": (3, n),
-            "links": (3, n),
-            "mount_yaw": (1, n),
-            "middle": (1, n),
-            "torque_limit": (3, n),
-            "softness": (3, n),
-            "axes": (3, 3 * n * shape.surfaces),  # columns normal, tangent, bitangent
-            "offset": (1, n * shape.surfaces),
-            "bounds_room": (1, n * shape.surfaces),  # 1 if all free space is in front of it
-            "edge_row": (3, n * shape.surfaces * shape.edges),
-            "edge_end": (1, n * shape.surfaces * shape.edges),
-            "face_row": (3, shape.solids * shape.faces),
-            "face_end": (1, shape.solids * shape.faces),
-            "mu": (1, n * shape.surfaces),
-            "load": (6, 1),
-            "least_load": (1, 1),
-            "weights": (4, 1),
-            "penalty": (1, 1),
-        }
-    )
+    penalised: CompiledTrajectory
+    stated: Trajectory  # pairs and binaries as rows
+    rows: Any  # function (v, p) of the latter
 
 
 @lru_cache(maxsize=8)
 def complementarity_program(shape: Shape) -> ComplementarityProgram:
     """Build and compile the program of a shape."""
-    variables, numbers = _variables(shape), _numbers(shape)
-    one, kinds = _round(shape, variables, numbers)
-    m = shape.rounds
-    v = ca.MX.sym("v", variables.size * m)
-    p = ca.MX.sym("p", numbers.size)
-    c = numbers.split(p)
-    old = ca.vec(c["first_toe"])
-    cost: Any = 0
-    rows, products = [], []
-    for j in range(m):
-        own = v[j * variables.size : (j + 1) * variables.size]
-        after = v[(j + 1) * variables.size :][:6] if j + 1 < m else c["last_pose"]
-        price, pairs, values = one(old, own, after, p)
-        cost += price
-        rows.append(values)
-        products.append(pairs)
-        old = own[variables.place("toe")]
-    g, gaps = ca.vertcat(*rows), ca.vertcat(*products)
-    problem = {"x": v, "p": p, "f": COST_SCALE * cost + c["penalty"] * ca.sum1(gaps), "g": g}
     settings = {
         "max_iter": _ITERATIONS,
         "tol": 1e-5,
@@ -138,108 +122,84 @@ def complementarity_program(shape: Shape) -> ComplementarityProgram:
         "acceptable_tol": 1e-3,
         "mu_strategy": "adaptive",
     }
-    return ComplementarityProgram(
-        shape,
-        variables,
-        numbers,
-        kinds,
-        IpoptProgram("complementarity", problem, settings, expand=True),
-        ca.Function("products", [v, p], [gaps, g]),
-    )
+    stated = complementarity_statement(shape)
+    stated.relax(COMPLEMENTS)
+    penalised = compiled(_stated(shape, penalised=True), settings, expand=True)
+    rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
+    return ComplementarityProgram(shape, penalised, stated, rows)
 
 
-def _round(shape: Shape, variables: Layout, numbers: Layout) -> Any:
-    """The function of one round and its kinds of rows."""
-    n, surfaces = shape.limbs, shape.surfaces
-    old, own = ca.SX.sym("old", 3 * n), ca.SX.sym("own", variables.size)
-    after, common = ca.SX.sym("after", 6), ca.SX.sym("common", numbers.size)
-    x, c = variables.split(own), numbers.split(common)
-    old_toe = ca.reshape(old, 3, n)
-    com, rpy = x["pose"][:3], x["pose"][3:]
-    turn = rotation(rpy)
-    rows: dict[str, list[Any]] = {}
-    products: list[Any] = []
-
-    def add(name: str, *expressions: Any) -> None:
-        rows.setdefault(name, []).extend(expressions)
-
-    total, moment = c["load"][:3] - ca.vertcat(0, 0, 1), c["load"][3:]
-    for i in range(n):
-        hold, step = x["hold"][i], x["toe"][:, i] - old_toe[:, i]
-        force: Any = ca.SX.zeros(3)
-        pressing: Any = 0
-        placed: Any = 1
-        for s in range(surfaces):
-            at = i * surfaces + s
-            axes = c["axes"][:, 3 * at : 3 * at + 3]
-            local = x["force"][:, at]
-            force += axes @ local
-            pressing += local[0]
-            plane = ca.dot(axes[:, 0], x["toe"][:, i]) - c["offset"][at]
-            add("contact.distance", plane)
-            placed *= _distance(shape, c, at, x["toe"][:, i]) / DISTANCE
-            products.append(local[0] * _distance(shape, c, at, old_toe[:, i]) / DISTANCE)
-            for k in range(FACETS):
-                angle = 2 * ca.pi * (k + 0.5) / FACETS
-                shear = local[1] * ca.cos(angle) + local[2] * ca.sin(angle)
-                add("force.friction", shear - ca.cos(ca.pi / FACETS) * c["mu"][at] * local[0])
-        products += [placed, hold * ca.sumsqr(step) / DISTANCE**2, hold * (1 - hold)]
-        add("switch.load", pressing - MOST_LOAD * hold, c["least_load"] * hold - pressing)
-        for b in range(shape.solids):
-            side = x["side"][:, i * shape.solids + b]
-            span = slice(b * shape.faces, (b + 1) * shape.faces)
-            out = c["face_row"][:, span].T @ x["toe"][:, i] - c["face_end"][span].T
-            add("solid.outside", ca.dot(side, out))
-            add("solid.sides", ca.sum1(side))
-        total += force
-        moment += ca.cross(old_toe[:, i] - com, force)
-        tau: Any = ca.SX.zeros(3)
-        for which, point in enumerate((old_toe[:, i], x["toe"][:, i])):
-            limb = limb_expression(
-                c["shoulder"][:, i],
-                c["links"][:, i],
-                c["mount_yaw"][i],
-                c["middle"][i],
-                turn.T @ (point - com),
-                -1,
-            )
-            add("transition.reach", limb.stretch)
-            add("transition.joints", limb.angles)
-            if which == 0:
-                tau = torques(limb, c["links"][:, i], turn.T @ force)
-                add("force.command", limb.angles - c["softness"][:, i] * tau)
-        use = tau / c["torque_limit"][:, i]
-        add("force.torque", use - x["s"], -use - x["s"])
-        add("steps.toe", ca.sumsqr(step))
-    add("force.equilibrium", total, moment)
-    add("switch.supporting", ca.sum2(x["hold"]))
-    add("steps.com", ca.sumsqr(after[:3] - com))
-    w = c["weights"]
-    cost = (
-        w[0] * ca.sumsqr(after[:3] - com)
-        + w[1] * ca.sumsqr(after[3:] - rpy)
-        + w[2] * ca.sumsqr(x["toe"] - old_toe)
-        + w[3] * (x["s"] + _FORCE_PREFERENCE * ca.sumsqr(x["force"]))
-    )
-    stacked = {name: ca.vertcat(*values) for name, values in rows.items()}
-    kinds = tuple((name, values.numel()) for name, values in stacked.items())
-    function = ca.Function(
-        "round",
-        [old, own, after, common],
-        [cost, ca.vertcat(*products), ca.vertcat(*stacked.values())],
-    )
-    return function, kinds
+def complementarity_statement(shape: Shape) -> Trajectory:
+    """The program of a shape with all pairs as rows and holds as binaries."""
+    return _stated(shape, penalised=False)
 
 
-def _distance(shape: Shape, c: dict[str, Any], at: int, point: Any) -> Any:
-    """Distance of a point from a limb's surface number `at`."""
-    plane = ca.dot(c["axes"][:, 3 * at], point) - c["offset"][at]
+def _stated(shape: Shape, penalised: bool) -> Trajectory:
+    """penalised: products as a cost with the weight "penalty", binaries' among them."""
+    numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
+    rows = RoundRows("complementarity", shape.limbs, shape.variables, numbers)
+    pairs = _round(shape, rows)
+    if penalised:
+        hold = rows.symbols["hold"]
+        products = ca.vertcat(pairs, hold * (1 - hold))
+        rows.stage.minimise("pairs", rows.symbols["penalty"] * ca.sum1(ca.vec(products)))
+    else:
+        rows.stage.between("contact.pairs", pairs, upper=COMPLEMENTS)
+    return rows.trajectory(shape.rounds, binaries=["hold"])
+
+
+def _round(shape: Shape, rows: RoundRows) -> Any:
+    """All rows but the pairs; the products (S + 2, N) of the pairs but the binaries' own."""
+    n, count = shape.limbs, shape.surfaces
+    stage, s = rows.stage, rows.symbols
+    old, new, hold, local = s["toe_before"], s["toe"], s["hold"], s["force"]
+    limb_of = np.repeat(range(n), count).tolist()  # of each pair of limb and surface
+    of_limb = np.kron(np.eye(n), np.ones((count, 1)))  # sums them up
+    normal, along, across = (s["axes"][:, k::3] for k in range(3))
+
+    plane = ca.sum1(normal * new[:, limb_of]) - s["offset"]
+    stage.between("contact.distance", plane, unit="m")
+    angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
+    shear = ca.DM(np.cos(angle)) @ local[1, :] + ca.DM(np.sin(angle)) @ local[2, :]
+    most = np.cos(np.pi / FACETS) * s["mu"] * local[0, :]
+    friction = shear - ca.repmat(most, FACETS, 1)
+    stage.between("force.friction", friction, upper=0.0, unit="weight")
+    pressing = local[0, :] @ of_limb
+    load = ca.vertcat(pressing - MOST_LOAD * hold, s["least_load"] * hold - pressing)
+    stage.between("switch.load", load, upper=0.0, unit="weight")
+    out = s["face_row"].T @ new - ca.repmat(s["face_end"].T, 1, n)  # (B F, N)
+    outside = s["side"] * ca.reshape(out, shape.faces, n * shape.solids)
+    stage.between("solid.outside", ca.sum1(outside), 0.0, unit="m")
+    stage.between("solid.sides", ca.sum1(s["side"]), 1.0, 1.0)
+
+    each = (ca.repmat(local[k, :], 3, 1) * axis for k, axis in enumerate((normal, along, across)))
+    force = sum(each, ca.SX.zeros(3, n * count)) @ of_limb
+    limbs = [rows.limbs(point, -1) for point in (old, new)]
+    rows.reach(limbs, _STRETCH_ROOM)
+    torque = rows.torques(limbs[0], force)
+    rows.command(limbs[0], torque)
+    rows.torque(torque)
+    rows.toe_steps()
+    rows.equilibrium(force)
+    stage.between("switch.supporting", ca.sum2(hold))
+    rows.body_step()
+    rows.costs(_FORCE_PREFERENCE)
+
+    before = ca.reshape(local[0, :] * _distance(shape, s, old[:, limb_of]), count, n)
+    after = ca.reshape(_distance(shape, s, new[:, limb_of]), count, n)
+    placed: Any = 1
+    for k in range(count):
+        placed *= after[k, :] / DISTANCE
+    return ca.vertcat(before / DISTANCE, placed, hold * ca.sum1(rows.step**2) / DISTANCE**2)
+
+
+def _distance(shape: Shape, s: Mapping[str, Any], points: Any) -> Any:
+    """Distances (1, N S) of points (3, N S), one for each limb and surface, from that surface."""
+    plane = ca.sum1(s["axes"][:, ::3] * points) - s["offset"]
     if shape.edges == 0:
         return plane
-    square = plane**2
-    for e in range(at * shape.edges, (at + 1) * shape.edges):
-        past = ca.dot(c["edge_row"][:, e], point) - c["edge_end"][e]
-        square += ca.fmax(past, 0) ** 2
+    at_edge = points[:, np.repeat(range(points.shape[1]), shape.edges).tolist()]
+    past = ca.fmax(ca.sum1(s["edge_row"] * at_edge) - s["edge_end"], 0)
+    square = plane**2 + ca.sum1(ca.reshape(past, shape.edges, points.shape[1]) ** 2)
     polygon = ca.sqrt(square + _ROUND_OFF**2) - _ROUND_OFF
-    bounds = c["bounds_room"][at]
-    return bounds * plane + (1 - bounds) * polygon
+    return s["bounds_room"] * plane + (1 - s["bounds_room"]) * polygon

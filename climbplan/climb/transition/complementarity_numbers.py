@@ -1,22 +1,66 @@
-"""Parameters and bounds of the complementarity program for one scene."""
+"""The program that finds its own sequence on one scene: parameters and bounds."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.scene import load_wrench
-from climbplan.climb.transition.complementarity import MOST_LOAD, ComplementarityProgram, Shape
+from climbplan.climb.transition.complementarity import (
+    MOST_LOAD,
+    ComplementarityProgram,
+    Shape,
+    complementarity_program,
+)
+from climbplan.climb.transition.round_rows import as_columns, joint_bounds, robot_numbers
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import toe_step_limits
 from climbplan.mechanics.friction import contact_frame
-from climbplan.mechanics.stiffness import joint_softness
+from climbplan.program.trajectory import Trajectory
+from climbplan.reformulations.nlp_form import Bounds
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
-_JOINT_ROOM, _STRETCH_ROOM, _TORQUE_ROOM = 0.02, 1e-3, 0.02
+_JOINT_ROOM, _TORQUE_ROOM = 0.02, 0.02
 _FLOOR_ROOM = 0.02  # [m] between the body and the lowest place
 _IN_FRONT = 1e-9  # [m]
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """One scene's program with all its numbers."""
+
+    scene: TransitionScene
+    program: ComplementarityProgram
+    surfaces: Index  # (N, S)
+    parameters: dict[str, Array]
+    lower: Array
+    upper: Array
+
+    @property
+    def shape(self) -> Shape:
+        """What the program is built for."""
+        return self.program.shape
+
+    def bounds(self, stated: Trajectory) -> Bounds:
+        """Of variables, and of the rows of one of the program's statements."""
+        return Bounds(self.lower, self.upper, *_row_bounds(self.scene, stated, self.surfaces))
+
+    def value(self, name: str, v: Array) -> Array:
+        """Variables of a point by name: (M, N, 3) toes, otherwise (M, d)."""
+        found: Array = v[self.program.stated.place(name)]
+        return found.reshape(len(found), -1, 3) if name == "toe" else found
+
+
+def free_motion(scene: TransitionScene) -> FreeMotion:
+    """The program of a scene; raises TypeError for surfaces that are not flat."""
+    surfaces = surfaces_of(scene)
+    program = complementarity_program(_shape_of(scene, surfaces))
+    bounds = _variable_bounds(scene, program)
+    return FreeMotion(scene, program, surfaces, _numbers(scene, program.shape, surfaces), *bounds)
 
 
 def surfaces_of(scene: TransitionScene) -> Index:
@@ -53,12 +97,9 @@ def _solids(scene: TransitionScene) -> list[Solid]:
     return [*scene.terrain.obstacles, *slabs]
 
 
-def shape_of(scene: TransitionScene, surfaces: Index) -> Shape:
-    """The shape of the program of a scene."""
+def _shape_of(scene: TransitionScene, surfaces: Index) -> Shape:
     solids = _solids(scene)
-    polygons = [
-        r for r, bounds in zip(_regions(scene), _bounds_room(scene), strict=True) if not bounds
-    ]
+    polygons = not _bounds_room(scene).all()
     return Shape(
         rounds=scene.spec.task.rounds,
         limbs=scene.robot.limb_count,
@@ -69,37 +110,24 @@ def shape_of(scene: TransitionScene, surfaces: Index) -> Shape:
     )
 
 
-def numbers_of(scene: TransitionScene, program: ComplementarityProgram, surfaces: Index) -> Array:
-    """All numbers of the program, a penalty of zero last."""
-    robot, weights, shape = scene.robot, scene.spec.posture.weights, program.shape
-    regions, bounds = _regions(scene), _bounds_room(scene)
+def _numbers(scene: TransitionScene, shape: Shape, surfaces: Index) -> dict[str, Array]:
+    regions, nothing = _regions(scene), np.empty(0)
     used = [regions[index] for index in surfaces.ravel()]
-    own = {
-        "first_toe": scene.start.toes.ravel(),
-        "last_pose": np.concatenate([scene.goal.com, scene.goal.rpy]),
-        "shoulder": robot.shoulder_body.ravel(),
-        "links": robot.link_lengths.ravel(),
-        "mount_yaw": robot.mount_yaw,
-        "middle": (robot.joint_lower[:, 0] + robot.joint_upper[:, 0]) / 2,
-        "torque_limit": (robot.max_torque / robot.weight).ravel(),
-        "softness": (joint_softness(robot) * robot.weight).ravel(),
-        # rows of the frame are the columns of the program
-        "axes": np.array([contact_frame(r.normal).axes for r in used]).ravel(),
-        "offset": np.array([r.offset for r in used]),
-        "bounds_room": bounds[surfaces.ravel()].astype(float),
-        "mu": np.array([r.friction for r in used]) / scene.spec.force.safety_friction,
-        "load": load_wrench(scene.spec, robot, scene.start.rpy) / robot.weight,
-        "least_load": np.array([scene.spec.search.least_load]),
-        "weights": np.array([weights.com, weights.rotation, weights.toe, weights.effort]),
-        "penalty": np.zeros(1),
-    }
     edges = [_padded(r.A, r.b, shape.edges) for r in used]
-    own["edge_row"] = np.concatenate([a.ravel() for a, _ in edges])
-    own["edge_end"] = np.concatenate([b for _, b in edges])
     faces = [_padded(s.A, s.b, shape.faces) for s in _solids(scene)]
-    own["face_row"] = np.concatenate([np.empty(0), *(a.ravel() for a, _ in faces)])
-    own["face_end"] = np.concatenate([np.empty(0), *(b for _, b in faces)])
-    return np.concatenate([own[name] for name in program.numbers.names])
+    own = {
+        # rows of the frame are the columns of the program
+        "axes": np.array([contact_frame(r.normal).axes for r in used]),
+        "offset": np.array([r.offset for r in used]),
+        "bounds_room": _bounds_room(scene)[surfaces.ravel()].astype(float),
+        "edge_row": np.array([a for a, _ in edges]),
+        "edge_end": np.array([b for _, b in edges]),
+        "face_row": np.concatenate([nothing, *(a.ravel() for a, _ in faces)]),
+        "face_end": np.concatenate([nothing, *(b for _, b in faces)]),
+        "mu": np.array([r.friction for r in used]) / scene.spec.force.safety_friction,
+        "load": load_wrench(scene.spec, scene.robot, scene.start.rpy) / scene.robot.weight,
+    }
+    return {**robot_numbers(scene, scene.start.toes), **as_columns(own)}
 
 
 def _padded(a: Array, b: Array, count: int) -> tuple[Array, Array]:
@@ -110,10 +138,11 @@ def _padded(a: Array, b: Array, count: int) -> tuple[Array, Array]:
     return a[index], b[index]
 
 
-def variable_bounds(scene: TransitionScene, program: ComplementarityProgram) -> tuple[Array, Array]:
-    """Bounds of all variables; what is given is fixed."""
-    shape, spec = program.shape, scene.spec
-    n, forces = shape.limbs, shape.limbs * shape.surfaces
+def _variable_bounds(
+    scene: TransitionScene, program: ComplementarityProgram
+) -> tuple[Array, Array]:
+    """What is given is fixed."""
+    spec, m = scene.spec, program.shape.rounds
     corners = np.concatenate([s.vertices for s in _regions(scene)])
     low, high = corners.min(axis=0), corners.max(axis=0)
     body = np.stack([scene.start.com, scene.goal.com])
@@ -122,70 +151,36 @@ def variable_bounds(scene: TransitionScene, program: ComplementarityProgram) -> 
     floor = scene.robot.body_hull[:, 2].min()
     least = np.maximum(body.min(axis=0) - span, [-np.inf, -np.inf, low[2] - floor + _FLOOR_ROOM])
     least = np.minimum(least, body.min(axis=0))
+    pose_lower = np.tile(np.concatenate([least, -turn]), (m, 1))
+    pose_upper = np.tile(np.concatenate([body.max(axis=0) + span, turn]), (m, 1))
+    pose_lower[0] = pose_upper[0] = np.concatenate([scene.start.com, scene.start.rpy])
+    limbs, contacts = program.shape.limbs, program.shape.limbs * program.shape.surfaces
+    toe_lower, toe_upper = np.tile(low, (m, limbs)), np.tile(high, (m, limbs))
+    toe_lower[-1] = toe_upper[-1] = scene.goal.toes.ravel()
+    push = np.tile([0.0, -MOST_LOAD, -MOST_LOAD], contacts)
     largest = (1 - _TORQUE_ROOM) / spec.force.safety_torque
-    sides = n * shape.solids * shape.faces
-    lowers, uppers = [], []
-    for j in range(shape.rounds):
-        first, last = j == 0, j + 1 == shape.rounds
-        start = np.concatenate([scene.start.com, scene.start.rpy])
-        push = np.tile([0.0, -MOST_LOAD, -MOST_LOAD], forces)
-        goal = scene.goal.toes.ravel()
-        lower = {
-            "pose": start if first else np.concatenate([least, -turn]),
-            "toe": goal if last else np.tile(low, n),
-            "force": push,
-            "hold": np.zeros(n),
-            "side": np.zeros(sides),
-            "s": np.zeros(1),
-        }
-        upper = {
-            "pose": start if first else np.concatenate([body.max(axis=0) + span, turn]),
-            "toe": goal if last else np.tile(high, n),
-            "force": np.full(3 * forces, MOST_LOAD),
-            "hold": np.ones(n),
-            "side": np.ones(sides),
-            "s": np.array([largest]),
-        }
-        lowers += [lower[name] for name in program.variables.names]
-        uppers += [upper[name] for name in program.variables.names]
-    return np.concatenate(lowers), np.concatenate(uppers)
-
-
-def row_bounds(
-    scene: TransitionScene, program: ComplementarityProgram, surfaces: Index
-) -> tuple[Array, Array]:
-    """Bounds of all rows."""
-    robot, n = scene.robot, program.shape.limbs
-    least = scene.spec.task.supporting
-    joints = np.repeat(robot.joint_lower + _JOINT_ROOM, 2, axis=0).ravel()
-    joints_up = np.repeat(robot.joint_upper - _JOINT_ROOM, 2, axis=0).ravel()
-    in_front = np.where(_bounds_room(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)
-    inf = np.inf
-    fixed: dict[str, tuple[Array | float, Array | float]] = {
-        "contact.distance": (in_front, inf),
-        "switch.load": (-inf, 0.0),
-        "switch.supporting": (float(least), n - 1.0),
-        "solid.outside": (0.0, inf),
-        "solid.sides": (1.0, 1.0),
-        "force.friction": (-inf, 0.0),
-        "force.torque": (-inf, 0.0),
-        "force.command": (
-            (robot.joint_lower + _JOINT_ROOM / 2).ravel(),
-            (robot.joint_upper - _JOINT_ROOM / 2).ravel(),
-        ),
-        "force.equilibrium": (0.0, 0.0),
-        "transition.reach": (-1 + _STRETCH_ROOM, 1 - _STRETCH_ROOM),
-        "transition.joints": (joints, joints_up),
-        "steps.toe": (-inf, toe_step_limits(scene) ** 2),
-        "steps.com": (-inf, scene.spec.posture.steps.com_max**2),
+    both: dict[str, tuple[ArrayLike, ArrayLike]] = {
+        "pose": (pose_lower, pose_upper),
+        "toe": (toe_lower, toe_upper),
+        "force": (push, MOST_LOAD),
+        "hold": (0.0, 1.0),
+        "side": (0.0, 1.0),
+        "s": (0.0, largest),
     }
-    lower = [np.broadcast_to(fixed[name][0], (size,)) for name, size in program.kinds]
-    upper = [np.broadcast_to(fixed[name][1], (size,)) for name, size in program.kinds]
-    m = program.shape.rounds
-    return np.tile(np.concatenate(lower), m), np.tile(np.concatenate(upper), m)
+    point = program.stated.point
+    return point({k: b[0] for k, b in both.items()}), point({k: b[1] for k, b in both.items()})
 
 
-def parts_of(program: ComplementarityProgram, v: Array) -> list[dict[str, Array]]:
-    """The matrices of each round in a point."""
-    each = v.reshape(program.shape.rounds, program.variables.size)
-    return [program.variables.unpack(own) for own in each]
+def _row_bounds(scene: TransitionScene, stated: Trajectory, surfaces: Index) -> tuple[Array, Array]:
+    """Of one of a program's statements, the same in each round."""
+    in_front = np.where(_bounds_room(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)
+    return stated.bounded(
+        {
+            "contact.distance": (in_front, np.inf),
+            "switch.supporting": (scene.spec.task.supporting, scene.robot.limb_count - 1.0),
+            "force.command": joint_bounds(scene.robot, _JOINT_ROOM / 2),
+            "transition.joints": joint_bounds(scene.robot, _JOINT_ROOM, 2),
+            "steps.toe": (-np.inf, toe_step_limits(scene) ** 2),
+            "steps.com": (-np.inf, scene.spec.posture.steps.com_max**2),
+        }
+    )

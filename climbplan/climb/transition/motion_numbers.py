@@ -1,4 +1,7 @@
-"""The numbers of one transition for the program of its motion: parameters, start, bounds."""
+"""The numbers of one transition for the program of its motion: parameters, start, bounds.
+
+Rows of what is fixed are open: the search has checked them.
+"""
 
 from __future__ import annotations
 
@@ -9,32 +12,40 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
-from climbplan.climb.transition.motion_statement import MotionProgram
+from climbplan.climb.transition.motion_statement import POINTS, Shape
 from climbplan.climb.transition.pose_ways import Sequence, stance_of_move
+from climbplan.climb.transition.round_rows import joint_bounds, robot_numbers
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import toe_step_limits
 from climbplan.climb.transition.stances import Laboratory, stance_forces
-from climbplan.mechanics.stiffness import joint_softness
+from climbplan.program.trajectory import Trajectory
+from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Region
 
 _JOINT_ROOM = 2e-3  # [rad] off joint bounds, so that motions between instants have room
-_STRETCH_ROOM = 1e-4  # off full stretch, of the cosine of the knee's angle
 _MARGIN = 1e-3  # of friction and torque, taken by the pyramids of the force planner
-_EDGE_ROOM = 5e-3  # [m] off the edges of surfaces
+_MOST_FORCE = 10.0  # of a limb, in units of the weight
 
 
 @dataclass(frozen=True)
 class MotionNumbers:
     """One run's data."""
 
-    parameters: Array
+    parameters: dict[str, Array]
     start: Array
-    lower: Array
-    upper: Array
-    row_lower: Array
-    row_upper: Array
+    bounds: Bounds
+
+
+def shape_of(scene: TransitionScene, rounds: int) -> Shape:
+    """The shape of the program of a scene."""
+    return Shape(
+        rounds=rounds,
+        limbs=scene.robot.limb_count,
+        solids=len(scene.terrain.solids),
+        edges=max(len(s.b) for s in scene.terrain.surfaces if isinstance(s, Region)),
+    )
 
 
 def toes_of(lab: Laboratory, sequence: Sequence) -> Array:
@@ -49,207 +60,140 @@ def open_footholds(sequence: Sequence) -> Mask:
     return (states != START) & (states != GOAL)
 
 
-def motion_numbers(
-    lab: Laboratory, program: MotionProgram, sequence: Sequence, safety_torque: float
-) -> MotionNumbers:
-    """Numbers of a sequence; safety_torque: least S_tau."""
-    scene, robot = lab.scene, lab.scene.robot
-    m = program.shape.rounds
-    poses = np.array(sequence.poses)
-    com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
-    toes, open_toes = toes_of(lab, sequence), open_footholds(sequence)
+def searched_forces(lab: Laboratory, sequence: Sequence) -> tuple[Array, Array]:
+    """Forces (M, N, 3) in units of the weight and torque use (M,) at the search's poses."""
     stances = np.array(
         [stance_of_move(a, b) for a, b in zip(sequence.states, sequence.states[1:], strict=False)]
     )
-    found = stance_forces(lab, stances, poses[:-1])
-    moved = sequence.moved
-    limit = scene.spec.posture.rotation_limit_deg
-    box = np.stack([scene.start.com, scene.goal.com])
+    found = stance_forces(lab, stances, np.array(sequence.poses)[:-1])
+    return found.force / lab.scene.robot.weight, found.use
+
+
+def motion_numbers(
+    lab: Laboratory, stated: Trajectory, sequence: Sequence, safety_torque: float
+) -> MotionNumbers:
+    """Numbers of a sequence; safety_torque: least S_tau."""
+    scene = lab.scene
+    poses = np.array(sequence.poses)[:-1]
+    pose = np.concatenate([lab.poses.com[poses], lab.poses.rpy[poses]], axis=1)
+    force, use = searched_forces(lab, sequence)
+    share = np.where(np.isfinite(use), use, 1 / safety_torque)[:, None]
+    turn = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
+    body = np.stack([scene.start.com, scene.goal.com])
     span = scene.spec.posture.steps.com_max
-    pose_lower = np.concatenate([box.min(axis=0) - span, np.full(3, -np.deg2rad(limit))])
-    pose_upper = np.concatenate([box.max(axis=0) + span, np.full(3, np.deg2rad(limit))])
-
-    parameters = [_common(scene, toes[0])]
-    start, lower, upper, row_lower, row_upper = [], [], [], [], []
-    for j in range(m):
-        pose = np.concatenate([com[j], rpy[j]])
-        force = found.force[j] / robot.weight
-        held = ~moved[j]
-        s = float(found.use[j]) if np.isfinite(found.use[j]) else 1 / safety_torque
-        start.append(np.concatenate([pose, toes[j + 1].ravel(), force.ravel(), [s]]))
-        loose = np.repeat(open_toes[j + 1], 3)
-        room = np.where(loose, np.inf, 0.0)
-        most = np.repeat(np.where(held, 10.0, 0.0), 3)
-        fixed = j == 0
-        lower.append(
-            np.concatenate(
-                [pose if fixed else pose_lower, toes[j + 1].ravel() - room, -most, [0.0]]
-            )
-        )
-        largest = (1 - _MARGIN) / safety_torque
-        upper.append(
-            np.concatenate(
-                [pose if fixed else pose_upper, toes[j + 1].ravel() + room, most, [largest]]
-            )
-        )
-        parameters.append(_round_numbers(lab, program, sequence, j))
-        bounds = _row_bounds(scene, program, moved[j], open_toes[j : j + 2], j, m)
-        row_lower.append(bounds[0])
-        row_upper.append(bounds[1])
+    pose_lower, pose_upper = pose.copy(), pose.copy()  # the first is fixed
+    pose_lower[1:] = np.concatenate([body.min(axis=0) - span, -turn])
+    pose_upper[1:] = np.concatenate([body.max(axis=0) + span, turn])
+    m = len(poses)
+    toe = toes_of(lab, sequence)[1:].reshape(m, -1)
+    room = np.where(np.repeat(open_footholds(sequence)[1:], 3, axis=1), np.inf, 0.0)
+    most = np.repeat(np.where(sequence.moved, 0.0, _MOST_FORCE), 3, axis=1)
+    largest = (1 - _MARGIN) / safety_torque
+    start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": share}
+    lower = {"pose": pose_lower, "toe": toe - room, "force": -most, "s": np.zeros(1)}
+    upper = {"pose": pose_upper, "toe": toe + room, "force": most, "s": np.array([largest])}
     return MotionNumbers(
-        np.concatenate(parameters),
-        np.concatenate(start),
-        np.concatenate(lower),
-        np.concatenate(upper),
-        np.concatenate(row_lower),
-        np.concatenate(row_upper),
+        _parameters(lab, sequence),
+        stated.point(start),
+        Bounds(stated.point(lower), stated.point(upper), *_row_bounds(scene, stated, sequence)),
     )
 
 
-def _common(scene: TransitionScene, first_toe: Array) -> Array:
-    robot, weights = scene.robot, scene.spec.posture.weights
-    middle = (robot.joint_lower[:, 0] + robot.joint_upper[:, 0]) / 2
-    return np.concatenate(
-        [
-            first_toe.ravel(),
-            scene.goal.com,
-            scene.goal.rpy,
-            robot.shoulder_body.ravel(),
-            robot.link_lengths.ravel(),
-            robot.mount_yaw,
-            middle,
-            (robot.max_torque / robot.weight).ravel(),
-            (joint_softness(robot) * robot.weight).ravel(),
-            robot.body_hull.ravel(),
-            [scene.spec.trajectory.lift, scene.spec.search.least_load],
-            [scene.spec.force.least_depth or 0.0],
-            [weights.com, weights.rotation, weights.toe, weights.effort],
-        ]
-    )
-
-
-def _round_numbers(lab: Laboratory, program: MotionProgram, sequence: Sequence, j: int) -> Array:
-    """The numbers of round j + 1, in the order of `per_round_numbers`."""
+def _parameters(lab: Laboratory, sequence: Sequence) -> dict[str, Array]:
     scene, robot, holds = lab.scene, lab.scene.robot, lab.footholds
-    shape = program.shape
-    limb = np.arange(shape.limbs)
-    old, new = np.array(sequence.states[j]), np.array(sequence.states[j + 1])
-    pose = sequence.poses[j]
-    com, rpy = lab.poses.com[pose], lab.poses.rpy[pose]
+    limb, states = np.arange(robot.limb_count), np.array(sequence.states)
+    old, new = states[:-1], states[1:]  # (M, N)
+    poses = np.array(sequence.poses)[:-1]
+    com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
+    shape = shape_of(scene, len(old))
     mu = holds.mu[limb, old] / scene.spec.force.safety_friction * (1 - _MARGIN)
-    mu = np.where(old == new, mu, 0.0)
 
     lift = scene.spec.trajectory.lift
-    points = [holds.toe[limb, old], holds.toe[limb, new]]
+    points = [holds.toe[limb, state] for state in (old, new)]
     points += [p + lift * holds.normal[limb, s] for p, s in zip(points, (old, new), strict=True)]
-    branch = np.stack([_branch(scene, com, rpy, p) for p in points], axis=1)  # (N, 4)
+    branch = np.stack([_branch(scene, com, rpy, p) for p in points], axis=-1)
 
-    rows = np.zeros((shape.limbs, shape.edges, 3))
-    ends = np.ones((shape.limbs, shape.edges))
-    plane = np.empty(shape.limbs)
-    for i in limb:
-        surface = scene.terrain.surfaces[holds.region[i, new[i]]]
+    region = holds.region[limb, new]
+    edges = np.zeros((*region.shape, shape.edges, 3))
+    ends, plane = np.ones((*region.shape, shape.edges)), np.empty(region.shape)
+    for index in np.unique(region):
+        surface, here = scene.terrain.surfaces[index], region == index
         if not isinstance(surface, Region):
             raise TypeError("transitions stand on flat surfaces")
-        rows[i, : len(surface.b)], ends[i, : len(surface.b)] = surface.A, surface.b
-        plane[i] = surface.offset
+        edges[here, : len(surface.b)], ends[here, : len(surface.b)] = surface.A, surface.b
+        plane[here] = surface.offset
 
-    hull = com + robot.body_hull @ rotation_world_body(rpy).T
-    faces, offsets = np.empty((shape.solids, 3)), np.empty(shape.solids)
+    hull = com[:, None] + robot.body_hull @ np.swapaxes(rotation_world_body(rpy), -1, -2)
+    faces, offsets = np.empty((len(com), shape.solids, 3)), np.empty((len(com), shape.solids))
     for s, solid in enumerate(scene.terrain.solids):
-        best = int((hull @ solid.A.T - solid.b).min(axis=0).argmax())
-        faces[s], offsets[s] = solid.A[best], solid.b[best]
-    load = load_wrench(scene.spec, robot, rpy) / robot.weight
-    return np.concatenate(
-        [
-            holds.normal[limb, old].ravel(),
-            holds.normal[limb, new].ravel(),
-            mu,
-            branch.ravel(),
-            rows.ravel(),
-            ends.ravel(),
-            plane,
-            faces.ravel(),
-            offsets,
-            load,
-        ]
-    )
+        best = (hull @ solid.A.T - solid.b).min(axis=1).argmax(axis=1)
+        faces[:, s], offsets[:, s] = solid.A[best], solid.b[best]
+    every_round = {
+        "normal_old": holds.normal[limb, old],
+        "normal_new": holds.normal[limb, new],
+        "mu": np.where(old == new, mu, 0.0),
+        "branch": branch,
+        "edge_row": edges,
+        "edge_end": ends,
+        "plane": plane,
+        "face": faces,
+        "face_end": offsets,
+        "load": load_wrench(scene.spec, robot, rpy) / robot.weight,
+    }
+    return {
+        **robot_numbers(scene, holds.toe[limb, states[0]]),
+        **{name: value.reshape(len(old), -1).T for name, value in every_round.items()},
+        "hull": robot.body_hull.reshape(-1, 1),
+        "lift": np.array([[lift]]),
+        "least_depth": np.array([[scene.spec.force.least_depth or 0.0]]),
+    }
 
 
 def _branch(scene: TransitionScene, com: Array, rpy: Array, toes: Array) -> Array:
-    """(N,) knee branch in use: -1 up, 1 down."""
-    solution = inverse(scene.robot, to_body(com, rpy, toes))
-    up, down = solution.within_bounds[0], solution.within_bounds[1]
+    """(M, N) knee branch in use: -1 up, 1 down."""
+    within = inverse(scene.robot, to_body(com, rpy, toes)).within_bounds
+    up, down = within[:, 0], within[:, 1]
     return np.where(~up & down, 1.0, -1.0)
 
 
 def _row_bounds(
-    scene: TransitionScene,
-    program: MotionProgram,
-    moved: Mask,
-    open_toes: Mask,
-    j: int,
-    rounds: int,
+    scene: TransitionScene, stated: Trajectory, sequence: Sequence
 ) -> tuple[Array, Array]:
-    """Bounds of one round's rows; rows of what is fixed are free, the search has checked them."""
-    robot, spec, shape = scene.robot, scene.spec, program.shape
-    n = shape.limbs
-    held = ~moved
-    pose_open = j > 0
-    was_open, is_open = open_toes
+    """Bounds that are numbers of the scene, and which rows hold; masks are (M, rows of a round)."""
+    robot, spec = scene.robot, scene.spec
+    open_toes, moved = open_footholds(sequence), sequence.moved
+    was_open, is_open = open_toes[:-1], open_toes[1:]
+    m, n = moved.shape
+    later = (np.arange(m) > 0)[:, None]  # the pose is open
+    held, either = ~moved, later | (np.arange(m) + 1 < m)[:, None]
     # Which of the toes old, new, hovering over old, hovering over new are to be checked
-    check = np.empty((n, 4), bool)
-    check[:, 0] = pose_open | was_open
-    check[:, 2] = moved & (pose_open | was_open)
-    check[:, [1, 3]] = (moved & (pose_open | is_open))[:, None]
-
-    def where(mask: Mask, value: Array | float, size: int = 1) -> Array:
-        """`value` on rows of the mask, infinite elsewhere."""
-        wide = np.repeat(np.asarray(mask).ravel(), size)
-        return np.where(wide, np.broadcast_to(np.asarray(value, float), wide.shape), np.inf)
-
-    low = np.repeat(robot.joint_lower[:, None] + _JOINT_ROOM, 4, axis=1).ravel()
-    high = np.repeat(robot.joint_upper[:, None] - _JOINT_ROOM, 4, axis=1).ravel()
+    old, new = later | was_open, moved & (later | is_open)
+    check = np.stack([old, new, moved & old, new], axis=-1).reshape(m, POINTS * n)
     steps = spec.posture.steps
     turn = np.deg2rad(steps.rotation_max_deg)
-    either = np.array([pose_open or j + 1 < rounds])
-    stays = held & is_open
-    clearance = spec.posture.body_clearance
-    bounds: dict[str, tuple[Array, Array]] = {
-        "transition.reach": (
-            -where(check, 1 - _STRETCH_ROOM),
-            where(check, 1 - _STRETCH_ROOM),
-        ),
-        "transition.joints": (-where(check, -low, 3), where(check, high, 3)),
-        "force.friction": (np.full(n, -np.inf), where(held, 0.0)),
-        "force.contact": (np.full(n, -np.inf), where(held, 0.0)),
-        "force.torque": (np.full(6 * n, -np.inf), where(held, 0.0, 6)),
-        "force.inward": (
-            np.full(n, -np.inf),
-            where(held & (spec.force.least_depth is not None), 0.0),
-        ),
-        "force.command": (
-            -where(held, -(robot.joint_lower + _JOINT_ROOM).ravel(), 3),
-            where(held, (robot.joint_upper - _JOINT_ROOM).ravel(), 3),
-        ),
-        "foothold.inside": (
-            np.full(n * shape.edges, -np.inf),
-            where(moved & is_open, -_EDGE_ROOM, shape.edges),
-        ),
-        "steps.toe": (
-            np.full(n, -np.inf),
-            where(moved & (was_open | is_open), (toe_step_limits(scene) - 1e-6) ** 2),
-        ),
-        "foothold.stays": (-where(stays, 0.0, 3), where(stays, 0.0, 3)),
-        "foothold.plane": (-where(moved & is_open, 0.0), where(moved & is_open, 0.0)),
-        "force.equilibrium": (np.zeros(6), np.zeros(6)),
-        "steps.com": (np.full(1, -np.inf), where(either, (steps.com_max - 1e-6) ** 2)),
-        "steps.rotation": (-where(either, turn, 3), where(either, turn, 3)),
-        "body.clearance": (
-            -where(np.array([pose_open]), -clearance - 1e-6, 8 * shape.solids),
-            np.full(8 * shape.solids, np.inf),
-        ),
+    given = {
+        "transition.joints": joint_bounds(robot, _JOINT_ROOM, POINTS),
+        "force.command": joint_bounds(robot, _JOINT_ROOM),
+        "steps.toe": (-np.inf, (toe_step_limits(scene) - 1e-6) ** 2),
+        "steps.com": (-np.inf, (steps.com_max - 1e-6) ** 2),
+        "steps.rotation": (-turn, turn),
+        "body.clearance": (spec.posture.body_clearance + 1e-6, np.inf),
     }
-    lower = np.concatenate([bounds[name][0] for name, _ in program.blocks])
-    upper = np.concatenate([bounds[name][1] for name, _ in program.blocks])
-    return lower, upper
+    placed = moved & is_open
+    holds = {
+        "transition.reach": check,
+        "transition.joints": np.repeat(check, 3, axis=1),
+        "force.friction": held,
+        "force.contact": held,
+        "force.torque": np.repeat(held, 6, axis=1),
+        "force.inward": held & (spec.force.least_depth is not None),
+        "force.command": np.repeat(held, 3, axis=1),
+        "foothold.inside": np.repeat(placed, stated.sizes()["foothold.inside"] // (m * n), axis=1),
+        "steps.toe": moved & (was_open | is_open),
+        "foothold.stays": np.repeat(held & is_open, 3, axis=1),
+        "foothold.plane": placed,
+        "steps.com": either,
+        "steps.rotation": either,
+        "body.clearance": later,
+    }
+    return stated.bounded(given, holds)

@@ -35,6 +35,7 @@ from climbplan.climb.transition.search import Search
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.climb.transition.summary import summary_lines
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
+from climbplan.plans.verification import Verification
 from climbplan.spec.stored_robot import robot_texts
 from climbplan.spec.transition_loading import LoadedTransition
 
@@ -78,6 +79,13 @@ def complete(run: Run, rounds: Rounds, moved: Mask) -> Complete:
     return Complete(rounds, instants, forces, trajectory)
 
 
+def verified(run: Run, rounds: Rounds, moved: Mask) -> tuple[Complete, Verification]:
+    """What follows from postures, and all checks of their plan; raises what `complete` raises."""
+    done = complete(run, rounds, moved)
+    with run.clock.stage("check"):
+        return done, verification_of(assemble(run, Found(done, {})))
+
+
 def transition_cost(
     scene: TransitionScene, rounds: Rounds, forces: Forces, goal: Stance | None = None
 ) -> float:
@@ -117,26 +125,23 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
     The program of the motion knows neither buckling nor links that hit a box: where the forces, the
     trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
     """
-    scene, clock = run.scene, run.clock
+    scene = run.scene
     reason, iterations = "", 0
     for factor in _FIRMER:
         asked = factor * scene.spec.force.safety_torque
         if asked > sequence.safety_torque:
             break
-        with clock.stage("motion"):
+        with run.clock.stage("motion"):
             motion = plan_motion(lab, sequence, asked)
         iterations += motion.iterations
         if not motion.accepted:
             reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
             continue
         try:
-            done = complete(run, motion.rounds, sequence.moved)
+            done, verification = verified(run, motion.rounds, sequence.moved)
         except NoPlanFound as error:
             reason = " ".join(str(error).split())
             continue
-        with clock.stage("check"):
-            plan = assemble(run, Found(done, {}))
-            verification = verification_of(plan)
         if verification.passed:
             return Attempt(done, iterations)
         reason = f"fails its verification: {verification.headline()}"

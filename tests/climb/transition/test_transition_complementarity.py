@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verify
+from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.transition.complementarity import complementarity_program
-from climbplan.climb.transition.complementarity_numbers import (
-    numbers_of,
-    parts_of,
-    row_bounds,
-    shape_of,
-    surfaces_of,
-    variable_bounds,
-)
+from climbplan.climb.transition.complementarity_numbers import free_motion
 from climbplan.climb.transition.homotopy import run_start
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.pose_ways import Sequence
@@ -75,46 +68,38 @@ def test_the_same_seed_gives_the_same_start() -> None:
     assert (first.tries, first.iterations) == (again.tries, again.iterations)
 
 
-def _point(scene: TransitionScene, toe: tuple[float, float, float], side: int) -> dict[str, float]:
-    """Rows of the first limb's toe after round 1 at a place, all weight on one face of box 1."""
-    surfaces = surfaces_of(scene)
-    program = complementarity_program(shape_of(scene, surfaces))
-    lower, upper = variable_bounds(scene, program)
-    v = np.where(np.isfinite(lower) & np.isfinite(upper), (lower + upper) / 2, 0.0)
-    own = parts_of(program, v)[0]
+def _outside(scene: TransitionScene, toe: Array, side: int) -> float:
+    """Row of one limb's toe after round 1 at a place, all weight on one face of box 1."""
+    motion = free_motion(scene)
+    stated = motion.program.stated
     limb = scene.robot.limb_names.index("LF")
-    own["toe"][:, limb] = toe
-    own["side"][:] = 0.0
-    own["side"][side, :] = 1.0
-    v[: program.variables.size] = program.variables.pack(own)
-    _, rows = program.products(v, numbers_of(scene, program, surfaces))
-    values = np.array(rows).ravel()
-    names = [f"{kind} {k}" for kind, size in program.kinds for k in range(size)]
-    return dict(zip(names, values, strict=False))
+    v = np.clip(np.zeros_like(motion.lower), motion.lower, motion.upper)
+    v[stated.place("toe")[0][3 * limb : 3 * limb + 3]] = toe
+    weights = np.zeros((motion.shape.limbs * motion.shape.solids, motion.shape.faces))
+    weights[:, side] = 1.0
+    v[stated.place("side")[0]] = weights.ravel()
+    rows = np.array(motion.program.rows(v, stated.theta(motion.parameters))).ravel()
+    return float(rows[stated.block("solid.outside")[0][limb * motion.shape.solids]])
 
 
 def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
     scene = scene_of(BRICKS, "task.sequence=null")
-    box = scene.terrain.obstacles[0]
-    limb = scene.robot.limb_names.index("LF")
-    row = f"solid.outside {limb * 2}"
-    inside = np.asarray(box.vertices.mean(axis=0))
+    inside = np.asarray(scene.terrain.obstacles[0].vertices.mean(axis=0))
     above = inside + np.array([0.0, 0.0, 0.2])
     for side in range(6):  # no face parts a point inside from the box
-        assert _point(scene, tuple(inside), side)[row] < 0
-    best = max(_point(scene, tuple(above), side)[row] for side in range(6))
+        assert _outside(scene, inside, side) < 0
+    best = max(_outside(scene, above, side) for side in range(6))
     assert best == pytest.approx(0.2 - 0.045)
 
 
 def test_rows_bound_only_what_bounds_the_room() -> None:
     scene = scene_of(BRICKS, "task.sequence=null")
-    surfaces = surfaces_of(scene)
-    program = complementarity_program(shape_of(scene, surfaces))
-    lower, _ = row_bounds(scene, program, surfaces)
-    free = ~np.isfinite(lower[: surfaces.size]).reshape(surfaces.shape)
+    motion = free_motion(scene)
+    stated, surfaces = motion.program.stated, motion.surfaces
+    lower = motion.bounds(stated).row_lower[stated.block("contact.distance")]
     names = [s.name for s in scene.terrain.surfaces]
     bricks = np.isin(surfaces, [names.index("front brick"), names.index("rear brick")])
-    np.testing.assert_array_equal(free, bricks)
+    np.testing.assert_array_equal(~np.isfinite(lower), np.tile(bricks.ravel(), (3, 1)))
 
 
 def test_bricks_are_stepped_on(tmp_path: Path) -> None:

@@ -1,0 +1,182 @@
+"""Rows and costs of one round that hold whether its contact sequence is given or free, each once.
+
+In a round the body waits at a pose while some limbs move, then it goes on to the next pose. Joint
+angles are closed-form functions of poses and toes. Forces are in units of the robot's weight.
+
+    transition.reach    |cos(knee)| within 1: a toe is in reach
+    transition.joints   joint angles within bounds there
+    force.torque        |J^T f| <= s max_torque, s <= 1 / S_tau
+    force.command       angles less what forces bend them within joint bounds
+    force.equilibrium   sum f = m g, sum r x f = 0 (eqs. (4.15), (4.16))
+    steps.com           body steps within their bound
+    steps.toe           toe steps likewise
+
+Bounds that are numbers of a robot or a spec are given by block name when a program is solved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from climbplan.climb.plan.climb_plan import Array
+from climbplan.climb.transition.limb_expressions import (
+    LimbExpressions,
+    limb_expressions,
+    torques,
+)
+from climbplan.climb.transition.scene import TransitionScene
+from climbplan.mechanics.stiffness import joint_softness
+from climbplan.program.trajectory import Stage, Trajectory
+from climbplan.robots.model import Robot
+from climbplan.robots.symbols import rotation
+
+COST_SCALE = 100.0  # cost of about one, so that tolerances mean something
+
+Shapes = Mapping[str, tuple[int, int]]
+
+
+class RoundRows:
+    """A stage between two poses, with its symbols by name; matrices have one column a limb."""
+
+    def __init__(self, name: str, limbs: int, variables: Shapes, numbers: Shapes) -> None:
+        """variables, numbers: shapes of those of a round, numbers beside the robot's."""
+        ends = {"toe_before": (3, limbs), "pose_after": (6, 1)}
+        self._variables, self._numbers = variables, {**_robot_shapes(limbs), **numbers}
+        shapes = {**variables, **ends, **self._numbers}
+        self.symbols: dict[str, Any] = {n: ca.SX.sym(n, *shape) for n, shape in shapes.items()}
+        self.stage = Stage(name, self.symbols)
+        pose = self.symbols["pose"]
+        self.turn = rotation(pose[3:])
+        self._com = ca.repmat(pose[:3], 1, limbs)
+        self.forward = self.symbols["pose_after"][:3] - pose[:3]
+        self.turning = self.symbols["pose_after"][3:] - pose[3:]
+        self.step = self.symbols["toe"] - self.symbols["toe_before"]
+
+    def limbs(self, points: Any, branch: Any) -> LimbExpressions:
+        """Limbs with toes at points (3, N), world frame."""
+        s = self.symbols
+        toes = self.turn.T @ (points - self._com)
+        return limb_expressions(
+            s["shoulder"], s["links"], s["mount_yaw"], s["middle"], toes, branch
+        )
+
+    def reach(self, limbs: Sequence[LimbExpressions], room: float) -> None:
+        """Toes at one point of each limb after another in reach, `room` off full stretch."""
+        stretch = ca.vertcat(*(limb.stretch for limb in limbs))
+        self.stage.between("transition.reach", stretch, room - 1, 1 - room)
+        self.stage.between("transition.joints", ca.vertcat(*(x.angles for x in limbs)), unit="rad")
+
+    def torques(self, limbs: LimbExpressions, force: Any) -> Any:
+        """J^T f (3, N) of forces (3, N), world frame."""
+        return torques(limbs, self.symbols["links"], self.turn.T @ force)
+
+    def torque(self, torque: Any) -> None:
+        """Within a share s of the limits."""
+        use = torque / self.symbols["torque_limit"]
+        s = self.symbols["s"]
+        self.stage.between("force.torque", ca.vertcat(use - s, -use - s), upper=0.0)
+
+    def command(self, limbs: LimbExpressions, torque: Any) -> None:
+        """Commanded angles, beyond which joints bend."""
+        bent = self.symbols["softness"] * torque
+        self.stage.between("force.command", limbs.angles - bent, unit="rad")
+
+    def equilibrium(self, force: Any) -> None:
+        """Forces (3, N) on the toes before the round, world frame, hold body and load."""
+        load = self.symbols["load"]
+        arm = self.symbols["toe_before"] - self._com
+        moments = (ca.cross(arm[:, i], force[:, i]) for i in range(force.shape[1]))
+        total = load[:3] - ca.vertcat(0, 0, 1) + ca.sum2(force)
+        self.stage.equal("force.equilibrium", ca.vertcat(total, sum(moments, load[3:])))
+
+    def toe_steps(self) -> None:
+        """Squared."""
+        self.stage.between("steps.toe", ca.sum1(self.step**2), unit="m^2")
+
+    def body_step(self) -> None:
+        """Squared."""
+        self.stage.between("steps.com", ca.sumsqr(self.forward), unit="m^2")
+
+    def costs(self, force_preference: float) -> None:
+        """Steps and effort; forces cost a little, which makes them unique."""
+        s, w = self.symbols, COST_SCALE * self.symbols["weights"]
+        effort = s["s"] + force_preference * ca.sumsqr(s["force"])
+        self.stage.minimise("steps.com", w[0] * ca.sumsqr(self.forward))
+        self.stage.minimise("steps.rotation", w[1] * ca.sumsqr(self.turning))
+        self.stage.minimise("steps.toe", w[2] * ca.sumsqr(self.step))
+        self.stage.minimise("effort", w[3] * effort)
+
+    def trajectory(
+        self, rounds: int, every_round: Iterable[str] = (), binaries: Iterable[str] = ()
+    ) -> Trajectory:
+        """The stage at all rounds; start toes and goal pose are numbers.
+
+        every_round: numbers that are other ones each round, (d, rounds), the others (d, 1).
+        """
+        stated = Trajectory(self.stage.name)
+        x: dict[str, list[Any]] = {name: [] for name in self._variables}
+        for _ in range(rounds):
+            for name, shape in self._variables.items():
+                zero = np.zeros(shape[0] * shape[1])
+                x[name].append(stated.variable(name, zero, binary=name in binaries))
+        first = stated.parameter("first_toe", x["toe"][0].numel())
+        last = stated.parameter("last_pose", 6)
+        p = {
+            name: stated.parameter(name, shape[0] * shape[1], rounds if name in every_round else 1)
+            for name, shape in self._numbers.items()
+        }
+        stated.add(
+            self.stage,
+            **{name: ca.horzcat(*columns) for name, columns in x.items()},
+            toe_before=ca.horzcat(first, *x["toe"][:-1]),
+            pose_after=ca.horzcat(*x["pose"][1:], last),
+            **p,
+        )
+        return stated
+
+
+def _robot_shapes(limbs: int) -> dict[str, tuple[int, int]]:
+    return {
+        "shoulder": (3, limbs),
+        "links": (3, limbs),
+        "mount_yaw": (1, limbs),
+        "middle": (1, limbs),
+        "torque_limit": (3, limbs),  # over the weight [m]
+        "softness": (3, limbs),  # times the weight [rad / m]
+        "least_load": (1, 1),
+        "weights": (4, 1),  # com, rotation, toe, effort
+    }
+
+
+def robot_numbers(scene: TransitionScene, first_toes: Array) -> dict[str, Array]:
+    """Numbers that all programs of a scene have, as columns; first_toes: (N, 3)."""
+    robot, weights = scene.robot, scene.spec.posture.weights
+    own = {
+        "first_toe": first_toes.ravel(),
+        "last_pose": np.concatenate([scene.goal.com, scene.goal.rpy]),
+        "shoulder": robot.shoulder_body.ravel(),
+        "links": robot.link_lengths.ravel(),
+        "mount_yaw": robot.mount_yaw,
+        "middle": (robot.joint_lower[:, 0] + robot.joint_upper[:, 0]) / 2,
+        "torque_limit": (robot.max_torque / robot.weight).ravel(),
+        "softness": (joint_softness(robot) * robot.weight).ravel(),
+        "least_load": np.array([scene.spec.search.least_load]),
+        "weights": np.array([weights.com, weights.rotation, weights.toe, weights.effort]),
+    }
+    return as_columns(own)
+
+
+def as_columns(numbers: Mapping[str, Array]) -> dict[str, Array]:
+    """Numbers that are the same in all rounds, (d, 1) each."""
+    return {name: value.reshape(-1, 1) for name, value in numbers.items()}
+
+
+def joint_bounds(robot: Robot, room: float, points: int = 1) -> tuple[Array, Array]:
+    """Of (3 points N) angles, limb by limb."""
+    lower = np.repeat(robot.joint_lower[:, None] + room, points, axis=1)
+    upper = np.repeat(robot.joint_upper[:, None] - room, points, axis=1)
+    return lower.ravel(), upper.ravel()

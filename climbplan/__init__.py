@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from climbplan.program.polytope import Polytope
     from climbplan.program.problem import Problem
     from climbplan.program.statement import Program
-    from climbplan.spec.bookshelf import BookshelfSpec
-    from climbplan.spec.climb import ClimbSpec
-    from climbplan.spec.limms import LimmsSpec
-    from climbplan.spec.mpc import MpcSpec
-    from climbplan.spec.robot import RobotSpec
-    from climbplan.spec.transition import TransitionSpec
+    from climbplan.spec.bookshelf.model import BookshelfSpec
+    from climbplan.spec.climb.model import ClimbSpec
+    from climbplan.spec.climb.transition import TransitionSpec
+    from climbplan.spec.limms.model import LimmsSpec
+    from climbplan.spec.robots.robot import RobotSpec
+    from climbplan.spec.walking.model import MpcSpec
 
 __version__ = "0.1.0"
 __all__ = [

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robots.robot import RobotSpec
 
 settings.register_profile("same-every-run", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("same-every-run")

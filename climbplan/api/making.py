@@ -8,15 +8,13 @@ from pathlib import Path
 
 from climbplan.api.mistakes import placed_mistakes
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf_loading import LoadedShelf
-from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.progress import Progress
+from climbplan.spec.bookshelf.loading import LoadedShelf
+from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.spec.limms.loading import LoadedLimms
 from climbplan.spec.loaded import LoadedSpec
 from climbplan.spec.loading import LoadedClimb
-from climbplan.spec.mpc_loading import LoadedMpc
-from climbplan.spec.transition_loading import LoadedTransition
-
-Progress = Callable[[str, float], None]
-"""Called with the name of a stage and the share of it that is done."""
+from climbplan.spec.walking.loading import LoadedMpc
 
 LIBRARY_FILE = "library.h5"
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, changed, load
-from climbplan.api.making import MakingOptions, Progress, make
+from climbplan.api.making import MakingOptions, make
 from climbplan.api.plan import Folder, Plan, read
 from climbplan.api.plan_path import PLAN_FILE
 from climbplan.errors import PlanFails
+from climbplan.progress import Progress
 from climbplan.spec.loaded import LoadedSpec
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from climbplan.errors import PlanFileError
 from climbplan.plans.plan_format import plan_format
+from climbplan.progress import Progress
 
 if TYPE_CHECKING:
     from climbplan.simulation.report_files import Told
     from climbplan.simulation.study import Asked
     from climbplan.simulation.variations import Trial
 
-Progress = Callable[[str, float], None]
 Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
 """What a simulation tells, and lines on its random runs."""
 

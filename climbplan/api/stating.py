@@ -11,11 +11,11 @@ from climbplan.api.mistakes import placed_mistakes
 from climbplan.errors import UsageError
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
-from climbplan.spec.bookshelf_loading import LoadedShelf
+from climbplan.spec.bookshelf.loading import LoadedShelf
+from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.loaded import LoadedSpec
 from climbplan.spec.loading import LoadedClimb
-from climbplan.spec.mpc_loading import LoadedMpc
-from climbplan.spec.transition_loading import LoadedTransition
+from climbplan.spec.walking.loading import LoadedMpc
 
 Stated = tuple[Problem, dict[str, Array]]
 

@@ -27,9 +27,9 @@ from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import Search
 from climbplan.climb.transition.stances import Laboratory
+from climbplan.spec.climb.transition_loading import transition_of_text
 from climbplan.spec.examples import example_text
 from climbplan.spec.source import SourceText
-from climbplan.spec.transition_loading import transition_of_text
 
 _STARTS, _QUICK = 50, 6
 

@@ -17,7 +17,7 @@ from climbplan.bookshelf.scene import Array, Scene, Scenes
 from climbplan.bookshelf.scene_source import shelf_of
 from climbplan.plans.dataset import DatasetFrame
 from climbplan.plans.dataset_row import RowAnswer
-from climbplan.spec.dataset import BookshelfProblemSpec
+from climbplan.spec.datasets.model import BookshelfProblemSpec
 
 
 class ShelfRows:

@@ -28,9 +28,8 @@ from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 from climbplan.bookshelf.summary import summary_lines
 from climbplan.errors import Conflict, Infeasible, LimitReached, Remedy
-from climbplan.spec.bookshelf_loading import LoadedShelf
-
-Progress = Callable[[str, float], None]
+from climbplan.progress import Progress
+from climbplan.spec.bookshelf.loading import LoadedShelf
 
 _COMPILED = (
     "exact",

@@ -11,8 +11,8 @@ from climbplan.bookshelf.rectangles import half_extents
 from climbplan.bookshelf.scene import PublishedTolerances, Scene, Scenes, Shelf, WrongScenes
 from climbplan.bookshelf.scene_file import NoSuchGroup, read_scenes
 from climbplan.errors import SpecError, SpecMistake, UsageError
-from climbplan.spec.bookshelf import BookshelfSpec, ShelfSceneSpec, ShelfSpec
-from climbplan.spec.bookshelf_loading import LoadedShelf
+from climbplan.spec.bookshelf.loading import LoadedShelf
+from climbplan.spec.bookshelf.model import BookshelfSpec, ShelfSceneSpec, ShelfSpec
 
 _MOST_ROWS = 20  # wrong numbers of a file that are listed
 

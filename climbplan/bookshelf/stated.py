@@ -11,7 +11,7 @@ from climbplan.bookshelf.points import as_stored, placement_of, point_of, settle
 from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.program.problem import Problem
-from climbplan.spec.bookshelf import Meaning
+from climbplan.spec.bookshelf.model import Meaning
 
 
 def shelf_problem(scene: Scene, shelf: Shelf, meaning: Meaning) -> tuple[Problem, dict[str, Array]]:

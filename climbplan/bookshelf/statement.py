@@ -21,7 +21,7 @@ import numpy as np
 from climbplan.bookshelf.scene import Shelf, State
 from climbplan.program import Program
 from climbplan.program.statement import Expression
-from climbplan.spec.bookshelf import Meaning
+from climbplan.spec.bookshelf.model import Meaning
 
 TOP_RIGHT, BOTTOM_RIGHT, BOTTOM_LEFT, TOP_LEFT = range(4)
 ACROSS = np.array([0.5, 0.5, -0.5, -0.5])  # of each corner from the centre, in widths

@@ -45,8 +45,8 @@ def fit_envelopes(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import key_overrides
-    from climbplan.spec.envelopes_loading import load_envelopes
-    from climbplan.spec.robot_source import load_robot
+    from climbplan.spec.fits.envelopes_loading import load_envelopes
+    from climbplan.spec.robots.source import load_robot
 
     session = context.ensure_object(Session)
     overrides = key_overrides(

@@ -36,7 +36,7 @@ def fit_stiffness(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.robots.model import Robot
-    from climbplan.spec.robot_source import load_robot
+    from climbplan.spec.robots.source import load_robot
 
     session = context.ensure_object(Session)
     limb_of = Robot.from_spec(load_robot(robot))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from climbplan.datasets.generate import Generated
     from climbplan.datasets.recipe import Recipe
     from climbplan.program.problem import Problem
-    from climbplan.spec.dataset_loading import LoadedDataset
+    from climbplan.spec.datasets.loading import LoadedDataset
 
 
 def gen_data(
@@ -66,7 +66,7 @@ def gen_data(
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.spec_options import key_overrides
-    from climbplan.spec.dataset_loading import load_dataset
+    from climbplan.spec.datasets.loading import load_dataset
 
     session = context.ensure_object(Session)
     overrides = key_overrides(

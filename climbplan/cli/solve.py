@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from climbplan.plans.program_plan import ProgramPlan
     from climbplan.plans.verification import Verification
     from climbplan.program.problem import Problem
-    from climbplan.spec.program_loading import LoadedProgram
+    from climbplan.spec.program.loading import LoadedProgram
 
 
 def solve(
@@ -62,7 +62,7 @@ def solve(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.program_loading import load_program
+    from climbplan.spec.program.loading import load_program
 
     session = context.ensure_object(Session)
     if solver and len(solver) > 1:

@@ -59,7 +59,7 @@ def solve_bookshelf(
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.bookshelf_loading import load_shelf
+    from climbplan.spec.bookshelf.loading import load_shelf
 
     session = context.ensure_object(Session)
     overrides = quick_overrides("bookshelf", quick)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from climbplan.errors import UsageError
-from climbplan.spec.climb import SolverSpec
+from climbplan.spec.climb.model import SolverSpec
 from climbplan.spec.fields import nearest, slot_at
 from climbplan.spec.overrides import Override
 

@@ -58,16 +58,16 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     Raises:
         SpecError: with the mistakes that only this finds.
     """
-    from climbplan.spec.bookshelf_loading import LoadedShelf
-    from climbplan.spec.dataset_loading import LoadedDataset
-    from climbplan.spec.envelopes_loading import LoadedEnvelopes
-    from climbplan.spec.limms_loading import LoadedLimms
+    from climbplan.spec.bookshelf.loading import LoadedShelf
+    from climbplan.spec.climb.transition_loading import LoadedTransition
+    from climbplan.spec.datasets.loading import LoadedDataset
+    from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
+    from climbplan.spec.fits.strategy_loading import LoadedStrategy
+    from climbplan.spec.limms.loading import LoadedLimms
     from climbplan.spec.loading import LoadedClimb
-    from climbplan.spec.mpc_loading import LoadedMpc
-    from climbplan.spec.program_loading import LoadedProgram
-    from climbplan.spec.strategy_loading import LoadedStrategy
-    from climbplan.spec.transition_loading import LoadedTransition
-    from climbplan.spec.urdf_source import UrdfRobot
+    from climbplan.spec.program.loading import LoadedProgram
+    from climbplan.spec.robots.urdf.source import UrdfRobot
+    from climbplan.spec.walking.loading import LoadedMpc
 
     if isinstance(
         loaded, LoadedDataset | LoadedEnvelopes | LoadedLimms | LoadedProgram | LoadedStrategy

@@ -28,7 +28,7 @@ from climbplan.errors import (
     SpecError,
     UsageError,
 )
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,9 +25,8 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
+from climbplan.progress import Progress
 from climbplan.robots.rotations import Array
-
-Progress = Callable[[str, float], None]
 
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least

@@ -11,7 +11,7 @@ import numpy as np
 from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
-from climbplan.climb.motion import Progress, StageClock, plan_motion, plan_support
+from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
 from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
@@ -19,10 +19,11 @@ from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import NoPlanFound
+from climbplan.progress import Progress
 from climbplan.robots.any_robot import assumptions
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.loading import LoadedClimb
-from climbplan.spec.stored_robot import robot_texts
+from climbplan.spec.robots.stored import robot_texts
 
 
 def plan_climb(

@@ -33,7 +33,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.solvers.elastic import least_violations
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.solvers.registry import solve
-from climbplan.spec.climb import PostureSpec
+from climbplan.spec.climb.model import PostureSpec
 from climbplan.spec.stated import stated
 from climbplan.terrain.surfaces import Region
 

@@ -18,10 +18,10 @@ from climbplan.robots.kinematics import to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
-from climbplan.spec.climb import ClimbSpec, PostureSpec
-from climbplan.spec.motion import MotionSpec
-from climbplan.spec.robot_source import AnyRobot
-from climbplan.spec.urdf_source import UrdfRobot
+from climbplan.spec.climb.model import ClimbSpec, PostureSpec
+from climbplan.spec.climb.motion import MotionSpec
+from climbplan.spec.robots.source import AnyRobot
+from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Region, Surface
 

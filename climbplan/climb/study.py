@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 
@@ -12,9 +11,8 @@ from climbplan.climb.plan.climb_plan import Study
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import NoPlanFound, UsageError
+from climbplan.progress import Progress
 from climbplan.spec.loading import LoadedClimb
-
-Progress = Callable[[str, float], None]
 
 _FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
 

@@ -16,7 +16,7 @@ from climbplan.datasets.run import Count, run_rows
 from climbplan.datasets.shards import ShardStore
 from climbplan.datasets.workspace import Identity, Workspace
 from climbplan.plans.dataset import Dataset
-from climbplan.spec.dataset_loading import LoadedDataset
+from climbplan.spec.datasets.loading import LoadedDataset
 
 
 @dataclass(frozen=True)

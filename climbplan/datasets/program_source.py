@@ -9,7 +9,7 @@ from climbplan.methods.dataset_rows import ProgramRows
 from climbplan.methods.run import settings_of
 from climbplan.methods.solved import library_of, model_of
 from climbplan.program.problem import Problem
-from climbplan.spec.dataset import ProgramProblemSpec
+from climbplan.spec.datasets.model import ProgramProblemSpec
 
 
 def program_source(

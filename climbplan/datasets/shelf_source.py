@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from climbplan.bookshelf.dataset_rows import ShelfRows
-from climbplan.spec.dataset import BookshelfProblemSpec
+from climbplan.spec.datasets.model import BookshelfProblemSpec
 
 
 def shelf_source(spec: BookshelfProblemSpec, directory: Path, seed: int) -> ShelfRows:

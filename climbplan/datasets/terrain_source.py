@@ -6,8 +6,8 @@ from pathlib import Path
 
 from climbplan.climb.envelopes.dataset_rows import TerrainRows
 from climbplan.robots.model import Robot
-from climbplan.spec.dataset import TerrainsProblemSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.datasets.model import TerrainsProblemSpec
+from climbplan.spec.robots.source import load_robot
 
 
 def terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:

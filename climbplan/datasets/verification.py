@@ -26,10 +26,10 @@ from climbplan.plans.dataset_file import read_dataset_file
 from climbplan.plans.held import held_against
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.program.problem import Problem
-from climbplan.spec.bookshelf import ShelfSolverSpec
-from climbplan.spec.dataset import ProgramDatasetSpec, ShelfDatasetSpec
+from climbplan.spec.bookshelf.model import ShelfSolverSpec
+from climbplan.spec.datasets.model import ProgramDatasetSpec, ShelfDatasetSpec
 from climbplan.spec.kinds import Model, validate
-from climbplan.spec.program import ProgramSolverSpec
+from climbplan.spec.program.model import ProgramSolverSpec
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking import dataset_rows as walks
 from climbplan.walking.check.checker import check_trajectory

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.spec.dataset_mpc import WalksProblemSpec
-from climbplan.spec.mpc_loading import load_body
+from climbplan.spec.datasets.walks import WalksProblemSpec
+from climbplan.spec.walking.loading import load_body
 from climbplan.walking.dataset_rows import WalkRows
 
 

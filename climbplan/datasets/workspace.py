@@ -20,7 +20,7 @@ import climbplan
 from climbplan.errors import UsageError
 from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.dataset import DatasetFrame
-from climbplan.spec.dataset import DatasetSpec
+from climbplan.spec.datasets.model import DatasetSpec
 
 _NOTE = "run.json"
 _LOCK = "lock"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,10 @@ from climbplan.learning.model import FitOptions, StrategyModel, fit
 from climbplan.learning.model_file import ModelFile, marked, read_model, write_model
 from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
-from climbplan.spec.strategy import StrategySpec
-from climbplan.spec.strategy_loading import LoadedStrategy
+from climbplan.progress import Progress
+from climbplan.spec.fits.strategy import StrategySpec
+from climbplan.spec.fits.strategy_loading import LoadedStrategy
 
-Report = Callable[[str, float], None]
 _CHECKED_ROWS = 20  # problems whose candidates must be the same after reading a file back
 _CHECKED_CANDIDATES = 10
 
@@ -74,7 +74,7 @@ def options_of(spec: StrategySpec) -> FitOptions:
 
 
 def train(
-    data: TrainingData, options: FitOptions, share: float = 0.1, report: Report | None = None
+    data: TrainingData, options: FitOptions, share: float = 0.1, report: Progress | None = None
 ) -> Trained:
     """Measure on a share of the problems, then train on all of them.
 

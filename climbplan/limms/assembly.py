@@ -14,13 +14,13 @@ from climbplan.limms.modules.reaching import drive, reach
 from climbplan.limms.modules.straight_ways import LENGTHS, leave, straight_in
 from climbplan.limms.scene import Array, Pose, Scene
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import ARM, DRIVES, LEG, NOWHERE, Progress
+from climbplan.limms.timeline import ARM, DRIVES, LEG, NOWHERE, PlanSoFar
 
 _RINGS = (0.25, 0.35, 0.45, 0.55, 0.65)
 _SPOKES = 16
 
 
-def initial(scene: Scene) -> Progress:
+def initial(scene: Scene) -> PlanSoFar:
     """Where everything is at the start: modules straight, upright or along anchors' normals."""
     count = scene.count
     position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
@@ -30,10 +30,10 @@ def initial(scene: Scene) -> Progress:
             position[module], rotation[module] = pose
         else:
             position[module] = scene.stand[module]
-    return Progress.of(scene, (position, rotation), np.zeros((count, 6)))
+    return PlanSoFar.of(scene, (position, rotation), np.zeros((count, 6)))
 
 
-def root_pose(world: Progress, module: int, end: int) -> Pose:
+def root_pose(world: PlanSoFar, module: int, end: int) -> Pose:
     """Where an end of a module is now."""
     points = world.points(module)
     return Pose(points.position[7 * end], points.rotation[7 * end])
@@ -52,7 +52,7 @@ def spots(scene: Scene, height: float, target: Pose, around: Array) -> Iterator[
     yield from found
 
 
-def let_go(world: Progress, module: int) -> Progress:
+def let_go(world: PlanSoFar, module: int) -> PlanSoFar:
     """As the world is, but a module that stands upright on an anchor of the ground drives."""
     scene, anchor = world.scene, int(world.base_anchor[module])
     if anchor < scene.wall_offset or not on_ground(scene, anchor - scene.wall_offset):
@@ -65,7 +65,7 @@ def let_go(world: Progress, module: int) -> Progress:
 
 
 def latch_from_ground(
-    world: Progress,
+    world: PlanSoFar,
     module: int,
     target: Pose,
     anchor: int,
@@ -73,7 +73,7 @@ def latch_from_ground(
     name: str,
     rng: np.random.Generator,
     tries: int = 4,
-) -> Progress:
+) -> PlanSoFar:
     """Drive to a point from which the last end reaches `target`, latch it, and lift the first end.
 
     Raises:
@@ -114,8 +114,8 @@ def latch_from_ground(
 
 
 def latch_arm(
-    world: Progress, module: int, wall: int, name: str, rng: np.random.Generator
-) -> tuple[Progress, int]:
+    world: PlanSoFar, module: int, wall: int, name: str, rng: np.random.Generator
+) -> tuple[PlanSoFar, int]:
     """Latch a module to an anchor of the terrain; returns which of its ends is free."""
     anchor = world.scene.wall_offset + wall
     if world.base_anchor[module] == anchor:
@@ -125,7 +125,7 @@ def latch_arm(
 
 
 def reach_box(
-    world: Progress, limb: Limb, box: Array, angles: Array, name: str, rng: np.random.Generator
+    world: PlanSoFar, limb: Limb, box: Array, angles: Array, name: str, rng: np.random.Generator
 ) -> None:
     """Bring an arm's free end to its anchor of the box at rest, touching but not latched.
 
@@ -141,7 +141,7 @@ def reach_box(
     reach(world, limb.module, root, 1 - limb.box_end, target, ending, name, rng)
 
 
-def latch_box(world: Progress, limbs: Sequence[Limb]) -> None:
+def latch_box(world: PlanSoFar, limbs: Sequence[Limb]) -> None:
     """Latch all limbs to the box, at once."""
     for limb in limbs:
         anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor
@@ -151,7 +151,7 @@ def latch_box(world: Progress, limbs: Sequence[Limb]) -> None:
 
 
 def stand_leg(
-    world: Progress, limb: Limb, foot: Array, angles: Array, rng: np.random.Generator
+    world: PlanSoFar, limb: Limb, foot: Array, angles: Array, rng: np.random.Generator
 ) -> None:
     """Drive a module to its first foothold and bring its last end to the box, not latched yet.
 

@@ -16,7 +16,7 @@ from climbplan.limms.timeline import (
     FREE,
     MANIPULATED,
     NOWHERE,
-    Progress,
+    PlanSoFar,
     Stretch,
     samples,
 )
@@ -28,7 +28,7 @@ class Follow(Exception):
     """A module cannot follow what the box does after it let go."""
 
 
-def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) -> None:
+def add_traces(world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[Trace]) -> None:
     """Add the stretches of solved phases to a plan.
 
     Raises:
@@ -41,7 +41,7 @@ def add_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace]) 
             _add_held(world, limbs, trace)
 
 
-def _add_held(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
+def _add_held(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
     scene, phase = world.scene, trace.phase
     time = knot_samples(trace.duration, phase.intervals)
     position, velocity, acceleration = box_path(
@@ -79,7 +79,7 @@ def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Ar
     return forces
 
 
-def _add_flight(world: Progress, limbs: Sequence[Limb], trace: Trace) -> None:
+def _add_flight(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
     """The box flies; modules that threw it stop beside its way."""
     scene = world.scene
     time = samples(trace.duration)

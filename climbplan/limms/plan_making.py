@@ -13,8 +13,8 @@ from climbplan.limms.convergence import Convergence
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.plan import LimmsPlan, Motion
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Points, Pose, Scene
-from climbplan.limms.timeline import DRIVES, Progress, Stretch
-from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.limms.timeline import DRIVES, PlanSoFar, Stretch
+from climbplan.spec.limms.loading import LoadedLimms
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Making:
 
 
 def make_plan(
-    loaded: LoadedLimms, scene: Scene, world: Progress, attempts: Attempts, making: Making
+    loaded: LoadedLimms, scene: Scene, world: PlanSoFar, attempts: Attempts, making: Making
 ) -> LimmsPlan:
     """The plan, without the lines of its summary."""
     motion, stages = motion_of(

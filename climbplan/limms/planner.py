@@ -7,7 +7,6 @@ programs.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -27,15 +26,15 @@ from climbplan.limms.scene import scene_of
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.sequences import search
 from climbplan.limms.summary import summary_lines
-from climbplan.limms.timeline import Progress
-from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.limms.timeline import PlanSoFar
+from climbplan.progress import Progress
+from climbplan.spec.limms.loading import LoadedLimms
 
-Report = Callable[[str, float], None]
 METHOD = "modes"
 SOLVERS = {"programs": "IPOPT (CasADi)"}
 
 
-def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) -> LimmsPlan:
+def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None) -> LimmsPlan:
     """The plan of a LIMMS spec.
 
     Raises:
@@ -54,9 +53,9 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
     attempts = Attempts(loaded.spec.solver.time_limit)
     rng = np.random.default_rng(loaded.spec.seed)
     most_steps = loaded.spec.solver.most_steps
-    refused: list[tuple[Progress, str, int]] = []  # fail their verification
+    refused: list[tuple[PlanSoFar, str, int]] = []  # fail their verification
 
-    def made(world: Progress, named: str, tried: int) -> LimmsPlan:
+    def made(world: PlanSoFar, named: str, tried: int) -> LimmsPlan:
         seconds = {"search": searched, "total": time.perf_counter() - began}
         sizes = {
             "configurations": found.configurations,
@@ -67,8 +66,8 @@ def plan_limms(loaded: LoadedLimms, report: Report = lambda stage, share: None) 
         plan = make_plan(loaded, scene, world, attempts, making)
         return replace(plan, summary=summary_lines(plan, attempts.notes))
 
-    def one(sequence: Modes, named: str, tried: int) -> Progress | None:
-        def fault(world: Progress) -> str:
+    def one(sequence: Modes, named: str, tried: int) -> PlanSoFar | None:
+        def fault(world: PlanSoFar) -> str:
             verification = verification_of(made(world, named, tried))
             if verification.passed:
                 return ""

@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.errors import SpecError
 from climbplan.limms.scene import scene_of
 from climbplan.limms.sequences import search
-from climbplan.spec.limms_loading import LoadedLimms, limms_of
+from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.limms.bounds import Connection, within_reach
 from climbplan.limms.scene import Array, scene_of
-from climbplan.spec.limms_loading import LoadedLimms, limms_of
+from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.spec.limms_loading import LoadedLimms
-from climbplan.spec.limms_module import ModuleSpec
-from climbplan.spec.limms_space import free_blocks, solid_blocks
+from climbplan.spec.limms.loading import LoadedLimms
+from climbplan.spec.limms.module import ModuleSpec
+from climbplan.spec.limms.space import free_blocks, solid_blocks
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -46,7 +46,7 @@ class Stretch:
 
 
 @dataclass
-class Progress:
+class PlanSoFar:
     """Where everything is now, and what was planned so far."""
 
     scene: Scene
@@ -62,7 +62,7 @@ class Progress:
     stretches: list[Stretch] = field(default_factory=list)
 
     @classmethod
-    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> Progress:
+    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PlanSoFar:
         """At the start: modules stand upright or are latched to anchors."""
         count = scene.count
         held = scene.held >= 0
@@ -79,9 +79,9 @@ class Progress:
             grounded=np.where(held, NOWHERE, 0),
         )
 
-    def copy(self) -> Progress:
+    def copy(self) -> PlanSoFar:
         """An independent copy to try something on."""
-        return Progress(
+        return PlanSoFar(
             self.scene,
             self.box.copy(),
             self.box_mode,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +18,9 @@ from climbplan.methods.task import MethodSettings
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, StatementError, Theta
-from climbplan.spec.program import ProgramSolverSpec
-from climbplan.spec.program_loading import LoadedProgram
-
-Report = Callable[[str, float], None]
+from climbplan.progress import Progress
+from climbplan.spec.program.loading import LoadedProgram
+from climbplan.spec.program.model import ProgramSolverSpec
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def settings_of(
     )
 
 
-def run(problem: Problem, loaded: LoadedProgram, report: Report | None = None) -> SolvedRows:
+def run(problem: Problem, loaded: LoadedProgram, report: Progress | None = None) -> SolvedRows:
     """Solve every instance of a spec; rows without an answer are kept as such.
 
     Raises as `thetas_of`, `library_of` and `solve_instance` do.

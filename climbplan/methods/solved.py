@@ -18,7 +18,7 @@ from climbplan.plans.plan_format import plan_format
 from climbplan.plans.program_file import read_program
 from climbplan.plans.program_plan import Layouts
 from climbplan.program.problem import Problem
-from climbplan.spec.strategy_loading import LoadedStrategy
+from climbplan.spec.fits.strategy_loading import LoadedStrategy
 
 
 def library_of(problem: Problem, path: Path) -> Library:

@@ -22,7 +22,7 @@ from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.admm import AdmmOptions
 from climbplan.solvers.ipopt.instances import middle
 from climbplan.solvers.result import SolverResult
-from climbplan.spec.program import ProgramMethod, ProgramStart
+from climbplan.spec.program.model import ProgramMethod, ProgramStart
 
 Method = ProgramMethod
 Start = ProgramStart

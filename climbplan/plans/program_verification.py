@@ -23,7 +23,7 @@ from climbplan.program.problem import Problem
 from climbplan.solvers.result import relative_gap
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
-from climbplan.spec.program import ProgramSpec, Values
+from climbplan.spec.program.model import ProgramSpec, Values
 from climbplan.spec.yaml_source import parse_yaml
 
 _OBJECTIVE = 1e-6  # relative

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from climbplan.robots.model import Robot
 from climbplan.robots.urdf.building import LIMB_RADIUS, robot_of_urdf
-from climbplan.spec.robot_source import AnyRobot
-from climbplan.spec.urdf_source import UrdfRobot
+from climbplan.spec.robots.source import AnyRobot
+from climbplan.spec.robots.urdf.source import UrdfRobot
 
 
 def build_robot(spec: AnyRobot) -> Robot:

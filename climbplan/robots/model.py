@@ -14,7 +14,7 @@ from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robots.robot import RobotSpec
 
 _BY_LIMB = (
     "limb_names",

@@ -19,9 +19,9 @@ from climbplan.simulation.variations import (
     drawn_conditions,
     run_trials,
 )
+from climbplan.spec.climb.transition_loading import transition_of_text
 from climbplan.spec.loading import load_text
 from climbplan.spec.source import SourceText
-from climbplan.spec.transition_loading import transition_of_text
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from climbplan.errors import SpecError
 from climbplan.spec.base import SpecModel
 from climbplan.spec.kinds import KINDS, validate
 from climbplan.spec.loaded import LoadedSpec
-from climbplan.spec.robot_source import AnyRobot
+from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.wording import shown
 from climbplan.spec.yaml_source import parse_yaml, write_yaml
 

@@ -8,19 +8,19 @@ from pydantic import ValidationError
 
 from climbplan.errors import SpecError
 from climbplan.spec.base import SpecModel
-from climbplan.spec.bookshelf import BookshelfSpec
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.dataset import DatasetSpec
+from climbplan.spec.bookshelf.model import BookshelfSpec
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.climb.transition import TransitionSpec
+from climbplan.spec.datasets.model import DatasetSpec
 from climbplan.spec.document import Document, Finding
-from climbplan.spec.envelopes import EnvelopesSpec
 from climbplan.spec.fields import nearest
-from climbplan.spec.limms import LimmsSpec
-from climbplan.spec.limms_module import ModuleSpec
-from climbplan.spec.mpc import MpcSpec
-from climbplan.spec.program import ProgramSpec
-from climbplan.spec.robot import RobotSpec
-from climbplan.spec.strategy import StrategySpec
-from climbplan.spec.transition import TransitionSpec
+from climbplan.spec.fits.envelopes import EnvelopesSpec
+from climbplan.spec.fits.strategy import StrategySpec
+from climbplan.spec.limms.model import LimmsSpec
+from climbplan.spec.limms.module import ModuleSpec
+from climbplan.spec.program.model import ProgramSpec
+from climbplan.spec.robots.robot import RobotSpec
+from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.wording import findings_of, shown
 
 KINDS: dict[str, type[SpecModel]] = {

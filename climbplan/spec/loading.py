@@ -7,25 +7,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf_loading import LoadedShelf, root_paths, shelf_of_document
-from climbplan.spec.checks import ClimbParts, check_parts, check_study
-from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
-from climbplan.spec.dataset_loading import LoadedDataset, dataset_of
+from climbplan.spec.bookshelf.loading import LoadedShelf, root_paths, shelf_of_document
+from climbplan.spec.climb.checks import ClimbParts, check_parts, check_study
+from climbplan.spec.climb.model import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
+from climbplan.spec.climb.motion_loading import any_robot_of_document, part_of
+from climbplan.spec.climb.terrain import TerrainSpec
+from climbplan.spec.climb.transition_loading import LoadedTransition, transition_of_document
+from climbplan.spec.datasets.loading import LoadedDataset, dataset_of
 from climbplan.spec.document import Document, Finding
-from climbplan.spec.envelopes_loading import LoadedEnvelopes, envelopes_of
+from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes, envelopes_of
+from climbplan.spec.fits.strategy_loading import LoadedStrategy, strategy_of
 from climbplan.spec.kinds import find_kind, validate_kind
-from climbplan.spec.limms_loading import LoadedLimms, limms_of, module_of
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.loading import LoadedLimms, limms_of, module_of
+from climbplan.spec.limms.module import ModuleSpec
 from climbplan.spec.loaded import LoadedSpec, origin_of
-from climbplan.spec.motion_loading import any_robot_of_document, part_of
-from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
 from climbplan.spec.overrides import Override, apply_overrides
-from climbplan.spec.program_loading import LoadedProgram, program_of
-from climbplan.spec.robot_source import AnyRobot, robot_of
+from climbplan.spec.program.loading import LoadedProgram, program_of
+from climbplan.spec.robots.source import AnyRobot, robot_of
 from climbplan.spec.source import SourceText, read_source
-from climbplan.spec.strategy_loading import LoadedStrategy, strategy_of
-from climbplan.spec.terrain import TerrainSpec
-from climbplan.spec.transition_loading import LoadedTransition, transition_of_document
+from climbplan.spec.walking.loading import LoadedMpc, mpc_of
 from climbplan.spec.yaml_source import parse_yaml
 
 

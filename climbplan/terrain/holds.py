@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.spec.panel import FLAT_DEG, HoldSpec, PanelSpec
+from climbplan.spec.climb.panel import FLAT_DEG, HoldSpec, PanelSpec
 
 PANEL = "panel"
 

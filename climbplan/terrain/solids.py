@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from climbplan.errors import UsageError
-from climbplan.spec.terrain import SolidSpec
+from climbplan.spec.climb.terrain import SolidSpec
 
 Array = NDArray[np.float64]
 _MERGE = 1e-9  # [m] faces closer than this are one

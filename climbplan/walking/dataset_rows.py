@@ -16,8 +16,8 @@ import numpy as np
 from climbplan.errors import PlanFileError
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
-from climbplan.spec.dataset_mpc import WalksProblemSpec
-from climbplan.spec.rigid_body import RigidBodySpec
+from climbplan.spec.datasets.walks import WalksProblemSpec
+from climbplan.spec.robots.rigid_body import RigidBodySpec
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.draws import DrawnStart, StartRanges, drawn_start

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
 
 from climbplan.errors import LimitReached
-from climbplan.spec.mpc_loading import LoadedMpc
-from climbplan.spec.mpc_solver import WalkSolverSpec
+from climbplan.progress import Progress
+from climbplan.spec.walking.loading import LoadedMpc
+from climbplan.spec.walking.solver import WalkSolverSpec
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import cost_terms
@@ -17,8 +17,6 @@ from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import build_task
 from climbplan.walking.summary import summary_lines
 from climbplan.walking.task import WalkTask
-
-Progress = Callable[[str, float], None]
 
 
 def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:

@@ -8,9 +8,9 @@ import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.mpc import MpcSpec
-from climbplan.spec.mpc_terrain import WalkTerrainSpec
-from climbplan.spec.rigid_body import RigidBodySpec
+from climbplan.spec.robots.rigid_body import RigidBodySpec
+from climbplan.spec.walking.model import MpcSpec
+from climbplan.spec.walking.terrain import WalkTerrainSpec
 from climbplan.walking.ground import Ground
 from climbplan.walking.task import (
     ANGLES,

@@ -17,8 +17,8 @@ from climbplan.bookshelf.runs import checked, run_shelf
 from climbplan.bookshelf.scene import Scenes, Shelf
 from climbplan.bookshelf.scene_file import read_scenes
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf import Meaning, ShelfSolverSpec
-from climbplan.spec.bookshelf_loading import load_shelf
+from climbplan.spec.bookshelf.loading import load_shelf
+from climbplan.spec.bookshelf.model import Meaning, ShelfSolverSpec
 
 SPECS = Path(__file__).parents[2] / "specs"
 

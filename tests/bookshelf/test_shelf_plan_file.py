@@ -22,7 +22,7 @@ from climbplan.bookshelf.runs import run_shelf
 from climbplan.bookshelf.scene import Scenes
 from climbplan.bookshelf.scene_file import write_scenes
 from climbplan.errors import PlanFileError
-from climbplan.spec.bookshelf_loading import load_shelf
+from climbplan.spec.bookshelf.loading import load_shelf
 
 Change = Callable[[h5py.File], None]
 

@@ -21,8 +21,8 @@ from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.runs import checked, run_shelf, solve_scenes
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf
 from climbplan.errors import Infeasible
-from climbplan.spec.bookshelf import ShelfSolverSpec
-from climbplan.spec.bookshelf_loading import LoadedShelf, load_shelf
+from climbplan.spec.bookshelf.loading import LoadedShelf, load_shelf
+from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
 SPECS = Path(__file__).parents[2] / "specs"
 SETTING = MethodSetting(Shelf(), "contact", ShelfSolverSpec(), Path())

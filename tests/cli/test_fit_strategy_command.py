@@ -15,7 +15,7 @@ from climbplan.bookshelf.scene import Scenes
 from climbplan.bookshelf.scene_file import read_scenes, write_scenes
 from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
 from climbplan.learning.model import MODEL_KINDS
-from climbplan.spec.strategy_loading import load_strategy
+from climbplan.spec.fits.strategy_loading import load_strategy
 
 SPECS = Path(__file__).parents[2] / "specs"
 STRATEGY = SPECS / "strategy_bookshelf.yaml"

@@ -12,11 +12,11 @@ import yaml
 from command_line import RunCommand
 
 from climbplan.cli.quick import quick_overrides
-from climbplan.spec.bookshelf_loading import load_shelf
-from climbplan.spec.limms_loading import load_limms
+from climbplan.spec.bookshelf.loading import load_shelf
+from climbplan.spec.climb.transition_loading import load_transition
+from climbplan.spec.limms.loading import load_limms
 from climbplan.spec.loading import load_climb
-from climbplan.spec.mpc_loading import load_mpc
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.walking.loading import load_mpc
 
 SPECS = Path(__file__).parents[2] / "specs"
 SHORT = ("task.rounds=1", "task.goal.com=[0,0,0.04]", "task.goal.toes={}")

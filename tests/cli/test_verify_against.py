@@ -14,7 +14,7 @@ from command_line import RunCommand
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.spec.loading import load_climb
-from climbplan.spec.robot_source import robot_text
+from climbplan.spec.robots.source import robot_text
 from climbplan.spec.yaml_source import parse_yaml, write_yaml
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -12,9 +12,9 @@ from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot import RobotSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.robot import RobotSpec
+from climbplan.spec.robots.source import load_robot
 
 _RISE = 0.3
 _TOES = {

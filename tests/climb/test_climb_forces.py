@@ -33,7 +33,7 @@ from climbplan.mechanics.stability import loaded_stiffness
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.model import Robot
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robots.robot import RobotSpec
 
 SceneMaker = Callable[..., ClimbScene]
 RobotMaker = Callable[..., RobotSpec]

@@ -21,7 +21,7 @@ from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
 from climbplan.plans.check import LIMITS
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.robots.robot import RobotSpec
 
 SceneMaker = Callable[..., ClimbScene]
 RobotMaker = Callable[..., RobotSpec]

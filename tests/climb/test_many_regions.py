@@ -15,8 +15,8 @@ import pytest
 from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import LimitReached
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.source import load_robot
 
 GOAL = (0.0, 0.1, 0.6)
 

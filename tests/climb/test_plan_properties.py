@@ -15,7 +15,7 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.loading import load_climb
-from climbplan.spec.robot_source import robot_text
+from climbplan.spec.robots.source import robot_text
 
 Data = dict[str, Any]
 

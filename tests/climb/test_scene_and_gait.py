@@ -15,8 +15,8 @@ from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import ReachFailure, SpecError
 from climbplan.robots.kinematics import toe_world
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.source import load_robot
 
 BASE = """
 kind: climb

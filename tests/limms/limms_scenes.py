@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from climbplan.limms.scene import Scene, scene_of
-from climbplan.spec.limms_loading import LoadedLimms, load_limms
+from climbplan.spec.limms.loading import LoadedLimms, load_limms
 
 SPECS = Path(__file__).parents[2] / "specs"
 

@@ -9,7 +9,7 @@ from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, place
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.limbs import end_rotation, joined_rotation, standing_rotation
 from climbplan.limms.scene import SIDE_NORMALS, Pose
-from climbplan.spec.limms_loading import builtin_module, builtin_modules
+from climbplan.spec.limms.loading import builtin_module, builtin_modules
 
 
 @pytest.mark.parametrize("end", [0, 1])

@@ -10,7 +10,7 @@ from limms_scenes import changed, loaded, scene
 from climbplan.errors import Infeasible, NotProved
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.sequences import search
-from climbplan.spec.limms_loading import load_limms
+from climbplan.spec.limms.loading import load_limms
 
 
 def test_light_box_takes_two_arms_first() -> None:

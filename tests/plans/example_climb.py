@@ -27,8 +27,8 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.robots.kinematics import inverse, jacobian_world, to_body, toe_world
 from climbplan.robots.rotations import skew
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.robot import RobotSpec
 
 SPEC = """
 kind: climb

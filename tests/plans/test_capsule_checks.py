@@ -19,7 +19,7 @@ from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
 from climbplan.plans.check import Check
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb.model import ClimbSpec
 from climbplan.terrain.model import build_terrain
 
 SEEDS = st.integers(0, 2**32 - 1)

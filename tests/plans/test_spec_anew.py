@@ -17,7 +17,7 @@ from climbplan.climb.plan import layout
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.errors import UnsoundPlan
 from climbplan.plans.check import Check
-from climbplan.spec.stored_robot import RobotTexts
+from climbplan.spec.robots.stored import RobotTexts
 from climbplan.spec.yaml_source import write_yaml
 
 RF, RM = 0, 1

@@ -18,7 +18,7 @@ from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.plans.check import LIMITS
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb.model import ClimbSpec
 from climbplan.terrain.model import build_terrain
 
 Change = Callable[[h5py.File], None]

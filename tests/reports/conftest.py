@@ -22,8 +22,8 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.scene import build_scene
 from climbplan.robots.kinematics import inverse, jacobian_world, to_body
 from climbplan.robots.model import Robot
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot import RobotSpec
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.robot import RobotSpec
 
 WALLS = {"gap": 1.23, "angle_deg": 0.0, "along": [-0.9, 0.9], "up": [-1.0, 8.0]}
 BLOCK = {"name": "block", "lower": [-0.2, 0.42, 0.2], "upper": [0.2, 0.8, 0.5]}

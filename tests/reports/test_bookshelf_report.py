@@ -20,7 +20,7 @@ from climbplan.bookshelf.runs import run_shelf
 from climbplan.reports.bookshelf.figures import UNITS, costliest
 from climbplan.reports.bookshelf.report import figure_functions, report_dict, write_report
 from climbplan.reports.sheet import png
-from climbplan.spec.bookshelf_loading import load_shelf
+from climbplan.spec.bookshelf.loading import load_shelf
 
 SPECS = Path(__file__).parents[2] / "specs"
 

@@ -25,7 +25,7 @@ from climbplan.errors import UsageError
 from climbplan.reports.viewer.bookshelf_scene import shelf_scene
 from climbplan.reports.viewer.climb_scene import climb_scene
 from climbplan.reports.viewer.scene import Scene, between, polygons
-from climbplan.spec.bookshelf_loading import load_shelf
+from climbplan.spec.bookshelf.loading import load_shelf
 
 pytest.importorskip("viser", reason="no viser found: the 3-D view is not tested")
 from climbplan.reports.viewer.server import Viewer  # (after the check that it can be had)

@@ -10,7 +10,7 @@ from climbplan.errors import SpecError
 from climbplan.plans.differences import largest, parts_apart
 from climbplan.robots.any_robot import build_robot
 from climbplan.spec.loading import load_climb
-from climbplan.spec.stored_robot import NotKept, RobotTexts, robot_texts, stored_robot
+from climbplan.spec.robots.stored import NotKept, RobotTexts, robot_texts, stored_robot
 from climbplan.spec.yaml_source import parse_yaml
 
 SPECS = Path(__file__).parents[2] / "specs"

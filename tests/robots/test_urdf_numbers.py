@@ -17,10 +17,10 @@ from climbplan.robots.model import Robot
 from climbplan.robots.urdf import pinocchio_model
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.spec.document import Document
-from climbplan.spec.robot_source import load_any_robot
-from climbplan.spec.urdf import UrdfRobotSpec
-from climbplan.spec.urdf_source import UrdfRobot
-from climbplan.spec.urdf_tree import read_urdf
+from climbplan.spec.robots.source import load_any_robot
+from climbplan.spec.robots.urdf.model import UrdfRobotSpec
+from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.spec.robots.urdf.tree import read_urdf
 
 SECTION = """kind: robot
 urdf: walker.urdf

@@ -13,7 +13,7 @@ from climbplan.climb.transition.planner import plan_transition
 from climbplan.simulation.comparison import compare
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.replay import simulate
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 
 Planned = Callable[..., ClimbPlan]
 BRICKS = Path(__file__).parents[2] / "specs" / "transition_bricks.yaml"

@@ -18,7 +18,7 @@ from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import build_mjcf, motor_stiffness
 from climbplan.simulation.replay import planned_tilt, simulate
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.terrain.surfaces import Region, Tube
 
 SPECS = Path(__file__).parents[2] / "specs"

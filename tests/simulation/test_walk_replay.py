@@ -16,7 +16,7 @@ from climbplan.simulation.walking.comparison import compare_walk
 from climbplan.simulation.walking.reference import walk_reference
 from climbplan.simulation.walking.replay import euler_angles, simulate_walk
 from climbplan.simulation.walking.study import simulate_walk_plan, tell
-from climbplan.spec.mpc_loading import load_mpc
+from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.truth import continuous_rollout
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.planner import plan_walk

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf_loading import LoadedShelf, load_shelf
+from climbplan.spec.bookshelf.loading import LoadedShelf, load_shelf
 from climbplan.spec.loading import load_spec
 
 TEXT = """\

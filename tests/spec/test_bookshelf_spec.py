@@ -16,7 +16,7 @@ from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.pictures import moved
 from climbplan.bookshelf.scene import Shelf
 from climbplan.bookshelf.scene_source import scenes_of, shelf_of
-from climbplan.spec.bookshelf import BookshelfSpec
+from climbplan.spec.bookshelf.model import BookshelfSpec
 
 SPECS = Path(__file__).parents[2] / "specs"
 

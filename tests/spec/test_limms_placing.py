@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.limms_loading import load_limms
+from climbplan.spec.limms.loading import load_limms
 
 GOOD = """\
 kind: limms

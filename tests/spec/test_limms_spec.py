@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.limms_loading import load_limms
-from climbplan.spec.limms_space import solid_blocks
+from climbplan.spec.limms.loading import load_limms
+from climbplan.spec.limms.space import solid_blocks
 
 GOOD = """\
 kind: limms

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.mpc_loading import load_body, load_mpc
+from climbplan.spec.walking.loading import load_body, load_mpc
 from climbplan.walking.problem import build_task
 
 

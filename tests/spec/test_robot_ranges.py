@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.robot_source import load_any_robot, robot_text
+from climbplan.spec.robots.source import load_any_robot, robot_text
 
 SPECS = Path(__file__).parents[2] / "specs"
 SILVIA = robot_text("silvia")

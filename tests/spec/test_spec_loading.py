@@ -12,8 +12,8 @@ import pytest
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.loading import LoadedClimb, load_climb, load_spec
-from climbplan.spec.robot import RobotSpec
-from climbplan.spec.robot_source import builtin_robots, load_robot, robot_text
+from climbplan.spec.robots.robot import RobotSpec
+from climbplan.spec.robots.source import builtin_robots, load_robot, robot_text
 
 MANY_MISTAKES = """\
 s.yaml:5: terrain.friction: missing, expected a number > 0: friction coefficient where a region has none

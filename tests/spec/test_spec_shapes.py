@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from climbplan.spec.shapes import hull_fault, polygon_fault
+from climbplan.spec.climb.shapes import hull_fault, polygon_fault
 
 SQUARE = [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 1.0), (0.0, 1.0, 1.0)]
 STAR = [

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 
 FLAT = Path(__file__).parents[2] / "specs" / "transition_flat.yaml"
 

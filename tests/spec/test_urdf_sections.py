@@ -11,8 +11,8 @@ from urdf_walkers import QUADRUPED, Walker
 
 from climbplan.errors import SpecError
 from climbplan.spec.loading import load_climb, load_spec
-from climbplan.spec.robot_source import load_robot
-from climbplan.spec.urdf_source import UrdfRobot
+from climbplan.spec.robots.source import load_robot
+from climbplan.spec.robots.urdf.source import UrdfRobot
 
 CLIMB = """kind: climb
 robot:

@@ -14,8 +14,8 @@ from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import write_dataset_file
 from climbplan.plans.dataset_row import dataset_of
-from climbplan.spec.dataset_mpc import WalksProblemSpec
-from climbplan.spec.mpc_loading import load_body
+from climbplan.spec.datasets.walks import WalksProblemSpec
+from climbplan.spec.walking.loading import load_body
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.dataset_rows import WalkRows, task_of_frame, walk_of
 from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from walk_tasks import walk_task
 
 from climbplan.errors import LimitReached, SpecError
-from climbplan.spec.mpc import MpcSpec
-from climbplan.spec.mpc_loading import load_mpc
+from climbplan.spec.walking.loading import load_mpc
+from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs, limited
 from climbplan.walking.online.closed_loop import Loop, LoopWorld, Lost, Push, recovered, run_loop

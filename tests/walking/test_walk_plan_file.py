@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from climbplan.errors import LimitReached, PlanFileError
-from climbplan.spec.mpc_loading import load_mpc
+from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.verification import verify, verify_and_mark
 from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
 from climbplan.walking.planner import plan_walk

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from climbplan.reports.viewer.walking_scene import walk_scene
-from climbplan.spec.mpc_loading import load_mpc
+from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
 from climbplan.walking.planner import plan_walk
 

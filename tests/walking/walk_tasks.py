@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.spec.mpc import MpcSpec
-from climbplan.spec.mpc_loading import load_body
+from climbplan.spec.walking.loading import load_body
+from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.footing import gait_of
 from climbplan.walking.offline.gaits import cycle
 from climbplan.walking.problem import build_task

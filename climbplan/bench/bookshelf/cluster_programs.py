@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.bench.bookshelf.inputs import Progress
 from climbplan.bench.bookshelf.strategy_cases import Case
 from climbplan.bookshelf.methods.learned import check_of
 from climbplan.bookshelf.methods.trained import ReducedScenes, model_method
@@ -25,6 +24,7 @@ from climbplan.methods.envelope_rounds import MICP_SOLVERS
 from climbplan.methods.pipeline import PipelineOptions, run_pipeline
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
+from climbplan.progress import Progress
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.registry import require

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +14,7 @@ from climbplan.bookshelf.plan_file import write_shelf_plan
 from climbplan.bookshelf.scene import Scenes, Shelf
 from climbplan.bookshelf.scene_file import read_scenes
 from climbplan.errors import MissingSolver, UsageError
-
-Progress = Callable[[str, float], None]
+from climbplan.progress import Progress
 
 STORED_BOOKS = 3
 _LIBRARY_FROM = 1_000_000  # numbers of generated scenes that go into the library

@@ -17,7 +17,7 @@ from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.runs import checked, compile_first
 from climbplan.bookshelf.scene import Array, Scenes
 from climbplan.bookshelf.summary import TRIVIAL
-from climbplan.spec.bookshelf import Meaning
+from climbplan.spec.bookshelf.model import Meaning
 
 NEAR = 0.01  # what counts as at the optimum
 _CONFIDENCE = 1.959964  # of a normal distribution, 95 %

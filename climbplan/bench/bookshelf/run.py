@@ -13,13 +13,7 @@ from typing import Any, TextIO
 
 from climbplan.bench.bookshelf.contenders import CONTENDERS, MEANINGS, Contender, chosen
 from climbplan.bench.bookshelf.context import NOTES, ROWS
-from climbplan.bench.bookshelf.inputs import (
-    Inputs,
-    Progress,
-    bench_inputs,
-    in_turn,
-    write_library,
-)
+from climbplan.bench.bookshelf.inputs import Inputs, bench_inputs, in_turn, write_library
 from climbplan.bench.bookshelf.measure import (
     Figures,
     Run,
@@ -34,7 +28,8 @@ from climbplan.bookshelf.exact.method import ExactLimits
 from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.errors import MissingSolver
-from climbplan.spec.bookshelf import ShelfSolverSpec
+from climbplan.progress import Progress
+from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
 _LIBRARY_NAME = "library.h5"
 

@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 
 from climbplan.bench.bookshelf.cluster_programs import ProgramTrial, cluster_programs
-from climbplan.bench.bookshelf.inputs import Progress
 from climbplan.bench.bookshelf.strategy_cases import (
     KINDS,
     SAME,
@@ -39,6 +38,7 @@ from climbplan.learning.model import StrategyModel
 from climbplan.learning.ranking import RankedStrategies
 from climbplan.methods.reduced_programs import ClusterSolve
 from climbplan.program.instance import Index
+from climbplan.progress import Progress
 
 Contender = Literal["random", "knn", "forest", "boosting", "network", "reduce"]
 CONTENDERS: tuple[Contender, ...] = ("random", "knn", "forest", "boosting", "network", "reduce")

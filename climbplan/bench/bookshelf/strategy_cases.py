@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bench.bookshelf.inputs import FileGroup, Progress
+from climbplan.bench.bookshelf.inputs import FileGroup
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.generator import DropRules, generate_scene, shelf_for
 from climbplan.bookshelf.methods.features import feature_map, feature_scale
@@ -31,7 +31,8 @@ from climbplan.errors import UsageError
 from climbplan.learning.clusters import ClusterOptions, solution_columns
 from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit
 from climbplan.program.instance import Index
-from climbplan.spec.bookshelf import ShelfSolverSpec
+from climbplan.progress import Progress
+from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
 STORED_BOOKS = 3
 _LIBRARY_FROM = 1_000_000  # numbers of generated scenes that are trained on

@@ -10,8 +10,8 @@ import numpy as np
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.errors import NoPlanFound
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.source import load_robot
 
 METHODS = ("micp", "coupled", "coupled-nlp", "coupled-micp")
 LIMIT = 30.0  # [s]

@@ -22,8 +22,8 @@ from climbplan.climb.scene import build_scene
 from climbplan.learning.envelope_box import Envelope
 from climbplan.solvers.registry import BACKENDS
 from climbplan.solvers.result import relative_gap
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.source import load_robot
 
 FORCE_WEIGHT = 1e-3  # [m^2]
 LIMIT = 60.0  # [s] for tightening and solver together

@@ -24,8 +24,8 @@ from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Array, Instants, Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import LimitReached, MissingSolver, NoPlanFound
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.source import load_robot
 
 # Table 5.1 of the dissertation: 96 problems of 61 variables with four-sided pyramids
 PUBLISHED_MS, PUBLISHED_BY = 960.0, "Gurobi, published for an i7-8750H (Table 5.1)"

@@ -15,9 +15,9 @@ from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.program import Instance
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import SolverResult
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot import RobotSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.robots.robot import RobotSpec
+from climbplan.spec.robots.source import load_robot
 
 PUBLISHED = "Gurobi, published for an i7-8750H, set-up included (Table 5.1): 0.420 s"
 

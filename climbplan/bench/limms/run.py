@@ -14,12 +14,12 @@ from climbplan.bench.limms.trial import METHODS, Trial, attempt
 from climbplan.errors import UsageError
 from climbplan.limms.random_jumps import random_jump
 from climbplan.limms.random_throws import random_throw
+from climbplan.progress import Progress
 from climbplan.spec.examples import example_text
-from climbplan.spec.limms_loading import LoadedLimms, limms_of
+from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 
-Progress = Callable[[str, float], None]
 RANDOM: dict[str, Callable[[int], LoadedLimms]] = {"throw": random_throw, "jump": random_jump}
 
 

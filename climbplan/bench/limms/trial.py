@@ -14,7 +14,7 @@ from climbplan.limms.consensus.iteration import GOOD
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.planner import plan_limms
-from climbplan.spec.limms_loading import LoadedLimms, limms_of
+from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.overrides import apply_overrides
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml

@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.bench.walking.shipped_tasks import shipped
 from climbplan.errors import UsageError
-from climbplan.spec.mpc import MpcSpec
+from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.online.closed_loop import LoopWorld
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.run import (

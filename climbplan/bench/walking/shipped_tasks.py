@@ -6,9 +6,9 @@ from pathlib import Path
 
 from climbplan.spec.document import Document
 from climbplan.spec.examples import example_text
-from climbplan.spec.mpc_loading import LoadedMpc, mpc_of
 from climbplan.spec.overrides import apply_overrides
 from climbplan.spec.source import SourceText
+from climbplan.spec.walking.loading import LoadedMpc, mpc_of
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking.problem import build_task
 from climbplan.walking.task import WalkTask

@@ -24,7 +24,7 @@ from climbplan.bookshelf.scene_source import scenes_of, scenes_of_inline, shelf_
 from climbplan.errors import SpecError, UsageError
 from climbplan.plans.check import Check, LeftOut, Limit
 from climbplan.plans.held import held_check
-from climbplan.spec.bookshelf import BookshelfSpec, ShelfSolverSpec
+from climbplan.spec.bookshelf.model import BookshelfSpec, ShelfSolverSpec
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.yaml_source import parse_yaml

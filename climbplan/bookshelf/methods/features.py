@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.bookshelf.points import features_of
 from climbplan.bookshelf.rectangles import half_extents
 from climbplan.bookshelf.scene import Array, Shelf
-from climbplan.spec.strategy import ShelfFeatures
+from climbplan.spec.fits.strategy import ShelfFeatures
 
 Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters [mm, rad]
 _ANGLE = 40.0  # [mm / rad] what a tilt weighs in distances: about half a book's height

@@ -22,7 +22,7 @@ from climbplan.plans import dataset_file
 from climbplan.plans.plan_format import plan_format
 from climbplan.program import Program
 from climbplan.program.instance import Index
-from climbplan.spec.bookshelf import Meaning, ShelfLibrarySpec
+from climbplan.spec.bookshelf.model import Meaning, ShelfLibrarySpec
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from climbplan.bookshelf.scene import Shelf
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf import BookshelfSpec, Meaning, ShelfSolverSpec
+from climbplan.spec.bookshelf.model import BookshelfSpec, Meaning, ShelfSolverSpec
 
 if TYPE_CHECKING:
     from climbplan.solvers.convex.sessions import ConvexBackend

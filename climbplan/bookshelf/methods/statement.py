@@ -32,7 +32,7 @@ from climbplan.solvers.ipopt.instances import solve_pinned
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
-from climbplan.spec.bookshelf import Meaning
+from climbplan.spec.bookshelf.model import Meaning
 
 POLISH_SECONDS = 2.0  # for the program that is left when the integers are kept
 # Of solvers' points [mm, sines]: the check of the placement is what counts.

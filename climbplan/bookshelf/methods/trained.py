@@ -22,7 +22,7 @@ from climbplan.methods.pipeline import Checked, PipelineOptions, PipelineResult,
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
 from climbplan.solvers.sqp.method import SqpOptions
-from climbplan.spec.strategy import ShelfFeatures
+from climbplan.spec.fits.strategy import ShelfFeatures
 
 MORE_CLUSTERS = 4  # that are tried while no placement was found
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from climbplan.bookshelf import scene_file
@@ -20,13 +19,12 @@ from climbplan.errors import UsageError
 from climbplan.learning.clusters import solution_columns
 from climbplan.learning.fit_run import TrainingData
 from climbplan.plans.plan_format import plan_format
-from climbplan.spec.bookshelf import Meaning
-from climbplan.spec.strategy_loading import LoadedStrategy
+from climbplan.progress import Progress
+from climbplan.spec.bookshelf.model import Meaning
+from climbplan.spec.fits.strategy_loading import LoadedStrategy
 
-Report = Callable[[str, float], None]
 
-
-def shelf_data(loaded: LoadedStrategy, report: Report | None = None) -> TrainingData:
+def shelf_data(loaded: LoadedStrategy, report: Progress | None = None) -> TrainingData:
     """The solved scenes that a spec names, all on one shelf in one meaning.
 
     Raises:
@@ -64,7 +62,7 @@ def shelf_data(loaded: LoadedStrategy, report: Report | None = None) -> Training
     )
 
 
-def _solved(path: Path, report: Report | None) -> tuple[Shelf, Meaning, list[Priced]]:
+def _solved(path: Path, report: Progress | None) -> tuple[Shelf, Meaning, list[Priced]]:
     if plan_format(path) == scene_file.FORMAT:
         return Shelf(), "contact", _solve(path, report)
     plan = solved_scenes(path)
@@ -72,7 +70,7 @@ def _solved(path: Path, report: Report | None) -> tuple[Shelf, Meaning, list[Pri
     return plan.shelf, meaning, placed_scenes(plan)
 
 
-def _solve(path: Path, report: Report | None) -> list[Priced]:
+def _solve(path: Path, report: Progress | None) -> list[Priced]:
     """Scenes without solutions, solved on the standard shelf."""
     scenes, solver = read_scenes(path), ExactSolver(Shelf(), ExactLimits())
     found = []

@@ -13,7 +13,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
 from climbplan.plans.check import Array, Check, faults_check, judge
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.robot_ranges import LENGTH, MASS, SPEED, STIFFNESS, TORQUE
+from climbplan.spec.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, TORQUE
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 

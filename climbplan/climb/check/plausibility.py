@@ -17,8 +17,8 @@ from climbplan.plans.plausibility import (
     implausible_gravity,
 )
 from climbplan.robots.model import Robot
-from climbplan.spec.urdf_tree import urdf_of_text
-from climbplan.spec.urdf_xml import UrdfFault, UrdfFaults
+from climbplan.spec.robots.urdf.tree import urdf_of_text
+from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 from climbplan.terrain.surfaces import Region
 
 # A joint at the limb's full length holds a walking robot once or twice, a climber less than once.

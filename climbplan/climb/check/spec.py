@@ -22,12 +22,12 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import SpecError
 from climbplan.plans.check import Check, judge
 from climbplan.plans.differences import Difference, apart, same
-from climbplan.spec.climb import ClimbSpec, GoalSpec
+from climbplan.spec.climb.model import ClimbSpec, GoalSpec
+from climbplan.spec.climb.motion import MotionSpec
+from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
-from climbplan.spec.motion import MotionSpec
-from climbplan.spec.robot_source import AnyRobot
-from climbplan.spec.transition import TransitionSpec
+from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.yaml_source import parse_yaml
 
 

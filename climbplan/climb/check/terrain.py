@@ -11,9 +11,9 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.plans.check import Array
 from climbplan.plans.differences import Difference, apart, same
-from climbplan.spec.motion import MotionSpec
-from climbplan.spec.panel import HoldSpec, PanelSpec
-from climbplan.spec.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
+from climbplan.spec.climb.motion import MotionSpec
+from climbplan.spec.climb.panel import HoldSpec, PanelSpec
+from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Surface, Tube
 

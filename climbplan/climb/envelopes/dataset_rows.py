@@ -27,7 +27,7 @@ from climbplan.plans.dataset_row import RowAnswer
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.robots.model import Robot
-from climbplan.spec.dataset import TerrainsProblemSpec
+from climbplan.spec.datasets.model import TerrainsProblemSpec
 
 KIND = "terrains"
 BLOCKS = ("weight", "toe", "force", "com", "rpy")  # all variables of the statement

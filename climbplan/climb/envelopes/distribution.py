@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
 from climbplan.robots.model import Robot
-from climbplan.spec.envelopes import EnvelopeTerrainSpec
+from climbplan.spec.fits.envelopes import EnvelopeTerrainSpec
 
 
 def terrains_of(spec: EnvelopeTerrainSpec, robot: Robot) -> TerrainDistribution:

@@ -21,7 +21,7 @@ from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json
 from climbplan.plans.root_attributes import Origin, write_root
-from climbplan.spec.envelopes_loading import LoadedEnvelopes
+from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
 
 FORMAT = "climbplan/envelopes"
 FORMAT_VERSION = 1

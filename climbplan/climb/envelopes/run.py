@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,11 +28,11 @@ from climbplan.learning.envelope_clustering import fit_clusters
 from climbplan.learning.envelope_genetic import GeneticOptions, GeneticResult, evolve
 from climbplan.plans.dataset_file import read_dataset_file
 from climbplan.program.polytope import Array
+from climbplan.progress import Progress
 from climbplan.robots.model import Robot
-from climbplan.spec.envelopes import EnvelopeFitSpec, EnvelopesSpec
-from climbplan.spec.envelopes_loading import LoadedEnvelopes
+from climbplan.spec.fits.envelopes import EnvelopeFitSpec, EnvelopesSpec
+from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
 
-Report = Callable[[str, float], None]
 GROWTHS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25)  # of each side, in widths
 
 
@@ -74,7 +73,7 @@ class _Clock:
 
 
 def fit_envelopes(
-    loaded: LoadedEnvelopes, robot: Robot, report: Report, jobs: int = 1
+    loaded: LoadedEnvelopes, robot: Robot, report: Progress, jobs: int = 1
 ) -> EnvelopeRun:
     """Draw or read terrains, fit and validate; the result does not depend on `jobs`.
 
@@ -138,7 +137,7 @@ def _rows(
     loaded: LoadedEnvelopes,
     terrains: TerrainDistribution,
     statement: PostureStatement,
-    report: Report,
+    report: Progress,
 ) -> LabelledRows:
     """Training and held-out terrains: of a dataset, or drawn."""
     data, seed = loaded.spec.data, loaded.spec.seed
@@ -194,7 +193,7 @@ def _searched(
     first: list[EnvelopeSet],
     fit: EnvelopeFitSpec,
     seed: int,
-    report: Report,
+    report: Progress,
 ) -> GeneticResult:
     options = GeneticOptions(
         population=fit.genetic.population,

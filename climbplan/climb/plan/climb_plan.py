@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from climbplan.climb.plan.grips import GripForces, GripPlan
 from climbplan.plans.root_attributes import PlanHeader
 from climbplan.robots.model import Robot
-from climbplan.spec.stored_robot import RobotTexts
+from climbplan.spec.robots.stored import RobotTexts
 from climbplan.terrain.model import Terrain
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from climbplan.climb.plan.mechanism_store import read_mechanism, write_mechanism
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
 from climbplan.robots.model import Robot
-from climbplan.spec.stored_robot import RobotTexts
+from climbplan.spec.robots.stored import RobotTexts
 
 _TEXTS = {"yaml": "source", "urdf": "urdf"}  # attributes, only where there is something to say
 

@@ -19,7 +19,7 @@ from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb import PostureSpec
+from climbplan.spec.climb.model import PostureSpec
 from climbplan.spec.stated import stated
 
 SLACK = 1e-6  # [m] by which everything is wider than it is

@@ -19,9 +19,15 @@ from climbplan.climb.scene import ClimbScene, Stance, build_scene
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.errors import NoPlanFound, NotProved, Remedy
 from climbplan.robots.kinematics import to_body
-from climbplan.spec.climb import ClimbSpec, PosturePlannerSpec, SolverSpec, StartSpec, TaskSpec
-from climbplan.spec.transition import TransitionPostureSpec, TransitionSpec
-from climbplan.spec.transition_loading import LoadedTransition
+from climbplan.spec.climb.model import (
+    ClimbSpec,
+    PosturePlannerSpec,
+    SolverSpec,
+    StartSpec,
+    TaskSpec,
+)
+from climbplan.spec.climb.transition import TransitionPostureSpec, TransitionSpec
+from climbplan.spec.climb.transition_loading import LoadedTransition
 
 _SHARE = 0.5  # of the time limit, for the climb's postures
 _METHODS = ("micp", "nlp")  # the first whose postures hold is taken

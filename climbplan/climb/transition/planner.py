@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.motion import Progress, StageClock
+from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
     Forces,
@@ -36,8 +36,9 @@ from climbplan.climb.transition.stances import Laboratory
 from climbplan.climb.transition.summary import summary_lines
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
 from climbplan.plans.verification import Verification
-from climbplan.spec.stored_robot import robot_texts
-from climbplan.spec.transition_loading import LoadedTransition
+from climbplan.progress import Progress
+from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.spec.robots.stored import robot_texts
 
 _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies

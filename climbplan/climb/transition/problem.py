@@ -40,7 +40,7 @@ from climbplan.mechanics.friction import contact_frame
 from climbplan.program.problem import Problem
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.spec.transition_loading import LoadedTransition
+from climbplan.spec.climb.transition_loading import LoadedTransition
 
 Stated = tuple[Problem, dict[str, Array]]
 Values = Mapping[str, Array]

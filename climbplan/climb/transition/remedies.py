@@ -9,9 +9,9 @@ from dataclasses import replace
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.remedies import listed
 from climbplan.errors import NoPlanFound, NotProved, Remedy, SpecError, UsageError
+from climbplan.spec.climb.transition import TransitionSpec
+from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.overrides import Override
-from climbplan.spec.transition import TransitionSpec
-from climbplan.spec.transition_loading import LoadedTransition
 
 _MORE_ROUNDS = (1, 2)
 _ASIDE = 0.12  # [m]

@@ -22,8 +22,8 @@ from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.task_robot import with_stance
-from climbplan.spec.transition import TransitionSpec
-from climbplan.spec.transition_loading import LoadedTransition
+from climbplan.spec.climb.transition import TransitionSpec
+from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.solids import Solid
 

@@ -20,7 +20,7 @@ from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import end_rotation, standing_rotation
 from climbplan.limms.modules.moving import gaps, rooted
 from climbplan.limms.scene import SIDE_NORMALS, Array, Pose, Scene
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import PlanSoFar
 
 _OUT = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal
 _ASIDE = (-0.3, -0.15, 0.0, 0.15, 0.3)  # [m] across it
@@ -39,7 +39,7 @@ class Grip:
 
 
 def grips(
-    world: Progress,
+    world: PlanSoFar,
     carrier: int,
     side: int,
     path: Array,
@@ -144,7 +144,7 @@ def _served(
 
 
 def _carried(
-    world: Progress, carrier: int, wall_end: int, anchored: Pose, target: Pose
+    world: PlanSoFar, carrier: int, wall_end: int, anchored: Pose, target: Pose
 ) -> Array | None:
     """Joints of the carrier (6,) that hold its free end in line with the added arm; or None."""
     scene = world.scene

@@ -19,7 +19,7 @@ from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import Progress, Stretch
+from climbplan.limms.timeline import PlanSoFar, Stretch
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused
 
@@ -31,7 +31,7 @@ def carry(
     deadline: float,
     rng: np.random.Generator,
     given: tuple[int, ...] | None = None,
-) -> Progress | None:
+) -> PlanSoFar | None:
     """A plan in which arms carry or throw the box, or None; given: the arms' modules.
 
     deadline: `time.monotonic` [s] at which other ways have their turn.
@@ -88,7 +88,7 @@ def whole_carried(
     connections: Sequence[Connection],
     outcome: Outcome,
     rng: np.random.Generator,
-) -> Progress:
+) -> PlanSoFar:
     """Everything from the modules' start to the goal.
 
     Raises:

@@ -29,7 +29,7 @@ from climbplan.limms.modules.stretch_clearance import require_clear_of_all
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb, Trace
-from climbplan.limms.timeline import ADDED_ARM, Progress
+from climbplan.limms.timeline import ADDED_ARM, PlanSoFar
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def carry_on_chains(
     deadline: float,
     rng: np.random.Generator,
     given: tuple[Chain, ...] | None = None,
-) -> Progress | None:
+) -> PlanSoFar | None:
     """A plan in which chains of modules carry the box, or None; given: their modules.
 
     deadline: `time.monotonic` [s] at which other ways have their turn.
@@ -106,7 +106,7 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[C
 
 def _carriers(
     scene: Scene, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
-) -> tuple[Progress, list[list[Grip]]]:
+) -> tuple[PlanSoFar, list[list[Grip]]]:
     """First modules of all chains latched to their anchors; where their free ends may be held.
 
     Raises:
@@ -139,8 +139,8 @@ def _path(task: HeldTask) -> Array:
 
 
 def _added(
-    world: Progress, chains: Sequence[Chain], chosen: Sequence[Grip], rng: np.random.Generator
-) -> tuple[Progress, list[Limb]]:
+    world: PlanSoFar, chains: Sequence[Chain], chosen: Sequence[Grip], rng: np.random.Generator
+) -> tuple[PlanSoFar, list[Limb]]:
     """Carriers hold their ends where they are to be, and added arms come to them.
 
     Raises:
@@ -170,8 +170,8 @@ def _added(
 
 
 def _whole(
-    world: Progress, limbs: Sequence[Limb], traces: Sequence[Trace], rng: np.random.Generator
-) -> Progress:
+    world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[Trace], rng: np.random.Generator
+) -> PlanSoFar:
     """Raises Blocked where a way to the box is not free, or the motion touches something."""
     scene, world = world.scene, world.copy()
     first = traces[0]

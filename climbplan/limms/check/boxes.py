@@ -13,7 +13,7 @@ from climbplan.limms.modules.distances import block_gap
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array
 from climbplan.plans.check import Check
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 _STABLE, _FREE, _HELD, _QUADRUPED = 1, 2, 3, 4
 

@@ -20,7 +20,7 @@ from climbplan.limms.scene import Pose
 from climbplan.plans.check import Check
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 
 def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:

@@ -12,7 +12,7 @@ import numpy as np
 from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array, Points, Pose
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 STEP = 1e-3  # [s]
 

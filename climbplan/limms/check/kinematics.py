@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from climbplan.limms.scene import Array, Points, Pose
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 _ACROSS, _ALONG = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AXES = (_ALONG, _ACROSS, _ACROSS, _ALONG, _ACROSS, _ALONG)

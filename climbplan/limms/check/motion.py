@@ -15,7 +15,7 @@ from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_with
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.plans.check import Check
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 _DRIVING = 1
 _STABLE = 1

@@ -12,8 +12,8 @@ from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import SIDE_NORMALS, Scene, scene_of
 from climbplan.plans.check import Check, not_compared
 from climbplan.plans.differences import Difference, largest, parts_apart, same
-from climbplan.spec.limms import LimmsSpec
-from climbplan.spec.limms_loading import stored_limms
+from climbplan.spec.limms.loading import stored_limms
+from climbplan.spec.limms.model import LimmsSpec
 
 
 def spec_checks(plan: LimmsPlan) -> Iterator[Check]:

@@ -7,7 +7,6 @@ next are tried.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,14 +26,14 @@ from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.refusal import BEHAVIOURS, ruled_out
 from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.sequences import search
-from climbplan.limms.timeline import Progress
-from climbplan.spec.limms_loading import LoadedLimms
+from climbplan.limms.timeline import PlanSoFar
+from climbplan.progress import Progress
+from climbplan.spec.limms.loading import LoadedLimms
 
 METHOD = "admm"
 SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, behaviours in turn
 LEAST = 0.5  # [s] below which none is begun
 REFINED = 60.0  # [s] of one refinement
-Report = Callable[[str, float], None]
 
 
 @dataclass
@@ -46,7 +45,9 @@ class Run:
     notes: list[str] = field(default_factory=list)
 
 
-def plan_by_consensus(loaded: LoadedLimms, report: Report = lambda stage, share: None) -> LimmsPlan:
+def plan_by_consensus(
+    loaded: LoadedLimms, report: Progress = lambda stage, share: None
+) -> LimmsPlan:
     """The plan of a LIMMS spec by consensus.
 
     Raises:
@@ -148,7 +149,7 @@ def _plan(
     nonlinear: Nonlinear,
     run: Run,
     attempts: Attempts,
-    world: Progress,
+    world: PlanSoFar,
     seconds: dict[str, float],
 ) -> LimmsPlan:
     steps = [step for agreement in run.agreements for step in agreement.steps]

@@ -17,7 +17,7 @@ from climbplan.limms.consensus.warm_start import carry_on
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import PlanSoFar
 
 
 def chains_of(modes: Modes) -> tuple[Chain, ...]:
@@ -46,7 +46,7 @@ def sequence_of(modes: Modes) -> Sequence:
 
 def refine(
     scene: Scene, best: Iterate, attempts: Attempts, left: float, rng: np.random.Generator
-) -> Progress | None:
+) -> PlanSoFar | None:
     """A plan with the mode sequence kept, or None; `attempts` says why not.
 
     Arms that carry begin where the blocks agreed, and where that fails as in method `modes`. A

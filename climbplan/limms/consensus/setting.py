@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.limms.corridor import centre_blocks
 from climbplan.limms.scene import Array, Index, Scene
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
 SECONDS = (2.0, 0.12, 0.6, 0.3, 0.12)  # [s] of an interval in each

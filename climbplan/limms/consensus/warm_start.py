@@ -23,7 +23,7 @@ from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import PlanSoFar
 
 
 def carry_on(
@@ -34,7 +34,7 @@ def carry_on(
     attempts: Attempts,
     deadline: float,
     rng: np.random.Generator,
-) -> Progress | None:
+) -> PlanSoFar | None:
     """A plan in which single arms carry the box as the best iterate does, or None."""
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)

@@ -10,7 +10,7 @@ from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.statement import LegTrace
 from climbplan.limms.scene import GRAVITY, Array, Pose, Scene
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import NOWHERE, QUADRUPED, Progress
+from climbplan.limms.timeline import NOWHERE, QUADRUPED, PlanSoFar
 
 PROJECTIONS = 60  # onto cones and balance in turn
 CONE = 0.985  # of friction; what the program uses is less
@@ -18,7 +18,7 @@ LIMIT = 0.995  # of the largest force
 LEAST = 0.005  # of the weight on a foot that stands
 
 
-def add_leg_traces(world: Progress, limbs: Sequence[Limb], traces: Sequence[LegTrace]) -> None:
+def add_leg_traces(world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[LegTrace]) -> None:
     """Add the phases of a quadruped's answer to a plan."""
     modules = [limb.module for limb in limbs]
     for trace in traces:

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.limms.scene import SIDE_NORMALS, Array
 from climbplan.limms.statement import Limb
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 OFF_AXIS = 0.05  # [m] of the wrist from the first axis, at least: branches meet there
 BENT = (0.12, 0.08)  # [rad] of elbow and wrist, at least

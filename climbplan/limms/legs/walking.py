@@ -20,7 +20,7 @@ from climbplan.limms.legs.stretches import add_leg_traces
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import PlanSoFar
 
 
 def walk(
@@ -30,8 +30,8 @@ def walk(
     most_steps: int,
     rng: np.random.Generator,
     only: str = "",
-    fault: Callable[[Progress], str] = lambda world: "",
-) -> Progress | None:
+    fault: Callable[[PlanSoFar], str] = lambda world: "",
+) -> PlanSoFar | None:
     """A plan in which four modules are legs of the box, or None.
 
     deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty; fault: what is
@@ -80,7 +80,7 @@ def _whole(
     traces: Sequence[LegTrace],
     attempts: Attempts,
     rng: np.random.Generator,
-) -> Progress:
+) -> PlanSoFar:
     """Modules drive up, latch at once, and the box moves.
 
     Raises:

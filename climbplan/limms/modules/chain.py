@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.limms.scene import Array, Points, Pose
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.spec.limms.module import ModuleSpec
 
 ROLLS = (True, False, False, True, False, True)
 BRANCHES = tuple(product((1, -1), (1, -1), (1, -1)))

@@ -7,14 +7,14 @@ import numpy as np
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.scene import Array, Points, Pose
-from climbplan.limms.timeline import Progress
+from climbplan.limms.timeline import PlanSoFar
 
 
 class Blocked(Exception):
     """No free way was found; says for whom and where to."""
 
 
-def gaps(world: Progress, module: int, points: Points, root_end: int | None = None) -> Array:
+def gaps(world: PlanSoFar, module: int, points: Points, root_end: int | None = None) -> Array:
     """Least gap (n) of a module's poses from solids, boxes, other modules and itself [m].
 
     root_end: the end that is fixed; its link does not move, and touches what it stands on.
@@ -41,7 +41,7 @@ def gaps(world: Progress, module: int, points: Points, root_end: int | None = No
     return worst
 
 
-def rooted(world: Progress, root: Pose, root_end: int, angles: Array) -> Points:
+def rooted(world: PlanSoFar, root: Pose, root_end: int, angles: Array) -> Points:
     """Poses (n) of a module with one end fixed."""
     shape = angles.shape[:-1]
     base = Pose(
@@ -53,7 +53,7 @@ def rooted(world: Progress, root: Pose, root_end: int, angles: Array) -> Points:
 
 
 def add_motion(
-    world: Progress,
+    world: PlanSoFar,
     module: int,
     points: Points,
     time: Array,

@@ -23,7 +23,7 @@ from climbplan.limms.modules.straight_ways import (
     straight_in,
 )
 from climbplan.limms.scene import Array, Points, Pose
-from climbplan.limms.timeline import Progress, samples
+from climbplan.limms.timeline import PlanSoFar, samples
 
 MARGIN = 0.004  # [m] kept on the way
 _STEP = 0.06  # [rad] between the poses that are looked at
@@ -48,7 +48,7 @@ def _smooth(corners: Array, most: float) -> tuple[Array, Array, Array]:
 
 
 def _free_of(
-    world: Progress, module: int, root: Pose, root_end: int, margin: float
+    world: PlanSoFar, module: int, root: Pose, root_end: int, margin: float
 ) -> Callable[[Array], NDArray[np.bool_]]:
     """Which joint angles (n, 6) [rad] are in range and `margin` [m] off everything."""
 
@@ -63,7 +63,7 @@ def _free_of(
 
 
 def move_joints(
-    world: Progress,
+    world: PlanSoFar,
     module: int,
     root: Pose,
     root_end: int,
@@ -92,7 +92,7 @@ def move_joints(
 
 
 def reach(
-    world: Progress,
+    world: PlanSoFar,
     module: int,
     root: Pose,
     root_end: int,
@@ -123,7 +123,7 @@ def reach(
     follow(world, module, root, root_end, last, name)
 
 
-def drive(world: Progress, module: int, goal: Array, name: str, rng: np.random.Generator) -> None:
+def drive(world: PlanSoFar, module: int, goal: Array, name: str, rng: np.random.Generator) -> None:
     """Drive a module that stands upright to a point of the same ground.
 
     Raises:

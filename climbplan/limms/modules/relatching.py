@@ -30,12 +30,12 @@ from climbplan.limms.modules.stretch_clearance import require_clear_of_all
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, Progress, samples
+from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, PlanSoFar, samples
 
 
 def relatch(
     scene: Scene, modes: Modes, attempts: Attempts, deadline: float, rng: np.random.Generator
-) -> Progress | None:
+) -> PlanSoFar | None:
     """A plan in which a module comes to its anchor over the box and then carries it, or None.
 
     deadline: `time.monotonic` [s] at which other ways have their turn.
@@ -75,7 +75,7 @@ def _owners(scene: Scene, connection: Connection) -> Iterator[int]:
 
 def on_box(
     scene: Scene, module: int, side: int, lets_go: bool, rng: np.random.Generator
-) -> Progress:
+) -> PlanSoFar:
     """Everything until a module is held by a side of the standing box alone.
 
     lets_go: a module on an anchor of the ground drives first, otherwise it comes from there.
@@ -95,7 +95,7 @@ def on_box(
     return latch_from_ground(world, module, target, side, DRIVES, name, rng)
 
 
-def _from_anchor(world: Progress, module: int, side: int, rng: np.random.Generator) -> Progress:
+def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Generator) -> PlanSoFar:
     """The same for a module that is latched to the terrain, and lets go once it has the box."""
     scene = world.scene
     name = scene.module_names[module]
@@ -121,7 +121,7 @@ def _from_anchor(world: Progress, module: int, side: int, rng: np.random.Generat
     raise reason
 
 
-def hold(world: Progress, limb: Limb, name: str) -> None:
+def hold(world: PlanSoFar, limb: Limb, name: str) -> None:
     """Rest for as long as a latch takes to close, the arm holding the box where it stands."""
     scene = world.scene
     world.box_mode = MANIPULATED
@@ -131,12 +131,12 @@ def hold(world: Progress, limb: Limb, name: str) -> None:
 
 
 def _from_box(
-    world: Progress,
+    world: PlanSoFar,
     limb: Limb,
     connection: Connection,
     outcome: Outcome,
     rng: np.random.Generator,
-) -> Progress:
+) -> PlanSoFar:
     """From the box to the wall, and on with the box.
 
     Raises:

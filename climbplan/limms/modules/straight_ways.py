@@ -8,8 +8,8 @@ from scipy.interpolate import CubicSpline
 from climbplan.limms.modules.chain import BRANCHES, continued, in_range, inverse
 from climbplan.limms.modules.moving import Blocked, add_motion, gaps, rooted
 from climbplan.limms.scene import Array, Pose
-from climbplan.limms.timeline import Progress, samples
-from climbplan.spec.limms_module import ModuleSpec
+from climbplan.limms.timeline import PlanSoFar, samples
+from climbplan.spec.limms.module import ModuleSpec
 
 LENGTHS = (0.08, 0.05, 0.03, 0.015)  # [m] of the straight way along the normal of an anchor
 SPEED_SHARE = 0.95
@@ -17,7 +17,7 @@ _JUMP = 0.2  # [rad] between samples of a straight way, a few millimetres apart
 
 
 def straight_in(
-    world: Progress,
+    world: PlanSoFar,
     module: int,
     root: Pose,
     root_end: int,
@@ -55,7 +55,7 @@ def straight_in(
     return None if clear.min() < -1e-9 else best
 
 
-def leave(world: Progress, module: int, root: Pose, root_end: int, name: str) -> None:
+def leave(world: PlanSoFar, module: int, root: Pose, root_end: int, name: str) -> None:
     """Draw the free end back along its own axis.
 
     Raises:
@@ -72,7 +72,9 @@ def leave(world: Progress, module: int, root: Pose, root_end: int, name: str) ->
     raise Blocked(f"{name}: module {world.scene.module_names[module]} cannot draw back")
 
 
-def follow(world: Progress, module: int, root: Pose, root_end: int, path: Array, name: str) -> None:
+def follow(
+    world: PlanSoFar, module: int, root: Pose, root_end: int, path: Array, name: str
+) -> None:
     """Add a motion of one module whose free end moves straight, through angles (n, 6).
 
     Its frame is solved anew at every sample, so that it stays on its line.

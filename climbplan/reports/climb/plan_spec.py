@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import SpecError
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.kinds import validate
-from climbplan.spec.transition import TransitionSpec
 from climbplan.spec.yaml_source import parse_yaml
 
 

@@ -10,7 +10,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports.climb.plan_spec import plan_spec
 from climbplan.robots.rotations import Array
 from climbplan.spec.base import SpecModel
-from climbplan.spec.climb import ClimbSpec
+from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.fields import Slot
 
 

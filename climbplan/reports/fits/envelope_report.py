@@ -15,7 +15,7 @@ from climbplan.reports.page_parts import Card, escape, plain_words
 from climbplan.reports.page_template import fill, frame_fields, number_table, run_fields
 from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
-from climbplan.spec.envelopes_loading import LoadedEnvelopes
+from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
 
 _HEAD = (
     "Method",

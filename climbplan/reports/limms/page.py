@@ -23,8 +23,8 @@ from climbplan.reports.page_template import (
 )
 from climbplan.reports.replay import key_frames
 from climbplan.spec.kinds import validate
-from climbplan.spec.limms import LimmsSpec
-from climbplan.spec.limms_space import free_blocks
+from climbplan.spec.limms.model import LimmsSpec
+from climbplan.spec.limms.space import free_blocks
 from climbplan.spec.yaml_source import parse_yaml
 
 _TOLERANCE = 2e-3  # [m] by which the replay may be off between its frames

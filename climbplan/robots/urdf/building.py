@@ -17,8 +17,8 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, collision_shapes, legs_radius
 from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
 from climbplan.spec.document import Finding
-from climbplan.spec.robot_ranges import LENGTH, THICKNESS
-from climbplan.spec.urdf_source import UrdfRobot
+from climbplan.spec.robots.ranges import LENGTH, THICKNESS
+from climbplan.spec.robots.urdf.source import UrdfRobot
 
 LIMB_RADIUS = 0.02  # [m] without collision geometry
 _THINNEST = 0.02  # [m] half extent of a body at least

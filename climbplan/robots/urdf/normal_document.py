@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
-from climbplan.spec.urdf_source import UrdfRobot
-from climbplan.spec.urdf_xml import Element, number_of, parsed, vector_of
+from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.spec.robots.urdf.xml import Element, number_of, parsed, vector_of
 
 
 @dataclass(frozen=True)

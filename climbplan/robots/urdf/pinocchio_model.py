@@ -16,8 +16,8 @@ from climbplan.errors import MissingSolver
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.spec.document import Finding
-from climbplan.spec.urdf_source import UrdfRobot
-from climbplan.spec.urdf_tree import UrdfLink
+from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.spec.robots.urdf.tree import UrdfLink
 
 _FORWARD = {
     "x": (1.0, 0.0, 0.0),

@@ -14,8 +14,8 @@ from climbplan.plans.check import Check, Limit
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
-from climbplan.spec.mpc import MpcSpec
-from climbplan.spec.mpc_loading import stored_body
+from climbplan.spec.walking.loading import stored_body
+from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking.check.checker import check_loop, check_trajectory
 from climbplan.walking.check.objective import objective_terms

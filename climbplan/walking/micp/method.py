@@ -15,7 +15,7 @@ import highspy
 import numpy as np
 
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
-from climbplan.spec.mpc_solver import WalkSolverSpec
+from climbplan.spec.walking.solver import WalkSolverSpec
 from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -13,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.spec.mpc import MpcSpec
-from climbplan.spec.mpc_loading import LoadedMpc
-from climbplan.spec.mpc_loop import WalkLoopSpec
-from climbplan.spec.mpc_solver import WalkLibrarySpec
+from climbplan.progress import Progress
+from climbplan.spec.walking.loading import LoadedMpc
+from climbplan.spec.walking.loop import WalkLoopSpec
+from climbplan.spec.walking.model import MpcSpec
+from climbplan.spec.walking.solver import WalkLibrarySpec
 from climbplan.walking.cost import cost_terms
 from climbplan.walking.online.admittance import AdmittanceGains
 from climbplan.walking.online.closed_loop import (
@@ -40,7 +40,6 @@ from climbplan.walking.problem import SUBSTEPS, build_task, sampled_task
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.task import VELOCITY, Array, WalkTask, Whole
 
-Progress = Callable[[str, float], None]
 MOST_WARNINGS = 20  # of ticks, told one by one
 
 

@@ -18,7 +18,7 @@ from climbplan.climb.envelopes.terrains import (
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
 from climbplan.solvers.registry import solve
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.robots.source import load_robot
 
 
 @pytest.fixture(scope="module")

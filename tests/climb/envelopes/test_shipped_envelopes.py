@@ -9,7 +9,7 @@ import pytest
 
 from climbplan.climb.envelopes.shipped import SHIPPED, shipped_envelopes
 from climbplan.errors import UsageError
-from climbplan.spec.envelopes_loading import load_envelopes
+from climbplan.spec.fits.envelopes_loading import load_envelopes
 
 SPECS = Path(__file__).parents[3] / "specs"
 # Least shares of feasible and of infeasible held-out terrains that P1 tells right

@@ -22,8 +22,8 @@ from climbplan.errors import LimitReached, PlanFileError, UsageError
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_row import Row, child_seed, dataset_of
 from climbplan.robots.model import Robot
-from climbplan.spec.dataset import TerrainsProblemSpec
-from climbplan.spec.robot_source import load_robot
+from climbplan.spec.datasets.model import TerrainsProblemSpec
+from climbplan.spec.robots.source import load_robot
 
 PLACE = Path("dataset.h5")
 

@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.terrain.solids import Solid
 
 BRICKS = Path(__file__).parents[3] / "specs" / "transition_bricks.yaml"

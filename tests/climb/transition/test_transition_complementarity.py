@@ -17,7 +17,7 @@ from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.errors import UsageError
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 FLAT, BRICKS = SPECS / "transition_flat.yaml", SPECS / "transition_bricks.yaml"

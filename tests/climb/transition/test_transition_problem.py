@@ -20,7 +20,7 @@ from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import Search
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 

@@ -8,8 +8,8 @@ import pytest
 
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NotProved, Remedy
+from climbplan.spec.climb.transition_loading import LoadedTransition, load_transition
 from climbplan.spec.overrides import Override
-from climbplan.spec.transition_loading import LoadedTransition, load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 

@@ -24,7 +24,7 @@ from climbplan.climb.transition.stances import (
 )
 from climbplan.errors import NotProved
 from climbplan.robots.rotations import skew
-from climbplan.spec.transition_loading import load_transition
+from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 FLAT = SPECS / "transition_flat.yaml"

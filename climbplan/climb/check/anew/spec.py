@@ -18,11 +18,11 @@ from climbplan.plans.differences import Difference, largest, parts_apart
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
-from climbplan.spec.climb import ClimbSpec
-from climbplan.spec.robot import RobotSpec
-from climbplan.spec.robot_source import AnyRobot
-from climbplan.spec.stored_robot import NotKept, StoredRobot, stored_robot
-from climbplan.spec.transition import TransitionSpec
+from climbplan.spec.climb.model import ClimbSpec
+from climbplan.spec.climb.transition import TransitionSpec
+from climbplan.spec.robots.robot import RobotSpec
+from climbplan.spec.robots.source import AnyRobot
+from climbplan.spec.robots.stored import NotKept, StoredRobot, stored_robot
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.terrain.model import build_terrain
 

@@ -30,10 +30,11 @@ from climbplan.climb.postures.nlp.numbers import (
 )
 from climbplan.climb.postures.nlp.starts import convex_guess, repinned, straight_guess
 from climbplan.climb.postures.nlp.statement import posture_nlp
-from climbplan.climb.postures.planner import PostureResult, Progress
+from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, ReachFailure
+from climbplan.progress import Progress
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory
 

@@ -1,0 +1,1 @@
+"""Specs of books on a shelf."""

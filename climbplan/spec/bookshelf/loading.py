@@ -1,0 +1,88 @@
+"""From a bookshelf spec file and overrides to a validated model, with all mistakes at once.
+
+A path in the file starts from the file's directory; one that a command option sets starts from the
+current directory and stands in the spec's text in full, so that the text means the same anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from climbplan.errors import SpecError
+from climbplan.spec.bookshelf.model import BookshelfSpec
+from climbplan.spec.document import Document, KeyPath
+from climbplan.spec.kinds import validate_kind
+from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.source import SourceText, read_source
+from climbplan.spec.yaml_source import parse_yaml, write_yaml
+
+_PATHS: tuple[KeyPath, ...] = (
+    ("scenes", "file"),
+    ("solver", "library", "file"),
+    ("solver", "model", "file"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedShelf(LoadedSpec):
+    """A bookshelf spec and the text it came from; files it names are not opened yet."""
+
+    spec: BookshelfSpec
+
+
+def load_shelf(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedShelf:
+    """Read, override and check a bookshelf spec; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec and overrides.
+    """
+    text = read_source(source)
+    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
+    return shelf_of_document(document, text)
+
+
+def shelf_of_document(document: Document, text: SourceText) -> LoadedShelf:
+    """The bookshelf spec that a document is.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    root_paths(document, _PATHS)
+    spec, findings = validate_kind(document, "bookshelf", BookshelfSpec)
+    if spec is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    return LoadedShelf(spec=spec, **origin_of(document, text))
+
+
+def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
+    """Write paths that command options set in full."""
+    changed = False
+    for path in paths:
+        holder: Any = document.value
+        for key in path[:-1]:
+            holder = holder.get(key) if isinstance(holder, dict) else None
+        value = holder.get(path[-1]) if isinstance(holder, dict) else None
+        if isinstance(value, str) and value and _by_option(document, path):
+            holder[path[-1]] = str(Path.cwd() / value)
+            changed = True
+        elif isinstance(value, list) and _by_option(document, path):
+            several = [isinstance(entry, str) and entry != "" for entry in value]
+            pairs = zip(value, several, strict=True)
+            holder[path[-1]] = [str(Path.cwd() / v) if text else v for v, text in pairs]
+            changed = True
+    if changed:
+        document.text = write_yaml(document.value)
+
+
+def _by_option(document: Document, path: KeyPath) -> bool:
+    """Whether a command option set the value at `path`, rather than the file."""
+    for length in range(len(path), 0, -1):
+        if path[:length] in document.options:
+            return True
+        if path[:length] in document.lines:
+            return False
+    return False

@@ -1,0 +1,99 @@
+"""From a dataset spec file and overrides to a validated model, with all mistakes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from climbplan.errors import SpecError
+from climbplan.spec.bookshelf.loading import root_paths
+from climbplan.spec.climb.motion_loading import robot_of_document
+from climbplan.spec.datasets.model import (
+    BY_PROBLEM,
+    ProgramDatasetSpec,
+    ShelfDatasetSpec,
+    TerrainsDatasetSpec,
+    WalksDatasetSpec,
+)
+from climbplan.spec.document import Document, Finding
+from climbplan.spec.fields import nearest
+from climbplan.spec.kinds import find_kind, validate
+from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.source import SourceText, read_source
+from climbplan.spec.walking.loading import body_of_document
+from climbplan.spec.wording import shown
+from climbplan.spec.yaml_source import parse_yaml
+
+_PATHS = (
+    ("problem", "solver", "library", "file"),
+    ("problem", "solver", "library"),
+    ("problem", "solver", "model", "file"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedDataset(LoadedSpec):
+    """A dataset spec and the text it came from."""
+
+    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec | WalksDatasetSpec
+
+
+def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedDataset:
+    """Read, override and check a dataset spec; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec and overrides.
+    """
+    text = read_source(source)
+    return dataset_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
+    """The dataset spec that a document describes.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    findings: list[Finding] = []
+    kind = find_kind(document, wanted="dataset")
+    if isinstance(kind, Finding):
+        findings.append(kind)
+    root_paths(document, _PATHS)
+    model = _model_of(document)
+    if isinstance(model, Finding):
+        raise SpecError(document.source, document.mistakes([*findings, model]))
+    spec, found = validate(document, model)
+    findings += [f for f in found if f.path != ("kind",)]
+    mistakes = document.mistakes(findings)
+    if model is TerrainsDatasetSpec:
+        mistakes += robot_of_document(document, text.directory, ("problem", "robot"))[1]
+    if model is WalksDatasetSpec:
+        mistakes += body_of_document(document, text.directory, ("problem", "robot"))[1]
+    if spec is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    return LoadedDataset(spec=spec, **origin_of(document, text))
+
+
+def _model_of(
+    document: Document,
+) -> (
+    type[ShelfDatasetSpec]
+    | type[ProgramDatasetSpec]
+    | type[TerrainsDatasetSpec]
+    | type[WalksDatasetSpec]
+    | Finding
+):
+    """The model that `problem.kind` asks for, or what is wrong with it."""
+    known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
+    problem = document.value.get("problem")
+    if not isinstance(problem, dict):
+        got = "missing" if problem is None else f"got {shown(problem)}"
+        return Finding(("problem",), f"{got}, expected a mapping with a `kind` (one of {known})")
+    kind = problem.get("kind")
+    if not isinstance(kind, str) or kind not in BY_PROBLEM:
+        near = nearest(kind, list(BY_PROBLEM)) if isinstance(kind, str) else None
+        got = "missing" if kind is None else f"got {shown(kind)}"
+        return Finding(("problem", "kind"), f"{got}, expected one of {known}", near)
+    return BY_PROBLEM[kind]

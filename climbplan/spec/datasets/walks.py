@@ -1,0 +1,83 @@
+"""Datasets of walks (chapter 8.2.4.5): random starts of a walking task, each solved."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
+from climbplan.spec.walking.model import MpcSpec
+from climbplan.spec.walking.task import WalkTaskSpec, WalkWeightsSpec
+from climbplan.spec.walking.terrain import WalkTerrainSpec
+
+
+class StartRangesSpec(SpecModel):
+    """How far starts are drawn either way: the published ranges, and disturbances beyond them."""
+
+    forward: Number = quantity("m/s", "v_x, published", default=1.5, ge=0, le=10)
+    acceleration: Number = quantity(
+        "m/s^2", "a_x, published: a push through the knot before the walk", 15.0, ge=0, le=100
+    )
+    sideways: Number = quantity("m/s", "v_y", default=0.5, ge=0, le=10)
+    tilt: Number = quantity("rad", "roll and pitch", default=0.1, ge=0, le=1)
+    yaw: Number = quantity("rad", "yaw", default=0.0, ge=0, le=1.5)
+    spin: Number = quantity("rad/s", "components of the angular velocity", 0.6, ge=0, le=10)
+    toes: Number = quantity("m", "toes along x and y", default=0.04, ge=0, le=0.2)
+
+
+class WalkRowSolverSpec(SpecModel):
+    """Method and limits of a row."""
+
+    method: Literal["search", "nlp"] = Field(
+        default="search", description="`search` or `nlp`, as of `kind: mpc`"
+    )
+    qps: Count = quantity("", "QPs that the search may solve", default=400, ge=1)
+    time_limit: Number = quantity(
+        "s",
+        "cap of a row; a row that it ended is none, as its answer would depend on the machine",
+        default=120.0,
+        gt=0,
+    )
+
+
+class WalksProblemSpec(SpecModel):
+    """Random starts of a walking task on flat ground."""
+
+    kind: Literal["mpc"] = Field(description="always `mpc`")
+    robot: str = Field(
+        default="scaler",
+        min_length=1,
+        description="built-in rigid body (`scaler`) or path of a rigid-body YAML file",
+    )
+    terrain: WalkTerrainSpec = WalkTerrainSpec()
+    """The ground: its friction."""
+    task: WalkTaskSpec = WalkTaskSpec()
+    """Horizon and reference; the start is drawn."""
+    weights: WalkWeightsSpec = WalkWeightsSpec()
+    """The objective."""
+    start: StartRangesSpec = StartRangesSpec()
+    """What starts are drawn from."""
+    solver: WalkRowSolverSpec = WalkRowSolverSpec()
+    """Method and limits."""
+
+    @model_validator(mode="after")
+    def _solvable(self) -> Self:
+        faults = []
+        if self.terrain.regions:
+            faults.append(Fault("terrain.regions", "walks of a dataset are on flat ground"))
+        if self.task.knots < 5:
+            faults.append(Fault("task.knots", f"sections need 5 knots, got {self.task.knots}"))
+        refuse(faults)
+        return self
+
+    @property
+    def walk(self) -> MpcSpec:
+        """The walking task that starts are drawn for."""
+        return MpcSpec(
+            kind="mpc",
+            robot=self.robot,
+            terrain=self.terrain,
+            task=self.task,
+            weights=self.weights,
+        )

@@ -1,0 +1,50 @@
+"""From a spec of kind `envelopes` and overrides to its model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from climbplan.errors import SpecError
+from climbplan.spec.bookshelf.loading import root_paths
+from climbplan.spec.climb.motion_loading import robot_of_document
+from climbplan.spec.document import Document
+from climbplan.spec.fits.envelopes import EnvelopesSpec
+from climbplan.spec.kinds import validate_kind
+from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.source import SourceText, read_source
+from climbplan.spec.yaml_source import parse_yaml
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedEnvelopes(LoadedSpec):
+    """An envelopes spec and the text it came from."""
+
+    spec: EnvelopesSpec
+
+
+def load_envelopes(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedEnvelopes:
+    """Read, override and check; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec and overrides.
+    """
+    text = read_source(source)
+    return envelopes_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def envelopes_of(document: Document, text: SourceText) -> LoadedEnvelopes:
+    """The envelopes spec that a document describes.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    root_paths(document, (("data", "dataset"),))
+    spec, findings = validate_kind(document, "envelopes", EnvelopesSpec)
+    _, robot_mistakes = robot_of_document(document, text.directory)
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
+    if spec is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    return LoadedEnvelopes(spec=spec, **origin_of(document, text))

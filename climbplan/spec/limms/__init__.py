@@ -1,0 +1,1 @@
+"""Specs of modules that deliver a box."""

@@ -1,0 +1,236 @@
+"""LIMMS spec (`kind: limms`): reconfigurable modules bring a box to its goal (chapter 6)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.limms.space import (
+    anchor_fault,
+    block_fault,
+    free_blocks,
+    overlaps,
+    solid_blocks,
+    stand_fault,
+)
+
+Behaviour = Literal["arms", "quadruped", "flight"]
+
+
+class RegionSpec(SpecModel):
+    """A box of free space; what no region covers is solid."""
+
+    name: str = Field(min_length=1, description="name used in messages")
+    lower: Vector = quantity("m", "corner with the least coordinates")
+    upper: Vector = quantity("m", "corner with the largest coordinates")
+
+
+class AnchorSpec(SpecModel):
+    """A latch point on a wall or on the ground."""
+
+    name: str = Field(min_length=1, description="name used in reports")
+    position: Vector = quantity("m", "where it is, on a face of the free space")
+    normal: Vector = quantity("", "axis-parallel direction from the face into free space")
+
+
+class SpaceSpec(SpecModel):
+    """Free space, its anchors, and friction."""
+
+    friction: Number = quantity("", "friction coefficient of the ground", default=0.8, gt=0)
+    regions: tuple[RegionSpec, ...] = Field(min_length=1, description="free space")
+    anchors: tuple[AnchorSpec, ...] = Field(default=(), description="anchors on walls and ground")
+
+
+class BoxSpec(SpecModel):
+    """The box to deliver; it does not turn (chapter 6.3, assumption 1)."""
+
+    size: Vector = quantity("m", "edge lengths along x, y and z")
+    mass: Number = quantity("kg", "mass", gt=0)
+    start: Vector = quantity("m", "centre at the start, where it stands")
+    goal: Vector = quantity("m", "centre at the end")
+    arrival_speed: Number = quantity(
+        "m/s", "largest speed at which it may arrive; 0: it arrives at rest", default=0.0, ge=0
+    )
+
+
+class ParkedSpec(SpecModel):
+    """Another box, which stays where it stands."""
+
+    size: Vector = quantity("m", "edge lengths along x, y and z")
+    position: Vector = quantity("m", "its centre")
+
+
+class StandSpec(SpecModel):
+    """A module at the start: it stands upright on the ground, or is latched to an anchor."""
+
+    name: str = Field(min_length=1, description="name used in reports")
+    stand: Vector | None = quantity("m", "point of the ground that it stands on", default=None)
+    anchor: str | None = Field(default=None, description="anchor that its first end is latched to")
+
+
+class DeliverySpec(SpecModel):
+    """What plans may use."""
+
+    allow: Annotated[tuple[Behaviour, ...], Field(min_length=1)] = Field(
+        default=("arms", "quadruped", "flight"),
+        description="how the box may move: held by `arms`, as body of a `quadruped`, in free "
+        "`flight` after a throw",
+    )
+
+
+class ConsensusSpec(SpecModel):
+    """Method `admm`: the published consensus of a mixed-integer and a nonlinear block."""
+
+    intervals: Count = quantity("", "intervals of the horizon", default=8, ge=3, le=30)
+    iterations: Count = quantity("", "iterations at most", default=15, ge=1, le=100)
+    growth: Number = quantity(
+        "", "factor of the weights from one iteration to the next, rho", default=1.3, gt=1, le=10
+    )
+    weight: Number = quantity("1/m", "weight of a disagreement at first", default=1.0, gt=0)
+    freeze_after: Count = quantity(
+        "", "iterations with free integers, then they stay as they are", default=0, ge=0
+    )
+
+
+class LimmsSolverSpec(SpecModel):
+    """Method and limits."""
+
+    method: Literal["modes", "admm"] = Field(
+        default="modes",
+        description="`modes`: search over mode sequences, then a nonlinear program; `admm`: "
+        "consensus of a mixed-integer and a nonlinear block, then the same program",
+    )
+    admm: ConsensusSpec = ConsensusSpec()
+    """Method `admm`."""
+    time_limit: Number = quantity("s", "time limit", default=90.0, gt=0)
+    most_steps: Count = quantity("", "steps of a quadruped at most", default=16, ge=0, le=60)
+
+
+class LimmsSpec(SpecModel):
+    """Several modules deliver a box."""
+
+    kind: Literal["limms"] = Field(description="always `limms`")
+    title: str = Field(default="", description="one line for reports")
+    robot: str = Field(
+        default="limms", description="built-in module, or path of a `module` file", min_length=1
+    )
+    terrain: SpaceSpec
+    box: BoxSpec
+    parked: tuple[ParkedSpec, ...] = Field(default=(), description="boxes that stay as obstacles")
+    modules: tuple[StandSpec, ...] = Field(min_length=1, max_length=8, description="the modules")
+    task: DeliverySpec = DeliverySpec()
+    """What plans may use."""
+    solver: LimmsSolverSpec = LimmsSolverSpec()
+    """Method and limits."""
+    seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        faults = [
+            *_size_faults(self),
+            *_name_faults("terrain.regions", [r.name for r in self.terrain.regions]),
+            *_name_faults("terrain.anchors", [a.name for a in self.terrain.anchors]),
+            *_name_faults("modules", [m.name for m in self.modules]),
+            *_module_faults(self),
+        ]
+        refuse(faults)
+        refuse(_place_faults(self))
+        return self
+
+
+def _size_faults(spec: LimmsSpec) -> list[Fault]:
+    faults = [
+        Fault(f"terrain.regions.{i}.upper", f"expected more than lower {list(r.lower)}")
+        for i, r in enumerate(spec.terrain.regions)
+        if any(high <= low for low, high in zip(r.lower, r.upper, strict=True))
+    ]
+    sized = [("box.size", spec.box.size)]
+    sized += [(f"parked.{i}.size", box.size) for i, box in enumerate(spec.parked)]
+    faults += [
+        Fault(key, f"expected three numbers > 0, got {list(size)}")
+        for key, size in sized
+        if min(size) <= 0
+    ]
+    faults += [
+        Fault(
+            f"terrain.anchors.{i}.normal",
+            f"expected a unit vector along an axis, got {list(a.normal)}",
+        )
+        for i, a in enumerate(spec.terrain.anchors)
+        if sorted(abs(v) for v in a.normal) != [0, 0, 1]
+    ]
+    return faults
+
+
+def _name_faults(key: str, names: list[str]) -> list[Fault]:
+    return [
+        Fault(f"{key}.{i}.name", f"names must differ, {name!r} is also number {names.index(name)}")
+        for i, name in enumerate(names)
+        if names.index(name) < i
+    ]
+
+
+def _module_faults(spec: LimmsSpec) -> list[Fault]:
+    faults = []
+    known = [anchor.name for anchor in spec.terrain.anchors]
+    taken: dict[str, str] = {}
+    for i, module in enumerate(spec.modules):
+        if (module.stand is None) == (module.anchor is None):
+            faults.append(Fault(f"modules.{i}", "expected either `stand` or `anchor`"))
+        if module.anchor is None:
+            continue
+        if module.anchor not in known:
+            names = ", ".join(known) or "none"
+            expected = f"expected an anchor of the terrain ({names}), got {module.anchor!r}"
+            faults.append(Fault(f"modules.{i}.anchor", expected))
+        elif module.anchor in taken:
+            held = f"already holds module {taken[module.anchor]!r}"
+            faults.append(Fault(f"modules.{i}.anchor", held))
+        taken.setdefault(module.anchor, module.name)
+    if "arms" not in spec.task.allow and "quadruped" in spec.task.allow and len(spec.modules) < 4:
+        few = f"a quadruped needs 4 modules, got {len(spec.modules)}"
+        faults.append(Fault("modules", few))
+    if set(spec.task.allow) == {"flight"}:
+        faults.append(Fault("task.allow", "a flight needs `arms` or `quadruped` before it"))
+    return faults
+
+
+def _place_faults(spec: LimmsSpec) -> list[Fault]:
+    """What cannot be where it is said to be."""
+    free = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions])
+    solid = solid_blocks(free)
+    box = spec.box
+    faults = []
+    for key, centre, what in (
+        ("box.start", box.start, "the box at its start"),
+        ("box.goal", box.goal, "the box at its goal"),
+    ):
+        faults += block_fault(key, what, centre, box.size, solid)
+    standing = [("box.start", box.start, box.size)]
+    for i, parked in enumerate(spec.parked):
+        key = f"parked.{i}.position"
+        faults += block_fault(key, f"parked box {i}", parked.position, parked.size, solid)
+        standing.append((key, parked.position, parked.size))
+    for i, (key, centre, size) in enumerate(standing):
+        for other, place, extent in standing[:i]:
+            if overlaps(centre, size, place, extent):
+                faults.append(Fault(key, f"overlaps the box at {other}"))
+    for i, parked in enumerate(spec.parked):
+        if overlaps(box.goal, box.size, parked.position, parked.size):
+            faults.append(Fault("box.goal", f"inside parked box {i}"))
+    if box.start == box.goal:
+        faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
+    for i, anchor in enumerate(spec.terrain.anchors):
+        key = f"terrain.anchors.{i}.position"
+        same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]
+        faults += [Fault(key, f"anchor {name!r} is at the same place") for name in same]
+        faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, free, solid)
+    for i, module in enumerate(spec.modules):
+        if module.stand is not None:
+            faults += stand_fault(f"modules.{i}.stand", module.name, module.stand, free, solid)
+    for key, centre, size in standing:
+        bottom = (centre[0], centre[1], centre[2] - size[2] / 2)
+        faults += stand_fault(key, "the box", bottom, free, solid)
+    return faults

@@ -1,0 +1,1 @@
+"""Specs of problems of one's own."""

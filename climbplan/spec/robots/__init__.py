@@ -1,0 +1,1 @@
+"""Robots as users write them."""

@@ -1,0 +1,1 @@
+"""Robots from URDFs: reading them, and what a URDF cannot say."""

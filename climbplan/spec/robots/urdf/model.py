@@ -1,0 +1,186 @@
+"""A robot from a URDF, and what a URDF cannot say (`robot: {urdf: PATH, legs: {...}}`)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
+from climbplan.spec.robots.ranges import (
+    GRAVITY,
+    LENGTH,
+    MASS,
+    PLACE,
+    SPEED,
+    STIFFNESS,
+    THICKNESS,
+    TORQUE,
+    Given,
+    Range,
+    range_faults,
+)
+
+FEWEST_LEGS = 3
+
+
+class UrdfJointSpec(SpecModel):
+    """What a URDF says wrongly or not at all of one joint."""
+
+    max_torque: Number | None = quantity(
+        "N m", "torque limit; left out: `effort` of the URDF", default=None, gt=0
+    )
+    max_speed: Number | None = quantity(
+        "rad/s", "speed limit; left out: `velocity` of the URDF", default=None, gt=0
+    )
+    stiffness: Number | None = quantity(
+        "N m/rad", "stiffness under position control; left out: the robot's", default=None, gt=0
+    )
+
+
+class UrdfLegSpec(SpecModel):
+    """One leg: the chain of joints from the base to a toe."""
+
+    toe: str = Field(min_length=1, description="link that touches the terrain")
+    toe_offset: Vector = quantity(
+        "m", "the point that touches, in the frame of that link", default=(0.0, 0.0, 0.0)
+    )
+    side: Literal["left", "right", "any", "by place"] = Field(
+        default="by place",
+        description="wall this limb uses when `terrain.walls` is given; `by place`: that on the "
+        "side of its nominal toe",
+    )
+    posture_deg: dict[str, Number] = quantity(
+        "deg",
+        "angles of joints, by their names, to which a leg with freedom to choose stays nearest, "
+        "and from which others start; joints left out are at zero, or in the middle of their "
+        "range if that leaves zero out",
+        default={},
+    )
+    stance: Vector | None = quantity(
+        "m",
+        "nominal toe position, body frame (x right, y forward, z up, origin in the centre of "
+        "mass); left out: where the posture has it",
+        default=None,
+    )
+
+
+class UrdfWorkspaceSpec(SpecModel):
+    """Balls that stand for a leg's workspace in the posture planner."""
+
+    reach: Number | None = quantity(
+        "m",
+        "largest distance from first joint to toe; left out: 0.97 of the farthest toe among "
+        "sampled postures",
+        default=None,
+        gt=0,
+    )
+    stance_radius: Number | None = quantity(
+        "m",
+        "largest distance of a toe from its nominal stance; left out: of the largest ball all of "
+        "whose sampled points can be reached within the joint bounds",
+        default=None,
+        gt=0,
+    )
+
+
+class UrdfRobotSpec(SpecModel):
+    """A robot that a URDF describes, with what no URDF says of it."""
+
+    kind: Literal["robot"] = Field(default="robot", description="always `robot`")
+    urdf: str = Field(min_length=1, description="path of the URDF (XML, not xacro)")
+    name: str | None = Field(
+        default=None, min_length=1, description="name used in reports; left out: the URDF's"
+    )
+    packages: dict[str, str] = Field(
+        default={},
+        description="package name -> directory, for meshes at `package://name/...`; others are "
+        "looked for above the URDF and in ROS_PACKAGE_PATH",
+    )
+    base: str | None = Field(
+        default=None, min_length=1, description="link that is the body; left out: the root link"
+    )
+    forward: Literal["x", "-x", "y", "-y"] = Field(
+        default="x", description="axis of the base link that points forward; its z points up"
+    )
+    mass: Number | None = quantity(
+        "kg", "total mass; left out: the sum over the links", default=None, gt=0
+    )
+    gravity: Number = quantity("m/s^2", "gravitational acceleration along -z", default=9.81, ge=0)
+    joint_stiffness: Number = quantity(
+        "N m/rad",
+        "stiffness of joints under position control (their P gain); assumed if left out",
+        default=50.0,
+        gt=0,
+    )
+    structural_compliance_share: Number = quantity(
+        "", "share of the limb compliance that comes from the structure", default=0.0, ge=0, lt=1
+    )
+    joints: dict[str, UrdfJointSpec] = Field(
+        default={}, description="joint name -> what the URDF does not say of it"
+    )
+    body_half_size: Vector | None = quantity(
+        "m",
+        "half extents of the body's box hull about the centre of mass; left out: round the base "
+        "link's collision geometry, or round the first joints",
+        default=None,
+    )
+    limb_radius: Number | None = quantity(
+        "m",
+        "radius of the capsules round the links; left out: what holds the legs' collision "
+        "geometry, or 0.02",
+        default=None,
+        ge=0,
+    )
+    workspace: UrdfWorkspaceSpec = UrdfWorkspaceSpec()
+    """Limb workspace of the posture planner."""
+    legs: dict[str, UrdfLegSpec] = Field(
+        description="leg name -> its toe; at least three, in leg order"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        faults = []
+        if len(self.legs) < FEWEST_LEGS:
+            faults.append(Fault("legs", f"expected at least three legs, got {len(self.legs)}"))
+        faults += [
+            Fault("legs", "expected a name for every leg, got ''") for n in self.legs if not n
+        ]
+        if self.body_half_size is not None and min(self.body_half_size) <= 0:
+            size = list(self.body_half_size)
+            faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
+        if not faults:
+            faults = self._sizes()
+        refuse(faults)
+        return self
+
+    def _sizes(self) -> list[Fault]:
+        """What is out of the range that a robot's numbers can have."""
+        own: dict[str, tuple[Given, Range]] = {
+            "mass": (self.mass, MASS),
+            "gravity": (self.gravity, GRAVITY),
+            "joint_stiffness": (self.joint_stiffness, STIFFNESS),
+            "body_half_size": (self.body_half_size, LENGTH),
+            "limb_radius": (self.limb_radius, THICKNESS),
+            "workspace.reach": (self.workspace.reach, LENGTH),
+            "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
+        }
+        for name, joint in self.joints.items():
+            own[f"joints.{name}.max_torque"] = (joint.max_torque, TORQUE)
+            own[f"joints.{name}.max_speed"] = (joint.max_speed, SPEED)
+            own[f"joints.{name}.stiffness"] = (joint.stiffness, STIFFNESS)
+        for name, leg in self.legs.items():
+            own[f"legs.{name}.toe_offset"] = (leg.toe_offset, PLACE)
+            own[f"legs.{name}.stance"] = (leg.stance, PLACE)
+        return range_faults(own)
+
+
+def _reference(value: Any) -> str:
+    return MAPPING_TAG if isinstance(value, dict | UrdfRobotSpec) else FILE_TAG
+
+
+RobotReference = Annotated[
+    Annotated[str, Field(min_length=1), Tag(FILE_TAG)] | Annotated[UrdfRobotSpec, Tag(MAPPING_TAG)],
+    Discriminator(_reference),
+]

@@ -1,0 +1,102 @@
+"""A robot section that names a URDF, read and checked together with the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from climbplan.errors import SpecError
+from climbplan.spec.document import Document, Finding, KeyPath
+from climbplan.spec.robots.urdf.checks import leg_findings, section_findings, tree_findings
+from climbplan.spec.robots.urdf.meshes import mesh_path
+from climbplan.spec.robots.urdf.model import UrdfRobotSpec
+from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
+from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
+
+
+@dataclass(frozen=True)
+class UrdfRobot:
+    """A robot from a URDF whose text holds together; what it weighs and reaches is still open."""
+
+    spec: UrdfRobotSpec
+    tree: UrdfTree
+    base: str  # link that is the body
+    joints: dict[str, tuple[UrdfJoint, ...]]  # those that move, by leg, from base to toe
+    meshes: dict[str, Path]  # collision meshes, by the name that the URDF gives them
+    document: Document = field(repr=False, compare=False)
+    path: KeyPath  # of the section in the document
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return self.spec.name or self.tree.name
+
+    @property
+    def limb_names(self) -> tuple[str, ...]:
+        """Legs, in their order."""
+        return tuple(self.spec.legs)
+
+    @property
+    def kind(self) -> str:
+        """`robot`, as of every robot."""
+        return self.spec.kind
+
+    def refused(self, findings: list[Finding]) -> SpecError:
+        """Mistakes found later, at the lines of the section."""
+        return SpecError(self.document.source, self.document.mistakes(self._here(findings)))
+
+    def _here(self, findings: list[Finding]) -> list[Finding]:
+        return below(self.path, findings)
+
+
+def below(path: KeyPath, findings: list[Finding]) -> list[Finding]:
+    """Findings of a section, at their place in the document."""
+    return [Finding((*path, *f.path), f.message, f.suggestion, f.option) for f in findings]
+
+
+def urdf_robot(
+    spec: UrdfRobotSpec, document: Document, path: KeyPath, directory: Path
+) -> tuple[UrdfRobot | None, list[Finding]]:
+    """The robot of a section at `path`, or every mistake in it and its URDF.
+
+    Paths start from `directory`.
+    """
+    try:
+        tree = read_urdf(directory / spec.urdf)
+    except (UrdfFault, UrdfFaults) as error:
+        faults = error.faults if isinstance(error, UrdfFaults) else [error]
+        return None, below(path, [_told(spec, fault) for fault in faults])
+    return robot_of_tree(spec, document, path, directory, tree)
+
+
+def robot_of_tree(
+    spec: UrdfRobotSpec, document: Document, path: KeyPath, directory: Path, tree: UrdfTree
+) -> tuple[UrdfRobot | None, list[Finding]]:
+    """As `urdf_robot`, of a URDF that was read already."""
+    found = tree_findings(tree)
+    base = spec.base or (tree.roots or [""])[0]
+    if not found:
+        found = [*section_findings(spec, tree, base), *leg_findings(spec, tree, base)]
+    meshes: dict[str, Path] = {}
+    named = dict(mesh for link in tree.links.values() for mesh in link.collision_meshes)
+    if spec.limb_radius is not None and spec.body_half_size is not None:
+        named = {}  # no mesh is looked at
+    for name, number in named.items():
+        try:
+            meshes[name] = mesh_path(name, tree.path, spec.packages, directory)
+        except UrdfFault as fault:
+            key = "packages" if fault.message.startswith("package") else "urdf"
+            cure = "or `limb_radius` and `body_half_size`, with which no mesh is read"
+            found.append(Finding((key,), f"{tree.at(number)}: {fault.message}, {cure}"))
+    if found:
+        return None, below(path, list(dict.fromkeys(found)))
+    joints = {
+        name: tuple(j for j in tree.way_to(leg.toe, base) or [] if j.kind != "fixed")
+        for name, leg in spec.legs.items()
+    }
+    return UrdfRobot(spec, tree, base, joints, meshes, document, path), []
+
+
+def _told(spec: UrdfRobotSpec, fault: UrdfFault) -> Finding:
+    line = f"{Path(spec.urdf).name} line {fault.line}: " if fault.line else ""
+    return Finding(("urdf",), f"{line}{fault.message}")

@@ -1,0 +1,53 @@
+"""MPC spec (`kind: mpc`): a walking quadruped that chooses footsteps, gait and forces (8.2)."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from climbplan.spec.base import Count, Fault, SpecModel, quantity, refuse
+from climbplan.spec.walking.loop import WalkLoopSpec
+from climbplan.spec.walking.solver import WalkLibrarySpec, WalkSolverSpec
+from climbplan.spec.walking.task import WalkTaskSpec, WalkWeightsSpec
+from climbplan.spec.walking.terrain import WalkTerrainSpec
+
+
+class MpcSpec(SpecModel):
+    """Footsteps, gait, body motion and contact forces of a walking quadruped, chosen together."""
+
+    kind: Literal["mpc"] = Field(description="always `mpc`")
+    title: str = Field(default="", description="one line for reports")
+    robot: str = Field(
+        default="scaler",
+        min_length=1,
+        description="built-in rigid body (`scaler`) or path of a rigid-body YAML file",
+    )
+    terrain: WalkTerrainSpec = WalkTerrainSpec()
+    """The ground."""
+    task: WalkTaskSpec = WalkTaskSpec()
+    """Horizon, start and reference."""
+    weights: WalkWeightsSpec = WalkWeightsSpec()
+    """The objective."""
+    solver: WalkSolverSpec = WalkSolverSpec()
+    """Method and limits."""
+    library: WalkLibrarySpec = WalkLibrarySpec()
+    """What `online` takes its integers from."""
+    loop: WalkLoopSpec = WalkLoopSpec()
+    """The closed loop of `online`."""
+    seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
+
+    @model_validator(mode="after")
+    def _online_can(self) -> Self:
+        faults = []
+        if self.solver.method == "online":
+            if self.terrain.regions:
+                faults.append(Fault("terrain.regions", "`online` walks on flat ground only"))
+            if self.task.integrator != "mean":
+                message = "`online` runs in continuous time, which needs `integrator: mean`"
+                faults.append(Fault("task.integrator", message))
+        if self.solver.method == "micp" and self.task.integrator != "euler":
+            message = "`micp` states forward Euler steps only: `integrator: euler`"
+            faults.append(Fault("task.integrator", message))
+        refuse(faults)
+        return self

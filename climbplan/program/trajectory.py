@@ -9,7 +9,6 @@ used again and again; all its rows are one block. IPOPT takes such a program as 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -20,17 +19,8 @@ from climbplan.program.instance import Index
 from climbplan.program.layout import Layout
 from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual
+from climbplan.program.stage import NamedRows, Stage
 from climbplan.program.statement import Program
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Some rows of a block, behind those that were stated before."""
-
-    name: str
-    unit: str
-    lower: Array
-    upper: Array
 
 
 def _places(name: str, names: list[str], sizes: list[int]) -> Index:
@@ -42,67 +32,7 @@ def _places(name: str, names: list[str], sizes: list[int]) -> Index:
     return np.stack(found)
 
 
-class _Blocks:
-    """Rows and costs by name, under construction."""
-
-    def __init__(self, symbols: Any) -> None:
-        self._symbols = symbols
-        self._rows: list[_Rows] = []
-        self._expressions: list[Any] = []
-        self._costs: dict[str, Any] = {}
-
-    def between(
-        self,
-        name: str,
-        expression: Any,
-        lower: ArrayLike = -np.inf,
-        upper: ArrayLike = np.inf,
-        unit: str = "",
-    ) -> None:
-        """lower <= expression <= upper, elementwise; the expression may have no entry."""
-        column = ca.vec(expression)
-        shape = (column.numel(),)
-        low = np.broadcast_to(np.asarray(lower, float), shape)
-        high = np.broadcast_to(np.asarray(upper, float), shape)
-        self._rows.append(_Rows(name, unit, low, high))
-        self._expressions.append(column)
-
-    def equal(self, name: str, expression: Any, unit: str = "") -> None:
-        """expression == 0, elementwise."""
-        self.between(name, expression, 0.0, 0.0, unit)
-
-    def minimise(self, name: str, term: Any) -> None:
-        """Add a term to a named cost."""
-        self._costs[name] = self._costs.get(name, self._symbols(0)) + term
-
-    def sizes(self) -> dict[str, int]:
-        """Rows of every block."""
-        found: dict[str, int] = {}
-        for rows in self._rows:
-            found[rows.name] = found.get(rows.name, 0) + len(rows.lower)
-        return found
-
-
-class Stage(_Blocks):
-    """One knot's rows and costs, stated once and called at each knot: `Trajectory.add`.
-
-    A function of columns. Every row and cost has a name.
-    """
-
-    def __init__(self, name: str, inputs: Mapping[str, Any]) -> None:
-        """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
-        super().__init__(ca.SX)
-        self.name = name
-        self.inputs = tuple(inputs)
-        self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
-
-    def function(self) -> Any:
-        """ca.Function: columns -> (rows (m,), costs (c,))."""
-        outputs = [ca.vertcat(*self._expressions), ca.vertcat(*self._costs.values())]
-        return ca.Function(self.name, self._inputs, [ca.densify(out) for out in outputs])
-
-
-class Trajectory(_Blocks):
+class Trajectory(NamedRows):
     """minimise the sum of named costs subject to named rows on variables with starts and bounds."""
 
     def __init__(self, name: str, symbols: Any = ca.MX) -> None:

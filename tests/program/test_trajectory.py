@@ -10,7 +10,8 @@ import pytest
 
 from climbplan.methods.table import solve_instance
 from climbplan.program.problem import Problem
-from climbplan.program.trajectory import Stage, Trajectory
+from climbplan.program.stage import Stage
+from climbplan.program.trajectory import Trajectory
 from climbplan.solvers.ipopt.trajectory import compiled, solve_trajectory
 
 QUIET = {"max_iter": 50}

@@ -30,7 +30,8 @@ from climbplan.climb.transition.limb_expressions import (
 )
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.stiffness import joint_softness
-from climbplan.program.trajectory import Stage, Trajectory
+from climbplan.program.stage import Stage
+from climbplan.program.trajectory import Trajectory
 from climbplan.robots.model import Robot
 from climbplan.robots.symbols import rotation
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
 from climbplan.walking.check.checker import check_trajectory
 from climbplan.walking.footing import gait_of, toe_heights
@@ -28,11 +29,11 @@ from climbplan.walking.task import LEGS, Array, Gait, WalkTask, WalkTrajectory
 def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str, Array]]:
     """The problem of a task, and its parameters; it starts from the guessed gait's best phase.
 
-    Raises ValueError where no phase of the gait keeps as many legs standing as asked for.
+    Raises UsageError where no phase of the gait keeps as many legs standing as asked for.
     """
     first = next(guesses(task, guess), None)
     if first is None:
-        raise ValueError(f"no phase of {guess!r} keeps {task.least_contacts} legs standing")
+        raise UsageError(f"no phase of {guess!r} keeps {task.least_contacts} legs standing")
     gait, at = first
     start = values_of(task, gait, at)
 

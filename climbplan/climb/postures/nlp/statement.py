@@ -30,7 +30,8 @@ from climbplan.climb.postures.nlp.layout import (
 )
 from climbplan.climb.postures.nlp.links import link_points
 from climbplan.program.layout import Layout
-from climbplan.program.trajectory import Stage, Trajectory
+from climbplan.program.stage import Stage
+from climbplan.program.trajectory import Trajectory
 from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 

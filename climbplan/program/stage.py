@@ -1,0 +1,83 @@
+"""Rows and costs by name, and one knot of a trajectory as a function of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from climbplan.program.polytope import Array
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Some rows of a block, behind those that were stated before."""
+
+    name: str
+    unit: str
+    lower: Array
+    upper: Array
+
+
+class NamedRows:
+    """Rows and costs by name, under construction."""
+
+    def __init__(self, symbols: Any) -> None:
+        self._symbols = symbols
+        self._rows: list[Rows] = []
+        self._expressions: list[Any] = []
+        self._costs: dict[str, Any] = {}
+
+    def between(
+        self,
+        name: str,
+        expression: Any,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        unit: str = "",
+    ) -> None:
+        """lower <= expression <= upper, elementwise; the expression may have no entry."""
+        column = ca.vec(expression)
+        shape = (column.numel(),)
+        low = np.broadcast_to(np.asarray(lower, float), shape)
+        high = np.broadcast_to(np.asarray(upper, float), shape)
+        self._rows.append(Rows(name, unit, low, high))
+        self._expressions.append(column)
+
+    def equal(self, name: str, expression: Any, unit: str = "") -> None:
+        """expression == 0, elementwise."""
+        self.between(name, expression, 0.0, 0.0, unit)
+
+    def minimise(self, name: str, term: Any) -> None:
+        """Add a term to a named cost."""
+        self._costs[name] = self._costs.get(name, self._symbols(0)) + term
+
+    def sizes(self) -> dict[str, int]:
+        """Rows of every block."""
+        found: dict[str, int] = {}
+        for rows in self._rows:
+            found[rows.name] = found.get(rows.name, 0) + len(rows.lower)
+        return found
+
+
+class Stage(NamedRows):
+    """One knot's rows and costs, stated once and called at each knot: `Trajectory.add`.
+
+    A function of columns. Every row and cost has a name.
+    """
+
+    def __init__(self, name: str, inputs: Mapping[str, Any]) -> None:
+        """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
+        super().__init__(ca.SX)
+        self.name = name
+        self.inputs = tuple(inputs)
+        self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
+
+    def function(self) -> Any:
+        """ca.Function: columns -> (rows (m,), costs (c,))."""
+        outputs = [ca.vertcat(*self._expressions), ca.vertcat(*self._costs.values())]
+        return ca.Function(self.name, self._inputs, [ca.densify(out) for out in outputs])

@@ -94,7 +94,7 @@ def test_python_block_runs() -> None:
         [sys.executable, "-c", block], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "residual=0.0" in done.stdout
+    assert "off by 0" in done.stdout
 
 
 def test_specs_of_the_table_exist() -> None:

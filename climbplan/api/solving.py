@@ -28,8 +28,13 @@ class Solution:
 
     @property
     def status(self) -> str:
-        """ "optimal", "feasible", "infeasible" or "limit"."""
+        """ "optimal", "feasible", "infeasible" (proved), or "limit": no answer, `why` says more."""
         return self.found.result.status
+
+    @property
+    def why(self) -> str:
+        """The method's last words: how its solver ended, or what refused its answer."""
+        return self.found.result.log[-1] if self.found.result.log else ""
 
     @property
     def objective(self) -> float | None:
@@ -73,12 +78,16 @@ class Solution:
 
     def _point(self) -> Array:
         if self.found.result.x is None:
-            raise UsageError(f"no answer to look at: {self.status}")
+            raise UsageError(f"no answer to look at: {self._ended()}")
         return self.found.result.x
+
+    def _ended(self) -> str:
+        told = f" ({self.why})" if self.why and self.found.result.x is None else ""
+        return f"{self.status}{told}"
 
     def __repr__(self) -> str:
         cost = "" if self.objective is None else f", objective {self.objective:.6g}"
-        return f"<Solution of {self.problem.name!r} by {self.method}: {self.status}{cost}>"
+        return f"<Solution of {self.problem.name!r} by {self.method}: {self._ended()}{cost}>"
 
 
 @ctrl_c_insists()

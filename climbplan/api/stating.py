@@ -25,12 +25,18 @@ def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) 
 
     spec, set: as `climbplan.plan`. A climb: its postures as method `micp` has them, forces apart;
     with `solver.method` nlp as that has them, rotations exact, from its first start.
-    A transition: its motion from the best sequence of the search, which is free unless the spec
-    names one. A walk: all knots, contacts as binaries, from the guessed gait (`solver.guess`). A
-    bookshelf: its only scene. Rows may be added before it is solved,
-    `problem.program.between("mine", ...)` on `problem.program.affine(...)`. Answers have to pass
-    the problem's own exact checker where it has one (exact rotations, transitions, walks,
-    bookshelves).
+    A transition, of a mission that before the climb: its motion from the best sequence of the
+    search, which is free unless the spec names one; `pose` is where a round starts, so that the
+    first is given, and costs are 100 times those of the plan. A walk: all knots, contacts as
+    binaries, from the guessed gait (`solver.guess`); of knot n `state{n}` (position, velocity,
+    roll pitch yaw, angular velocity), `toe{n}` (x, y of each leg), `force{n}` and `contact{n}`. A
+    bookshelf: its only scene.
+
+    Rows may be added before it is solved, `problem.program.between("mine", ...)` on
+    `problem.program.affine(...)`; `problem.program.variables` says what there is. Answers have to
+    pass the problem's own exact checker where it has one (exact rotations, transitions, walks,
+    bookshelves). A method of the table knows the statement only: `micp`, for one, is not the
+    planner's of that name, which knows the problem's structure and is much faster.
 
     Raises SpecError for mistakes, UsageError for other kinds and for files of several scenes,
     NoPlanFound where the search has no sequence for a transition.
@@ -41,9 +47,10 @@ def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) 
         loaded = load(spec, set)
     maker = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
     if maker is None or not isinstance(loaded, LoadedSpec):
+        kind = getattr(getattr(loaded, "spec", None), "kind", type(loaded).__name__)
         raise UsageError(
             "problems are stated by specs of kind climb, transition, mpc and bookshelf; "
-            f"this is a {type(loaded).__name__}"
+            f"this is of kind {kind}"
         )
     with placed_mistakes(loaded):
         return maker(loaded)

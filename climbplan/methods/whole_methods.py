@@ -31,7 +31,8 @@ def minlp_scip(task: Task) -> Outcome:
     settings = task.settings
     if task.instance.smooth is not None:
         raise UsageError(
-            "method 'minlp-scip' cannot hold smooth rows: use nlp, mpcc, micp, pinned or admm"
+            "method 'minlp-scip' cannot hold smooth rows: use minlp-bonmin, mpcc, pinned, micp or "
+            "admm, without integers nlp"
         )
     found = require("minlp-scip").load()(task.instance, settings.gap, task.left)
     return Outcome(_polished(task, found), "SCIP", 1)

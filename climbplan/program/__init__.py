@@ -8,7 +8,9 @@ from climbplan.program.instance import Balls, Choice, Instance
 from climbplan.program.polytope import Polytope
 from climbplan.program.problem import Problem, StatementError
 from climbplan.program.residuals import BlockResidual, CheckReport
+from climbplan.program.stage import Stage
 from climbplan.program.statement import Program
+from climbplan.program.trajectory import Trajectory
 
 __all__ = [
     "Balls",
@@ -19,5 +21,7 @@ __all__ = [
     "Polytope",
     "Problem",
     "Program",
+    "Stage",
     "StatementError",
+    "Trajectory",
 ]

@@ -37,6 +37,16 @@ class CheckReport:
         """The block with the largest residual."""
         return max(self.blocks, key=lambda b: b.residual)
 
+    def __getitem__(self, name: str) -> BlockResidual:
+        """The block of a name, at its worst; raises KeyError, which says what names there are."""
+        found = [block for block in self.blocks if block.name == name]
+        if not found:
+            raise KeyError(f"no block {name!r}: {', '.join(sorted({b.name for b in self.blocks}))}")
+        return max(found, key=lambda block: block.residual)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.blocks))
+
     def passed(self, tolerance: float) -> bool:
         """Whether no block is violated by more than the tolerance."""
         return all(b.residual <= tolerance for b in self.blocks)

@@ -74,12 +74,23 @@ class Program:
         self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
         return self._symbols(name, shape, self._x)
 
+    def __repr__(self) -> str:
+        groups = (self._rows, self._balls, self._choices, self._implications, self._smooth)
+        names = dict.fromkeys(block.name for group in groups for block in group)
+        return f"<Program {self.name!r}: variables {self._listed()}; blocks {', '.join(names)}>"
+
+    def _listed(self) -> str:
+        return ", ".join(self.variables)
+
     def affine(self, name: str) -> AffineArray:
         """A stated block of variables as an array whose coefficients are numbers.
 
         For blocks and costs without parameters and products, which it states much faster. All
-        variables of a program have to be stated before the first one is asked for like this.
+        variables of a program have to be stated before the first one is asked for like this. Raises
+        KeyError for a name that is not stated.
         """
+        if name not in self.variables:
+            raise KeyError(f"{self.name} states no {name!r}, its variables are {self._listed()}")
         variable = self.variables[name]
         return AffineArray.variables(variable.start, variable.shape, len(self._x))
 
@@ -102,8 +113,8 @@ class Program:
         self,
         name: str,
         expression: Expression | AffineArray,
-        lower: ArrayLike,
-        upper: ArrayLike,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
         unit: str = "",
     ) -> None:
         """lower <= expression <= upper, elementwise; the bounds are numbers.

@@ -150,6 +150,10 @@ class Trajectory(NamedRows):
         """(N,)."""
         return np.concatenate([np.zeros(0), *self._start])
 
+    def guess(self) -> dict[str, Array]:
+        """The stated starts by variable, for `Problem(start=lambda theta: ...)`."""
+        return dict(zip(self._x, self._start, strict=True))
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Of the variables, (N,) each."""
@@ -237,7 +241,7 @@ class Trajectory(NamedRows):
 
         Rows that are affine in the variables are stated as such, the others as smooth ones;
         binaries as binaries. Costs have to be quadratic. row_bounds: as for `residuals`; bounds: of
-        the variables (N,) each, where they are other ones than stated.
+        the variables (N,) each, where they are other ones than stated. Starts are `guess`.
         """
         program = Program(self.name)
         x, p = [], []

@@ -33,7 +33,10 @@ def test_an_answer_that_the_problems_own_checker_refuses_is_none() -> None:
     strict = replace(problem, check=lambda theta, values: {"never": float(len(values))})
     found = climbplan.solve(strict, theta, method="pinned")
     assert found.status == "limit"
-    assert found.found.result.log[-1].startswith("answer refused by the problem's own check: never")
+    assert found.why.startswith("answer refused by the problem's own check: never")
+    assert found.why in repr(found)
+    with pytest.raises(UsageError, match=r"no answer to look at: limit .answer refused"):
+        found.check()
 
 
 def test_a_climbs_postures_with_a_row_of_ones_own() -> None:
@@ -44,7 +47,11 @@ def test_a_climbs_postures_with_a_row_of_ones_own() -> None:
     problem.program.between("mine.aside", com[0, :1], aside + 0.005, np.inf, unit="m")
     held = climbplan.solve(problem, theta, method="mpcc", time_limit=60)
     assert held["com"][0, 0] >= aside + 0.005 - 1e-6
-    assert "mine.aside" in {block.name for block in held.check().blocks}
+    assert held.check()["mine.aside"].residual < 1e-6
+    with pytest.raises(KeyError, match=r"no block 'mine'.*mine.aside"):
+        held.check()["mine"]
+    with pytest.raises(KeyError, match="states no 'comm', its variables are toe, com, rpy"):
+        problem.program.affine("comm")
 
 
 def test_a_climb_with_exact_rotations_up_a_tube() -> None:
@@ -94,7 +101,7 @@ def test_a_shelf_by_methods_of_the_table(method: str) -> None:
 
 
 def test_what_states_no_problem_is_named() -> None:
-    with pytest.raises(UsageError, match=r"climb.*; this is a LoadedLimms"):
+    with pytest.raises(UsageError, match=r"climb.*; this is of kind limms"):
         climbplan.stated(SPECS / "limms_throw.yaml")
     with pytest.raises(UsageError, match="a problem is stated by one scene"):
         climbplan.stated(SPECS / "bookshelf_file.yaml")

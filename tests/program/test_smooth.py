@@ -92,7 +92,7 @@ def test_infeasible_without_the_smooth_rows_is_infeasible_with_them() -> None:
 
 def test_methods_that_cannot_hold_them_say_so() -> None:
     problem = Problem("circle", circle(binary=True))
-    with pytest.raises(UsageError, match="cannot hold smooth rows: use nlp, mpcc"):
+    with pytest.raises(UsageError, match="cannot hold smooth rows: use minlp-bonmin, mpcc"):
         solve_instance(problem, {"r": 1.0}, "minlp-scip")
     with pytest.raises(UsageError, match="holds no integers: use mpcc"):
         solve_instance(problem, {"r": 1.0}, "nlp")

@@ -96,7 +96,11 @@ def test_every_method_takes_a_trajectory() -> None:
     program = swing.program()
     assert program.counts()["by_block"] == {"dynamics": 8, "slow": 4, "goal": 1}
     assert program.counts()["smooth_rows"] == 6  # but for the first step, whose sine is a number
-    problem = Problem("swing", program, start=lambda theta: {"u": [1, 1, 1, 1]})
+    problem = Problem("swing", program, start=lambda theta: swing.guess())
+    assert swing.guess()["u"].tolist() == [1, 1, 1, 1]
+    assert repr(program) == (
+        "<Program 'swing': variables x, x.1, x.2, x.3, u; blocks dynamics, slow, goal>"
+    )
     theta = {"start": np.zeros((2, 1))}
     pinned = solve_instance(problem, theta, "pinned").result
     free = solve_instance(problem, theta, "mpcc").result

@@ -1,7 +1,8 @@
 """The nonlinear program of all knots, eqs. (8.14) to (8.25) and (8.30), compiled for IPOPT.
 
-Variables are states 1 to N, forces, toes (x, y) 1 to N and contacts 0 to N, in this order; contacts
-c in [0, 1] obey c (1 - c) <= eps. Starts, references and regions are parameters.
+Variables are state1 to stateN (position, velocity, roll pitch yaw, angular velocity), force0 to
+force(N - 1), toe1 to toeN (x, y) and contact0 to contactN, leg by leg, in this order; IPOPT has
+contacts c in [0, 1] with c (1 - c) <= eps. Starts, references and regions are parameters.
 """
 
 from __future__ import annotations
@@ -100,11 +101,11 @@ class WalkNlp:
         push = np.where(np.arange(3 * LEGS) % 3 == 2, 0.0, -limit)  # legs push
         nothing, far = np.zeros(2 * LEGS), np.inf
         knots = range(1, N + 1)
-        state = [walk.variable(f"x{n}", np.zeros(STATE), -tilt, tilt) for n in knots]
-        self.force = [walk.variable(f"f{n}", np.zeros(3 * LEGS), push, limit) for n in range(N)]
-        self.spot = [walk.variable(f"t{n}", nothing, -far, far) for n in knots]
+        state = [walk.variable(f"state{n}", np.zeros(STATE), -tilt, tilt) for n in knots]
+        self.force = [walk.variable(f"force{n}", np.zeros(3 * LEGS), push, limit) for n in range(N)]
+        self.spot = [walk.variable(f"toe{n}", nothing, -far, far) for n in knots]
         every = range(N + 1)
-        self.contact = [walk.binary(f"c{n}", np.zeros(LEGS)) for n in every]
+        self.contact = [walk.binary(f"contact{n}", np.zeros(LEGS)) for n in every]
         start, toes0 = walk.parameter("x0", STATE), walk.parameter("toes0", 3 * LEGS)
         self.velocity, self.angles = walk.parameter("v_ref", 3, N), walk.parameter("a_ref", 3, N)
         self.height = walk.parameter("h_ref", N)
@@ -242,10 +243,10 @@ def values_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     toes = PinnedProgram(task, gait).toes(at.state, at.spots)
     knots = range(task.knots)
     return {
-        **{f"x{n + 1}": at.state[n + 1] for n in knots},
-        **{f"f{n}": at.force[n].ravel() for n in knots},
-        **{f"t{n + 1}": toes[n + 1, :, :2].ravel() for n in knots},
-        **{f"c{n}": gait.contact[n].astype(float) for n in range(task.knots + 1)},
+        **{f"state{n + 1}": at.state[n + 1] for n in knots},
+        **{f"force{n}": at.force[n].ravel() for n in knots},
+        **{f"toe{n + 1}": toes[n + 1, :, :2].ravel() for n in knots},
+        **{f"contact{n}": gait.contact[n].astype(float) for n in range(task.knots + 1)},
     }
 
 

@@ -83,11 +83,20 @@ def run_aside(
     with interruptible(asked):
         done = thread.begin(run)
         while not done.wait(None if math.isinf(patience) else _LOOK):
+            _take_ctrl_c_back()
             if time.monotonic() > leave_at:
                 _leave(thread)
                 break
     if failed:
         raise failed[0]
+
+
+def _take_ctrl_c_back() -> None:
+    """Ctrl-C to Python's handler again: OSQP takes it while it runs, and polishes on regardless."""
+    if threading.current_thread() is threading.main_thread():
+        handler = signal.getsignal(signal.SIGINT)
+        if handler is not None:  # nobody else's than Python's
+            signal.signal(signal.SIGINT, handler)
 
 
 def run_deaf(solve: Callable[[], Answer], work: int) -> Answer:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, changed, load
 from climbplan.api.mistakes import placed_mistakes
 from climbplan.errors import UsageError
@@ -20,6 +21,7 @@ from climbplan.spec.walking.loading import LoadedMpc
 Stated = tuple[Problem, dict[str, Array]]
 
 
+@ctrl_c_insists()
 def stated(spec: SpecSource | LoadedSpec, set: Mapping[str, Any] | None = None) -> Stated:
     """The problem that a spec states, and its parameters: `climbplan.solve(problem, theta, ...)`.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from climbplan.program.polytope import Array
-from climbplan.program.residuals import BlockResidual, outside, worst_entry
+from climbplan.program.residuals import BlockResidual, RowNames, outside, worst_entry
 
 Index = NDArray[np.int64]
 Number = int | np.integer[Any]
@@ -81,7 +81,7 @@ class LinearRows:
         """lower <= sum of terms <= upper, in the block of that name."""
         index, value = self._index, self._value
         for column, coefficient in terms:
-            index.append(column)  # type: ignore[arg-type]  # NumPy's integers are as good
+            index.append(int(column))
             value.append(coefficient)
         self._start.append(len(index))
         self._block.append(self._number.setdefault(name, len(self._number)))
@@ -171,19 +171,3 @@ class LinearRows:
     def worst(self, x: Array) -> BlockResidual:
         """The block that x (n,) is furthest off."""
         return max(self.residuals(x), key=lambda block: block.residual)
-
-
-@dataclass(frozen=True)
-class RowNames:
-    """Which block each of m rows belongs to."""
-
-    names: tuple[str, ...]  # in the order in which blocks were begun
-    units: tuple[str, ...]
-    block: NDArray[np.int32]  # (m,)
-
-    def residuals(self, off: Array) -> tuple[BlockResidual, ...]:
-        """Worst of each block, of what rows (m,) are off by; the index counts the block's rows."""
-        return tuple(
-            worst_entry(name, off[self.block == number], unit)
-            for number, (name, unit) in enumerate(zip(self.names, self.units, strict=True))
-        )

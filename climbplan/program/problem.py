@@ -38,7 +38,8 @@ class Problem:
     start: a guess at parameters, variable block -> values; blocks left out start in the middle of
     their bounds.
     check: a checker of its own that does not read the statement, (theta, variable block -> values)
-    -> name of a constraint -> its worst violation; 0 where it holds. Every answer has to pass it.
+    -> name of a constraint -> its worst violation; 0 where it holds. Every answer has to pass it,
+    at the tolerance at which the statement's own blocks are judged.
     Raises StatementError for a field that is not what it should be.
     """
 

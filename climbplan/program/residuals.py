@@ -145,3 +145,19 @@ def worst_entry(name: str, residual: Array, unit: str) -> BlockResidual:
     flat = int(np.argmax(residual))
     index = tuple(int(i) for i in np.unravel_index(flat, residual.shape))
     return BlockResidual(name, float(residual.ravel()[flat]), unit, index)
+
+
+@dataclass(frozen=True)
+class RowNames:
+    """Which block each of m rows belongs to."""
+
+    names: tuple[str, ...]  # in the order in which blocks were begun
+    units: tuple[str, ...]
+    block: NDArray[np.int32]  # (m,)
+
+    def residuals(self, off: Array) -> tuple[BlockResidual, ...]:
+        """Worst of each block, of what rows (m,) are off by; the index counts the block's rows."""
+        return tuple(
+            worst_entry(name, off[self.block == number], unit)
+            for number, (name, unit) in enumerate(zip(self.names, self.units, strict=True))
+        )

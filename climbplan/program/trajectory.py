@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from climbplan.program.instance import Index
 from climbplan.program.layout import Layout
 from climbplan.program.polytope import Array
-from climbplan.program.residuals import BlockResidual
+from climbplan.program.residuals import BlockResidual, RowNames, outside
 from climbplan.program.stage import NamedRows, Stage
 from climbplan.program.statement import Program
 
@@ -109,7 +109,7 @@ class Trajectory(NamedRows):
         for name, term in zip(stage._costs, ca.vertsplit(ca.sum2(costs)), strict=True):
             self.minimise(name, term)
 
-    def relax(self, eps: float) -> Any:
+    def relax(self, eps: float) -> None:
         """How far binaries are from 0 and 1, z (1 - z) <= eps, eq. (7.4): rows behind all others.
 
         For a local method. Called once, when everything is stated.
@@ -208,6 +208,17 @@ class Trajectory(NamedRows):
             lower[loose], upper[loose] = -np.inf, np.inf
         return lower, upper
 
+    @property
+    def names(self) -> RowNames:
+        """Of the blocks, and the one of each row."""
+        units: dict[str, str] = {}
+        for rows in self._rows:
+            units.setdefault(rows.name, rows.unit)
+        number = {name: k for k, name in enumerate(units)}
+        counts = [len(rows.lower) for rows in self._rows]
+        block = np.repeat([number[rows.name] for rows in self._rows], counts).astype(np.int32)
+        return RowNames(tuple(units), tuple(units.values()), block)
+
     def residuals(
         self, rows: Array, bounds: tuple[Array, Array] | None = None
     ) -> tuple[BlockResidual, ...]:
@@ -216,21 +227,8 @@ class Trajectory(NamedRows):
         bounds: of the rows (M,) each, where they are other ones than stated.
         """
         lower, upper = self.row_bounds if bounds is None else bounds
-        outside = np.maximum(np.maximum(lower - rows, rows - upper), 0.0)
-        outside = np.where(np.isnan(rows), np.inf, outside)
-        worst: dict[str, BlockResidual] = {}
-        counted: dict[str, int] = {}
-        at = 0
-        for piece in self._rows:
-            off = outside[at : at + len(piece.lower)]
-            at += len(piece.lower)
-            before = counted.get(piece.name, 0)
-            counted[piece.name] = before + len(off)
-            k = int(np.argmax(off)) if len(off) else 0
-            here = float(off[k]) if len(off) else 0.0
-            if piece.name not in worst or here > worst[piece.name].residual:
-                worst[piece.name] = BlockResidual(piece.name, here, piece.unit, (before + k,))
-        return tuple(worst.values())
+        off = np.where(np.isnan(rows), np.inf, outside(rows, lower, upper))
+        return self.names.residuals(off)
 
     def program(
         self,
@@ -264,12 +262,10 @@ class Trajectory(NamedRows):
         curved = np.array(ca.which_depends(rows, columns[0], 2, True), bool)
         entries = np.array(rows.elements(), dtype=object)
         lower, upper = self.row_bounds if row_bounds is None else row_bounds
-        counts = [len(rows.lower) for rows in self._rows]
-        owner = np.repeat([rows.name for rows in self._rows], counts)
-        units = {rows.name: rows.unit for rows in self._rows}
-        for name, unit in units.items():
+        named = self.names
+        for number, (name, unit) in enumerate(zip(named.names, named.units, strict=True)):
             for state, kind in ((program.between, ~curved), (program.smooth, curved)):
-                some = np.flatnonzero((owner == name) & kind)
+                some = np.flatnonzero((named.block == number) & kind)
                 if len(some):
                     state(name, entries[some], lower[some], upper[some], unit)
         for name, term in zip(self._costs, costs.elements(), strict=True):

@@ -26,7 +26,7 @@ def caller(function: Any) -> Callable[[np.ndarray, np.ndarray], None]:
     generated = kernel(lambda: function)
 
     @numba.njit
-    def called(x, y):  # type: ignore[no-untyped-def]
+    def called(x: Any, y: Any) -> None:
         generated((x,), (y,))
 
     return called
@@ -76,7 +76,7 @@ def test_jacobian_is_laid_out_column_by_column_with_its_zeros() -> None:
     generated = kernel(lambda: declared)
 
     @numba.njit
-    def called(a, x, value, slopes):  # type: ignore[no-untyped-def]
+    def called(a: Any, x: Any, value: Any, slopes: Any) -> None:
         generated((a, x), (value, slopes))
 
     value, slopes, point = np.empty(3), np.full((5, 3), np.nan), RNG.normal(size=5)
@@ -92,7 +92,7 @@ def test_division_by_zero_follows_the_caller_as_in_numpy() -> None:
     generated, y = kernel(lambda: ca.Function("inverse", [x], [1 / x])), np.empty(1)
 
     @numba.njit(error_model="numpy")
-    def called(x, y):  # type: ignore[no-untyped-def]
+    def called(x: Any, y: Any) -> None:
         generated((x,), (y,))
 
     called(0.0, y)

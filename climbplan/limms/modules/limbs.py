@@ -57,15 +57,6 @@ def root_on_anchor(scene: Scene, wall: int, end: int) -> Pose:
     return Pose(scene.wall_position[wall], end_rotation(scene.wall_normal[wall], end))
 
 
-def joined_rotation(rotation: Array, its_end: int, end: int) -> Array:
-    """Frame (..., 3, 3) of an end latched to another module's end that has frame `rotation`.
-
-    Modules carry on in line: last on first end and first on last have one frame, ends of a kind
-    face each other as at any anchor, eq. (6.1).
-    """
-    return rotation if its_end != end else rotation @ FLIP
-
-
 def side_pose(scene: Scene, box: Array, side: int, end: int) -> Pose:
     """Pose of an end latched to a side of the box to deliver, its centre at `box` (3,)."""
     return Pose(box + scene.side_offset(0, side), end_rotation(SIDE_NORMALS[side], end))

@@ -88,13 +88,15 @@ def _walk(loaded: LoadedMpc) -> Stated:
 
 
 def _shelf(loaded: LoadedShelf) -> Stated:
+    from climbplan.bookshelf.points import theta_of
     from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
     from climbplan.bookshelf.stated import shelf_problem
 
     scenes = loaded_scenes(loaded)
     if len(scenes) != 1:
         raise UsageError(f"a problem is stated by one scene, {loaded.source} has {len(scenes)}")
-    return shelf_problem(scenes[0], shelf_of(loaded.spec.shelf), loaded.spec.meaning)
+    shelf = shelf_of(loaded.spec.shelf)
+    return shelf_problem(scenes.count, shelf, loaded.spec.meaning), theta_of(scenes[0])
 
 
 _MAKERS: dict[type, Any] = {

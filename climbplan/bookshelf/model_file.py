@@ -16,7 +16,8 @@ def save_scene_model(setting: MethodSetting, scene: Scene, path: Path) -> None:
     suffix or an unwritable place, MissingSolver without PySCIPOpt.
     """
     # These load CasADi and SCIP: not before they are needed.
-    from climbplan.bookshelf.methods.statement import Budget, Judge, Micp
+    from climbplan.bookshelf.methods.by_table import published_grid
+    from climbplan.bookshelf.methods.judge import Judge
     from climbplan.reformulations.disjunctions import BigM
     from climbplan.solvers.model_file import save_model
     from climbplan.solvers.scip.bilinear import save_bilinear_model
@@ -27,5 +28,5 @@ def save_scene_model(setting: MethodSetting, scene: Scene, path: Path) -> None:
     if solver.method not in ("micp", "admm"):
         save_bilinear_model(instance, path)
         return
-    method = Micp(judge, Budget(solver.gap, solver.time_limit), solver.solver or "highs").method
-    save_model(BigM().apply(method.form(instance).at(instance).instance).instance, path)
+    enveloped = published_grid(judge).apply(instance)
+    save_model(BigM().apply(enveloped.instance).instance, path)

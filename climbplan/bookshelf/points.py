@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,6 +21,12 @@ _TO_MM = np.array([1e3, 1e3, 1.0])
 def theta_of(scene: Scene) -> dict[str, Array]:
     """Parameters of the statement [mm, rad]."""
     return {"size": 1e3 * scene.sizes, "pose": scene.pose * _TO_MM}
+
+
+def scene_of(theta: Mapping[str, Array]) -> Scene:
+    """The scene that parameters of the statement [mm, rad] describe."""
+    size = np.asarray(theta["size"]) / 1e3
+    return Scene(np.asarray(theta["pose"]) / _TO_MM, size[:-1], size[-1])
 
 
 def features_of(theta: dict[str, Array]) -> Array:

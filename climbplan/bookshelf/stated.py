@@ -1,30 +1,51 @@
-"""A bookshelf scene as a problem of the common table, judged by the checker of placements."""
+"""The bookshelf as a problem of the common table of methods."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from climbplan.bookshelf.check.meanings import check_placements
-from climbplan.bookshelf.points import as_stored, placement_of, point_of, settled, theta_of
-from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf
+from climbplan.bookshelf.points import (
+    as_stored,
+    features_of,
+    placement_of,
+    point_of,
+    scene_of,
+    settled,
+)
+from climbplan.bookshelf.scene import Array, Scenes, Shelf
 from climbplan.bookshelf.statement import bookshelf
-from climbplan.program.problem import Problem
+from climbplan.program import Problem, Program
 from climbplan.spec.bookshelf.model import Meaning
 
+Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters [mm, rad]
 
-def shelf_problem(scene: Scene, shelf: Shelf, meaning: Meaning) -> tuple[Problem, dict[str, Array]]:
-    """The problem of scenes with as many books, and the parameters of this one [mm, rad].
 
-    It starts from the stored books as they are, the new one upright in the widest gap.
+def shelf_problem(
+    count: int,
+    shelf: Shelf,
+    meaning: Meaning,
+    features: Features = features_of,
+    program: Program | None = None,
+) -> Problem:
+    """The problem of all scenes with as many stored books; its parameters are `points.theta_of`.
+
+    It starts from the stored books as they are, the new one upright in the widest gap (the manual
+    start of chapter 8.1.3.2). program: of `bookshelf`, if it was stated before.
     """
-    program = bookshelf(scene.count, shelf, meaning)
-    begun = point_of(program, scene, as_stored(scene))
-    start = {name: program.value(name, begun) for name in program.variables}
+    stated = bookshelf(count, shelf, meaning) if program is None else program
 
-    def check(theta: object, values: Mapping[str, Array]) -> dict[str, float]:
-        placement = placement_of(program, scene, program.point(values))
+    def start(theta: Any) -> dict[str, Array]:
+        scene = scene_of(theta)
+        begun = point_of(stated, scene, as_stored(scene))
+        return {name: stated.value(name, begun) for name in stated.variables}
+
+    def check(theta: Any, values: Mapping[str, Array]) -> dict[str, float]:
+        scene = scene_of(theta)
+        placement = placement_of(stated, scene, stated.point(values))
         if meaning == "contact":
             placement = settled(scene, placement)
         found = check_placements(
@@ -33,5 +54,10 @@ def shelf_problem(scene: Scene, shelf: Shelf, meaning: Meaning) -> tuple[Problem
         beyond = {item.name: float(item.residual[0] - item.limit) for item in found.items}
         return {name: 0.0 if np.isfinite(v) and v <= 0 else v for name, v in beyond.items()}
 
-    problem = Problem("bookshelf", program, start=lambda theta: start, check=check)
-    return problem, theta_of(scene)
+    return Problem(
+        "bookshelf",
+        stated,
+        features=lambda theta: features({name: np.asarray(v) for name, v in theta.items()}),
+        start=start,
+        check=check,
+    )

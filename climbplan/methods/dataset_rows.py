@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.learning.library import Bits, Frame, Library
 from climbplan.methods.table import solve_instance
-from climbplan.methods.task import Method, MethodSettings
+from climbplan.methods.task import Kept, Method, MethodSettings
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.plans.program_plan import Layouts
@@ -34,6 +34,7 @@ class ProgramRows:
             problem.drawn(np.random.default_rng(0))  # says that there is none
         self._problem, self._method, self._settings = problem, method, settings
         self._frame = frame_of(problem)
+        self._kept = Kept()
         self._integer = Frame.of(problem.program).integer
 
     @property
@@ -51,7 +52,7 @@ class ProgramRows:
 
     def solve(self, drawn: Mapping[str, Array]) -> RowAnswer:
         """The answer that the statement itself has judged."""
-        done = solve_instance(self._problem, drawn, self._method, self._settings)
+        done = solve_instance(self._problem, drawn, self._method, self._settings, self._kept)
         found = done.result
         word = f"{done.winner}" if found.x is not None else next(iter(found.log[-1:]), "")
         if found.x is None or found.assignment is None or found.objective is None:

@@ -26,7 +26,7 @@ from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.grids import Encoding, Partition, pieces, uniform
-from climbplan.reformulations.mccormick import McCormick
+from climbplan.reformulations.mccormick import Enveloped, EnvelopeForm, McCormick
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
@@ -50,6 +50,7 @@ class EnvelopeOptions:
     rounds: int = 2  # each doubles the pieces on the box that the incumbent leaves
     disjunctions: Disjunction = "big-m"
     encoding: Encoding = "unary"
+    grid: McCormick | None = None  # given pieces on the stated bounds: one round, no other ones
 
 
 def solve_micp(
@@ -59,8 +60,11 @@ def solve_micp(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = 1e-6,
+    form: EnvelopeForm | None = None,
 ) -> SolverResult:
     """Solve an instance by envelopes, disjunctive rows and a mixed-integer solver.
+
+    form: of the options' grid, if it was made for another instance of the program.
 
     Smooth rows are left to the program that is pinned at the relaxation's integers.
     The bound is that of the relaxation, valid unless the problem's own partitions leave parts of
@@ -72,7 +76,9 @@ def solve_micp(
     best: SolverResult | None = None
     bound, nodes, log = -np.inf, 0, list[str]()
     empty = False  # a relaxation was found to be infeasible
-    count = options.rounds if instance.products.count else 1
+    count = options.rounds if instance.products.count and options.grid is None else 1
+    if options.grid is not None and form is None:
+        form = options.grid.form(replace(instance, smooth=None))
     for number in range(count):
         left = time_limit - (time.perf_counter() - begin)
         if left <= 0:
@@ -84,7 +90,10 @@ def solve_micp(
             empty = True
             log.append(f"round {number + 1}: no point within the bounds")
             break
-        relaxed = _relaxed(problem, cut, box, options, number)
+        if form is None:
+            relaxed = _relaxed(problem, cut, box, options, number)
+        else:
+            relaxed = _disjoined(form.at(replace(instance, smooth=None)), options)
         found = _solve(relaxed.instance, options.solver, _INNER_GAP * gap, left)
         nodes += found.nodes
         empty = relaxed.relaxation and found.status == "infeasible"
@@ -145,13 +154,16 @@ def _relaxed(
         upper=np.minimum(instance.upper, box.upper),
     )
     # Smooth rows have no envelopes: without them it is a relaxation all the same
-    tight, relaxation = replace(tight, smooth=None), True
+    tight, partitions = replace(tight, smooth=None), tuple[Partition, ...]()
     if instance.products.count:
         partitions = default_partitions(problem, instance, box, options.pieces, 2**number)
-        enveloped = McCormick(partitions, options.encoding).apply(tight)
-        tight, relaxation = enveloped.instance, enveloped.relaxation
-    disjoined = (BigM() if options.disjunctions == "big-m" else ConvexHull()).apply(tight)
-    return _Relaxed(disjoined.instance, relaxation, disjoined.binaries)
+    return _disjoined(McCormick(partitions, options.encoding).apply(tight), options)
+
+
+def _disjoined(enveloped: Enveloped, options: EnvelopeOptions) -> _Relaxed:
+    disjunctions = BigM() if options.disjunctions == "big-m" else ConvexHull()
+    disjoined = disjunctions.apply(enveloped.instance)
+    return _Relaxed(disjoined.instance, enveloped.relaxation, disjoined.binaries)
 
 
 def default_partitions(

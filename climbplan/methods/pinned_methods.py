@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
-from climbplan.methods.envelope_rounds import (
-    default_partitions,
-)
-from climbplan.methods.pinning import at_point, distinct, solve_candidate
+from climbplan.learning.strategy import Candidate
+from climbplan.methods.envelope_rounds import default_partitions
+from climbplan.methods.pinning import at_point, distinct
+from climbplan.methods.pipeline import Checked
 from climbplan.methods.reduced_programs import ReducedPrograms
-from climbplan.methods.task import Method, Outcome, Task, all_pinned, best
+from climbplan.methods.task import Method, Outcome, Task, all_pinned, origin_of
 from climbplan.program.box import Box, product_range
 from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 from climbplan.reformulations.grids import Partition
+from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.ipopt.instances import middle
-from climbplan.solvers.result import Answer, SolverResult, judged
 
 NEEDS_MODEL = ("forest", "boosting", "network", "reduce")
+REDUCED = "reduced programs"  # what `Kept` has them by
 _MORE_CLUSTERS = 4  # of reduce, while none gave an answer
 
 
@@ -43,55 +46,74 @@ def pinned(task: Task) -> Outcome:
             )
         candidates = [at_point(middle(task.instance), np.zeros(0, np.int64))]
         origins[id(candidates[0])] = "no integers"
-    return all_pinned(task, distinct(candidates, task.instance), origins)
+    return all_pinned(
+        task,
+        distinct(candidates, task.instance),
+        lambda place, candidate: origins.get(id(candidate)) or origin_of(place, candidate),
+    )
 
 
 def learned(method: Method) -> Callable[[Task], Outcome]:
     """The best of the integers that a strategy names."""
 
     def solve(task: Task) -> Outcome:
-        if method in NEEDS_MODEL and task.settings.model is None:
+        settings = task.settings
+        if method in NEEDS_MODEL and settings.model is None and settings.strategy is None:
             raise UsageError(
                 f"method {method!r} needs a trained model: a model file of `climbplan fit-strategy`"
             )
-        candidates = task.neighbours(method)
-        origins = {}
-        if task.settings.model is not None:
-            origins = {id(c): f"candidate {k} ({method})" for k, c in enumerate(candidates, 1)}
-        return all_pinned(task, candidates, origins)
+        named = settings.model is not None
+        return all_pinned(
+            task,
+            task.neighbours(method),
+            lambda k, c: f"candidate {k + 1} ({method})" if named else origin_of(k, c),
+        )
 
     return solve
 
 
 def reduce(task: Task) -> Outcome:
     """The reduced mixed-integer programs of the likeliest clusters, made exact."""
-    settings, ranking = task.settings, task.clusters()
-    programs = ReducedPrograms(
-        ranking,
-        cluster_partitions(task.problem, task.instance, ranking.library, settings.envelopes.pieces),
-        solver=settings.solver or "highs",
-        seconds=task.left,
-    )
-    features = task.problem.feature_vector(task.theta)
-    tried: list[tuple[str, SolverResult]] = []
-    candidates = programs.candidates(
-        task.instance,
-        features,
-        settings.neighbours or 1,
-        task.left,
-        _MORE_CLUSTERS,
-        lambda: any(result.x is not None for _, result in tried),
-    )
-    for k, candidate in enumerate(candidates, 1):
-        result = solve_candidate(
-            task.instance, candidate, None, settings.gap, task.left, settings.tolerance
+    settings = task.settings
+    programs = task.kept.once(REDUCED, lambda: reduced_programs(task))
+    held = [False]
+
+    def candidates() -> Iterator[Candidate]:
+        features = task.problem.feature_vector(task.theta)
+        clusters, more = settings.neighbours or 1, _MORE_CLUSTERS
+        return programs.candidates(
+            task.instance, features, clusters, task.left, more, lambda: held[0]
         )
-        tried.append((f"candidate {k} (reduce)", result))
-    if not tried:
-        word = "no reduced program has a point"
-        nothing = Answer(None, -np.inf, False, 0, 0.0, "reduce", (word,))
-        tried.append(("", judged(task.instance, nothing, settings.gap, settings.tolerance)))
-    return best(task, tried)
+
+    def checked(instance: Instance, x: Array) -> Checked:
+        verdict = task.checked(instance, x)
+        held[0] = held[0] or verdict.passed
+        return verdict
+
+    # The programs keep the time limit; what the last one found is made exact in any case.
+    return all_pinned(
+        replace(task, settings=replace(settings, solver=None)),
+        candidates(),
+        lambda k, _: f"candidate {k + 1} (reduce)",
+        check=checked,
+        time_limit=np.inf,
+    )
+
+
+def reduced_programs(task: Task) -> ReducedPrograms:
+    """The programs of the clusters of a task's model, for all instances of its problem."""
+    settings, ranking = task.settings, task.clusters()
+    grid, pieces = settings.envelopes.grid, settings.envelopes.pieces
+    if grid is None:
+        partitions = cluster_partitions(task.problem, task.instance, ranking.library, pieces)
+        grid = McCormick(partitions)
+    return ReducedPrograms(
+        ranking,
+        grid.partitions,
+        grid.squares,
+        solver=settings.solver or "highs",
+        seconds=settings.time_limit,
+    )
 
 
 def cluster_partitions(

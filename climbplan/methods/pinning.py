@@ -8,15 +8,11 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
+from climbplan.methods.local import local_method
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
-from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.convex.sessions import ConvexBackend, solve_convex
-from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.result import Answer, SolverResult, judged
-from climbplan.solvers.sqp.method import SqpSolver
 
 PinnedSolver = Literal["ipopt", "sqp", "clarabel", "daqp", "osqp"]
 PINNED_SOLVERS: tuple[PinnedSolver, ...] = get_args(PinnedSolver)
@@ -38,41 +34,19 @@ def solve_candidate(
     where products are left.
     """
     begin = time.perf_counter()
-    chosen_alternatives = candidate.alternatives
-    pinned = PinnedForm.of(instance).at(candidate.values, chosen_alternatives, compact=True)
-    bilinear = pinned.products.count > 0
-    chosen: PinnedSolver = solver or ("sqp" if bilinear else "clarabel")
-    if pinned.smooth is not None:
-        if solver not in (None, "ipopt"):
-            raise UsageError(f"{instance.name}: {solver} cannot hold smooth rows; use ipopt")
-        chosen = "ipopt"
-    integer = instance.integer
-    start = np.where(integer, np.round(candidate.values), candidate.start)
-    if chosen == "ipopt":
-        return solve_ipopt(instance, gap, time_limit, tolerance, start, chosen_alternatives)
-    if chosen == "sqp":
-        local = SqpSolver(instance).solve(candidate.values, chosen_alternatives, start)
-        x = None if local.x is None or not local.feasible else local.x
-        name, count = "sqp", local.programs
-        log: tuple[str, ...] = (f"SQP: {local.ending}",)
-    elif bilinear:
-        raise UsageError(
-            f"{instance.name}: {chosen} cannot hold the products that are left when integers are "
-            "pinned; use ipopt or sqp"
-        )
-    else:
-        backend: ConvexBackend = chosen
-        found = solve_convex(pinned, backend, gap, tolerance)
-        x, name, log, count = found.x, found.solver, found.log, 1
+    local = local_method(
+        instance, solver or "form", gap=gap, time_limit=time_limit, tolerance=tolerance
+    )
+    found = local.solve(candidate, np.inf)
     answer = Answer(
-        x=x,
+        x=found.x,
         bound=-np.inf,  # what the solver proves is about the pinned program only
         infeasible=False,
-        nodes=count,
+        nodes=found.programs,
         time=time.perf_counter() - begin,
-        solver=name,
-        log=log,
-        assignment=chosen_alternatives,
+        solver=found.solver,
+        log=(f"{found.solver}: {found.word}",),
+        assignment=candidate.alternatives,
     )
     return judged(instance, answer, gap, tolerance)
 

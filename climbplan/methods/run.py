@@ -14,7 +14,7 @@ from climbplan.learning.model import StrategyModel
 from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.solved import library_of, model_of
 from climbplan.methods.table import MethodResult, solve_instance
-from climbplan.methods.task import MethodSettings
+from climbplan.methods.task import Kept, MethodSettings
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, StatementError, Theta
@@ -88,11 +88,11 @@ def run(problem: Problem, loaded: LoadedProgram, report: Progress | None = None)
     library = None if loaded.library is None else library_of(problem, loaded.library)
     model = None if loaded.model is None else model_of(problem, loaded.model)
     settings = settings_of(solver, library, model)
-    results = []
+    results, kept = [], Kept()
     for k, theta in enumerate(thetas):
         if report is not None:
             report("solve", k / len(thetas))
-        results.append(solve_instance(problem, theta, solver.method, settings))
+        results.append(solve_instance(problem, theta, solver.method, settings, kept))
     return SolvedRows(_plan(problem, loaded, thetas, results), tuple(results))
 
 

@@ -13,7 +13,8 @@ from typing import get_args
 
 from climbplan.errors import UsageError
 from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
-from climbplan.methods.task import Method, MethodSettings, Outcome, Task
+from climbplan.methods.pipeline import Tried
+from climbplan.methods.task import Kept, Method, MethodSettings, Outcome, Task
 from climbplan.methods.whole_methods import admm, micp, minlp_bonmin, minlp_scip, mpcc, nlp
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.result import SolverResult
@@ -31,6 +32,7 @@ class MethodResult:
     method: Method
     winner: str  # the candidate, start or variant of which the answer came; "" without one
     tried: int  # candidates or starts
+    fates: tuple[Tried, ...]  # of candidates whose integers were kept
     time: float  # [s] all in all, without imports
 
 
@@ -39,8 +41,12 @@ def solve_instance(
     theta: Theta,
     method: Method = "micp",
     settings: MethodSettings | None = None,
+    kept: Kept | None = None,
 ) -> MethodResult:
     """Solve a problem at one theta by a method's name.
+
+    kept: the same for all instances of one problem, method and settings, so that what they share
+    is built once.
 
     No answer is returned that violates a row of the statement by more than the tolerance, or that
     the problem's own checker refuses. Raises
@@ -53,35 +59,19 @@ def solve_instance(
     settings = settings or MethodSettings()
     instance = problem.instance(theta)
     begin = time.perf_counter()
-    task = Task(problem, theta, instance, settings, begin)
+    task = Task(problem, theta, instance, settings, begin, kept or Kept())
     outcome = _METHODS[method](task)
     if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
         outcome = _fallen_back(task, method, settings.fallback, outcome)
-    result = _passing(task, outcome.result)
+    result = outcome.result if outcome.checked else task.passing(outcome.result)
     spent = time.perf_counter() - begin
-    return MethodResult(replace(result, time=spent), method, outcome.winner, outcome.tried, spent)
-
-
-def _passing(task: Task, result: SolverResult) -> SolverResult:
-    """The result, its answer refused if the problem's own checker does."""
-    if result.x is None:
-        return result
-    off = [
-        f"{block.name.removeprefix('own.')} by {block.residual:.3g}"
-        for block in task.problem.own_residuals(task.theta, result.x)
-        if block.residual > task.settings.tolerance
-    ]
-    if not off:
-        return result
-    refused = f"answer refused by the problem's own check: {', '.join(off)}"
-    return replace(
-        result,
-        status="limit",
-        x=None,
-        assignment=None,
-        objective=None,
-        gap=None,
-        log=(*result.log, refused),
+    return MethodResult(
+        replace(result, time=spent),
+        method,
+        outcome.winner,
+        outcome.tried,
+        outcome.fates,
+        spent,
     )
 
 
@@ -90,7 +80,9 @@ def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome)
     if fallback == method:
         raise UsageError(f"method {method!r} cannot be its own fallback")
     after = _METHODS[fallback](replace(task, settings=replace(task.settings, solver=None)))
-    return Outcome(after.result, f"fallback {fallback}", outcome.tried + after.tried)
+    fates = (*outcome.fates, *after.fates)
+    tried = outcome.tried + after.tried
+    return Outcome(after.result, f"fallback {fallback}", tried, fates, after.checked)
 
 
 _METHODS: dict[str, Callable[[Task], Outcome]] = {

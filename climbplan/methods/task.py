@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.neighbours import NearestProblems
-from climbplan.learning.strategy import Candidate
-from climbplan.methods.envelope_rounds import (
-    EnvelopeOptions,
-)
-from climbplan.methods.pinning import PINNED_SOLVERS, solve_candidate
+from climbplan.learning.strategy import Candidate, Strategy
+from climbplan.methods.envelope_rounds import EnvelopeOptions
+from climbplan.methods.pinning import PINNED_SOLVERS
+from climbplan.methods.pipeline import Check, Checked, PipelineOptions, Tried, run_pipeline
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta
+from climbplan.reformulations.complementarity import Complementarity
 from climbplan.solvers.admm import AdmmOptions
 from climbplan.solvers.ipopt.instances import middle
-from climbplan.solvers.result import SolverResult
+from climbplan.solvers.ipopt.mpcc import HOMOTOPY
+from climbplan.solvers.result import Answer, SolverResult, judged
 from climbplan.spec.program.model import ProgramMethod, ProgramStart
 
 Method = ProgramMethod
@@ -29,6 +33,18 @@ Start = ProgramStart
 
 _NEIGHBOURS = {"mpcc": 3}
 _LEAST_SHARE = 0.1  # [s] that a follow-up gets when the time is over
+_Made = TypeVar("_Made")
+
+
+@dataclass(frozen=True)
+class MpccOptions:
+    """Which complementarity is tried, one after the other, and eps from step to step."""
+
+    forms: tuple[Complementarity, ...] = (
+        Complementarity("product"),
+        Complementarity("fischer-burmeister"),
+    )
+    homotopy: tuple[float, ...] = HOMOTOPY
 
 
 @dataclass(frozen=True)
@@ -36,21 +52,39 @@ class MethodSettings:
     """How a method goes about it; what a method does not use it ignores.
 
     candidates: of `pinned`, before those of the library. library: of `knn`, of `mpcc` with start
-    `knn`, and of `pinned`.
+    `knn`, and of `pinned`. pinned: what candidates go through; times, gaps and tolerances are those
+    of the settings.
     """
 
     solver: str | None = None  # micp, admm: highs, scip, gurobi; pinned, knn: ipopt, sqp, ...
     gap: float = 1e-4  # relative
     time_limit: float = 60.0  # [s] of one instance
     tolerance: float = 1e-6  # largest violation of any row, in its own unit
+    own_tolerance: float | None = None  # of the problem's own check, the same if left out
     start: Start | None = None  # of mpcc: manual if the problem states a guess, else zero
     neighbours: int | None = None  # sets of integers to try: 10, 3 for mpcc
     fallback: Method | None = "minlp-scip"  # of learned methods, where no candidate holds
     library: Library | None = None
     model: StrategyModel | None = None  # of learned methods; knn may have a library instead
+    strategy: Strategy | None = None  # one's own, in place of library and model
     candidates: Sequence[Candidate] = ()
+    pinned: PipelineOptions = field(default_factory=PipelineOptions)
     envelopes: EnvelopeOptions = field(default_factory=EnvelopeOptions)
+    mpcc: MpccOptions = field(default_factory=MpccOptions)
     admm: AdmmOptions = field(default_factory=lambda: AdmmOptions(freeze_after=2))
+
+
+class Kept:
+    """What the instances of one problem share by one method: made for the first, used by all."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Any] = {}
+
+    def once(self, name: str, make: Callable[[], _Made]) -> _Made:
+        """What was made under that name, made now if nothing was."""
+        if name not in self._made:
+            self._made[name] = make()
+        return cast(_Made, self._made[name])
 
 
 @dataclass(frozen=True)
@@ -62,6 +96,7 @@ class Task:
     instance: Instance
     settings: MethodSettings
     begin: float
+    kept: Kept = field(default_factory=Kept)
 
     @property
     def left(self) -> float:
@@ -72,22 +107,58 @@ class Task:
         """The problem's own start (n,)."""
         return self.problem.start_point(self.theta, middle(self.instance))
 
+    def refusal(self, x: Array) -> str:
+        """What the problem's own checker has against a point (n,); nothing: it passes."""
+        own = self.settings.own_tolerance
+        limit = self.settings.tolerance if own is None else own
+        off = [
+            f"{block.name.removeprefix('own.')} by {block.residual:.3g}"
+            for block in self.problem.own_residuals(self.theta, x)
+            if block.residual > limit
+        ]
+        return f"answer refused by the problem's own check: {', '.join(off)}" if off else ""
+
+    def passing(self, result: SolverResult) -> SolverResult:
+        """The result, its answer taken away if the problem's own checker refuses it."""
+        refused = "" if result.x is None else self.refusal(result.x)
+        if not refused:
+            return result
+        log = (*result.log, refused)
+        return replace(
+            result, status="limit", x=None, assignment=None, objective=None, gap=None, log=log
+        )
+
+    def checked(self, instance: Instance, x: Array) -> Checked:
+        """Whether a point holds in the statement and for the problem's own checker."""
+        cost = instance.objective(x)
+        if np.isfinite(self.settings.tolerance):
+            violation = instance.violation(x)
+            if violation > self.settings.tolerance:
+                return Checked(False, cost, x, f"violated by {violation:.2g}")
+        refused = self.refusal(x)
+        return Checked(not refused, cost, x, refused)
+
     def neighbours(self, method: Method) -> tuple[Candidate, ...]:
-        """The nearest sets of integers in the library, each once."""
-        library, count = self.settings.library, self.settings.neighbours
+        """The nearest sets of integers in the library, each once; with products further starts."""
+        strategy = self.kept.once(f"strategy of {method}", lambda: self._strategy(method))
+        features = self.problem.feature_vector(self.theta)
+        count = self.settings.neighbours or _NEIGHBOURS.get(method, 10)
+        return tuple(strategy.candidates(features, count))
+
+    def _strategy(self, method: Method) -> Strategy:
+        library = self.settings.library
+        if self.settings.strategy is not None:
+            return self.settings.strategy
         if self.settings.model is not None and method != "mpcc":
-            strategy = self._trained(self.settings.model, method).strategy()
-            features = self.problem.feature_vector(self.theta)
-            return tuple(strategy.candidates(features, count or _NEIGHBOURS.get(method, 10)))
+            return self._trained(self.settings.model, method).strategy()
         if library is None:
             raise UsageError(
                 f"method {method!r} needs solved problems: give a library (a plan file of "
                 f"`climbplan solve` over `sample`)"
             )
-        features = self.problem.feature_vector(self.theta)
-        library.require(self.problem.program, len(features))
-        near = NearestProblems.of(library, "strategies")
-        return tuple(near.candidates(features, count or _NEIGHBOURS.get(method, 10)))
+        library.require(self.problem.program, len(self.problem.feature_vector(self.theta)))
+        products = method != "mpcc" and self.instance.products.count > 0
+        return NearestProblems.of(library, "mixed" if products else "strategies")
 
     def _trained(self, model: StrategyModel, method: Method) -> StrategyModel:
         """The model, if it is one of this method and problem."""
@@ -106,40 +177,68 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
+    """What a method found, and of which candidate, start or variant."""
+
     result: SolverResult
     winner: str
     tried: int
+    fates: tuple[Tried, ...] = ()  # of candidates whose integers were kept
+    checked: bool = False  # the problem's own checker has had its say
 
 
 def all_pinned(
-    task: Task, candidates: Sequence[Candidate], origins: Mapping[int, str] | None = None
+    task: Task,
+    candidates: Iterable[Candidate],
+    origin: Callable[[int, Candidate], str],
+    check: Check | None = None,
+    time_limit: float | None = None,
 ) -> Outcome:
-    """origins: what reports call candidates that are no neighbours, by identity."""
+    """The best of what is left when each candidate's integers are kept.
+
+    origin: what reports call the candidate at a place. check: `task.checked` if left out.
+    time_limit: [s] the task's if left out. Raises UsageError for an unknown solver.
+    """
     settings, solver = task.settings, task.settings.solver
     chosen = next((name for name in PINNED_SOLVERS if name == solver), None)
     if solver is not None and chosen is None:
         known = ", ".join(PINNED_SOLVERS)
         raise UsageError(f"pinned integers: no solver {solver!r}, expected one of {known}")
-    tried: list[tuple[str, SolverResult]] = []
-    for k, candidate in enumerate(candidates, 1):
-        if tried and time.perf_counter() - task.begin > settings.time_limit:
-            break
-        result = solve_candidate(
-            task.instance, candidate, chosen, settings.gap, task.left, settings.tolerance
-        )
-        tried.append(((origins or {}).get(id(candidate), origin_of(k, candidate)), result))
-    return best(task, tried)
+    options = replace(
+        settings.pinned,
+        local=chosen or settings.pinned.local,
+        time_limit=task.left if time_limit is None else time_limit,
+        tolerance=settings.tolerance,
+        gap=settings.gap,
+    )
+    found = run_pipeline(task.instance, candidates, options, check or task.checked)
+    if not found.tried:
+        nothing = Answer(None, -np.inf, False, 0, 0.0, "none", ("no integers to keep",))
+        return Outcome(judged(task.instance, nothing, settings.gap, settings.tolerance), "", 0)
+    last = found.tried[found.winner]  # without a winner the last one
+    answer = Answer(
+        x=found.x,
+        bound=-np.inf,  # what solvers prove is about the pinned programs only
+        infeasible=False,
+        nodes=sum(tried.programs for tried in found.tried),
+        time=time.perf_counter() - task.begin,
+        solver=last.solver,
+        log=(f"{last.solver}: {last.word}",),
+        assignment=last.candidate.alternatives,
+    )
+    result = judged(task.instance, answer, settings.gap, settings.tolerance)
+    winner = origin(found.winner, last.candidate) if found.solved else ""
+    return Outcome(result, winner, len(found.tried), found.tried, checked=True)
 
 
-def origin_of(rank: int, candidate: Candidate) -> str:
-    return f"neighbour {rank} (row {candidate.row})"
+def origin_of(place: int, candidate: Candidate) -> str:
+    """What reports call a neighbour."""
+    return f"neighbour {place + 1} (row {candidate.row})"
 
 
-def best(task: Task, tried: Sequence[tuple[str, SolverResult]]) -> Outcome:
-    """The cheapest answer, the last failure if there is none."""
+def best(tried: Sequence[tuple[str, SolverResult]]) -> Outcome:
+    """The cheapest of answers that `Task.passing` let through, the last failure without one."""
     answers = [(r.objective, k) for k, (_, r) in enumerate(tried) if r.objective is not None]
     if not answers:
-        last = tried[-1][1]
-        return Outcome(last, "", len(tried))
+        return Outcome(tried[-1][1], "", len(tried))
     origin, result = tried[min(answers)[1]]
-    return Outcome(result, origin, len(tried))
+    return Outcome(result, origin, len(tried), checked=True)

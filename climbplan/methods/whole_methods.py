@@ -21,7 +21,7 @@ from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.admm import solve_admm
 from climbplan.solvers.ipopt.instances import solve_ipopt
-from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, solve_mpcc
+from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
 
@@ -52,8 +52,11 @@ def micp(task: Task) -> Outcome:
     options = settings.envelopes
     if settings.solver is not None:
         options = replace(options, solver=settings.solver)
+    grid, form, plain = options.grid, None, replace(task.instance, smooth=None)
+    if grid is not None:
+        form = task.kept.once("envelopes on the grid", lambda: grid.form(plain))
     found = solve_micp(
-        task.problem, task.instance, options, settings.gap, task.left, settings.tolerance
+        task.problem, task.instance, options, settings.gap, task.left, settings.tolerance, form
     )
     return Outcome(found, f"envelopes ({options.solver})", 1)
 
@@ -72,33 +75,32 @@ def nlp(task: Task) -> Outcome:
 def mpcc(task: Task) -> Outcome:
     """Complementarity from the start asked for; neighbours need no wide homotopy."""
     settings = task.settings
-    guess = task.guess()
+    guess, how = task.guess(), settings.mpcc
     start = settings.start or ("zero" if guess is None else "manual")
+    tried: list[tuple[str, SolverResult]] = []
     if start == "knn":
         near = task.neighbours("mpcc")
-        plain = Complementarity()
-        tried = [
-            (origin_of(k, c), _smoothed(task, c.start, c.alternatives, STRAIGHT, plain))
-            for k, c in enumerate(near, 1)
-        ]
-        if all(result.x is None for _, result in tried):
+        for k, c in enumerate(near):
+            found = _smoothed(task, c.start, c.alternatives, STRAIGHT, how.forms[0])
+            tried.append((origin_of(k, c), found))
+            if settings.pinned.stop == "first" and found.x is not None:
+                break
+        if all(result.x is None for _, result in tried) and how.homotopy != STRAIGHT:
             first = near[0]
-            wide = _smoothed(task, first.start, first.alternatives, HOMOTOPY, plain)
-            tried.append((f"{origin_of(1, first)}, wide homotopy", wide))
-        return best(task, tried)
+            wide = _smoothed(task, first.start, first.alternatives, how.homotopy, how.forms[0])
+            tried.append((f"{origin_of(0, first)}, wide homotopy", wide))
+        return best(tried)
     if start == "manual" and guess is None:
         raise UsageError(
             f"problem {task.problem.name!r} states no `start`, which `start: manual` needs"
         )
     begin = None if start == "zero" else guess
-    tried = []
-    for kind in ("product", "fischer-burmeister"):
-        method = Complementarity("product" if kind == "product" else "fischer-burmeister")
-        result = _smoothed(task, begin, None, HOMOTOPY, method)
-        tried.append((f"start {start}, {kind}", result))
+    for form in how.forms:
+        result = _smoothed(task, begin, None, how.homotopy, form)
+        tried.append((f"start {start}, {form.kind}", result))
         if result.x is not None:
             break
-    return best(task, tried)
+    return best(tried)
 
 
 def _smoothed(
@@ -108,7 +110,7 @@ def _smoothed(
     homotopy: tuple[float, ...],
     method: Complementarity,
 ) -> SolverResult:
-    return solve_mpcc(
+    found = solve_mpcc(
         task.instance,
         task.settings.gap,
         task.left,
@@ -118,6 +120,7 @@ def _smoothed(
         method=method,
         homotopy=homotopy,
     )
+    return task.passing(found)
 
 
 def admm(task: Task) -> Outcome:
@@ -131,13 +134,15 @@ def admm(task: Task) -> Outcome:
 
     def mixed_integer(block: Instance) -> Array | None:
         disjoined = BigM().apply(block)
-        found = solve(disjoined.instance, gap=1e-3, time_limit=task.left)
+        found = solve(disjoined.instance, gap=settings.admm.mixed_integer_gap, time_limit=task.left)
         return None if found.x is None else disjoined.invert(found.x)
 
     def relax(instance: Instance) -> Reformulated:
-        box = propagated_box(instance)
-        pieces = settings.envelopes.pieces
-        return McCormick(default_partitions(task.problem, instance, box, pieces)).apply(instance)
+        grid, pieces = settings.envelopes.grid, settings.envelopes.pieces
+        if grid is None:
+            box = propagated_box(instance)
+            grid = McCormick(default_partitions(task.problem, instance, box, pieces))
+        return grid.apply(instance)
 
     answer = solve_admm(
         task.instance,

@@ -37,6 +37,7 @@ class AdmmOptions:
     norm: Norm = "l2"
     share: float = 1.0  # of the cost beside the consensus in the mixed-integer block
     freeze_after: int | None = None  # iterations after which the integers stay
+    mixed_integer_gap: float = 1e-3  # relative, that the mixed-integer block is solved to
     stop_when_feasible: bool = False  # at the first iterate that passes the exact check
     weight: Array | None = (
         None  # (n,) of each variable's disagreement, penalty / span^2 if left out

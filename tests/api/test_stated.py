@@ -33,9 +33,9 @@ def test_an_answer_that_the_problems_own_checker_refuses_is_none() -> None:
     strict = replace(problem, check=lambda theta, values: {"never": float(len(values))})
     found = climbplan.solve(strict, theta, method="pinned")
     assert found.status == "limit"
-    assert found.why.startswith("answer refused by the problem's own check: never")
+    assert "answer refused by the problem's own check: never" in found.why
     assert found.why in repr(found)
-    with pytest.raises(UsageError, match=r"no answer to look at: limit .answer refused"):
+    with pytest.raises(UsageError, match=r"no answer to look at: limit .*answer refused"):
         found.check()
 
 

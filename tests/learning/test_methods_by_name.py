@@ -13,13 +13,17 @@ from climbplan.errors import UsageError
 from climbplan.learning.clusters import solution_columns
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import FitOptions, ModelKind, fit
+from climbplan.learning.neighbours import NearestProblems, Order
+from climbplan.learning.strategy import Candidate
 from climbplan.methods.conflicts import conflicting_blocks
 from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.pinned_methods import NEEDS_MODEL
 from climbplan.methods.pinning import PinnedSolver, at_point, solve_candidate
 from climbplan.methods.table import METHODS, solve_instance
-from climbplan.methods.task import Method, MethodSettings
+from climbplan.methods.task import Kept, Method, MethodSettings
 from climbplan.program import Problem, Program
+from climbplan.program.polytope import Array
+from climbplan.reformulations.mccormick import McCormick
 
 SEEDS = range(5)
 GLOBAL = ("minlp-scip", "micp")
@@ -132,6 +136,61 @@ def test_pinned_keeps_the_integers_it_is_given() -> None:
     assert (both.winner, both.tried) == ("candidate 2", 2)
     again = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west, west]))
     assert again.tried == 1
+
+
+def test_a_candidate_that_the_problems_own_checker_refuses_does_not_win() -> None:
+    problem = islands_problem()
+    theta = {"goal": np.array([1.0, 0.5])}
+    west, east = (at_point(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
+    settings = MethodSettings(candidates=[east, west])
+    assert solve_instance(problem, theta, "pinned", settings).winner == "candidate 1"
+    dry = replace(problem, check=lambda theta, values: {"dry": max(values["x"][0], 0.0)})
+    answer = solve_instance(dry, theta, "pinned", settings)
+    assert (answer.winner, answer.tried) == ("candidate 2", 2)
+    assert [tried.passed for tried in answer.fates] == [False, True]
+    assert "own check: dry by" in answer.fates[0].word
+
+
+def test_what_instances_share_is_built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = islands_problem()
+    solved, made = library(problem), []
+    of = NearestProblems.of
+
+    def counted(library: Library, order: Order = "points") -> NearestProblems:
+        made.append(order)
+        return of(library, order)
+
+    monkeypatch.setattr(NearestProblems, "of", counted)
+    kept, settings = Kept(), MethodSettings(library=solved)
+    thetas = [problem.drawn(np.random.default_rng(seed)) for seed in range(3)]
+    shared = [solve_instance(problem, theta, "knn", settings, kept) for theta in thetas]
+    assert made == ["mixed"]  # products are left: further starts after the strategies
+    alone = [solve_instance(problem, theta, "knn", settings) for theta in thetas]
+    assert [a.result.objective for a in shared] == [a.result.objective for a in alone]
+
+
+def test_a_strategy_of_ones_own() -> None:
+    class East:
+        def candidates(self, features: Array, most: int) -> list[Candidate]:
+            return [at_point(np.zeros(4), np.array([1]))]
+
+    problem, theta = islands_problem(), {"goal": np.array([1.0, 0.5])}
+    answer = solve_instance(problem, theta, "knn", MethodSettings(strategy=East()))
+    assert answer.result.assignment is not None
+    assert answer.result.assignment.tolist() == [1]
+
+
+def test_micp_on_a_grid_of_ones_own_keeps_its_rows() -> None:
+    problem = islands_problem()
+    grid = McCormick.on({0: [[-3.0, 0.0], [0.0, 3.0]], 1: [[-3.0, 0.0], [0.0, 3.0]]})
+    settings, kept = MethodSettings(envelopes=EnvelopeOptions(grid=grid)), Kept()
+    for seed in SEEDS:
+        theta = problem.drawn(np.random.default_rng(seed))
+        answer = solve_instance(problem, theta, "micp", settings, kept).result
+        best = enumerated(problem.instance(theta))
+        assert answer.bound <= best + 1e-5
+        assert answer.objective is not None
+        assert answer.objective >= best - 1e-5
 
 
 def test_knn_falls_back_only_where_no_candidate_holds() -> None:

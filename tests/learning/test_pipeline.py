@@ -13,7 +13,6 @@ from climbplan.learning.library import Library
 from climbplan.learning.neighbours import NearestCentroids, NearestProblems
 from climbplan.learning.strategy import Candidate, Strategy
 from climbplan.methods.pipeline import (
-    FALLBACK,
     Checked,
     Local,
     PipelineOptions,
@@ -134,11 +133,10 @@ def test_candidates_that_cannot_hold_are_dropped_fast() -> None:
     assert [t.word for t in result.tried].count("contradiction") == 1
 
 
-def test_stops_at_the_first_or_after_enough() -> None:
+def test_stops_at_the_first_or_at_one_that_is_good_enough() -> None:
     instance, good = _good()
     three = [*good, *good, *good]
     assert len(run_pipeline(instance, three, PipelineOptions(stop="first")).tried) == 1
-    assert len(run_pipeline(instance, three, PipelineOptions(enough=2)).tried) == 2
     assert len(run_pipeline(instance, three, PipelineOptions(prune=False)).tried) == 3
     assert not run_pipeline(instance, three, PipelineOptions(time_limit=0.0)).tried
     cost = run_pipeline(instance, good).objective
@@ -180,23 +178,10 @@ def test_the_check_has_the_last_word() -> None:
     def never(_: Instance, x: Array) -> Checked:
         return Checked(False, 0.0, x, "refused")
 
-    result = run_pipeline(instance, good, check=never, fallback=lambda _: good[0].start)
+    result = run_pipeline(instance, good, check=never)
     assert not result.solved
     assert result.objective == np.inf
     assert "refused" in result.tried[0].word
-
-
-def test_fallback_is_checked_and_said() -> None:
-    instance, good = _good()
-    bad = [_impossible(good[0])]
-    options = PipelineOptions(tolerance=TOLERANCE)
-    result = run_pipeline(instance, bad, options, fallback=lambda _: good[0].start)
-    assert result.solved
-    assert result.winner == FALLBACK
-    wrong = run_pipeline(instance, bad, options, fallback=lambda _: np.zeros(instance.size))
-    assert not wrong.solved
-    nothing = run_pipeline(instance, bad, options, fallback=lambda _: None)
-    assert not nothing.solved
 
 
 def test_random_problems_never_give_unchecked_answers() -> None:

@@ -15,18 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.bench.bookshelf.strategy_cases import Case
-from climbplan.bookshelf.methods.learned import check_of
-from climbplan.bookshelf.methods.trained import ReducedScenes, model_method
+from climbplan.bookshelf.methods.by_table import model_features, published_grid
+from climbplan.bookshelf.methods.features import feature_map
 from climbplan.bookshelf.points import theta_of
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
-from climbplan.methods.pipeline import PipelineOptions, run_pipeline
+from climbplan.methods.pipeline import Checked, PipelineOptions, run_pipeline
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
 from climbplan.progress import Progress
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.registry import require
 
 SOLVERS = ("highs", "scip")
@@ -68,22 +68,20 @@ def cluster_programs(
     chosen = np.arange(count)
     if clusters < count:
         chosen = np.sort(np.random.default_rng(seed).choice(count, clusters, replace=False))
-    method = model_method(model, case.method, case.judge)
-    if not isinstance(method, ReducedScenes):
-        raise TypeError(f"a model of kind {model.kind!r} has no reduced programs")
+    features = feature_map(model_features(model), case.method.shelf)
+    grid = published_grid(case.judge)
+    programs = [
+        ReducedPrograms(ranking, grid.partitions, grid.squares, solver) for solver in SOLVERS
+    ]
     instances = [case.judge.program.at(theta_of(scene)) for scene in case.scenes]
     likely = np.array(
-        [
-            ranking.scorer.probabilities(method.features(theta_of(scene)))[chosen]
-            for scene in case.scenes
-        ]
+        [ranking.scorer.probabilities(features(theta_of(scene)))[chosen] for scene in case.scenes]
     )  # (scenes, chosen)
-    programs = [_programs(method.programs, solver) for solver in SOLVERS]
     trials: list[ProgramTrial] = []
     for at, cluster in enumerate(chosen):
         report("programs of clusters", at / len(chosen))
         scene = int(np.argmax(likely[:, at]))
-        reduction = method.programs.reduction(int(cluster))
+        reduction = programs[0].reduction(int(cluster))
         for one in programs:
             found = one.solved(instances[scene], int(cluster), seconds)
             trials.append(
@@ -106,25 +104,18 @@ def cluster_programs(
     # Scenes that need movement, not the worst of all
     for scene in rng.permutation(hard[: max(len(hard) // 4, most)])[:most]:
         report("whole programs", 0.0)
-        for solver in SOLVERS:
-            trials.append(_whole(case, int(scene), instances[scene], method, solver, seconds))
+        for one in programs:
+            trials.append(_whole(case, int(scene), instances[scene], one, seconds))
     return trials
 
 
-def _programs(source: ReducedPrograms, solver: str) -> ReducedPrograms:
-    return ReducedPrograms(
-        source.ranking, source.partitions, source.squares, solver, source.gap, room=source.room
-    )
-
-
 def _whole(
-    case: Case, scene: int, instance: Instance, method: ReducedScenes, solver: str, seconds: float
+    case: Case, scene: int, instance: Instance, programs: ReducedPrograms, seconds: float
 ) -> ProgramTrial:
     begin = time.perf_counter()
-    programs = method.programs
-    enveloped = McCormick(tuple(programs.partitions), "log2", programs.squares).apply(instance)
+    enveloped = published_grid(case.judge).apply(instance)
     flat = BigM().apply(enveloped.instance)
-    solve = require(MICP_SOLVERS[solver]).load()
+    solve = require(MICP_SOLVERS[programs.solver]).load()
     found = solve(flat.instance, gap=programs.gap, time_limit=seconds)
     spent = time.perf_counter() - begin
     candidate = None
@@ -133,7 +124,7 @@ def _whole(
         candidate = Candidate(x, np.zeros(0, np.int64), x)
     ranking = programs.ranking
     return ProgramTrial(
-        solver,
+        programs.solver,
         WHOLE,
         scene,
         ranking.library.size,
@@ -149,8 +140,12 @@ def _whole(
 def _made_exact(case: Case, scene: int, instance: Instance, candidate: Candidate | None) -> float:
     if candidate is None:
         return math.inf
-    check = check_of(case.judge, case.scenes[scene])
-    return run_pipeline(instance, [candidate], PipelineOptions(), check).objective
+
+    def check(instance: Instance, x: Array) -> Checked:
+        judged = case.judge.judge(case.scenes[scene], x)
+        return Checked(judged.placement is not None, judged.objective, x, judged.word)
+
+    return run_pipeline(instance, [candidate], PipelineOptions(local="sqp"), check).objective
 
 
 def program_lines(trials: Sequence[ProgramTrial]) -> list[str]:

@@ -28,15 +28,15 @@ from climbplan.bench.bookshelf.strategy_cases import (
     unseen_cases,
 )
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.learned import Convex
-from climbplan.bookshelf.methods.trained import ReducedScenes, model_method
+from climbplan.bookshelf.methods.by_table import model_method, published_grid
 from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.ranking import RankedStrategies
-from climbplan.methods.reduced_programs import ClusterSolve
+from climbplan.methods.pinned_methods import REDUCED
+from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
 from climbplan.program.instance import Index
 from climbplan.progress import Progress
 
@@ -215,20 +215,19 @@ def _ranked(
     options: StrategyOptions,
 ) -> list[Figures]:
     method = model_method(model, case.method, case.judge)
-    if not isinstance(method, Convex):
-        raise TypeError(f"a model of kind {model.kind!r} ranks no strategies")
     if contender == "random":
         chance = _Chance(model.library, np.random.default_rng(options.seed))
-        method = replace(method, strategy=RankedStrategies(model.library, chance, model.scale))
+        ranked = RankedStrategies(model.library, chance, model.scale)
+        method = replace(method, settings=replace(method.settings, strategy=ranked))
     best = {most: np.full(len(case.scenes), np.inf) for most in CANDIDATES}
     taken = {most: np.zeros(len(case.scenes)) for most in CANDIDATES}
-    method.tried(case.scenes[0])  # what is prepared once does not count
+    method.found(case.scenes[0])  # what is prepared once does not count
     for k, scene in enumerate(case.scenes):
         begin = time.perf_counter()
-        found = method.tried(scene)
+        fates = method.found(scene).fates
         whole = time.perf_counter() - begin
-        each = np.array([tried.seconds for tried in found.tried])
-        cost = np.array([tried.objective for tried in found.tried])
+        each = np.array([tried.seconds for tried in fates])
+        cost = np.array([tried.objective for tried in fates])
         for most in CANDIDATES:
             best[most][k] = cost[:most].min(initial=np.inf)
             taken[most][k] = whole - each[most:].sum()
@@ -248,19 +247,29 @@ def _reduced(
     chosen = _halves(case, options.some if case.setting == SAME else max(options.some // 2, 2))
     small = case.part(chosen)
     method = model_method(model, case.method, case.judge)
-    if not isinstance(method, ReducedScenes):
-        raise TypeError(f"a model of kind {model.kind!r} has no reduced programs")
-    method.programs.report = report
+    grid = published_grid(case.judge)
+    programs = ReducedPrograms(
+        model.clusters(),
+        grid.partitions,
+        grid.squares,
+        seconds=method.settings.time_limit,
+        report=report,
+    )
+    method.kept.once(REDUCED, lambda: programs)
     cost, taken = np.full(len(chosen), np.inf), np.zeros(len(chosen))
     by_program = 0
     for k, scene in enumerate(small.scenes):
         begin = time.perf_counter()
-        found = method.tried(scene)
+        fates = method.found(scene).fates
         taken[k] = time.perf_counter() - begin
-        cost[k] = found.objective
+        winner = min(fates, key=lambda tried: tried.objective, default=None)
+        if winner is None or not winner.passed:
+            continue
+        cost[k] = winner.objective
         # Strategies that only follow a program have no score.
-        by_program += found.solved and math.isfinite(found.tried[found.winner].candidate.score)
-    row = _figures(small, "reduce", rows, method.clusters, cost, taken, spent)
+        by_program += math.isfinite(winner.candidate.score)
+    clusters = method.settings.neighbours or 1
+    row = _figures(small, "reduce", rows, clusters, cost, taken, spent)
     return replace(row, by_program=by_program / max(np.isfinite(cost).sum(), 1))
 
 

@@ -12,6 +12,7 @@ from climbplan.bench.bookshelf.inputs import FileGroup
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.generator import DropRules, generate_scene, shelf_for
 from climbplan.bookshelf.methods.features import feature_map, feature_scale
+from climbplan.bookshelf.methods.judge import Judge
 from climbplan.bookshelf.methods.library import (
     Priced,
     SceneLibrary,
@@ -22,7 +23,6 @@ from climbplan.bookshelf.methods.library import (
 )
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.shelf_context import context_of
-from climbplan.bookshelf.methods.statement import Judge
 from climbplan.bookshelf.mirror import Solved
 from climbplan.bookshelf.points import theta_of
 from climbplan.bookshelf.scene import Array, Scene, Shelf

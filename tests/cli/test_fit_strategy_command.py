@@ -76,7 +76,7 @@ def test_every_kind_solves_scenes_and_says_which_step_won(
     with h5py.File("out/plan.h5") as file:
         words = [word.decode() for word in file["solution/message"][()]]
         assert bool(file.attrs["verified"])
-    assert all(f"of {kind} won" in word or "answered by `exact`" in word for word in words)
+    assert all(f"({kind}) of " in word or "answered by `exact`" in word for word in words)
 
 
 def test_reduced_programs_answer_a_scene(

@@ -63,7 +63,7 @@ class Judge:
         judged = Judged(None, math.inf, _why(found))
         if result.x is not None:
             judged = self.judge(scene, result.x)
-        if judged.placement is not None and len(found.fates) > 1:
+        if judged.placement is not None and found.fates:
             held = sum(tried.passed for tried in found.fates)
             word = f"{found.winner} of {found.tried} won, {held} held"
             judged = Judged(judged.placement, judged.objective, word)

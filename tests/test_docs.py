@@ -56,6 +56,16 @@ def test_tutorial_runs_and_prints_what_it_shows(page: Path, tmp_path: Path) -> N
     assert not missing_lines(text, done.stdout), done.stdout
 
 
+def test_commands_that_drive_a_robot(tmp_path: Path) -> None:
+    for library in ("rosbags", "mcap"):
+        pytest.importorskip(library)
+    (block,) = re.findall(r"```sh\n(.*?)```", (DOCS / "how_to/drive_a_robot.md").read_text(), re.S)
+    done = run(" && ".join(block.strip().splitlines()), clone(tmp_path))
+    assert done.returncode == 0, done.stderr
+    written = tmp_path / "outputs/drive"
+    assert {"motion.mcap", "motion.npz", "ros2_control"} <= {p.name for p in written.iterdir()}
+
+
 @pytest.mark.parametrize(
     "example",
     [

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TextIO
 from climbplan.errors import PlanFileError, UsageError
 
 if TYPE_CHECKING:
+    from climbplan.exports.motion import RobotMotion
     from climbplan.plans.verification import Verification
     from climbplan.reports.viewer.scene import Scene
     from climbplan.spec.holding import HeldSpec
@@ -26,6 +27,7 @@ class PlanKind:
     report: str  # with `write_report`, `write_values` (of plans) and `report_dict`
     csv: str  # with `export_csv`
     scene_function: str | None  # MODULE:FUNCTION; None for files that have nothing in space
+    motion_function: str | None = None  # MODULE:FUNCTION; None for files in which nothing moves
 
     def verify(self, path: Path, held: HeldSpec | None = None) -> Verification:
         """Re-check every constraint from the file alone; held: against another spec."""
@@ -59,6 +61,12 @@ class PlanKind:
         """The plan as CSV."""
         import_module(self.csv).export_csv(path, out)
 
+    def motion(self, path: Path) -> RobotMotion:
+        """What robots and other simulators are told; UsageError for files without a motion."""
+        if self.motion_function is None:
+            raise UsageError(f"{path}: nothing in it moves: --format csv is what there is")
+        return resolve_name(self.motion_function)(path)
+
     def scene(self, path: Path) -> Scene:
         """What `view` shows; UsageError for files that have nothing in space."""
         if self.scene_function is None:
@@ -74,6 +82,7 @@ _CLIMB = PlanKind(
     report="climbplan.reports.climb.report",
     csv="climbplan.climb.plan.trajectory_csv",
     scene_function="climbplan.reports.viewer.climb_scene:climb_scene",
+    motion_function="climbplan.exports.climb_motion:climb_motion",
 )
 KINDS = {
     "climbplan/climb": _CLIMB,
@@ -91,6 +100,7 @@ KINDS = {
         report="climbplan.reports.limms.report",
         csv="climbplan.limms.motion_csv",
         scene_function="climbplan.reports.viewer.limms_scene:limms_scene",
+        motion_function="climbplan.exports.limms_motion:limms_motion",
     ),
     "climbplan/mpc": PlanKind(
         csv_name="walk.csv",
@@ -98,6 +108,7 @@ KINDS = {
         report="climbplan.reports.walking.report",
         csv="climbplan.walking.trajectory_csv",
         scene_function="climbplan.reports.viewer.walking_scene:walk_scene",
+        motion_function="climbplan.exports.walk_motion:walk_motion",
     ),
     "climbplan/dataset": PlanKind(
         csv_name="dataset.csv",

@@ -108,6 +108,22 @@ PARTS = (
         install="pip install 'climbplan[simulate]'",
     ),
     Part(
+        "rosbags",
+        "rosbags",
+        "rosbags",
+        "`export --format mcap`, `ros2`",
+        required=False,
+        install="pip install 'climbplan[ros]'",
+    ),
+    Part(
+        "OpenUSD",
+        "usd-core",
+        "pxr",
+        "`export --format usd`",
+        required=False,
+        install="pip install 'climbplan[usd]'",
+    ),
+    Part(
         "viser",
         "viser",
         "viser",

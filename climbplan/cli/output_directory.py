@@ -31,6 +31,7 @@ RESULTS = (
     "stiffness.csv",
     "simulation.csv",
     "gripper.json",
+    "export.json",
 )
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

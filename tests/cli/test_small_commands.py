@@ -310,6 +310,31 @@ def test_export(run_command: RunCommand, plan_directory: Path, workplace: Path) 
         assert run_command("export", "outputs", "-o", target, "--force").code == 2
 
 
+def test_export_of_motions(run_command: RunCommand, workplace: Path) -> None:
+    assert run_command("plan-climb", "small.yaml", "-o", "run", "--no-report").code == 0
+    done = run_command("export", "run", "--format", "npz", "--rate", "50")
+    assert (done.code, done.out) == (0, "run/motion.npz\n")
+    assert "controllers whose P gains are" in done.err
+    assert run_command("export", "run", "--format", "npz").code == 2  # already there
+    assert run_command("export", "run", "--gains", "80", "-o", "stiff.csv").out == "stiff.csv\n"
+    assert Path("stiff.csv").read_text().startswith("time_s,body_x_m,")
+    taken = run_command("export", "run", "--format", "jtc", "--feedforward", "-o", "run")
+    assert (taken.code, Path("run/plan.h5").exists()) == (2, True)
+    assert run_command("export", "run", "--format", "jtc", "--feedforward").code == 0
+    assert run_command("export", "run", "--format", "jtc").code == 2
+    assert run_command("export", "run", "--format", "jtc", "--force").code == 0
+    assert {file.name for file in Path("run/ros2_control").iterdir()} == {
+        "controllers.yaml",
+        "export.json",
+        "goal.yaml",
+    }
+    streamed = run_command("export", "run", "--format", "npz", "-o", "-")
+    assert (streamed.code, streamed.out) == (2, "")
+    wrong = run_command("export", "run", "--rate", "-3", "-o", "x.csv")
+    assert "--rate -3: expected more than 0" in wrong.err
+    assert not Path("x.csv").exists()
+
+
 def test_doctor_says_what_each_solver_of_programs_holds(run_command: RunCommand) -> None:
     listed = {s["name"]: s for s in json.loads(run_command("doctor", "--json").out)["solvers"]}
     assert listed["ipopt"]["holds"] == ["balls", "products", "smooth"]

@@ -1,0 +1,1 @@
+"""Plans as files that robots and other simulators read."""

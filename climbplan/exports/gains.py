@@ -1,0 +1,56 @@
+"""P gains of somebody's controller, from the command line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from climbplan.errors import UsageError
+from climbplan.plans.check import Array
+
+_MOST_BYTES = 1_000_000
+
+
+def read_gains(given: str, names: tuple[str, ...]) -> Array:
+    """(J,) [N m/rad] of one number, or of a YAML file that maps every joint's name to its gain.
+
+    Raises UsageError that lists every mistake of the file.
+    """
+    try:
+        one = float(given)
+    except ValueError:
+        return _of_file(Path(given), names)
+    if not (math.isfinite(one) and one > 0):
+        raise UsageError(f"--gains {given}: expected a positive number of N m/rad, or a file")
+    return np.full(len(names), one)
+
+
+def _of_file(path: Path, names: tuple[str, ...]) -> Array:
+    try:
+        text = path.read_bytes()[: _MOST_BYTES + 1]
+        stored = yaml.safe_load(text.decode("utf-8")) if len(text) <= _MOST_BYTES else None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(f"--gains {path}: no number, and no such file: {reason}") from error
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        line = str(error).replace("\n", " ")
+        raise UsageError(f"--gains {path}: not YAML: {line}") from error
+    if not isinstance(stored, dict):
+        raise UsageError(f"--gains {path}: expected `joint: gain` a line [N m/rad]")
+    wrong = [f"{name} is missing" for name in names if name not in stored]
+    wrong += [f"no joint {name!r}" for name in stored if name not in names]
+    wrong += [
+        f"{name}: {stored[name]!r} is no positive number"
+        for name in names
+        if name in stored and not _positive(stored[name])
+    ]
+    if wrong:
+        raise UsageError(f"--gains {path}: {'; '.join(wrong)}")
+    return np.array([float(stored[name]) for name in names])
+
+
+def _positive(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf

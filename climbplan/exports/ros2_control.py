@@ -1,0 +1,108 @@
+"""Files for `joint_trajectory_controller` of ros2_control: its parameters, and a goal to send."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from climbplan.errors import UsageError
+from climbplan.exports.motion import JointMotion, RobotMotion
+from climbplan.exports.ros_messages import nanoseconds
+from climbplan.plans.check import Array
+
+CONTROLLER = "joint_trajectory_controller"
+_GOAL = "/joint_trajectory_controller/follow_joint_trajectory"
+_ROOM = 0.1  # [rad] of tracking errors beside what contacts bend joints by
+
+
+def write_controller(motion: RobotMotion, directory: Path, rate: float) -> None:
+    """`controllers.yaml` and `goal.yaml`; raises UsageError for a motion without joints.
+
+    rate: [Hz] of the controller manager.
+    """
+    joints = motion.joints
+    if joints is None:
+        raise UsageError(f"{motion.name}: no joints to control: {'; '.join(motion.words)}")
+    text = _head(motion) + yaml.safe_dump(_parameters(joints, rate), sort_keys=False)
+    (directory / "controllers.yaml").write_text(text, encoding="utf-8")
+    with (directory / "goal.yaml").open("w", encoding="utf-8") as stream:
+        for line in _goal(motion, joints):
+            stream.write(line + "\n")
+
+
+def _head(motion: RobotMotion) -> str:
+    told = [*motion.words, "d is not planned: give it what your motors need"]
+    return "".join(f"# {line}\n" for line in told)
+
+
+def _parameters(joints: JointMotion, rate: float) -> dict[str, object]:
+    by_torque = bool((joints.gain > 0).all())
+    bent = np.abs(joints.command - joints.angle).max(axis=0) + _ROOM
+    own: dict[str, object] = {
+        "joints": list(joints.names),
+        "command_interfaces": ["effort" if by_torque else "position"],
+        "state_interfaces": ["position", "velocity"],
+        "allow_nonzero_velocity_at_trajectory_end": False,
+        "constraints": {
+            "stopped_velocity_tolerance": 0.05,
+            **{
+                name: {"trajectory": round(float(most), 4), "goal": round(float(most), 4)}
+                for name, most in zip(joints.names, bent, strict=True)
+            },
+        },
+    }
+    if by_torque:
+        own["gains"] = {
+            name: {"p": float(gain), "i": 0.0, "d": 0.0, "ff_velocity_scale": 0.0}
+            for name, gain in zip(joints.names, joints.gain, strict=True)
+        }
+    return {
+        "controller_manager": {
+            "ros__parameters": {
+                "update_rate": round(rate),
+                CONTROLLER: {"type": f"{CONTROLLER}/JointTrajectoryController"},
+            }
+        },
+        CONTROLLER: {"ros__parameters": own},
+    }
+
+
+def _goal(motion: RobotMotion, joints: JointMotion) -> Iterator[str]:
+    """YAML of a FollowJointTrajectory goal, a point a line."""
+    yield from (f"# {line}" for line in motion.words)
+    yield f"# A goal of {_GOAL}, control_msgs/action/FollowJointTrajectory;"
+    yield "# more than a shell takes as an argument: examples/ros2/follow_plan.py sends it"
+    yield "trajectory:"
+    yield f"  joint_names: [{', '.join(_quoted(name) for name in joints.names)}]"
+    yield "  points:"
+    for k, time in enumerate(motion.time - motion.time[0]):
+        seconds, rest = divmod(nanoseconds(float(time)), 1_000_000_000)
+        parts = [
+            f"positions: {_numbers(joints.command[k])}",
+            f"velocities: {_numbers(joints.velocity[k])}",
+            f"accelerations: {_numbers(joints.acceleration[k])}",
+            f"time_from_start: {{sec: {seconds}, nanosec: {rest}}}",
+        ]
+        if joints.feedforward.any():
+            parts.insert(3, f"effort: {_numbers(joints.feedforward[k])}")
+        yield f"  - {{{', '.join(parts)}}}"
+
+
+def _numbers(values: Array) -> str:
+    return f"[{', '.join(_number(float(value)) for value in values)}]"
+
+
+def _number(value: float) -> str:
+    """To 1e-12, with a point: YAML takes 1e-5 for a word."""
+    text = f"{value:.12g}"
+    mantissa, mark, exponent = text.partition("e")
+    if "." not in mantissa:
+        mantissa += ".0"
+    return f"{mantissa}{mark}{exponent}"
+
+
+def _quoted(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"

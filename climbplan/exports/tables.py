@@ -1,0 +1,78 @@
+"""A motion as CSV and as NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.exports.motion import RobotMotion
+from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.check import Array
+from climbplan.plans.csv_file import write_csv
+
+_POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+def write_table(motion: RobotMotion, out: Path) -> None:
+    """One row a sample: time, poses of bodies, what each joint is told, forces at contacts.
+
+    Raises UsageError if the file cannot be written.
+    """
+    header, columns = ["time_s"], [motion.time[:, None]]
+    for body in motion.bodies:
+        header += [f"{body.name}_{part}" for part in _POSE]
+        columns += [body.position, body.quaternion]
+    if motion.joints is not None:
+        joints = motion.joints
+        told: list[tuple[str, Array]] = [
+            ("position_rad", joints.command),
+            ("velocity_rad_s", joints.velocity),
+            ("acceleration_rad_s2", joints.acceleration),
+            ("effort_Nm", joints.feedforward),
+            ("torque_Nm", joints.torque),
+        ]
+        for what, values in told:
+            header += [f"{name}_{what}" for name in joints.names]
+            columns.append(values)
+    if motion.contacts is not None:
+        contacts = motion.contacts
+        header += [f"{name}_force_{axis}_N" for name in contacts.names for axis in "xyz"]
+        header += [f"{name}_contact" for name in contacts.names]
+        columns += [contacts.force.reshape(len(motion.time), -1), contacts.touching.astype(float)]
+    write_csv(out, header, _rows(np.hstack(columns)))
+
+
+def _rows(table: Array) -> Iterator[list[float]]:
+    for row in table:
+        yield row.tolist()
+
+
+def write_arrays(motion: RobotMotion, out: Path) -> None:
+    """An `.npz` of plain arrays under the names of this module's table; no pickles.
+
+    Raises UsageError if the file cannot be written.
+    """
+    arrays: dict[str, np.ndarray] = {"time": motion.time, "words": np.array(motion.words)}
+    for body in motion.bodies:
+        arrays[f"body/{body.name}/position"] = body.position
+        arrays[f"body/{body.name}/quaternion_xyzw"] = body.quaternion
+    if motion.joints is not None:
+        joints = motion.joints
+        arrays["joint/names"] = np.array(joints.names)
+        arrays["joint/position"] = joints.command
+        arrays["joint/velocity"] = joints.velocity
+        arrays["joint/acceleration"] = joints.acceleration
+        arrays["joint/effort"] = joints.feedforward
+        arrays["joint/torque"] = joints.torque
+        arrays["joint/angle"] = joints.angle
+        arrays["joint/gain"] = joints.gain
+    if motion.contacts is not None:
+        contacts = motion.contacts
+        arrays["contact/names"] = np.array(contacts.names)
+        arrays["contact/point"] = contacts.point
+        arrays["contact/force"] = contacts.force
+        arrays["contact/touching"] = contacts.touching
+    with written_aside(out) as aside, aside.open("wb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, **arrays)

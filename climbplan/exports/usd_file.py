@@ -1,0 +1,109 @@
+"""A motion as a scene of OpenUSD: body, links and surfaces, with time samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import MissingSolver
+from climbplan.exports.motion import BodyMotion, RobotMotion
+from climbplan.plans.atomic_file import written_aside
+from climbplan.plans.check import Array
+
+_MARKER = 0.02  # [m] half edge of a body of unknown size
+
+
+def write_usd(motion: RobotMotion, out: Path) -> None:
+    """A binary or text stage by the suffix of the file (.usd, .usdc, .usda); metres, z up.
+
+    Time codes are samples, played at the motion's mean rate. Raises MissingSolver without the extra
+    `usd`, UsageError if the file cannot be written.
+    """
+    try:
+        from pxr import Usd, UsdGeom
+    except ImportError as error:
+        raise MissingSolver("USD files need usd-core: pip install 'climbplan[usd]'") from error
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    samples = len(motion.time)
+    span = float(motion.time[-1] - motion.time[0])
+    stage.SetTimeCodesPerSecond((samples - 1) / span if span > 0 else 1.0)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(samples - 1)
+    root = UsdGeom.Xform.Define(stage, "/motion")
+    stage.SetDefaultPrim(root.GetPrim())
+    root.GetPrim().SetCustomDataByKey("climbplan", {"name": motion.name, "robot": motion.robot})
+    codes = _codes(motion.time)
+    for number, body in enumerate(motion.bodies):
+        half = motion.body_size if number == 0 and motion.body_size is not None else None
+        _body(UsdGeom, stage, body, half, codes)
+    for limb in motion.limbs:
+        for link in range(limb.points.shape[1] - 1):
+            path = f"/motion/{_named(limb.name)}/link{link}"
+            _link(UsdGeom, stage, path, limb.points[:, link : link + 2], limb.radius, codes)
+    for number, corners in enumerate(motion.surfaces):
+        mesh = UsdGeom.Mesh.Define(stage, f"/motion/surfaces/surface{number}")
+        mesh.CreatePointsAttr([tuple(map(float, corner)) for corner in corners])
+        mesh.CreateFaceVertexCountsAttr([len(corners)])
+        mesh.CreateFaceVertexIndicesAttr(list(range(len(corners))))
+        mesh.CreateDoubleSidedAttr(True)
+    suffix = out.suffix if out.suffix in (".usd", ".usdc", ".usda") else ".usd"
+    with written_aside(out) as aside:
+        named = aside.with_name(aside.name + suffix)  # USD chooses the format by it
+        try:
+            stage.Export(str(named))
+            named.replace(aside)
+        finally:
+            named.unlink(missing_ok=True)
+
+
+def _codes(time: Array) -> Array:
+    """Time codes of samples, which need not be evenly spaced."""
+    span = float(time[-1] - time[0])
+    if span <= 0:
+        return np.zeros(len(time))
+    return np.asarray((time - time[0]) / span * (len(time) - 1))
+
+
+def _body(geometry: Any, stage: Any, body: BodyMotion, half: Array | None, codes: Array) -> None:
+    path = f"/motion/{_named(body.name)}"
+    geometry.Xform.Define(stage, path)
+    cube = geometry.Cube.Define(stage, f"{path}/box")
+    cube.CreateSizeAttr(2.0)
+    size = np.full(3, _MARKER) if half is None else half
+    cube.AddScaleOp().Set(tuple(map(float, size)))
+    _moved(geometry.Xformable(stage.GetPrimAtPath(path)), body.position, body.quaternion, codes)
+
+
+def _link(geometry: Any, stage: Any, path: str, ends: Array, radius: float, codes: Array) -> None:
+    """A capsule along z from the first to the second of ends (T, 2, 3)."""
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    capsule = geometry.Capsule.Define(stage, path)
+    capsule.CreateAxisAttr("Z")
+    capsule.CreateRadiusAttr(float(radius))
+    capsule.CreateHeightAttr(float(length.mean()))
+    up = along / np.maximum(length, 1e-12)[:, None]
+    # Half the turn from z to the link: (1 + cos, z x up), unless it points straight down
+    quaternion = np.stack([-up[:, 1], up[:, 0], np.zeros(len(up)), 1 + up[:, 2]], axis=1)
+    quaternion[quaternion[:, 3] < 1e-9] = [1.0, 0.0, 0.0, 0.0]
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    _moved(geometry.Xformable(capsule.GetPrim()), ends.mean(axis=1), quaternion, codes)
+
+
+def _moved(prim: Any, position: Array, quaternion: Array, codes: Array) -> None:
+    from pxr import Gf
+
+    moved, turned = prim.AddTranslateOp(), prim.AddOrientOp()
+    for code, place, (x, y, z, w) in zip(codes, position, quaternion, strict=True):
+        moved.Set(Gf.Vec3d(*map(float, place)), float(code))
+        turned.Set(Gf.Quatf(float(w), float(x), float(y), float(z)), float(code))
+
+
+def _named(text: str) -> str:
+    """As a name of USD: letters, digits and underscores."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
+    return kept if kept and not kept[0].isdigit() else f"_{kept}"

@@ -44,6 +44,7 @@ from climbplan.cli.plan_limms import plan_limms
 from climbplan.cli.plan_mpc import plan_mpc
 from climbplan.cli.plan_transition import plan_transition
 from climbplan.cli.report import report
+from climbplan.cli.robot import robot
 from climbplan.cli.schema import schema
 from climbplan.cli.simulate import simulate
 from climbplan.cli.solve import solve
@@ -60,8 +61,35 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 
+# As `--help` shows them
+GROUPS: dict[str, tuple[Any, ...]] = {
+    "Plan": (plan_climb, plan_transition, plan_mpc, plan_limms, solve_bookshelf, solve),
+    "Learn": (gen_data, data, fit_strategy, fit_envelopes, fit_stiffness, fit_gripper),
+    "Check": (verify, simulate, bench),
+    "Look and take away": (report, view, export),
+    "Write and look up": (new, validate, schema, robot, doctor),
+}
+
+
 class _Commands(TyperGroup):
-    """Turns the errors that are not bugs into messages and exit codes."""
+    """Turns the errors that are not bugs into messages and exit codes; commands in groups."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """One table a group, columns at one place."""
+        by_group = {
+            title: [_called(command) for command in commands] for title, commands in GROUPS.items()
+        }
+        known = set(self.list_commands(ctx))
+        widest = max(len(name) for name in known)
+        for title, names in by_group.items():
+            rows = []
+            for name in names:
+                command = self.get_command(ctx, name)
+                room = formatter.width - 6 - widest
+                if command is not None:
+                    rows.append((name.ljust(widest), command.get_short_help_str(room)))
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
@@ -96,6 +124,11 @@ class _Commands(TyperGroup):
             interrupt_handled()
 
 
+def _called(command: Any) -> str:
+    """What a command is called."""
+    return "data" if command is data else str(command.__name__).replace("_", "-")
+
+
 def _interrupted(error: BaseException) -> int | None:
     """The exit code if a command ended because it was told to, which is said; else None."""
     number = interrupt_handled()
@@ -111,36 +144,17 @@ app = typer.Typer(
     cls=_Commands,
     help="Verified plans for robots that move by making and breaking contact.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode=None,  # plain help starts twice as fast, and needs no terminal
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (
-    plan_climb,
-    plan_mpc,
-    plan_transition,
-    fit_envelopes,
-    fit_strategy,
-    fit_stiffness,
-    fit_gripper,
-    solve_bookshelf,
-    plan_limms,
-    solve,
-    gen_data,
-    simulate,
-    verify,
-    report,
-    view,
-    export,
-    validate,
-    schema,
-    new,
-    doctor,
-    bench,
-):
-    app.command(_command.__name__.replace("_", "-"))(_command)
-app.add_typer(data, name="data")
+for _commands in GROUPS.values():
+    for _command in _commands:
+        if _command is data:
+            app.add_typer(data, name="data")
+        else:
+            app.command(_called(_command))(_command)
 
 
 def _print_version(value: bool) -> None:

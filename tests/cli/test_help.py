@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 
 import pytest
+import typer
 from command_line import RunCommand
 
 from climbplan import __version__
+from climbplan.cli.app import GROUPS, app
 
 LIGHT = {"climbplan", "typer"}
 HEAVY = {
@@ -84,6 +88,16 @@ def test_every_command_has_help(run_command: RunCommand) -> None:
         assert f"Usage: climbplan {name}" in shown.out
 
 
+def test_help_shows_every_command_in_one_group(run_command: RunCommand) -> None:
+    """Each once, whatever is added; none is left out."""
+    shown = run_command("--help").out
+    listed = re.findall(r"^  ([a-z][a-z-]+) ", shown, re.M)
+    assert len(listed) == len(set(listed))
+    assert set(listed) == set(typer.main.get_command(app).commands)
+    titles = [line.rstrip(":") for line in re.findall(r"^[A-Z][a-z ]+:$", shown, re.M)]
+    assert titles == ["Options", *GROUPS]
+
+
 def test_version(run_command: RunCommand) -> None:
     shown = run_command("--version")
     assert (shown.code, shown.out) == (0, f"climbplan {__version__}\n")
@@ -109,3 +123,20 @@ def test_bad_usage(run_command: RunCommand, arguments: list[str], fragment: str)
     assert outcome.code == 2
     assert outcome.out == ""
     assert fragment in outcome.err
+
+
+def test_shells_complete_commands() -> None:
+    """In a process of its own: how `complete` of bash asks."""
+    done = subprocess.run(
+        [sys.executable, "-m", "climbplan"],
+        env={
+            **os.environ,
+            "_CLIMBPLAN_COMPLETE": "complete_bash",
+            "COMP_WORDS": "climbplan plan-t",
+            "COMP_CWORD": "1",
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["plan-transition"], done.stderr

@@ -1,0 +1,175 @@
+"""`climbplan robot`: what a robot's file amounts to, before anything is planned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from climbplan.cli.console import print_json, print_result
+from climbplan.cli.options import Force, Json, Quiet, Verbose
+from climbplan.errors import UsageError
+
+if TYPE_CHECKING:
+    from climbplan.robots.facts import RobotFacts
+
+_COLUMNS = "joint bounds [deg], torque [N m], stiffness [N m/rad]"
+
+
+def robot(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT", help="Built-in robot, robot file, or a spec that names one."
+        ),
+    ],
+    picture: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Draw its stance and reach (.png)."),
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Print mass, stance, standing height, reach and limits of a robot.
+
+    Standing is meant as in its stance, forces straight up.
+    """
+    if picture is not None:
+        if picture.suffix != ".png":
+            raise UsageError(f"{picture}: expected a .png file")
+        if picture.exists() and not force:
+            raise UsageError(f"{picture}: already exists; --force replaces it")
+    from climbplan.robots.facts import robot_facts
+
+    made, notes = _robot_of(name)
+    facts = robot_facts(made)
+    if picture is not None:
+        from climbplan.plans.atomic_file import written_aside
+        from climbplan.reports.robot_picture import robot_picture
+        from climbplan.reports.sheet import png
+
+        image = png(robot_picture(facts))
+        with written_aside(picture) as aside:
+            aside.write_bytes(image)
+    if as_json:
+        print_json(_values(facts, notes, picture))
+    else:
+        print_result("\n".join(_lines(facts, notes)))
+
+
+def _robot_of(name: str) -> tuple[Any, tuple[str, ...]]:
+    """The robot, and what was assumed of it."""
+    from climbplan.robots.any_robot import assumptions, build_robot
+    from climbplan.spec.loading import load_spec
+    from climbplan.spec.robots.source import UnknownRobot, load_any_robot
+    from climbplan.spec.source import read_source
+
+    spec: Any
+    try:
+        if Path(name).suffix in (".yaml", ".yml") and not _is_robot_file(read_source(name).text):
+            loaded: Any = load_spec(name)
+            spec = getattr(loaded, "robot", None)
+            if spec is None or (not hasattr(spec, "limbs") and not hasattr(spec, "tree")):
+                raise UsageError(f"{name}: names no robot with limbs")
+        else:
+            spec = load_any_robot(name)
+    except UnknownRobot as error:
+        raise UsageError(str(error)) from error
+    made = build_robot(spec)
+    return made, assumptions(spec, made)
+
+
+def _is_robot_file(text: str) -> bool:
+    return any(line.split("#")[0].replace(" ", "") == "kind:robot" for line in text.splitlines())
+
+
+def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:
+    made = facts.robot
+    names, force, torque = made.limbs.joint_names, facts.standing_force, facts.standing_torque
+    limbs = []
+    for n, name in enumerate(made.limb_names):
+        there = made.has_joint[n]
+        limbs.append(
+            {
+                "name": name,
+                "side": made.sides[n],
+                "joints": [joint for joint in names[n] if joint],
+                "lower": made.joint_lower[n, there].tolist(),
+                "upper": made.joint_upper[n, there].tolist(),
+                "max_torque": made.max_torque[n, there].tolist(),
+                "joint_stiffness": made.joint_stiffness[n, there].tolist(),
+                "max_joint_speed": made.max_joint_speed[n, there].tolist(),
+                "stance": made.stance_body[n].tolist(),
+                "reach": float(facts.reach[n]),
+                "standing_force": None if force is None else float(force[n]),
+                "standing_torque": None if torque is None else torque[n, there].tolist(),
+            }
+        )
+    return {
+        "robot": made.name,
+        "mass": made.mass,
+        "gravity": made.gravity,
+        "structural_compliance_share": made.structural_compliance_share,
+        "standing_height": facts.standing_height,
+        "standing_safety": facts.standing_safety,
+        "reach": made.reach,
+        "stance_radius": made.stance_radius,
+        "limb_radius": made.limb_radius,
+        "limbs": limbs,
+        "notes": list(notes),
+        **({} if picture is None else {"picture": str(picture)}),
+    }
+
+
+def _lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
+    import numpy as np
+
+    made = facts.robot
+    there = made.has_joint
+    body = np.ptp(made.body_hull, axis=0)
+    joints = int(there.sum())
+    lines = [
+        f"{made.name}: {made.mass:.4g} kg, {made.limb_count} limbs, {joints} joints",
+        f"body      {' x '.join(f'{side:.3f}' for side in body)} m",
+        f"stance    body {facts.standing_height:.3f} m above its toes"
+        + (f", which differ by {facts.uneven:.3f} m in height" if facts.uneven > 1e-3 else ""),
+        (
+            f"planner   toes within {made.reach:.3f} m of their shoulders and "
+            f"{made.stance_radius:.3f} m of their stance"
+        ),
+        _standing(facts),
+        f"{'limb':<10}{'toe of the stance [m]':<26}{'reach [m]':>9}  {_COLUMNS}",
+    ]
+    for n, name in enumerate(made.limb_names):
+        own = there[n]
+        toe = ", ".join(f"{value:.3f}" for value in made.stance_body[n])
+        if not np.isfinite(facts.stance_angles[n, own]).all():
+            toe += " (out of reach)"
+        bounds = ", ".join(
+            f"{np.rad2deg(low):.0f}..{np.rad2deg(high):.0f}"
+            for low, high in zip(made.joint_lower[n, own], made.joint_upper[n, own], strict=True)
+        )
+        torque = "/".join(f"{value:g}" for value in made.max_torque[n, own])
+        stiffness = "/".join(f"{value:g}" for value in made.joint_stiffness[n, own])
+        lines.append(f"{name:<10}{toe:<26}{facts.reach[n]:>9.3f}  {bounds}; {torque}; {stiffness}")
+    return [*lines, *notes]
+
+
+def _standing(facts: RobotFacts) -> str:
+    import numpy as np
+
+    made = facts.robot
+    if facts.standing_force is None or facts.standing_torque is None:
+        return "standing  not on these toes: the body is not above them, or some are out of reach"
+    share = np.abs(facts.standing_torque) / np.where(made.has_joint, made.max_torque, np.inf)
+    n, j = np.unravel_index(int(np.argmax(share)), share.shape)
+    least, most = facts.standing_force.min(), facts.standing_force.max()
+    span = f"{most:.1f}" if most - least < 0.05 else f"{least:.1f} to {most:.1f}"
+    return (
+        f"standing  {span} N a toe, straight up; nearest to its limit is "
+        f"{made.limb_names[n]} {made.joint_name(int(n), int(j))}: "
+        f"{abs(facts.standing_torque[n, j]):.2f} of {made.max_torque[n, j]:g} N m"
+    )

@@ -1,0 +1,80 @@
+"""What a robot's file amounts to: masses, reach, and what standing asks of its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from climbplan.robots.kinematics import inverse, jacobian_body, toe_body
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+
+_SAMPLES = 4000  # of each limb's joints
+_BALANCED = 1e-6  # of the weight and moment that standing toes may leave
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """N limbs with up to J joints; body frame."""
+
+    robot: Robot
+    stance_angles: Array  # (N, J) [rad], NaN where the stance is out of reach
+    standing_height: float  # [m] of the body's origin above the toes of the stance, mean
+    uneven: float  # [m] between the highest and the lowest toe of the stance
+    reach: Array  # (N,) farthest toe from the shoulder, of sampled postures [m]
+    samples: Array  # (N, S, 3) toes of these postures [m]
+    standing_force: Array | None  # (N,) upward on each toe of the stance [N]; None: it tips over
+    standing_torque: Array | None  # (N, J) that it takes [N m]
+
+    @property
+    def standing_safety(self) -> float | None:
+        """Least ratio of a torque limit to what standing takes; None where it cannot stand."""
+        if self.standing_torque is None:
+            return None
+        there = self.robot.has_joint
+        taken = np.abs(self.standing_torque)[there]
+        most = self.robot.max_torque[there]
+        return float(np.min(most / np.maximum(taken, 1e-12)))
+
+
+def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
+    """Measure a robot; postures are drawn within its joint bounds, the same for a seed."""
+    solution = inverse(robot, robot.stance_body)
+    angles = np.where(solution.valid[:, None], solution.best(), np.nan)
+    share = np.random.default_rng(seed).uniform(size=(_SAMPLES, *robot.joint_lower.shape))
+    drawn = robot.joint_lower + share * (robot.joint_upper - robot.joint_lower)
+    toes = np.swapaxes(toe_body(robot, drawn), 0, 1)  # (N, S, 3)
+    reach = np.linalg.norm(toes - robot.shoulder_body[:, None], axis=2).max(axis=1)
+    force = _standing_force(robot, solution.valid)
+    torque = None
+    if force is not None:
+        upward = np.stack([np.zeros_like(force), np.zeros_like(force), force], axis=1)
+        jacobian = jacobian_body(robot, np.nan_to_num(angles))
+        torque = np.einsum("nij,ni->nj", jacobian, upward)
+    height = robot.stance_body[:, 2]
+    return RobotFacts(
+        robot,
+        angles,
+        float(-height.mean()),
+        float(np.ptp(height)),
+        reach,
+        toes,
+        force,
+        torque,
+    )
+
+
+def _standing_force(robot: Robot, valid: NDArray[np.bool_]) -> Array | None:
+    """Upward forces (N,) on toes in reach that hold the weight over the stance, most even ones."""
+    x, y = robot.stance_body[:, :2].T
+    balance = np.vstack([np.ones_like(x), x, y]) * valid
+    even = 1e-4 * np.eye(len(x))  # of several balances the most even one
+    force, _ = nnls(
+        np.vstack([balance, even]), np.concatenate([[robot.weight, 0.0, 0.0], np.zeros(len(x))])
+    )
+    left = balance @ force - np.array([robot.weight, 0.0, 0.0])
+    # The small wish for evenness leaves a little over, which a robot on its toes does not notice
+    return force if np.abs(left).max() < max(_BALANCED, 1e-3) * robot.weight else None

@@ -7,6 +7,7 @@ may be touched.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -45,6 +46,7 @@ class Messages:
 
     def __init__(self, motion: RobotMotion, types: Any) -> None:
         self._motion, self._types = motion, types.types
+        self._topics = () if motion.contacts is None else contact_topics(motion.contacts.names)
 
     def all(self) -> Iterator[Stamped]:
         """In order of time; what does not change comes first."""
@@ -65,10 +67,10 @@ class Messages:
             if motion.joints is not None:
                 yield Stamped("/joint_states", "sensor_msgs/msg/JointState", at, self._state(k, at))
             if motion.contacts is not None:
-                for c, name in enumerate(motion.contacts.names):
+                for c in range(len(self._topics)):
                     force = motion.contacts.force[k, c]
                     kind = "geometry_msgs/msg/WrenchStamped"
-                    yield Stamped(f"/contacts/{name}", kind, at, self._wrench(name, force, at))
+                    yield Stamped(self._topics[c], kind, at, self._wrench(force, at))
 
     def joint_trajectory(self) -> Any:
         """The whole motion; `effort` is what is told beside the commands."""
@@ -112,7 +114,7 @@ class Messages:
             "geometry_msgs/msg/TransformStamped", self._header(at, WORLD), body.name, pose
         )
 
-    def _wrench(self, name: str, force: Array, at: int) -> Any:
+    def _wrench(self, force: Array, at: int) -> Any:
         vector = "geometry_msgs/msg/Vector3"
         wrench = self._new(
             "geometry_msgs/msg/Wrench",
@@ -175,6 +177,14 @@ class Messages:
     def _new(self, kind: str, *fields: Any) -> Any:
         held = [np.ascontiguousarray(f) if isinstance(f, np.ndarray) else f for f in fields]
         return self._types[kind](*held)
+
+
+def contact_topics(names: tuple[str, ...]) -> tuple[str, ...]:
+    """One a name, of letters, digits and underscores as ROS wants them."""
+    kept = [re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in names]
+    return tuple(
+        f"/contacts/{f'{name}_{k}' if name in kept[:k] else name}" for k, name in enumerate(kept)
+    )
 
 
 def nanoseconds(seconds: float) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.formats import FORMATS, Told, told
 from climbplan.exports.limms_motion import limms_motion
 from climbplan.exports.motion import RobotMotion
+from climbplan.exports.ros_messages import contact_topics
 from climbplan.exports.walk_motion import walk_motion
 
 READERS = {"climb": climb_motion, "modules": limms_motion, "walk": walk_motion}
@@ -74,6 +76,14 @@ def test_mcap(plans: dict[str, Path], tmp_path: Path, kind: str) -> None:
     assert count == counted(motion)
     assert times == sorted(times)
     assert np.array(times) / 1e9 == pytest.approx(motion.time, abs=1e-9)
+
+
+def test_topics_are_such_as_ros_takes() -> None:
+    names = ("RF", "left foot", "left_foot", "1", "é")
+    topics = contact_topics(names)
+    assert topics[:2] == ("/contacts/RF", "/contacts/left_foot")
+    assert len(set(topics)) == len(names)
+    assert all(re.fullmatch(r"/contacts/[A-Za-z0-9_]+", topic) for topic in topics)
 
 
 def test_bag_of_ros_2(plans: dict[str, Path], tmp_path: Path) -> None:

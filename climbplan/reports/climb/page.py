@@ -23,11 +23,13 @@ from climbplan.reports.page_template import (
 _SCRIPTS = ("scene.js", "charts.js", "main.js")
 
 
-def _millimetres(span: Mapping[str, float | None]) -> str:
+def millimetres(span: Mapping[str, float | None]) -> str:
+    """A span [m] in words."""
     least, most = span["least"], span["most"]
     if least is None or most is None:
         return "unknown"
-    return f"{1e3 * least:.1f} to {1e3 * most:.1f} mm"
+    ends = [f"{round(1e3 * end, 1) + 0.0:.1f}" for end in (least, most)]  # + 0.0: no "-0.0"
+    return f"{ends[0]} mm" if ends[0] == ends[1] else f"{ends[0]} to {ends[1]} mm"
 
 
 def _factor(value: float | None) -> str:
@@ -59,8 +61,8 @@ def _cards(report: Mapping[str, Any]) -> Iterable[Card]:
         f"limit {worst['max_torque']:g}; {worst['limb']} {worst['joint']}, {worst['where']}",
     )
     yield Card("Payload", "unknown" if payload is None else f"{payload:g} kg")
-    yield Card("Body sag", _millimetres(report["sag"]), "below the planned pose")
-    yield Card("Penetration", _millimetres(report["penetration"]), "of toe commands into the walls")
+    yield Card("Body sag", millimetres(report["sag"]), "below the planned pose")
+    yield Card("Penetration", millimetres(report["penetration"]), "of toe commands into the walls")
     yield Card("Cost", f"{report['objective']:.4g}", _bound(report))
 
 

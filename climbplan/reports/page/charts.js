@@ -127,7 +127,8 @@ function safetyCharts(plan, colors, pick) {
     const known = finite(values);
     const least = known.length ? Math.min(...known) : null;
     const sorted = [...known].sort((a, b) => a - b);
-    const usual = sorted.length ? sorted[Math.floor(0.99 * (sorted.length - 1))] : asked;
+    // Of few instants all are shown, of many the highest hundredth runs off the top
+    const usual = sorted.length ? sorted[Math.ceil(0.99 * (sorted.length - 1))] : asked;
     const level = (y, color, dash) => ({
       x: [-0.5, k.length - 0.5], y: [y, y], mode: "lines", hoverinfo: "skip",
       line: { color, width: 1.6, dash },

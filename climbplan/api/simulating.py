@@ -41,6 +41,7 @@ def _climb(path: Path) -> tuple[str, Simulate]:
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
         from climbplan.simulation.climb_report import tell
         from climbplan.simulation.study import simulate_plan
+        from climbplan.simulation.worlds.judging import told
 
         found = simulate_plan(plan, asked, report)
         lines = [
@@ -48,6 +49,8 @@ def _climb(path: Path) -> tuple[str, Simulate]:
             + (point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall")
             for point in found.points
         ]
+        if found.judged is not None:
+            lines += told(found.judged, plan.robot.limb_names, plan)
         return tell(found), [*lines, *_falls(found.trials)]
 
     return plan.name, run

@@ -24,6 +24,13 @@ class Regulated(StrEnum):
     pose = "pose"
 
 
+class Judge(StrEnum):
+    """What plays a plan in random worlds."""
+
+    mujoco = "mujoco"
+    statics = "statics"
+
+
 def simulate(
     context: typer.Context,
     plan: Plan,
@@ -103,6 +110,23 @@ def simulate(
         bool,
         typer.Option("--allow-falls", help="End with 0 whatever the robot does, for studies."),
     ] = False,
+    worlds: Annotated[
+        int,
+        typer.Option(
+            "--worlds",
+            metavar="N",
+            min=0,
+            help="Worlds drawn from the plan's uncertainty, in which falls are counted.",
+        ),
+    ] = 0,
+    engine: Annotated[
+        Judge,
+        typer.Option("--engine", help="What plays --worlds: MuJoCo, or quasi-static steps."),
+    ] = Judge.mujoco,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", metavar="W", min=1, help="As --jobs, of --worlds."),
+    ] = None,
     jobs: Jobs = 1,
     seed: Seed = None,
     as_json: Json = False,
@@ -120,7 +144,8 @@ def simulate(
 
     Exit code 5 if the robot falls in the run without random changes, or if more than --most-slips
     toes slide (over 5 mm) or do not touch where they should (0.5 s; walks 0.02 s). Runs of --runs
-    and --sweep are a study and decide nothing.
+    and --sweep are a study and decide nothing, as are --worlds: worlds of the spec's `uncertainty`,
+    each a function of --seed and its number.
     """
     path = find_plan(plan)
     key, values = _swept(sweep)
@@ -153,8 +178,10 @@ def simulate(
         sweep_values=values,
         most_backlash=math.radians(random_backlash_deg),
         seed=seed or 0,
-        jobs=jobs,
+        jobs=workers or jobs,
         pictures=pictures,
+        worlds=worlds,
+        engine=engine.value,
     )
     session = context.ensure_object(Session)
     warn_of_failure(plan_kind(path), path)

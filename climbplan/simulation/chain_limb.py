@@ -6,6 +6,8 @@ it lies beyond the one before and turns about its axis at zero angles.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from climbplan.errors import UsageError
@@ -41,14 +43,14 @@ def chain_limb(
     robot: Robot,
     limb: int,
     mass: float,
-    joint_xml: str,
+    joints_xml: Sequence[str],
     toe_xml: str,
     narrow: float,
     contype: int,
 ) -> list[str]:
     """Lines of one limb.
 
-    mass: of each link [kg]. joint_xml: a joint with {name} and {axis}; toe_xml: the toe with
+    mass: of each link [kg]. joints_xml: each joint with {name} and {axis}; toe_xml: the toe with
     {place}. narrow: [m] of the last link that touches nothing. contype: collision class of links.
     """
     chain = chain_of(robot)
@@ -60,7 +62,7 @@ def chain_limb(
         end = points[j + 1] - points[j]
         lines += [
             f'<body name="{name}" pos="{_numbers(points[j] - before)}">',
-            joint_xml.format(name=name, axis=_numbers(chain.axis_zero[limb, j])),
+            joints_xml[j].format(name=name, axis=_numbers(chain.axis_zero[limb, j])),
         ]
         length = float(np.linalg.norm(end))
         if length < _SHORTEST:

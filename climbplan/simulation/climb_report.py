@@ -21,6 +21,8 @@ from climbplan.simulation.report_files import End, Told
 from climbplan.simulation.study import Simulated, headline
 from climbplan.simulation.sweep import SweepPoint
 from climbplan.simulation.variations import Trial
+from climbplan.simulation.worlds.figure import first_causes
+from climbplan.simulation.worlds.judging import judged_dict
 
 UNITS = {
     "torque.*": "N m", "sag.*": "m", "time": "s", "fall_time": "s", "time_step": "s",
@@ -86,6 +88,11 @@ def _cards(found: Simulated) -> list[Card]:
     if sagged.size:
         detail = f"median of {sagged.size} instants that sag by over a millimetre"
         cards.append(Card("Sag", f"{np.median(sagged):.1%} off", detail))
+    if found.judged is not None:
+        low, high = found.judged.interval
+        fallen = f"{found.judged.falls} of {len(found.judged.outcomes)}"
+        detail = f"{found.judged.engine}, 95 % interval {low:.1%} to {high:.1%}"
+        cards.append(Card("Worlds that fall", fallen, detail))
     return cards
 
 
@@ -163,6 +170,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
             }
             for s in compared.losses
         ],
+        "worlds": None if found.judged is None else judged_dict(found.judged, names, plan),
         "runs": [trial_dict(trial) for trial in found.trials],
         "sweep": {
             "key": found.sweep_key,
@@ -179,6 +187,8 @@ def _figures(found: Simulated) -> dict[str, Figure]:
     out["sag"] = sag(plan, found.run, found.compared)
     if found.points:
         out["falls"] = falls(found.points, found.sweep_key, plan.name)
+    if found.judged is not None and found.judged.falls:
+        out["worlds"] = first_causes(found.judged, plan)
     if isinstance(found.camera, Camera) and found.camera.pictures:
         out["climb"] = strip(found.camera.strip, plan.trajectory.time.tolist(), plan.name)
     return out
@@ -216,7 +226,7 @@ def spread(values: Array) -> dict[str, float | None]:
 
 
 def conditions_dict(conditions: Conditions) -> dict[str, Any]:
-    plain = {k: v for k, v in vars(conditions).items() if k != "losses"}
+    plain = {k: v for k, v in vars(conditions).items() if k not in ("losses", "world")}
     losses = [{"limb": x.limb, "start": x.start, "duration": x.duration} for x in conditions.losses]
     return {**plain, "losses": losses}
 

@@ -16,6 +16,7 @@ from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
 from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.replay import Run
+from climbplan.simulation.spans import spans_of
 
 SLIP = 0.005  # [m] that a standing toe slides from where it was set down
 LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors
@@ -142,7 +143,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     A toe that is let go of, planned to press by less than LEAST_HELD until it is lifted, may slide.
     """
     instant = sample_instants(plan)[: run.samples]
-    contact = _held(plan)[: run.samples]
+    contact = held_toes(plan)[: run.samples]
     found: list[Slip] = []
     for limb in range(plan.robot.limb_count):
         for first, last in spans_of(contact[:, limb]):
@@ -160,7 +161,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     return tuple(sorted(found, key=lambda s: s.time))
 
 
-def _held(plan: ClimbPlan) -> Mask:
+def held_toes(plan: ClimbPlan) -> Mask:
     """(T, N) toes on their surfaces but for those that are let go of."""
     contact = plan.trajectory.contact.copy()
     pressed = planned_pressure(plan) >= LEAST_HELD
@@ -193,9 +194,3 @@ def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
             if lasted > LOST:
                 found.append(LostContact(limb, float(run.time[first]), int(instant[first]), lasted))
     return tuple(sorted(found, key=lambda s: s.time))
-
-
-def spans_of(flags: Mask) -> list[tuple[int, int]]:
-    """Spans (first, after) of samples in which flags (T,) are set."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from climbplan.errors import UsageError
+from climbplan.simulation.worlds.world import World
 
 Regulated = Literal["nothing", "attitude", "joints", "pose"]
 
@@ -37,6 +38,7 @@ class Conditions:
     losses: tuple[ContactLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
     regulator: Regulated = "nothing"  # what of the body's pose commands are corrected for
+    world: World | None = None  # what robot and terrain are beside this; None: as planned
 
 
 NOMINAL = Conditions()

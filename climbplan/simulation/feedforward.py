@@ -20,10 +20,8 @@ from climbplan.simulation.model import link_mass
 
 def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
     """(T, N, J) torques [N m] that hold the links' weight at the planned postures."""
-    moving, robot = plan.trajectory, plan.robot
-    angles = true_angles(plan, sample_instants(plan))
-    rotation = rotation_world_body(moving.rpy)
-    points = np.einsum("tij,tnpj->tnpi", rotation, joint_points_body(robot, angles))
+    robot = plan.robot
+    rotation, angles, points = _posture(plan)
     links = (points[:, :, :-1] + points[:, :, 1:]) / 2  # (T, N, J, 3) middles of the links
     axes = np.einsum("tij,tnkj->tnki", rotation, _axes(robot, angles))
     # Power of the weight of link l by joint j <= l: axis . (arm x -m g z)
@@ -34,6 +32,26 @@ def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
         np.ones((robot.joint_count, robot.joint_count))
     )  # links from the joint outward
     return np.asarray(-(moment * carried).sum(axis=-1))
+
+
+def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
+    """(T, 6) moment about the body origin of the links' weight where it acts, no force.
+
+    The robot's whole mass counts to the body elsewhere.
+    """
+    points = _posture(plan)[2]
+    links = (points[:, :, :-1] + points[:, :, 1:]) / 2
+    weight = np.array([0.0, 0.0, -link_mass(plan.robot, conditions) * plan.robot.gravity])
+    moment = np.cross(links, weight).sum(axis=(1, 2))
+    return np.concatenate([np.zeros_like(moment), moment], axis=1)
+
+
+def _posture(plan: ClimbPlan) -> tuple[Array, Array, Array]:
+    """Rotations (T, 3, 3), angles (T, N, J), joints and toes from the body (T, N, J + 1, 3)."""
+    angles = true_angles(plan, sample_instants(plan))
+    rotation = rotation_world_body(plan.trajectory.rpy)
+    points = np.einsum("tij,tnpj->tnpi", rotation, joint_points_body(plan.robot, angles))
+    return rotation, angles, points
 
 
 def _axes(robot: Robot, angles: Array) -> Array:

@@ -8,6 +8,7 @@ a small sphere about the planned toe point, so surfaces lie its radius deeper th
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -20,6 +21,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.simulation.chain_limb import chain_limb, motor_names
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
 
@@ -55,7 +57,20 @@ _TOE, _LINK, _BODY = 1, 2, 4
 def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
     """(N, J) stiffness of the joints with the structure's give [N m/rad]."""
     share = robot.structural_compliance_share
-    return np.asarray(robot.joint_stiffness * (1 - share) * conditions.gain)
+    stiffness = np.asarray(robot.joint_stiffness * (1 - share) * conditions.gain)
+    world = conditions.world
+    return stiffness if world is None else stiffness * world.gain * world.stiffness
+
+
+def believed_stiffness(robot: Robot, conditions: Conditions) -> Array:
+    """(N, J) what whoever commands the joints takes it for [N m/rad]."""
+    return motor_stiffness(robot, replace(conditions, gain=1.0, world=None))
+
+
+def plays(robot: Robot, conditions: Conditions) -> Array:
+    """(N, J) play of the joints [rad]."""
+    own = np.full((robot.limb_count, robot.joint_count), conditions.backlash)
+    return own if conditions.world is None else own + conditions.world.backlash
 
 
 def link_mass(robot: Robot, conditions: Conditions) -> float:
@@ -76,10 +91,13 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
         raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which are not simulated")
     assets: list[str] = []
     world: list[str] = []
-    for index, surface in enumerate(plan.terrain.surfaces):
+    terrain = plan.terrain
+    if conditions.world is not None:
+        terrain = moved_terrain(terrain, conditions.world)
+    for index, surface in enumerate(terrain.surfaces):
         world += _surface(index, surface, conditions.friction, assets)
     friction = float(np.min(plan.instants.mu)) * conditions.friction
-    for index, solid in enumerate(plan.terrain.obstacles):
+    for index, solid in enumerate(terrain.obstacles):
         mesh = _mesh(f"obstacle{index}", solid, assets)
         world.append(
             _terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle")
@@ -126,13 +144,24 @@ def _numbers(values: Iterable[float] | Array) -> str:
 def _robot(robot: Robot, conditions: Conditions) -> list[str]:
     limbs = robot.limb_count
     link = link_mass(robot, conditions)
-    body = robot.mass - robot.joint_count * limbs * link + conditions.payload
+    world = conditions.world
+    whole = robot.mass * (1.0 if world is None else world.mass)
+    body = whole - robot.joint_count * limbs * link + conditions.payload
     size = np.abs(robot.body_hull).max(axis=0)
+    inertial = ""
+    if world is not None and world.com.any():
+        # The whole mass is off by so much, thus the body's by more
+        place = world.com * (whole + conditions.payload) / body
+        inertia = body / 3 * ((size**2).sum() - size**2)
+        inertial = (
+            f'<inertial pos="{_numbers(place)}" mass="{body:.9g}"'
+            f' diaginertia="{_numbers(inertia)}"/>'
+        )
     box = (
         f'<geom name="body" type="box" size="{_numbers(size)}" mass="{body:.9g}" material="body"'
         f' contype="{_BODY}" conaffinity="0"/>'
     )
-    lines = ['<body name="body">', '<freejoint name="free"/>', box]
+    lines = ['<body name="body">', inertial, '<freejoint name="free"/>', box]
     for limb in range(limbs):
         one = _limb if robot.mechanism is None else _chain
         lines += one(robot, limb, link, conditions)
@@ -144,11 +173,12 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
     half = robot.mount_yaw[limb] / 2
     turn = _numbers([np.cos(half), 0.0, 0.0, np.sin(half)])
     radius = max(robot.limb_radius, 0.005)
+    own_plays = dict(zip(("coxa", "femur", "tibia"), plays(robot, conditions)[limb], strict=True))
 
     def joint(name: str, axis: str) -> str:
         own = f'<joint name="{name}{limb}" axis="{axis}" armature="{ARMATURE}"/>'
-        if conditions.backlash > 0:
-            play = conditions.backlash / 2
+        play = own_plays[name] / 2
+        if play > 0:
             own += (
                 f'<joint name="{name}{limb}play" axis="{axis}" range="{-play:.6g} {play:.6g}"'
                 f' armature="{_BEYOND}" damping="0.02" {_HARD_STOP}/>'
@@ -191,19 +221,21 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
 
 
 def _chain(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
-    joint = f'<joint name="{{name}}" axis="{{axis}}" armature="{ARMATURE}"/>'
-    if conditions.backlash > 0:
-        play = conditions.backlash / 2
-        joint += (
-            f'<joint name="{{name}}play" axis="{{axis}}" range="{-play:.6g} {play:.6g}"'
-            f' armature="{_BEYOND}" damping="0.02" {_HARD_STOP}/>'
-        )
+    joints = []
+    for play in plays(robot, conditions)[limb] / 2:
+        joint = f'<joint name="{{name}}" axis="{{axis}}" armature="{ARMATURE}"/>'
+        if play > 0:
+            joint += (
+                f'<joint name="{{name}}play" axis="{{axis}}" range="{-play:.6g} {play:.6g}"'
+                f' armature="{_BEYOND}" damping="0.02" {_HARD_STOP}/>'
+            )
+        joints.append(joint)
     toe = (
         f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{TOE_RADIUS}" mass="0.001"'
         f' material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
     )
-    return chain_limb(robot, limb, mass, joint, toe, NARROW, _LINK)
+    return chain_limb(robot, limb, mass, joints, toe, NARROW, _LINK)
 
 
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from ctypes.util import find_library
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -25,9 +25,10 @@ from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.instants import instant_samples
-from climbplan.simulation.model import TIME_STEP, build_mjcf, motor_stiffness
+from climbplan.simulation.model import TIME_STEP, believed_stiffness, build_mjcf
 from climbplan.simulation.odometry import JointOdometry
 from climbplan.simulation.regulator import Regulator
+from climbplan.simulation.worlds.placement import missed_footholds
 
 REST = 1.0  # [s] for which commands are held to see where the body comes to rest
 SETTLE = 1.0  # [s] at the first commands before the motion starts
@@ -126,8 +127,10 @@ class _Player:
         self.command = plan.trajectory.joint_command
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
-            believed = motor_stiffness(plan.robot, replace(conditions, gain=1.0))
+            believed = believed_stiffness(plan.robot, conditions)
             self.command = self.command + limb_weight_torques(plan, conditions) / believed
+        if conditions.world is not None:
+            self.command = self.command + missed_footholds(plan, conditions.world)
 
     def play(
         self,

@@ -15,6 +15,7 @@ from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import Run, load_mujoco, simulate
 from climbplan.simulation.sweep import Sweep, SweepPoint, sweep
 from climbplan.simulation.variations import Trial, climb_trial, drawn_conditions, run_trials
+from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class Asked:
     seed: int = 0
     jobs: int = 1
     pictures: bool = True
+    worlds: int = 0  # of the plan's uncertainty, in which falls are counted
+    engine: Engine = "mujoco"  # of these
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class Simulated:
     sweep_key: str
     points: tuple[SweepPoint, ...]
     camera: Camera | str  # with its pictures, or why there are none
+    judged: Judged | None = None  # in worlds of the plan's uncertainty
 
 
 def simulate_plan(
@@ -76,7 +80,13 @@ def simulate_plan(
         trials = run_trials(
             partial(climb_trial, plan), worlds, asked.jobs, lambda part: progress("runs", part)
         )
-    return Simulated(plan, run, compared, trials, asked.sweep_key, points, camera)
+    judged = None
+    if asked.worlds:
+        judged = judge_plan(
+            plan, conditions, asked.engine, asked.worlds, asked.seed, asked.jobs,
+            lambda part: progress("worlds", part),
+        )  # fmt: skip
+    return Simulated(plan, run, compared, trials, asked.sweep_key, points, camera, judged)
 
 
 def headline(found: Simulated) -> str:

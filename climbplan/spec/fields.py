@@ -14,8 +14,8 @@ from pydantic.fields import FieldInfo
 from climbplan.spec.base import SpecModel
 from climbplan.spec.document import KeyPath
 
-# Segments that pydantic adds below a field that is a text or a mapping; they are no keys.
-FILE_TAG, MAPPING_TAG = "<file>", "<mapping>"
+# Segments that pydantic adds below a field that is a text, a number or a mapping; they are no keys.
+FILE_TAG, MAPPING_TAG, NUMBER_TAG = "<file>", "<mapping>", "<number>"
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 6: "six"}
 
 
@@ -28,6 +28,7 @@ class Slot:
     unit: str = ""
     meaning: str = ""
     or_text: bool = False  # a text may stand here instead of the mapping
+    or_number: bool = False  # a number may
 
     @property
     def model(self) -> type[SpecModel] | None:
@@ -66,6 +67,8 @@ class Slot:
         """What belongs here, such as `a number in m > 0`."""
         if self.model is not None:
             text = "text or " if self.or_text else ""
+            if self.or_number:
+                text = f"a number{f' in {self.unit}' if self.unit else ''} or "
             return f"{text}a mapping with the keys {_listed(list(self.model.model_fields))}"
         if self.choices:
             return f"one of {_listed(list(self.choices))}" if self.choices[1:] else self.choices[0]
@@ -166,20 +169,24 @@ def _slot_of(field: FieldInfo) -> Slot:
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     meaning = (field.description or "").removesuffix(f" [{unit}]").rstrip(".").replace("\n", " ")
-    text = _or_text(field.annotation)
     return replace(
-        Slot(bare), bounds=(*field.metadata, *bounds), unit=unit, meaning=meaning, or_text=text
+        Slot(bare),
+        bounds=(*field.metadata, *bounds),
+        unit=unit,
+        meaning=meaning,
+        or_text=_or_model(field.annotation, str),
+        or_number=_or_model(field.annotation, float),
     )
 
 
-def _or_text(annotation: Any) -> bool:
-    """Whether an annotation is a union of a text and something else."""
+def _or_model(annotation: Any, plain: type) -> bool:
+    """Whether an annotation is a union of a plain type and a mapping with fixed keys."""
     while get_origin(annotation) is Annotated:
         annotation = get_args(annotation)[0]
     if get_origin(annotation) not in (Union, types.UnionType):
         return False
     kinds = [_stripped(a)[0] for a in get_args(annotation)]
-    return str in kinds and any(_is_model(kind) for kind in kinds)
+    return plain in kinds and any(_is_model(kind) for kind in kinds)
 
 
 def _is_model(kind: Any) -> bool:
@@ -195,7 +202,7 @@ def _stripped(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
             annotation, bounds = arguments[0], (*bounds, *arguments[1:])
         elif origin in (Union, types.UnionType) and type(None) in arguments:
             annotation = next(a for a in arguments if a is not type(None))
-        elif _or_text(annotation):
+        elif _or_model(annotation, str) or _or_model(annotation, float):
             annotation = next(a for a in arguments if _is_model(_stripped(a)[0]))
         else:
             return annotation, bounds

@@ -13,6 +13,7 @@ from climbplan.spec.document import Finding, KeyPath
 from climbplan.spec.fields import (
     FILE_TAG,
     MAPPING_TAG,
+    NUMBER_TAG,
     Slot,
     explain_unknown_key,
     nearest,
@@ -20,6 +21,7 @@ from climbplan.spec.fields import (
 )
 from climbplan.spec.units import meant_number
 
+_TAGS = (FILE_TAG, MAPPING_TAG, NUMBER_TAG)
 MOST_FINDINGS = 200  # enough to mend a file by; beyond, it is no spec
 
 
@@ -28,7 +30,7 @@ def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]
     findings: dict[KeyPath, Finding] = {}
     details = error.errors(include_url=False)
     for detail in details[:MOST_FINDINGS]:
-        path: KeyPath = tuple(s for s in detail["loc"] if s not in (FILE_TAG, MAPPING_TAG))
+        path: KeyPath = tuple(s for s in detail["loc"] if s not in _TAGS)
         if detail["type"] == "too_short" and _inside(path, details):
             continue  # entries that are wrong were not counted
         if detail["type"] == "spec":

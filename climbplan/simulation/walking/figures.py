@@ -18,7 +18,7 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.simulation.comparison import spans_of
+from climbplan.simulation.spans import spans_of
 from climbplan.simulation.walking.comparison import WalkComparison
 from climbplan.simulation.walking.replay import WalkRun, euler_angles
 from climbplan.walking.plan import WalkPlan

@@ -105,6 +105,7 @@ def _refuse(asked: Asked) -> None:
     if asked.sweep_key:
         raise UsageError("--sweep: plans of kind mpc have no safety factors; it sweeps climbs")
     for flag, there in (
+        ("--worlds", asked.worlds > 0),
         ("--gain", given.gain != base.gain),
         ("--backlash-deg", given.backlash > 0),
         ("--random-backlash-deg", asked.most_backlash > 0),

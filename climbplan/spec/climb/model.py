@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.force import ForcePlannerSpec
 from climbplan.spec.climb.terrain import TerrainSpec
+from climbplan.spec.climb.uncertainty import UncertaintySpec
 from climbplan.spec.robots.gripper import GripSpec
 from climbplan.spec.robots.urdf.model import RobotReference
 
@@ -274,6 +275,8 @@ class ClimbSpec(SpecModel):
     """How grippers are used, by robots that have them."""
     trajectory: TrajectorySpec = TrajectorySpec()
     """The playable motion."""
+    uncertainty: UncertaintySpec = UncertaintySpec()
+    """What is uncertain of robot and terrain, for simulated worlds."""
     solver: SolverSpec = SolverSpec()
     """Methods, solvers and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)

@@ -22,6 +22,7 @@ from climbplan.spec.climb.model import (
     WrenchSpec,
 )
 from climbplan.spec.climb.terrain import TerrainSpec
+from climbplan.spec.climb.uncertainty import UncertaintySpec
 
 _SEQUENCE = re.compile(r"[1-9]\d?(-[1-9]\d?)*")
 
@@ -208,6 +209,8 @@ class TransitionSpec(SpecModel):
     )
     trajectory: TrajectorySpec = TrajectorySpec()
     """The playable motion."""
+    uncertainty: UncertaintySpec = UncertaintySpec()
+    """What is uncertain of robot and terrain, for simulated worlds."""
     solver: TransitionSolverSpec = TransitionSolverSpec()
     """Method and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)

@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.linkage import FiveBarSpec
 from climbplan.spec.robots.ranges import (
@@ -109,6 +110,9 @@ class RobotSpec(SpecModel):
     gripper: GripperSpec | None = Field(
         default=None, description="grippers on wrists at the ends of all limbs; none if left out"
     )
+
+    uncertainty: RobotUncertaintySpec = RobotUncertaintySpec()
+    """What is uncertain of the robot, for simulated worlds; specs may say otherwise."""
 
     @property
     def limb_names(self) -> tuple[str, ...]:

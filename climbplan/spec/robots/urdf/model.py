@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
 from climbplan.spec.robots.ranges import (
     GRAVITY,
@@ -135,6 +136,8 @@ class UrdfRobotSpec(SpecModel):
     )
     workspace: UrdfWorkspaceSpec = UrdfWorkspaceSpec()
     """Limb workspace of the posture planner."""
+    uncertainty: RobotUncertaintySpec = RobotUncertaintySpec()
+    """What is uncertain of the robot, for simulated worlds; specs may say otherwise."""
     legs: dict[str, UrdfLegSpec] = Field(
         description="leg name -> its toe; at least three, in leg order"
     )

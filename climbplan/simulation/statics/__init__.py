@@ -1,0 +1,1 @@
+"""Quasi-static runs of braced robots: many worlds a second, from the plan's arrays alone."""

@@ -1,0 +1,185 @@
+"""What the compiled run is given: a plan's motion in steps, robot and terrain of a world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.errors import UsageError
+from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.five_bar import FiveBar
+from climbplan.robots.kinematics import inverse, jacobian_world, to_body, toe_world
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.simulation.comparison import LEAST_HELD, held_toes
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
+from climbplan.simulation.model import (
+    ARMATURE,
+    DAMPING_RATIO,
+    believed_stiffness,
+    motor_stiffness,
+    plays,
+)
+from climbplan.simulation.odometry import standing
+from climbplan.simulation.planned_pressure import planned_pressure
+from climbplan.simulation.statics.tuples import Ground, Machine, Playback
+from climbplan.simulation.worlds.ground import moved_terrain
+from climbplan.simulation.worlds.world import footholds_of, nominal_world
+from climbplan.terrain.surfaces import Region, Tube
+
+SPAN = 0.25  # [s] of a step at most, simulated time
+_REGULATORS = {"nothing": 0, "attitude": 1, "joints": 2, "pose": 3}
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A plan prepared for the compiled run."""
+
+    playback: Playback
+    sample: Index  # (S,) of the trajectory that each step ends at
+    instant: Index  # (S,) planned instant it belongs to, -1 before the first
+
+
+def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
+    """The steps of a plan, the same for all worlds under these conditions.
+
+    Raises UsageError for robots with grippers, five-bar legs or limbs of other than three joints.
+    """
+    robot, moving = plan.robot, plan.trajectory
+    zero = _zero(plan)
+    sample = _samples(plan, conditions.speed)
+    instant = sample_instants(plan)
+    angles = true_angles(plan, instant)
+    weight = -limb_weight_torques(plan, conditions)
+    command = moving.joint_command
+    if conditions.limb_weights:
+        command = command - weight / believed_stiffness(robot, conditions)
+    wrench = plan.instants.external_wrench[np.maximum(instant, 0)] + limb_weight_wrench(
+        plan, conditions
+    )
+    jacobian = jacobian_world(robot, moving.rpy[sample], angles[sample])
+    toes = toe_world(robot, moving.com[sample], moving.rpy[sample], angles[sample])
+    holds = footholds_of(moving.contact)
+    pressing = held_toes(plan) & (planned_pressure(plan) >= LEAST_HELD)
+    start = to_body(plan.rounds.com[0], plan.rounds.rpy[0], plan.rounds.toes[0])
+    span = np.diff(moving.time[sample], prepend=moving.time[0]) / conditions.speed
+    c = np.ascontiguousarray
+    playback = Playback(
+        zero=zero,
+        span=span,
+        command=c(command[sample]),
+        weight=c(weight[sample]),
+        wrench=c(wrench[sample]),
+        com=c(moving.com[sample]),
+        rotation=c(rotation_world_body(moving.rpy[sample])),
+        stands=c(pressing[sample].astype(np.int64)),
+        trusted=c(standing(plan)[sample].astype(np.int64)),
+        contact=c(moving.contact[sample].astype(np.int64)),
+        turning=c(np.linalg.pinv(jacobian, rcond=1e-3)),
+        arm=c(toes - moving.com[sample][:, None]),
+        foothold=c(holds.number[sample]),
+        share=c(holds.share[sample]),
+        toes=plan.rounds.toes[0].copy(),
+        angles=c(inverse(robot, start).best()),
+    )
+    return Steps(playback, sample, instant[sample])
+
+
+def machine_of(plan: ClimbPlan, steps: Steps, conditions: Conditions) -> Machine:
+    """The robot under conditions, in their world."""
+    robot, world = plan.robot, conditions.world or nominal_world(plan)
+    mass = robot.mass * world.mass + conditions.payload
+    half = np.abs(robot.body_hull).max(axis=0)
+    stiffness = motor_stiffness(robot, conditions)
+    times = plan.trajectory.time[steps.sample]
+    losses = [
+        (x.limb, *np.searchsorted(times, [x.start, x.start + x.duration]))
+        for x in conditions.losses
+    ]
+    return Machine(
+        mass=float(mass),
+        inertia=float(mass * 2 * (half**2).sum() / 9),  # mean of a box's three
+        gravity=float(robot.gravity),
+        offset=world.com.copy(),
+        stiffness=np.ascontiguousarray(stiffness),
+        damping=2 * DAMPING_RATIO * np.sqrt(stiffness * ARMATURE),
+        armature=ARMATURE,
+        play=plays(robot, conditions),
+        strongest=np.ascontiguousarray(robot.max_torque),
+        placement=np.ascontiguousarray(world.placement),
+        losses=np.array(losses, float).reshape(-1, 3),
+        regulator=_REGULATORS[conditions.regulator],
+    )
+
+
+def ground_of(plan: ClimbPlan, conditions: Conditions) -> Ground:
+    """The terrain under conditions, in their world."""
+    world = conditions.world or nominal_world(plan)
+    terrain = moved_terrain(plan.terrain, world)
+    flat = [s for s in terrain.surfaces if isinstance(s, Region)]
+    round_ones = [s for s in terrain.surfaces if isinstance(s, Tube)]
+    solids = [*(region.slab() for region in flat), *terrain.obstacles]
+    friction = [region.friction for region in flat]
+    friction += [float(np.min(plan.instants.mu))] * len(terrain.obstacles)
+    most = max((len(s.b) for s in solids), default=1)
+    rows = np.zeros((len(solids), most, 4))
+    rows[:, :, 3] = 1.0
+    for g, solid in enumerate(solids):
+        rows[g, : len(solid.b), :3], rows[g, : len(solid.b), 3] = solid.A, solid.b
+    tubes = [(*t.center, t.radius, t.lower, t.upper) for t in round_ones]
+    return Ground(
+        solids=rows,
+        friction=np.array(friction, float) * conditions.friction,
+        tubes=np.array(tubes, float).reshape(-1, 5),
+        tube_friction=np.array([t.friction for t in round_ones], float) * conditions.friction,
+    )
+
+
+def _samples(plan: ClimbPlan, speed: float) -> Index:
+    """Samples at which steps end: at most SPAN apart, and both sides of changes of contact."""
+    time, contact = plan.trajectory.time, plan.trajectory.contact
+    change = np.flatnonzero((contact[1:] != contact[:-1]).any(axis=1))
+    forced = np.unique(np.concatenate([[0, len(time) - 1], change, change + 1]))
+    found = [forced[:1]]
+    for first, last in pairwise(forced.tolist()):
+        pieces = max(1, int(np.ceil((time[last] - time[first]) / speed / SPAN - 1e-9)))
+        pieces = min(pieces, int(last - first))
+        found.append(np.rint(np.linspace(first, last, pieces + 1)[1:]).astype(np.int64))
+    return np.concatenate(found)
+
+
+def _zero(plan: ClimbPlan) -> Array:
+    """(N, 7, 3) axes, joints and toes at zero angles."""
+    robot = plan.robot
+    if robot.gripper is not None:
+        raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
+    if isinstance(robot.mechanism, FiveBar):
+        raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which are not simulated")
+    if robot.joint_count != 3 or not robot.has_joint.all():
+        raise UsageError(
+            f"{plan.name}: limbs of {robot.name} have other than three joints, which the statics "
+            "engine does not know: --engine mujoco"
+        )
+    if isinstance(robot.mechanism, SerialChain):
+        chain = robot.mechanism
+        return np.concatenate(
+            [chain.axis_zero, chain.joint_zero, chain.toe_zero[:, None]], axis=1
+        ).copy()
+    return _of_lengths(robot)
+
+
+def _of_lengths(robot: Robot) -> Array:
+    """Coxa, femur and tibia at zero angles: the femur outward, the tibia straight down."""
+    yaw = robot.mount_yaw
+    up = np.broadcast_to([0.0, 0.0, 1.0], (len(yaw), 3))
+    out = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    lift = np.stack([np.sin(yaw), -np.cos(yaw), np.zeros_like(yaw)], axis=-1)
+    first, second, third = (robot.link_lengths[:, j : j + 1] for j in range(3))
+    femur = robot.shoulder_body + first * out
+    knee = femur + second * out
+    return np.stack([up, lift, lift, robot.shoulder_body, femur, knee, knee - third * up], axis=1)

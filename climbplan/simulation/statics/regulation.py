@@ -1,0 +1,176 @@
+"""The regulator of the body's pose and its odometry, as `regulator.py` and `odometry.py` have them.
+
+Written for one step of many worlds; tests hold them against those two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.simulation.regulator import MOST_SHIFT, MOST_TURN, RATE
+from climbplan.simulation.statics.compiling import compiled
+from climbplan.simulation.statics.limb import _chain
+from climbplan.simulation.statics.small_algebra import (
+    _cross,
+    _inverse,
+    _times,
+    _turn,
+)
+from climbplan.simulation.statics.tuples import Pad, Playback
+
+_FEWEST = 3  # standing toes that tell a pose
+_FITS = 4  # Gauss-Newton steps of the rotation, from the last pose
+
+
+@compiled
+def _estimate(
+    plan: Playback,
+    s: int,
+    angles: Array,
+    toes: Array,
+    stood: Array,
+    com: Array,
+    rotation: Array,
+    local: Array,
+    pad: Pad,
+) -> None:
+    """Pose by joint angles (N, 3) from toes believed to stand where they stood; all in place.
+
+    toes (N, 3), stood (N,), com (3,), rotation (3, 3): what is believed. local: (N, 3) room.
+    """
+    count = 0
+    for i in range(len(angles)):
+        _chain(plan.zero[i], angles[i], pad.m[0], pad.m[1], local[i])
+        count += 1 if plan.trusted[s, i] and stood[i] else 0
+    if count >= _FEWEST:
+        _fitted(plan.trusted[s], stood, local, toes, com, rotation, pad)
+    for i in range(len(angles)):
+        if plan.trusted[s, i] and not stood[i]:
+            _times(rotation, local[i], pad.v[0])
+            for a in range(3):
+                toes[i, a] = com[a] + pad.v[0][a]
+        stood[i] = plan.trusted[s, i]
+
+
+@compiled
+def _fitted(
+    trusted: Array,
+    stood: Array,
+    local: Array,
+    toes: Array,
+    com: Array,
+    rotation: Array,
+    pad: Pad,
+) -> None:
+    """Translation and rotation that carry local (N, 3) nearest to toes (N, 3), least squares."""
+    middle, there, own, away, turn = pad.v[1], pad.v[2], pad.v[3], pad.v[4], pad.v[5]
+    normal, inverse = pad.m[0], pad.m[1]
+    middle[:] = 0.0
+    there[:] = 0.0
+    count = 0
+    for i in range(len(local)):
+        if trusted[i] and stood[i]:
+            count += 1
+            for a in range(3):
+                middle[a] += local[i, a]
+                there[a] += toes[i, a]
+    for a in range(3):
+        middle[a] /= count
+        there[a] /= count
+    for _ in range(_FITS):
+        normal[:] = 0.0
+        total = pad.v[6]
+        total[:] = 0.0
+        for i in range(len(local)):
+            if not (trusted[i] and stood[i]):
+                continue
+            for a in range(3):
+                away[a] = local[i, a] - middle[a]
+            _times(rotation, away, own)
+            for a in range(3):
+                away[a] = toes[i, a] - there[a]
+            _cross(own, away, pad.v[7])
+            size = own[0] ** 2 + own[1] ** 2 + own[2] ** 2
+            for a in range(3):
+                total[a] += pad.v[7][a]
+                for b in range(3):
+                    normal[a, b] -= own[a] * own[b]
+                normal[a, a] += size
+        for a in range(3):
+            normal[a, a] += 1e-9  # toes in a line leave the turn about it open: the least
+        _inverse(normal, inverse)
+        _times(inverse, total, turn)
+        _turn(rotation, turn)
+    _times(rotation, middle, own)
+    for a in range(3):
+        com[a] = there[a] - own[a]
+
+
+@compiled
+def _regulated(
+    plan: Playback,
+    s: int,
+    part: float,
+    span: float,
+    place: bool,
+    com: Array,
+    rotation: Array,
+    shift: Array,
+    turned: Array,
+    command: Array,
+    pad: Pad,
+) -> None:
+    """Integrate the departure of a pose over a span [s] and add the correction to commands (N, 3).
+
+    part: of the way from step s - 1 to s at which the pose is.
+    """
+    before = max(s - 1, 0)
+    wanted, turn, moved = pad.m[0], pad.v[0], pad.v[1]
+    for a in range(3):
+        aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]
+        if place:
+            shift[a] += RATE * span * (aim - com[a])
+        for b in range(3):
+            wanted[a, b] = (1 - part) * plan.rotation[before, a, b] + part * plan.rotation[s, a, b]
+    # wanted @ rotation.T, of which the odd part is the turn
+    for a in range(3):
+        i, j = (a + 2) % 3, (a + 1) % 3
+        odd = 0.0
+        for b in range(3):
+            odd += wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]
+        turned[a] += RATE * span * odd / 2
+    _shortened(shift, MOST_SHIFT)
+    _shortened(turned, MOST_TURN)
+    for i in range(len(command)):
+        if not plan.contact[s, i]:
+            continue
+        _cross(turned, plan.arm[s, i], moved)
+        for a in range(3):
+            moved[a] = -(shift[a] + moved[a])
+        _times(plan.turning[s, i], moved, turn)
+        for a in range(3):
+            command[i, a] += turn[a]
+
+
+@compiled
+def _shortened(vector: Array, most: float) -> None:
+    length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    if length > most:
+        for a in range(3):
+            vector[a] *= most / length
+
+
+@compiled
+def _placed(plan: Playback, s: int, placement: Array, command: Array, pad: Pad) -> None:
+    """Add to commands (N, 3) what puts toes off where they are meant to stand."""
+    off, turn = pad.v[0], pad.v[1]
+    for i in range(len(command)):
+        hold, part = plan.foothold[s, i], plan.share[s, i]
+        after = min(hold + 1, placement.shape[1] - 1)
+        for a in range(3):
+            off[a] = (1 - part) * placement[i, hold, a] + part * placement[i, after, a]
+        if off[0] != 0.0 or off[1] != 0.0 or off[2] != 0.0:
+            _times(plan.turning[s, i], off, turn)
+            for a in range(3):
+                command[i, a] += turn[a]

@@ -1,0 +1,290 @@
+"""A plan played in one world, step by step, to its end or to a fall."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.simulation.statics.compiling import compiled
+from climbplan.simulation.statics.contact import (
+    _BESIDE,
+    AIR,
+    SLIDES,
+    _beyond,
+    _landed,
+    _onto,
+)
+from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes
+from climbplan.simulation.statics.regulation import _estimate, _placed, _regulated
+from climbplan.simulation.statics.small_algebra import _times
+from climbplan.simulation.statics.step import _settled
+from climbplan.simulation.statics.tuples import (
+    Body,
+    Ground,
+    Load,
+    Machine,
+    Pad,
+    Playback,
+    Springs,
+    Stand,
+    Touch,
+)
+
+FALLEN = 0.15  # [m] below where it should be
+UPRIGHT = np.sqrt(0.5)  # cosine of the tilt (45 degrees) from which it has tumbled
+SETTLE = 4  # steps at the first commands before the motion starts
+SETTLE_SPAN = 0.25  # [s] of each
+_SHORT = 0.005  # [s] of a step in which a toe may land, whatever the command does then
+_SWIFT = 0.05  # [s] of a step that counts as short
+_SNAP = 2e-3  # [s] of a step in which toes may snap
+FINEST = 1.0 / 512  # part of a step below which it is not divided
+
+# What a run tells of itself: columns of its row
+FELL, FELL_STEP, CAUSE, CAUSE_LIMB, CAUSE_STEP, SLIPS, LOST, FARTHEST, BALANCE = range(9)
+COLUMNS = 9
+NOTHING, LOSES, SLIPS_OFF, TOO_WEAK, UNBALANCED = range(5)  # causes
+_SLIP = 0.005  # [m]
+_THERE = 1e-5  # [m] from a surface at the start that counts as on it
+
+
+@compiled
+def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array:
+    """(COLUMNS,) what becomes of a robot in one world.
+
+    path: (S, 3 + 6 N) in which the body's place, toes [m] and forces on them [N] are left, or of no
+    rows.
+    """
+    n, steps = plan.command.shape[1], len(plan.span)
+    pad = Pad(np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6))
+    body = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
+    kept = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
+    springs = Springs(
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        machine.play / (2 * (1 - LOOSE)),
+        np.zeros((n, 3)),
+    )
+    stand = Stand(
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
+        plan.toes.copy(), np.zeros(n, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64),
+    )  # fmt: skip
+    touch = Touch(
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), plan.toes.copy(),
+        np.zeros((n, 3)), np.zeros((n, 3)), plan.angles.copy(), np.zeros(n, np.int64),
+    )  # fmt: skip
+    wrench = np.zeros(6)
+    load = Load(machine.mass, machine.inertia, machine.gravity, machine.offset, wrench)
+    rotor, speed = plan.angles.copy(), np.zeros((n, 3))
+    angles = plan.angles.copy()
+    wanted = np.zeros((n, 3))
+    # What the regulator knows and has done
+    believed, stood = plan.toes.copy(), plan.trusted[0].copy()
+    believed_com, believed_rotation = plan.com[0].copy(), plan.rotation[0].copy()
+    shift, turned = np.zeros(3), np.zeros(3)
+    local = np.zeros((n, 3))
+    # Where toes were set down, and how far they slid since
+    set_down, slid = plan.toes.copy(), np.zeros(n)
+    for i in range(n):
+        g, f, _ = _landed(stand.anchor[i], stand.anchor[i], ground, _THERE)
+        if g >= 0:
+            stand.touching[i], stand.solid[i], stand.face[i] = 1, g, f
+            _onto(stand.anchor[i], g, f, ground, touch.normal[i])
+    row = np.zeros(COLUMNS)
+    row[CAUSE_LIMB] = -1
+    fine = 1.0
+    for index in range(-SETTLE, steps):
+        s = max(index, 0)
+        before = max(s - 1, 0)
+        whole = SETTLE_SPAN if index <= 0 else plan.span[s]
+        for a in range(6):
+            wrench[a] = plan.wrench[s, a]
+        done = 0.0
+        while done < 1.0 - 1e-9:
+            part = min(fine, 1.0 - done)
+            span = part * whole
+            for i in range(n):
+                stand.slippery[i] = 0
+            if index > 0:
+                for loss in range(len(machine.losses)):
+                    if machine.losses[loss, 1] <= s < machine.losses[loss, 2]:
+                        stand.slippery[int(machine.losses[loss, 0])] = 1
+            stand.swift[0] = 1 if span < _SWIFT else 0
+            stand.coarse[0] = 1 if span > _SHORT else 0
+            share = done + part
+            for i in range(n):
+                for j in range(3):
+                    wanted[i, j] = (1 - share) * plan.command[before, i, j] + (
+                        share * plan.command[s, i, j]
+                    )
+                    springs.weight[i, j] = plan.weight[s, i, j]
+            _placed(plan, s, machine.placement, wanted, pad)
+            if machine.regulator > 0 and index > 0:
+                if machine.regulator == 2:
+                    _estimate(
+                        plan,
+                        before,
+                        rotor,
+                        believed,
+                        stood,
+                        believed_com,
+                        believed_rotation,
+                        local,
+                        pad,
+                    )
+                    _regulated(
+                        plan, s, done, span, True, believed_com, believed_rotation, shift, turned,
+                        wanted, pad,
+                    )  # fmt: skip
+                else:
+                    _regulated(
+                        plan, s, done, span, machine.regulator == 3, body.com, body.rotation,
+                        shift, turned, wanted, pad,
+                    )  # fmt: skip
+            # Motors as springs of this step
+            for i in range(n):
+                touch.saturated[i] = 0
+                for j in range(3):
+                    k, c = machine.stiffness[i, j], machine.damping[i, j] / span
+                    m = machine.armature / span**2
+                    firm = k + c + m
+                    # A motor pushes with its largest torque at most, by where it was last
+                    most = machine.strongest[i, j] / k
+                    lead = rotor[i, j] - wanted[i, j]
+                    if abs(lead) > most:
+                        touch.saturated[i] = 1
+                        wanted[i, j] = rotor[i, j] - np.copysign(most, lead)
+                    springs.stiffness[i, j], springs.loose[i, j] = firm, LOOSE * firm
+                    springs.command[i, j] = (
+                        k * wanted[i, j] + c * rotor[i, j] + m * (rotor[i, j] + span * speed[i, j])
+                    ) / firm
+                    touch.angles[i, j] = angles[i, j]
+            kept.com[:] = body.com
+            kept.rotation[:] = body.rotation
+            good = _settled(
+                body, span, load, plan.zero, stand, ground, springs, touch, pad, span < _SNAP
+            )
+            if not good:
+                body.com[:] = kept.com
+                body.rotation[:] = kept.rotation
+                fine = part / 2
+                if fine >= FINEST:
+                    continue
+                row[FELL], row[FELL_STEP], row[BALANCE] = 1, s, 1
+                if row[CAUSE] == NOTHING:
+                    row[CAUSE], row[CAUSE_STEP] = UNBALANCED, s
+                return row
+            done += part
+            fine = min(1.0, 2 * part) if done < 1.0 - 1e-9 else min(1.0, 2 * fine)
+            for a in range(6):
+                body.velocity[a] = body.moved[a] / span
+            _finish(
+                plan, body, stand, ground, springs, touch, angles, rotor, speed, span, set_down,
+                slid, pad,
+            )  # fmt: skip
+        off = plan.com[s, 2] - body.com[2]
+        trace = 0.0
+        for a in range(3):
+            for b in range(3):
+                trace += plan.rotation[s, a, b] * body.rotation[a, b]
+        if len(path):
+            for a in range(3):
+                path[s, a] = body.com[a]
+                for i in range(n):
+                    path[s, 3 + 3 * i + a] = touch.place[i, a]
+                    path[s, 3 + 3 * n + 3 * i + a] = touch.force[i, a]
+        departure = 0.0
+        for a in range(3):
+            departure += (plan.com[s, a] - body.com[a]) ** 2
+        row[FARTHEST] = max(row[FARTHEST], np.sqrt(departure))
+        _look(plan, s, touch, slid, row)
+        if off > FALLEN or (trace - 1) / 2 < UPRIGHT:
+            row[FELL], row[FELL_STEP] = 1, s
+            if row[CAUSE] == NOTHING:
+                row[CAUSE], row[CAUSE_STEP] = UNBALANCED, s
+            return row
+    return row
+
+
+@compiled
+def _finish(
+    plan: Playback,
+    body: Body,
+    stand: Stand,
+    ground: Ground,
+    springs: Springs,
+    touch: Touch,
+    angles: Array,
+    rotor: Array,
+    speed: Array,
+    span: float,
+    set_down: Array,
+    slid: Array,
+    pad: Pad,
+) -> None:
+    """Keep what a step has made of contacts and motors, in place."""
+    for i in range(len(angles)):
+        place = touch.place[i]
+        if touch.state[i] == AIR:
+            # Where the toe of a limb without force is
+            _free_angles(i, springs, touch.angles[i])
+            _chain(plan.zero[i], touch.angles[i], pad.m[0], pad.m[1], pad.v[0])
+            _times(body.rotation, pad.v[0], place)
+            for a in range(3):
+                place[a] += body.com[a]
+            stand.touching[i] = 0
+            slid[i] = 0.0
+        else:
+            g, f = touch.solid[i], touch.face[i]
+            _onto(place, g, f, ground, touch.normal[i])
+            if not stand.touching[i]:
+                for a in range(3):
+                    set_down[i, a] = place[a]
+            stand.touching[i], stand.solid[i], stand.face[i] = 1, g, f
+            if _beyond(place, g, f, ground):
+                g, f, _ = _landed(place, place, ground, _BESIDE)
+                if g < 0:
+                    stand.touching[i] = 0
+                else:
+                    stand.solid[i], stand.face[i] = g, f
+                    _onto(place, g, f, ground, touch.normal[i])
+            far = 0.0
+            for a in range(3):
+                far += (place[a] - set_down[i, a]) ** 2
+            slid[i] = np.sqrt(far)
+        for j in range(3):
+            angles[i, j] = touch.angles[i, j]
+            bend = angles[i, j] - springs.command[i, j]
+            firm = springs.stiffness[i, j]
+            torque = _pushes(bend, springs.half[i, j], springs.loose[i, j], firm)
+            now = springs.command[i, j] + torque / firm
+            speed[i, j] = (now - rotor[i, j]) / span
+            rotor[i, j] = now
+        for a in range(3):
+            stand.anchor[i, a] = place[a]
+
+
+@compiled
+def _look(plan: Playback, s: int, touch: Touch, slid: Array, row: Array) -> None:
+    """Note the first thing that went wrong since all was well."""
+    cause, limb = NOTHING, -1
+    slips = 0.0
+    for i in range(len(slid)):
+        if slid[i] > _SLIP and plan.stands[s, i]:
+            slips += 1.0
+        if not plan.stands[s, i]:
+            continue
+        if touch.state[i] == AIR:
+            row[LOST] = 1
+            if cause == NOTHING:
+                cause, limb = LOSES, i
+        elif touch.state[i] == SLIDES:
+            if cause != SLIPS_OFF:
+                cause, limb = SLIPS_OFF, i
+        elif touch.saturated[i] and cause == NOTHING:
+            cause, limb = TOO_WEAK, i
+    row[SLIPS] = max(row[SLIPS], slips)
+    if cause == NOTHING:
+        row[CAUSE], row[CAUSE_LIMB] = NOTHING, -1
+    elif row[CAUSE] == NOTHING:
+        row[CAUSE], row[CAUSE_LIMB], row[CAUSE_STEP] = cause, limb, s

@@ -1,0 +1,118 @@
+"""What compiled functions hand each other: named arrays, N limbs of three joints."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from climbplan.robots.rotations import Array
+
+
+class Ground(NamedTuple):
+    """What toes meet, in one world."""
+
+    solids: Array  # (G, F, 4) rows of A and b of {A x <= b}, padded with zeros and ones
+    friction: Array  # (G,)
+    tubes: Array  # (U, 5) x, y, radius, z from, z to [m]
+    tube_friction: Array  # (U,)
+
+
+class Springs(NamedTuple):
+    """What joints are in one step."""
+
+    command: Array  # (N, 3) [rad]
+    weight: Array  # (N, 3) torque of the links' own weight [N m]
+    stiffness: Array  # (N, 3) [N m/rad]
+    half: Array  # (N, 3) of the play, to either side [rad]
+    loose: Array  # (N, 3) stiffness within the play [N m/rad]
+
+
+class Stand(NamedTuple):
+    """Toes at the start of a step."""
+
+    touching: Array  # (N,) 0 or 1
+    solid: Array  # (N,) number of the solid or tube
+    face: Array  # (N,) of the solid; TUBE
+    anchor: Array  # (N, 3) where it stands; in the air, where it is [m]
+    slippery: Array  # (N,) 1 without friction
+    coarse: Array  # (1,) 1 where the step is too long for a toe to land in
+    swift: Array  # (1,) 1 where it is short
+
+
+class Touch(NamedTuple):
+    """Toes at its end."""
+
+    state: Array  # (N,) AIR, STICKS, SLIDES
+    solid: Array
+    face: Array
+    place: Array  # (N, 3) [m]
+    normal: Array  # (N, 3)
+    force: Array  # (N, 3) on the toe, world [N]
+    angles: Array  # (N, 3) [rad]
+    saturated: Array  # (N,) 1 with a motor at its limit
+
+
+class Body(NamedTuple):
+    """A rigid body on its way through a step; changed in place."""
+
+    com: Array  # (3,) [m]
+    rotation: Array  # (3, 3) to the world
+    velocity: Array  # (6,) at the step's start [m/s, rad/s]
+    moved: Array  # (6,) since then [m, rad]
+
+
+class Load(NamedTuple):
+    """What a body carries."""
+
+    mass: float  # [kg]
+    inertia: float  # [kg m^2], about any axis
+    gravity: float  # [m/s^2]
+    offset: Array  # (3,) of the mass, body frame [m]
+    wrench: Array  # (6,) beside the weight [N, N m]
+
+
+class Pad(NamedTuple):
+    """Room to compute in: memory from the heap costs more than what is computed."""
+
+    v: Array  # (12, 3)
+    m: Array  # (8, 3, 3)
+    wrench: Array  # (6,)
+    matrix: Array  # (6, 6)
+    taken: Array  # (6,)
+
+
+class Playback(NamedTuple):
+    """A plan's motion in S steps, the same in all worlds."""
+
+    zero: Array  # (N, 7, 3) limbs at zero angles (`limb.py`)
+    span: Array  # (S,) of each step, simulated time [s]
+    command: Array  # (S, N, 3) joint commands, with what carries the links [rad]
+    weight: Array  # (S, N, 3) torque of the links' weight on joints [N m]
+    wrench: Array  # (S, 6) load beside the weight [N, N m]
+    com: Array  # (S, 3) where the body should be [m]
+    rotation: Array  # (S, 3, 3)
+    stands: Array  # (S, N) toes that are to press, 0 or 1
+    trusted: Array  # (S, N) toes that odometry counts on, 0 or 1
+    contact: Array  # (S, N) toes that the regulator moves, 0 or 1
+    turning: Array  # (S, N, 3, 3) joint turns by toe motion in the world
+    arm: Array  # (S, N, 3) from body to toe [m]
+    foothold: Array  # (S, N) number of the foothold a limb comes from
+    share: Array  # (S, N) of the way to the next
+    toes: Array  # (N, 3) at the start [m]
+    angles: Array  # (N, 3) at the start [rad]
+
+
+class Machine(NamedTuple):
+    """The robot in one world."""
+
+    mass: float  # [kg]
+    inertia: float  # [kg m^2]
+    gravity: float  # [m/s^2]
+    offset: Array  # (3,) of the mass [m]
+    stiffness: Array  # (N, 3) [N m/rad]
+    damping: Array  # (N, 3) of motors [N m s/rad]
+    armature: float  # [kg m^2]
+    play: Array  # (N, 3) [rad]
+    strongest: Array  # (N, 3) [N m]
+    placement: Array  # (N, P, 3) error of each foothold, world [m]
+    losses: Array  # (L, 3) limb, first and last step without friction
+    regulator: int  # 0 nothing, 1 attitude, 2 joints, 3 pose

@@ -1,0 +1,1 @@
+"""Worlds that are not what the plan believes: what is uncertain, and draws of it."""

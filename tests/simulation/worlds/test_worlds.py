@@ -1,0 +1,84 @@
+"""Worlds are functions of seed and number, drawn of what specs say of uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.model import build_mjcf, motor_stiffness
+from climbplan.simulation.worlds.ground import moved_terrain
+from climbplan.simulation.worlds.judging import clopper_pearson, judge_plan
+from climbplan.simulation.worlds.stated import uncertainty_of
+from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
+from climbplan.terrain.surfaces import Region
+
+Planned = Callable[..., ClimbPlan]
+
+
+def test_what_a_spec_says_is_drawn(planned: Planned) -> None:
+    plan = planned("uncertainty.mass={uniform: [0.1, 0.2]}", "uncertainty.backlash_deg=0")
+    layout = layout_of(plan, uncertainty_of(plan))
+    assert dict(layout.parts).keys() == {"mass", "stiffness", "friction", "surface"}
+    worlds = [layout.world(numbers_of(3, i, layout.size)) for i in range(400)]
+    assert all(1.1 <= w.mass <= 1.2 and not w.backlash.any() for w in worlds)
+    assert np.std([w.stiffness for w in worlds]) == pytest.approx(0.1, rel=0.05)
+    assert np.std([w.surface for w in worlds]) == pytest.approx(0.003, rel=0.1)
+
+
+def test_a_world_is_a_function_of_seed_and_number(planned: Planned) -> None:
+    plan = planned()
+    layout = layout_of(plan, uncertainty_of(plan))
+    assert layout.world(numbers_of(1, 5, layout.size)) == layout.world(
+        numbers_of(1, 5, layout.size)
+    )
+    assert layout.world(numbers_of(1, 5, layout.size)) != layout.world(
+        numbers_of(2, 5, layout.size)
+    )
+
+
+def test_worlds_change_the_simulated_model(planned: Planned) -> None:
+    plan = planned("uncertainty.com_mm=5", "uncertainty.surface_tilt_deg=1")
+    layout = layout_of(plan, uncertainty_of(plan))
+    conditions = Conditions(world=layout.world(numbers_of(0, 0, layout.size)))
+    world = conditions.world
+    assert world is not None
+    assert motor_stiffness(plan.robot, conditions) == pytest.approx(
+        motor_stiffness(plan.robot, Conditions()) * world.stiffness
+    )
+    before, after = plan.terrain.surfaces[0], moved_terrain(plan.terrain, world).surfaces[0]
+    assert isinstance(before, Region)
+    assert isinstance(after, Region)
+    middle = after.vertices.mean(axis=0) - before.vertices.mean(axis=0)
+    assert middle @ before.normal == pytest.approx(world.surface[0])
+    assert after.friction == pytest.approx(before.friction * world.friction[0])
+    turned = np.arccos(before.normal @ after.normal)
+    assert turned == pytest.approx(np.linalg.norm(world.tilt[0]), rel=1e-6)
+    assert "<inertial" in build_mjcf(plan, conditions)
+    assert "play" in build_mjcf(plan, conditions)
+
+
+def test_intervals_are_exact() -> None:
+    assert clopper_pearson(0, 300) == pytest.approx((0.0, 0.01222), abs=1e-5)
+    assert clopper_pearson(2, 8) == pytest.approx((0.03185, 0.65086), abs=1e-5)
+    assert clopper_pearson(5, 5)[1] == 1.0
+
+
+def test_judgements_do_not_depend_on_workers(planned: Planned) -> None:
+    plan = planned()
+    alone = judge_plan(plan, Conditions(), "statics", 30, 4)
+    assert alone.outcomes == judge_plan(plan, Conditions(), "statics", 30, 4, workers=2).outcomes
+    assert judge_plan(plan, Conditions(), "statics", 7, 4).outcomes == alone.outcomes[:7]
+
+
+def test_engines_agree_on_what_certainly_stands_and_falls(planned: Planned) -> None:
+    keys = ("mass", "joint_stiffness", "friction", "surface_mm", "backlash_deg")
+    plan = planned(*(f"uncertainty.{key}=0" for key in keys), "uncertainty.toe_placement_mm=0.01")
+    for friction, falls in ((1.0, False), (0.3, True)):
+        for engine in ("statics", "mujoco"):
+            judged = judge_plan(plan, Conditions(speed=2.0, friction=friction), engine, 1, 0)
+            assert judged.outcomes[0].fallen is falls
+            assert bool(judged.outcomes[0].cause) is falls

@@ -14,6 +14,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.spec.climb.panel import HoldSpec, PanelSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
@@ -39,6 +40,7 @@ class Terrain:
     allowed: NDArray[np.bool_]  # (N, R) limb i may stand on surface r
     obstacles: tuple[Solid, ...]
     free_choices: tuple[tuple[FreeRegion, ...], ...]  # the body is in one region of every choice
+    scan: RawSurface | None = None  # what the regions were found in
 
     @property
     def curved(self) -> bool:
@@ -129,6 +131,8 @@ def _box_top(box: BoxSpec, friction: float) -> Region:
 def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
     """Warn where regions of one plane overlap and differ in friction: either may be picked."""
     flat = [s for s in surfaces if isinstance(s, Region)]
+    if len({region.friction for region in flat}) == 1:
+        return  # of a scan there may be a thousand
     for first, second in itertools.combinations(flat, 2):
         same_plane = (
             first.normal @ second.normal > 1 - 1e-9 and abs(first.offset - second.offset) < 1e-6

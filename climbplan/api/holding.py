@@ -42,9 +42,9 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
     Raises UsageError where the plan is of another kind than the spec.
     """
     from climbplan.plans.spec_text import stored_spec_text
+    from climbplan.spec.climb.transition_loading import LoadedTransition
     from climbplan.spec.holding import held_spec
     from climbplan.spec.loaded import LoadedSpec
-    from climbplan.spec.climb.transition_loading import LoadedTransition
     from climbplan.spec.loading import LoadedClimb
 
     kind = require_holdable(path, shown)
@@ -55,7 +55,11 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
         from climbplan.climb.chaining import started
 
         loaded = started(loaded)
-    if isinstance(loaded, LoadedClimb | LoadedTransition):
+    if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.scene import on_scan
+
+        loaded = on_scan(loaded)
+    if isinstance(loaded, LoadedTransition):
         from climbplan.climb.scene import on_scan
 
         loaded = on_scan(loaded)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class LimbShortfall:
     limb: int
     link: int
     obstacle: str
+    solids: tuple[Solid, ...] = ()  # of a scan, that links come too close to
 
     def words(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
@@ -82,7 +83,8 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
         short.append(shortfall(found.distance, found.index, found.link, name))
     if scene.terrain.scan is not None:
         raw = closest_raw(scene.terrain.scan, points, room, scene.robot.limb_radius)
-        short.append(shortfall(raw.distance, raw.index, raw.link, THE_SCAN))
+        nearest = shortfall(raw.distance, raw.index, raw.link, THE_SCAN)
+        short.append(replace(nearest, solids=raw.solids))
     return max(short, key=lambda s: s.missing)
 
 

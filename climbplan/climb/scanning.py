@@ -5,6 +5,7 @@ As with a start taken from another plan, the spec's text then says the same with
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 from functools import lru_cache
@@ -25,8 +26,8 @@ from climbplan.scan.reading import read_scan
 from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.scan import ScanSpec
 from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
 from climbplan.terrain.raw_surface import RawSurface
 
@@ -59,12 +60,18 @@ def scanned(loaded: Loaded) -> Loaded:
     reached = [r for r in found if _in_reach(r, guide, robot)]
     if not reached:
         raise _refused(loaded, f"{_KEY}.file", _nothing(found, guide, robot))
-    listed = [r.model_dump(mode="json", exclude_unset=True) for r in loaded.spec.terrain.regions]
-    regions = [_as_spec(n, r, scan) for n, r in enumerate(reached, start=1)]
+    listed: list[dict[str, object]] = [
+        r.model_dump(mode="json", exclude_unset=True) for r in loaded.spec.terrain.regions
+    ]
+    regions: list[dict[str, object]] = [
+        _as_spec(n, r, scan) for n, r in enumerate(reached, start=1)
+    ]
     _log.info(
-        "scan      %d contact regions within reach, %.3g m2", len(reached), sum(r.area for r in reached),
+        "scan      %d contact regions within reach, %.3g m2",
+        len(reached),
+        sum(r.area for r in reached),
         extra={"note": True},
-    )  # fmt: skip
+    )
     told = f"found in {scan.file}"
     changes = [
         Override("terrain.regions", json.dumps([*listed, *regions]), told),
@@ -87,7 +94,9 @@ def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface |
 
 def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
     """What of a scan lies within reach of the way (P, 3), facing the way's free space."""
-    text = scan.model_dump_json(exclude={"fit", "flatness", "least_size", "toe_radius", "guide"})
+    text = scan.model_dump_json(
+        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg"}
+    )
     whole = _whole(text, directory, _stamp(directory / scan.file))
     turned = facing(whole, guide[0])
     near = farthest(robot) + _BESIDE
@@ -137,7 +146,7 @@ def farthest(robot: Robot) -> float:
 def _along(guide: Array) -> Array:
     """Points (K, 3) of the way, 5 cm apart at most."""
     pieces = []
-    for start, end in zip(guide[:-1], guide[1:], strict=True):
+    for start, end in itertools.pairwise(guide):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / 0.05)))
         pieces.append(start + np.linspace(0, 1, count + 1)[:, None] * (end - start))
     return np.concatenate(pieces)
@@ -171,8 +180,8 @@ def _nothing(found: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
     reach = f"the robot reaches {farthest(robot):.2f} m from its body's way"
     if not found:
         return (
-            f"no contact region in it near the way, expected flat places at least `least_size` wide "
-            f"within `flatness`; {reach}"
+            f"no contact region in it near the way, expected flat places at least `least_size` "
+            f"wide within `flatness`; {reach}"
         )
     nearest = min(_distance(r, guide) for r in found)
     if np.isinf(nearest):
@@ -199,7 +208,7 @@ def _spaces(
         robot.body_hull @ rotation_world_body(np.deg2rad(rpy)).T
         for rpy in (spec.task.start.rpy_deg, spec.task.goal.rpy_deg)
     ]
-    hull = np.concatenate(hulls) if not np.allclose(*hulls) else hulls[0]
+    hull = np.concatenate(hulls) if not np.allclose(hulls[0], hulls[1]) else hulls[0]
     spaces = [free_space(ends, hull, raw.corners) for ends in pieces_of(guide)]
     for space in spaces:
         if space.least_room <= 0 or len(space.vertices) < 4:

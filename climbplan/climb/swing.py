@@ -160,7 +160,7 @@ def _links_too_near(scene: MotionScene, swing: Swing, links: Array | None) -> Li
         raw = closest_raw(scene.terrain.scan, links, room, scene.robot.limb_radius)
         if raw.distance < room - 1e-9:
             missing = room - raw.distance
-            return LimbShortfall(missing, swing.where, swing.limb, raw.link, THE_SCAN)
+            return LimbShortfall(missing, swing.where, swing.limb, raw.link, THE_SCAN, raw.solids)
     if not obstacles:
         return None
     found = closest_link(obstacles, links, room, scene.terrain.stood_upon[swing.limb])

@@ -13,8 +13,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Array, Index, RawScan, chosen
+from climbplan.scan.raw import Index, RawScan, chosen
 
 GRID = 1e-6  # [m] corners closer than this are one
 MOST_TRIANGLES = 400_000  # more are thinned
@@ -46,7 +47,7 @@ def ordered(raw: RawScan) -> RawScan:
     keys = np.round(raw.vertices / GRID).astype(np.int64)
     distinct, number = np.unique(keys, axis=0, return_inverse=True)
     triangles = number.reshape(-1)[raw.triangles]
-    vertices = distinct * GRID
+    vertices = np.asarray(distinct * GRID, np.float64)
     corners = vertices[triangles]
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sound = np.linalg.norm(doubled, axis=1) > 2 * _LEAST_AREA
@@ -154,7 +155,7 @@ def _thinned(raw: RawScan) -> RawScan:
     cell = np.sqrt(4.0 * area / MOST_TRIANGLES)  # two triangles a cell
     while True:
         keys = np.floor(raw.vertices / cell).astype(np.int64)
-        distinct, number = np.unique(keys, axis=0, return_inverse=True)
+        _distinct, number = np.unique(keys, axis=0, return_inverse=True)
         number = number.reshape(-1)
         shares = np.bincount(number)
         means = np.column_stack(

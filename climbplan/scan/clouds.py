@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import MissingSolver
+from climbplan.robots.rotations import Array
 from climbplan.scan.pcd import read_pcd
-from climbplan.scan.raw import Array, RawScan, ScanError
+from climbplan.scan.raw import RawScan, ScanError
 
 CLOUDS = (".pcd", ".ply", ".xyz", ".txt", ".pts", ".npy", ".las", ".laz")
 
@@ -39,7 +40,9 @@ def read_cloud(path: Path) -> RawScan:
             data = np.loadtxt(path, comments=("#", "//"), ndmin=2, max_rows=50_000_000)
     except (ValueError, UnicodeDecodeError) as error:
         reason = str(error).splitlines()[0]
-        raise ScanError(f"{path}: not a list of points ({reason}), expected x y z a line") from error
+        raise ScanError(
+            f"{path}: not a list of points ({reason}), expected x y z a line"
+        ) from error
     return _columns(path, data)
 
 
@@ -55,7 +58,7 @@ def read_array(path: Path) -> Array:
 
 
 def _columns(path: Path, data: Array) -> RawScan:
-    """x, y, z, and normals where there are exactly six columns of which three are of unit length."""
+    """x, y, z, and normals where there are six columns of which three are of unit length."""
     if data.ndim != 2 or data.shape[1] < 3:
         hint = "; for a height map give `cell`" if data.ndim == 2 else ""
         raise ScanError(f"{path}: expected points in rows of x, y, z, got {data.shape}{hint}")

@@ -7,7 +7,7 @@ import heapq
 import numpy as np
 import shapely
 
-from climbplan.scan.raw import Array
+from climbplan.robots.rotations import Array
 
 _CONVEX = 1e-9  # [m^2] twice the area by which a corner may turn inwards
 
@@ -81,7 +81,12 @@ def _beside_holes(polygon: shapely.Polygon) -> shapely.Polygon:
     while len(polygon.interiors):
         a, b, c, d = max(polygon.interiors, key=lambda hole: shapely.Polygon(hole).area).bounds
         low, left, high, right = polygon.bounds
-        sides = ((low, left, a, right), (c, left, high, right), (low, left, high, b), (low, d, high, right))
+        sides = (
+            (low, left, a, right),
+            (c, left, high, right),
+            (low, left, high, b),
+            (low, d, high, right),
+        )
         cuts = (shapely.intersection(polygon, shapely.box(*side)) for side in sides)
         parts = [p for cut in cuts for p in shapely.get_parts(cut) if p.geom_type == "Polygon"]
         if not parts:
@@ -100,7 +105,10 @@ def _cut_convex(polygon: shapely.Polygon) -> shapely.Polygon:
     far = 4 * float(np.hypot(*np.subtract(polygon.bounds[2:], polygon.bounds[:2])))
     while True:
         corners = _anticlockwise(polygon)
-        before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+        before, after = (
+            corners - np.roll(corners, 1, axis=0),
+            np.roll(corners, -1, axis=0) - corners,
+        )
         turn = crossed(before, after)
         inwards = np.flatnonzero(turn < -_CONVEX)
         if not len(inwards):

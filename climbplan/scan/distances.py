@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Array
+from climbplan.scan.raw import Index
 
 
 @compiled
@@ -95,12 +96,16 @@ def _crosses(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
 
 
 @compiled
-def segment_distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
-    """Least distances (S,) of segments (S, 3) from triangles (T, 3, 3), `enough` [m] at most.
+def nearest_triangles(
+    starts: Array, ends: Array, corners: Array, enough: float
+) -> tuple[Array, Index]:
+    """Least distances (S,) of segments (S, 3) from triangles (T, 3, 3), and the nearest (S,).
 
-    Zero where a segment passes through one.
+    Distances are `enough` [m] at most, with no nearest triangle (-1) then, and zero where a segment
+    passes through one.
     """
     out = np.full(len(starts), enough)
+    nearest = np.full(len(starts), -1, np.int64)
     low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
     for t in range(len(corners)):
         for k in range(3):
@@ -120,9 +125,16 @@ def segment_distances(starts: Array, ends: Array, corners: Array, enough: float)
                 continue
             x, y, z = corners[t, 0], corners[t, 1], corners[t, 2]
             if _crosses(p, q, x, y, z):
-                best = 0.0
+                best, nearest[i] = 0.0, t
                 break
-            best = min(best, _segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
-            best = min(best, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z))
+            away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
+            away = min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z))
+            if away < best:
+                best, nearest[i] = away, t
         out[i] = np.sqrt(best)
-    return out
+    return out, nearest
+
+
+def segment_distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
+    """The distances of `nearest_triangles`."""
+    return nearest_triangles(starts, ends, corners, enough)[0]

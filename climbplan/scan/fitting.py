@@ -7,16 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from climbplan.robots.rotations import Array
+from climbplan.scan.cleaning import areas
 from climbplan.scan.convex import convex_pieces, crossed, peeled
 from climbplan.scan.growing import grown
 from climbplan.scan.panels import HEADROOM, Frame, buried, standable
-from climbplan.scan.raw import Array, Index, RawScan
+from climbplan.scan.raw import Index, RawScan
 from climbplan.spec.climb.scan import ScanSpec
 
 _DEPTH = 2.0  # [m] of material through which its other side is looked for
 _SAME_NORMAL, _SAME_PLANE = 1e-5, 1e-5  # [m] patches this alike are one
 _PLAIN = 24  # corners up to which a polygon is taken as it is
 _OWN = 0.3  # share of a piece that no other patch may hold
+_SHARE = 0.08  # of a patch that is new: with less it does not overlap others
 _GAP = 0.05  # the same share of its largest piece: less is a gap between others
 _PEELS = 4  # pieces of a patch that others overlap
 _SMOOTH = 0.4  # of the flatness: how far jagged borders are drawn in
@@ -83,8 +86,9 @@ def _planes(raw: RawScan, corners: Array, spec: ScanSpec) -> list[_Plane]:
     alike: dict[tuple[int, ...], list[int]] = {}
     for p, (normal, offset) in enumerate(zip(patches.normal, patches.offset, strict=True)):
         label = int(raw.label[patches.of(p)[0]])
-        key = (*np.round(normal / _SAME_NORMAL).astype(int), int(round(offset / _SAME_PLANE)))
+        key = (*np.round(normal / _SAME_NORMAL).astype(int), round(offset / _SAME_PLANE))
         alike.setdefault((*key, label), []).append(p)
+    size = areas(raw)
     out = []
     for numbers in alike.values():
         normal, offset = patches.normal[numbers[0]], float(patches.offset[numbers[0]])
@@ -94,9 +98,13 @@ def _planes(raw: RawScan, corners: Array, spec: ScanSpec) -> list[_Plane]:
             groups = [([p], patches.of(p)) for p in numbers]
         for group, triangles in groups:
             first = triangles[np.isin(patches.owner[triangles], group)]
+            if size[first].sum() < _SHARE * size[triangles].sum():
+                triangles = first  # what others left over between them
             normal, offset = patches.normal[group[0]], float(patches.offset[group[0]])
             out.append(_Plane(triangles, first, normal, offset))
     least = max(spec.least_size, 1e-4)
+    flattest = np.cos(np.deg2rad(spec.steepest_deg)) - 1e-9
+    out = [plane for plane in out if plane.normal[2] >= flattest]
     return [plane for plane in out if _width_bound(corners[plane.own]) >= least]
 
 
@@ -120,9 +128,8 @@ def _new(pieces: list[Array], frame: Frame, plane: _Plane, corners: Array) -> li
     if len(plane.first) == len(plane.own) or not pieces:
         return pieces
     middles = shapely.points(frame.own(corners[plane.first].mean(axis=1))[:, :2])
-    weights = np.linalg.norm(
-        np.cross(*(np.diff(corners[plane.first], axis=1)[:, k] for k in (0, 1))), axis=1
-    )
+    edges = np.diff(corners[plane.first], axis=1)
+    weights = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     polygons = shapely.polygons([shapely.linearrings(piece) for piece in pieces])
     size = shapely.area(polygons)
     tree = shapely.STRtree(middles)

@@ -2,20 +2,21 @@
 
 A polytope is inflated about what the body sweeps on a piece of the way: from the nearest triangle
 on, a plane across the widest gap between sweep and triangle cuts away what is beyond it,
-until no triangle is left inside. The planes touch the triangles, not the sweep. (Compare R. Deits and
-R. Tedrake, 2014; S. Liu et al., 2017.)
+until no triangle is left inside. The planes touch the triangles, not the sweep. (Compare R. Deits
+and R. Tedrake, 2014; S. Liu et al., 2017.)
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import HalfspaceIntersection, QhullError
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.distances import segment_distances
-from climbplan.scan.raw import Array
 
 _LONGEST = 0.4  # [m] of a piece of the way
 _BESIDE = 0.6  # [m] that a region reaches beyond the sweep at most
@@ -34,10 +35,10 @@ class FreeSpace:
 def pieces_of(guide: Array) -> Array:
     """Ends (K, 2, 3) of pieces of a polyline (P, 3), none longer than a body."""
     pieces = []
-    for start, end in zip(guide[:-1], guide[1:], strict=True):
+    for start, end in itertools.pairwise(guide):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / _LONGEST - 1e-9)))
         points = start + np.linspace(0, 1, count + 1)[:, None] * (end - start)
-        pieces += list(zip(points[:-1], points[1:], strict=True))
+        pieces += list(itertools.pairwise(points))
     return np.array(pieces).reshape(-1, 2, 3)
 
 
@@ -78,7 +79,7 @@ def free_space(ends: Array, hull: Array, corners: Array) -> FreeSpace:
 
 
 def _parting(sweep: Array, triangle: Array) -> tuple[Array, float]:
-    """Unit normal from a hull of points to a triangle across their widest gap, and its width [m]."""
+    """Unit normal from a hull of points to a triangle across their gap, and its width [m]."""
     differences = (triangle[None] - sweep[:, None]).reshape(-1, 3)
     system = np.vstack([differences.T, np.ones(len(differences))])
     weights = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))[0]

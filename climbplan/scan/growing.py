@@ -2,8 +2,9 @@
 
 A patch grows from a seed over shared edges as long as all corners lie within the tolerance of its
 plane and the (smoothed) surface faces as it does. Then the plane is fitted anew to what was found,
-and the patch grows again from its seed, until it grows no more. Seeds lie where no patch is yet, but patches
-may overlap: on curved surfaces they are as wide as curvature and tolerance allow, and round.
+and the patch grows again from its seed, until it grows no more. Seeds lie where no patch is yet,
+but patches may overlap: on curved surfaces they are as wide as curvature and tolerance allow, and
+round.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.cleaning import areas, neighbours
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Array, Index, RawScan
+from climbplan.scan.raw import Index, RawScan
 
 _TURN = np.cos(np.deg2rad(35.0))  # that the surface of a patch may be off its normal
 _OVER_EDGE = np.cos(np.deg2rad(50.0))  # beyond which normals are not smoothed across an edge
@@ -37,7 +39,7 @@ class Patches(NamedTuple):
 
 
 def grown(raw: RawScan, flatness: float) -> Patches:
-    """Patches whose triangles lie within `flatness` [m] of their planes, every triangle in one at least.
+    """Patches whose triangles lie within `flatness` [m] of their planes; each triangle is in one.
 
     Seeds are taken by the size of their triangles, then where the surface is flattest.
     """
@@ -92,9 +94,7 @@ def _reach(
             u = across[t, k]
             if u < 0 or mark[u] == stamp or label[u] != label[seed]:
                 continue
-            facing = (
-                smooth[u, 0] * normal[0] + smooth[u, 1] * normal[1] + smooth[u, 2] * normal[2]
-            )
+            facing = smooth[u, 0] * normal[0] + smooth[u, 1] * normal[1] + smooth[u, 2] * normal[2]
             if facing < _TURN:
                 continue
             within = True
@@ -141,7 +141,9 @@ def _fit(queue: Index, count: int, corners: Array, area: Array, before: Array) -
     for i in range(count):
         t = queue[i]
         for c in range(3):
-            height = corners[t, c, 0] * out[0] + corners[t, c, 1] * out[1] + corners[t, c, 2] * out[2]
+            height = (
+                corners[t, c, 0] * out[0] + corners[t, c, 1] * out[1] + corners[t, c, 2] * out[2]
+            )
             low = min(low, height)
             high = max(high, height)
     out[3] = (low + high) / 2
@@ -189,8 +191,18 @@ def grow_patches(
         most, best_count = -1.0, 0
         for attempt in range(_FITS):
             found = _reach(
-                seed, plane[:3], plane[3], corners, smooth, across, label, mark, stamp, flatness, queue,
-            )  # fmt: skip
+                seed,
+                plane[:3],
+                plane[3],
+                corners,
+                smooth,
+                across,
+                label,
+                mark,
+                stamp,
+                flatness,
+                queue,
+            )
             stamp += 1
             total = 0.0
             for i in range(found):

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.clouds import read_array
-from climbplan.scan.raw import Array, RawScan, ScanError, mesh
+from climbplan.scan.raw import RawScan, ScanError, mesh
 from climbplan.spec.climb.scan import ScanSpec
 
 HEIGHTS = (".tif", ".tiff", ".png", ".csv")
@@ -49,7 +50,9 @@ def read_heights(path: Path, spec: ScanSpec) -> RawScan:
     points = np.stack([column * cell, y, spec.height * heights], axis=-1) + origin
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (number[i : rows - 1 + i, j : columns - 1 + j] for i, j in _CORNERS)
-    triangles = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))])
+    triangles = np.concatenate(
+        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))]
+    )
     if image:  # y runs against the rows
         triangles = triangles[:, ::-1]
     flat = points.reshape(-1, 3)
@@ -82,6 +85,7 @@ def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:
 
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged tags, which are not needed
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as image:
                 if image.width * image.height > _MOST:

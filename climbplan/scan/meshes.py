@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.scan.raw import Array, Index, RawScan, ScanError
+from climbplan.robots.rotations import Array
+from climbplan.scan.raw import Index, RawScan, ScanError
 
 MESHES = (".stl", ".obj", ".ply", ".glb", ".dae", ".off")
 _COLLADA = "; DAE files need pycollada: pip install 'climbplan[scan]'"
@@ -30,7 +31,9 @@ def read_mesh(path: Path) -> RawScan:
             parts = list(scene.dump()) if hasattr(scene, "dump") else [scene]
     except Exception as error:  # whatever its readers trip over in a broken file
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        missing = _COLLADA if suffix == "dae" and isinstance(error, ImportError | ValueError) else ""
+        missing = (
+            _COLLADA if suffix == "dae" and isinstance(error, ImportError | ValueError) else ""
+        )
         raise ScanError(f"{path}: not a {suffix.upper()} mesh ({reason}){missing}") from error
     vertices: list[Array] = []
     triangles: list[Index] = []
@@ -58,7 +61,7 @@ def read_mesh(path: Path) -> RawScan:
 
 def _labels(part: Any, faces: int, labels: dict[str, int]) -> Index:
     """(T,) the name of the material or the colour of every triangle, as numbers in `labels`."""
-    visual = getattr(part, "visual", None)
+    visual: Any = getattr(part, "visual", None)
     kind = getattr(visual, "kind", None)
     if faces and kind in ("face", "vertex"):
         colors = np.asarray(visual.face_colors)[:, :3]

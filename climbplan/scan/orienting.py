@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.cleaning import components, ordered
-from climbplan.scan.raw import Array, RawScan
+from climbplan.scan.raw import RawScan
 
 _INSIDE = 0.5  # share of all directions in which a closed surface is seen from within
 _SHEET = 0.5  # share of its area by which a surface faces one way, if it is a sheet
@@ -26,7 +27,7 @@ def facing(raw: RawScan, place: Array) -> RawScan:
     area = np.linalg.norm(doubled, axis=1) / 2
 
     def summed(values: Array) -> Array:
-        return np.bincount(surface, weights=values)
+        return np.asarray(np.bincount(surface, weights=values), float)
 
     seen = summed(_solid_angles(corners - place)) / (4 * np.pi)  # > 0: backs
     vector = np.column_stack([summed(doubled[:, k]) for k in range(3)]) / 2

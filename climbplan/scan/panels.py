@@ -1,4 +1,4 @@
-"""Where a toe may stand on a flat patch: away from edges, and from what rises beside or above it."""
+"""Where a toe may stand on a flat patch: away from edges and from what rises beside or above."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Array, Index
+from climbplan.scan.raw import Index
 
 HEADROOM = 0.05  # [m] before a region that has to be free: a limb is as thick as that at its toe
 _FACING = 0.5  # cosine to a patch's normal of what carries on its surface
@@ -157,7 +158,9 @@ def _near(
     low, high = low - beside, high + beside
     low[2], high[2] = -below, max(above, below)
     ends = np.stack([low, high])
-    box = np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    box = np.array(
+        [[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    )
     around = frame.world(box[:, :2]) + box[:, 2:] * frame.normal
     found = np.flatnonzero(within_box(corners, around.min(axis=0), around.max(axis=0)))
     heights = frame.own(corners[found])

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.scan.raw import Array, ScanError
+from climbplan.robots.rotations import Array
+from climbplan.scan.raw import ScanError
 
 _MOST = 100_000_000  # points
 _TYPES = {"F": "f", "I": "i", "U": "u"}
@@ -38,14 +39,16 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
         columns = list(zip(names, types, sizes, counts, strict=True))
         dtype = np.dtype([(f"{i} {n}", f"<{t}{s}", (c,)) for i, (n, t, s, c) in enumerate(columns)])
     except (KeyError, IndexError, ValueError, TypeError) as error:
-        raise ScanError(f"{path}: PCD header without sound SIZE, TYPE, POINTS ({error})") from error
+        raise ScanError(
+            f"{path}: expected a PCD header with sound SIZE, TYPE, POINTS ({error})"
+        ) from error
     if not 0 < points <= _MOST or not 0 < dtype.itemsize <= 4096:
         raise ScanError(f"{path}: a PCD cloud of {points} points, expected 1 to {_MOST}")
     kind = header["DATA"][0].lower() if header["DATA"] else ""
     if kind == "binary":
         if len(body) < points * dtype.itemsize:
             raise ScanError(
-                f"{path}: cut off, {points} points take {points * dtype.itemsize} bytes, "
+                f"{path}: cut off, expected {points} points in {points * dtype.itemsize} bytes, "
                 f"got {len(body)}"
             )
         table = np.frombuffer(body, dtype, points)
@@ -54,7 +57,7 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
         try:
             data = np.loadtxt(body.decode("ascii", "replace").splitlines(), ndmin=2)
         except ValueError as error:
-            raise ScanError(f"{path}: PCD points that are no numbers ({error})") from error
+            raise ScanError(f"{path}: expected PCD points of numbers ({error})") from error
         starts = np.cumsum([0, *counts])
         if data.shape != (points, starts[-1]):
             expected = f"{points} rows of {starts[-1]} numbers"

@@ -36,7 +36,7 @@ def read_scan(spec: ScanSpec, directory: Path) -> RawScan:
     raw = _read(path, spec)
     if not len(raw.vertices):
         raise ScanError(f"{path}: empty, expected triangles, points or heights")
-    finite = np.isfinite(raw.vertices).all(axis=1)
+    finite = np.asarray(np.isfinite(raw.vertices).all(axis=1))
     if not finite.any():
         raise ScanError(f"{path}: no coordinate is a number, expected lengths")
     raw = _without_infinite(raw, finite)

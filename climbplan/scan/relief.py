@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
+from climbplan.robots.rotations import Array
 from climbplan.scan.convex import crossed
-from climbplan.scan.raw import Array, RawScan, ScanError, mesh
+from climbplan.scan.raw import RawScan, ScanError, mesh
 
-_LONGEST = 5.0  # times the usual spacing that an edge may have
+_LONGEST = 4.0  # times the usual spacing that an edge may have
 _FOLDED = 0.05  # share of places with points one above another
 _STEEP = 6.0  # spacings that points of one place may be apart in height
 _CELL = 2.0  # spacings
@@ -31,7 +32,7 @@ def surface_of_cloud(cloud: RawScan, path: Path) -> RawScan:
     across = axes[0]
     frame = np.stack([across, np.cross(out, across), out])
     own = (points - center) @ frame.T  # (P, 3)
-    spacing = float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
+    spacing = float(np.median(cKDTree(points).query(points, 5)[0][:, 4]))
     _require_relief(own, spacing, path)
     try:
         triangles = Delaunay(own[:, :2]).simplices.astype(np.int64)
@@ -46,8 +47,8 @@ def surface_of_cloud(cloud: RawScan, path: Path) -> RawScan:
     facing = ", ".join(f"{v:.2f}" for v in out)
     return surface.noted(
         *cloud.notes,
-        f"{len(points)} points, {1e3 * spacing:.1f} mm apart, joined to {int(near.sum())} triangles "
-        f"as a relief that faces ({facing})",
+        f"{len(points)} points, {1e3 * spacing:.1f} mm apart, joined to {int(near.sum())} "
+        f"triangles as a relief that faces ({facing})",
     )
 
 

@@ -14,8 +14,8 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.spec.climb.panel import HoldSpec, PanelSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
-from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 

@@ -138,7 +138,7 @@ def noisy() -> Known:
 
 
 def sunk() -> Known:
-    """A block on the ground, in it by a few centimetres, its triangles not joined to the ground's."""
+    """A block a few centimetres in the ground, to which its triangles are not joined."""
     ground = quad([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
     grown = (0.5 + 2 * ROOM) * (0.4 + 2 * ROOM)
     sides = 2 * (0.5 - 2 * ROOM + 0.4 - 2 * ROOM) * (0.3 - 2 * ROOM)
@@ -157,6 +157,4 @@ def dome() -> Known:
     return Known(mesh(points.reshape(-1, 3), sheet(41, 121)), area)
 
 
-SURFACES = (
-    plate, stairs, block, angle, holed, tube, octagon, waves, noisy, sunk, dome
-)  # fmt: skip
+SURFACES = (plate, stairs, block, angle, holed, tube, octagon, waves, noisy, sunk, dome)

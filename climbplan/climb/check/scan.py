@@ -13,6 +13,7 @@ import numpy as np
 from climbplan.climb.check.anew.kinematics import body_axes, placed
 from climbplan.climb.check.convex import hull_distance
 from climbplan.climb.check.subject import Subject
+from climbplan.climb.plan.climb_plan import Index
 from climbplan.plans.check import Array, Check, judge_worst
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.surfaces import Region
@@ -37,7 +38,7 @@ def scan_checks(subject: Subject) -> Iterator[Check]:
     yield judge_scan_links("scan.limbs", subject, subject.limbs.points, subject.at)
 
 
-def _standing(subject: Subject) -> tuple[Array, Array, Array]:
+def _standing(subject: Subject) -> tuple[Index, Index, Array]:
     """Instants, limbs (S,) and places (S, 3) of toes that stand on what was found in the scan."""
     plan = subject.plan
     scanned = np.array(
@@ -47,7 +48,7 @@ def _standing(subject: Subject) -> tuple[Array, Array, Array]:
     region = plan.instants.region
     instant, limb = np.nonzero(plan.instants.contact & scanned[region])
     toes = plan.instants.toes - standoff[region][..., None] * plan.instants.normal
-    return instant, limb, toes[instant, limb]
+    return np.asarray(instant, np.int64), np.asarray(limb, np.int64), toes[instant, limb]
 
 
 def _toes(subject: Subject, scan: RawSurface) -> Check:
@@ -179,10 +180,10 @@ def judge_scan_links(
     return judge_worst(name, radius - clear, where, margin, radius / np.maximum(clear, 1e-9))
 
 
-def _meeting(corners: Array, lower: Array, upper: Array) -> Array:
+def _meeting(corners: Array, lower: Array, upper: Array) -> Index:
     """Numbers of triangles whose bounds meet a box."""
     inside = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
-    return np.flatnonzero(inside.all(axis=1))
+    return np.asarray(np.flatnonzero(inside.all(axis=1)), np.int64)
 
 
 def _distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:

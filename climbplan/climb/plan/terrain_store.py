@@ -71,12 +71,14 @@ def read_terrain(reader: Reader, where: str) -> Terrain:
 
 
 def _read_scan(reader: Reader, where: str) -> RawSurface:
-    arrays = {name: reader.array(f"{where}/{name}", shape) for name, shape in layout.SCAN.items()}
-    numbers = {name: reader.number(where, name) for name in layout.SCAN_NUMBERS}
-    triangles, corners = arrays["triangles"], len(arrays["vertices"])
+    fields: dict[str, Any] = {
+        name: reader.array(f"{where}/{name}", shape) for name, shape in layout.SCAN.items()
+    }
+    triangles, corners = fields["triangles"], len(fields["vertices"])
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= corners:
         raise reader.refuse(f"{where}/triangles names a corner that is not there, or is empty")
-    return RawSurface(**arrays, **numbers)
+    fields |= {name: reader.number(where, name) for name in layout.SCAN_NUMBERS}
+    return RawSurface(**fields)
 
 
 def _key(index: int) -> str:

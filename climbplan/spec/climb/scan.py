@@ -65,6 +65,13 @@ class ScanSpec(SpecModel):
     toe_radius: Number = quantity(
         "m", "room that toes keep from edges and from what rises beside them", default=0.01, ge=0
     )
+    steepest_deg: Number = quantity(
+        "deg",
+        "steepest region that counts, from level ground (0) over walls (90) to ceilings (180)",
+        default=180.0,
+        ge=0,
+        le=180,
+    )
     friction: dict[str, Number] = quantity(
         "",
         "friction coefficients by material name or colour (`#rrggbb`) of the file; "

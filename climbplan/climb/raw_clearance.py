@@ -63,9 +63,11 @@ def closest_raw(scan: RawSurface, points: Array, room: float, radius: float) -> 
     nearer = axis < distance[..., -1]
     distance[..., -1] = np.where(nearer, axis, distance[..., -1])
     triangle[..., -1] = np.where(nearer, under, triangle[..., -1])
-    distance = np.where(np.isnan(points).any(axis=(-2, -1))[..., None], room, distance)
+    unknown = np.asarray(np.isnan(points).any(axis=(-2, -1)))
+    distance = np.where(unknown[..., None], room, distance)
     *index, link = (int(i) for i in np.unravel_index(int(np.argmin(distance)), distance.shape))
-    hit = triangle[np.asarray((distance < room - 1e-9) & (triangle >= 0))]
+    near = np.asarray(distance < room - 1e-9)
+    hit = triangle[near & np.asarray(triangle >= 0)]
     solids = _behind(scan, number[np.unique(hit)])
     return NearestRaw(float(distance.min()), tuple(index), link, solids)
 

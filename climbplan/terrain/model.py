@@ -55,7 +55,12 @@ class Terrain:
     @cached_property
     def stood_upon(self) -> NDArray[np.bool_]:
         """(N, O) obstacles with a face on which a surface lies that limb i may stand on."""
-        lies = [[_lies_on(surface, solid) for solid in self.obstacles] for surface in self.surfaces]
+        # Regions of a scan lie as near to what was scanned as they were asked to
+        near = _ON_FACE if self.scan is None else self.scan.flatness
+        lies = [
+            [_lies_on(surface, solid, near) for solid in self.obstacles]
+            for surface in self.surfaces
+        ]
         return self.allowed @ np.array(lies, bool).reshape(len(self.surfaces), len(self.obstacles))
 
     @property
@@ -70,13 +75,13 @@ class Terrain:
         return int(candidates[int(np.argmin(distances))])
 
 
-def _lies_on(surface: Surface, solid: Solid) -> bool:
-    """Whether a flat surface covers part of a face of a solid."""
+def _lies_on(surface: Surface, solid: Solid, near: float) -> bool:
+    """Whether a flat surface covers part of a face of a solid, within `near` [m]."""
     if not isinstance(surface, Region):
         return False
     distance = surface.vertices @ solid.A.T - solid.b  # (V, F)
-    on_face = np.abs(distance).max(axis=0) < _ON_FACE
-    inside = bool((distance < _ON_FACE).all())
+    on_face = np.abs(distance).max(axis=0) < near
+    inside = bool((distance < near).all())
     return inside and bool((on_face & (solid.A @ surface.normal > 0)).any())
 
 

@@ -117,10 +117,8 @@ def test_a_slippery_slope_under_a_toe_fails_friction(made) -> None:
     slope[:, 2] = -np.sign(toe[0]) * np.tan(turn) * slope[:, 0]  # downhill, away from the body
     vertices = np.concatenate([tilted.reshape(-1, 3), toe + slope])
     count = 3 * len(tilted)
-    triangles = np.concatenate(
-        [np.arange(count).reshape(-1, 3), [[count, count + 1, count + 2], [count, count + 2, count + 3]]]
-    )  # fmt: skip
-    other = replace(scan, vertices=vertices, triangles=triangles[len(tilted) :])
+    triangles = count + np.array([[0, 1, 2], [0, 2, 3]])
+    other = replace(scan, vertices=vertices, triangles=triangles)
     told = outcome(replace(plan, terrain=replace(plan.terrain, scan=other)))
     assert not told["scan.friction"]
 
@@ -159,16 +157,41 @@ def shared_mesh(name: str) -> Path:
     return path.resolve()
 
 
-STAIRS = """\
+def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is missing: pip install '.[simulate]'")
+    from climbplan.simulation.conditions import Conditions
+    from climbplan.simulation.model import TOE_RADIUS, raw_geoms
+
+    plan, assets = made[1], []
+    scan = plan.terrain.scan
+    assert scan is not None
+    geoms = raw_geoms(scan, plan.rounds.toes, 0.5, assets)
+    assert len(geoms) == len(assets) >= 4
+    assert Conditions().friction == 1.0
+    first = assets[0].split('vertex="')[1].split('"')[0]
+    prism = np.array(first.split(), float).reshape(6, 3)
+    np.testing.assert_allclose(prism[:3].mean(axis=0), 0, atol=1e-9)
+    assert TOE_RADIUS < 1e-3
+    # The replay of the whole plan on them
+    found = climbplan.read(made[0]).simulate()
+    assert found is not None
+
+
+WALKS = {
+    "stairs": ("-0.45, 0.8, 0.28", "0.45, 0.8, 0.47", 18, 10),
+    "bauzil_stairs_clean": ("-0.55, 1.0, 0.28", "0.35, 1.0, 0.46", 18, 10),
+    "slope_towr": ("0.1, 0, 0.28", "0.95, 0, 0.36", 8, 9),
+}
+WALK = """\
 kind: climb
 robot: silvia
 terrain:
   friction: 0.8
   scan: {{file: {file}, steepest_deg: 40}}
 task:
-  rounds: 10
-  start: {{com: [-0.45, 0.8, 0.28], rpy_deg: [0, 0, -90]}}
-  goal: {{com: [0.45, 0.8, 0.47], rpy_deg: [18, 0, -90]}}
+  rounds: {rounds}
+  start: {{com: [{start}], rpy_deg: [0, 0, -90]}}
+  goal: {{com: [{goal}], rpy_deg: [{pitch}, 0, -90]}}
   stance: {{RF: [0.25, 0.42, -0.28], RM: [0.44, 0, -0.28], RR: [0.25, -0.42, -0.28],
     LR: [-0.25, -0.42, -0.28], LM: [-0.44, 0, -0.28], LF: [-0.25, 0.42, -0.28]}}
 trajectory: {{lift: 0.06}}
@@ -177,9 +200,12 @@ solver: {{method: micp}}
 
 
 @pytest.mark.slow
-def test_stairs_of_another_project_are_climbed(tmp_path: Path) -> None:
-    spec = tmp_path / "stairs.yaml"
-    spec.write_text(STAIRS.format(file=shared_mesh("stairs.stl")))
+@pytest.mark.parametrize("name", WALKS)
+def test_meshes_of_another_project_are_walked(tmp_path: Path, name: str) -> None:
+    start, goal, pitch, rounds = WALKS[name]
+    spec = tmp_path / f"{name}.yaml"
+    file = shared_mesh(f"{name}.stl")
+    spec.write_text(WALK.format(file=file, start=start, goal=goal, pitch=pitch, rounds=rounds))
     assert len(spec.read_text().splitlines()) <= 15
     plan = climbplan.plan(spec)
     assert plan.verify().passed

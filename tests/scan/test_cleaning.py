@@ -82,7 +82,7 @@ def test_a_cloud_that_folds_over_itself_is_refused() -> None:
     rng = np.random.default_rng(2)
     ball = rng.normal(size=(4000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
-    with pytest.raises(ScanError, match="one above another.*expected a relief"):
+    with pytest.raises(ScanError, match=r"one above another.*expected a relief"):
         surface_of_cloud(cloud(ball), Path("ball.xyz"))
 
 

@@ -36,5 +36,5 @@ def test_free_space_holds_the_sweep_and_no_triangle() -> None:
 def test_a_way_through_the_surface_has_no_room() -> None:
     raw = plate().raw
     middle = raw.vertices.mean(axis=0)
-    ends = np.array([middle - [0, 0, 0.2], middle + [0, 0, 0.2]])
+    ends = middle + np.array([[0, 0, -0.2], [0, 0, 0.2]])
     assert free_space(ends, HULL, raw.corners).least_room <= 0

@@ -201,7 +201,7 @@ def test_broken_files_say_what_was_expected(tmp_path: Path, name: str, capfd) ->
     path = tmp_path / file
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(Exception, match=".") as caught:
+    with pytest.raises(Exception, match=r".") as caught:
         read(path)
     assert getattr(caught.value, "exit_code", None) == ExitCode.USAGE
     words = str(caught.value)

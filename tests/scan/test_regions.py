@@ -100,7 +100,7 @@ def test_no_region_lies_within_a_body_that_stands_in_the_ground() -> None:
 
 def test_faces_that_look_up_from_under_a_plate_are_no_place_for_toes() -> None:
     low = plate().raw
-    high = replace(low, vertices=low.vertices + [0, -0.018, 0.024])  # 30 mm above
+    high = replace(low, vertices=low.vertices + np.array([0, -0.018, 0.024]))  # 30 mm above
     both = replace(
         low,
         vertices=np.concatenate([low.vertices, high.vertices]),

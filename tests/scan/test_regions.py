@@ -47,7 +47,13 @@ def covered_area(raw: RawScan, regions: tuple[FoundRegion, ...], count: int) -> 
     return float(hit.mean() * area.sum())
 
 
-@pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize(
+    "surface",
+    [
+        pytest.param(s, marks=[pytest.mark.slow] if s.__name__ in ("dome", "waves") else [])
+        for s in SURFACES
+    ],
+)
 def test_regions_cover_what_is_there_within_the_flatness(surface) -> None:
     known: Known = surface()
     raw = cleaned(known.raw)

@@ -42,6 +42,7 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
     Raises UsageError where the plan is of another kind than the spec.
     """
     from climbplan.plans.spec_text import stored_spec_text
+    from climbplan.spec.climb.transition_loading import LoadedTransition
     from climbplan.spec.holding import held_spec
     from climbplan.spec.loaded import LoadedSpec
     from climbplan.spec.loading import LoadedClimb
@@ -54,4 +55,12 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
         from climbplan.climb.chaining import started
 
         loaded = started(loaded)
+    if isinstance(loaded, LoadedClimb):
+        from climbplan.climb.scene import on_scan
+
+        loaded = on_scan(loaded)
+    if isinstance(loaded, LoadedTransition):
+        from climbplan.climb.scene import on_scan
+
+        loaded = on_scan(loaded)
     return held_spec(loaded, vars(loaded)["spec"], stored_spec_text(path))

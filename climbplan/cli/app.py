@@ -36,6 +36,7 @@ from climbplan.cli.fit_envelopes import fit_envelopes
 from climbplan.cli.fit_gripper import fit_gripper
 from climbplan.cli.fit_stiffness import fit_stiffness
 from climbplan.cli.fit_strategy import fit_strategy
+from climbplan.cli.fit_terrain import fit_terrain
 from climbplan.cli.gen_data import gen_data
 from climbplan.cli.interrupts import Terminated, interrupt_handled
 from climbplan.cli.new import new
@@ -64,7 +65,15 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 # As `--help` shows them
 GROUPS: dict[str, tuple[Any, ...]] = {
     "Plan": (plan_climb, plan_transition, plan_mpc, plan_limms, solve_bookshelf, solve),
-    "Learn": (gen_data, data, fit_strategy, fit_envelopes, fit_stiffness, fit_gripper),
+    "Learn": (
+        gen_data,
+        data,
+        fit_strategy,
+        fit_envelopes,
+        fit_stiffness,
+        fit_gripper,
+        fit_terrain,
+    ),
     "Check": (verify, simulate, bench),
     "Look and take away": (report, view, export),
     "Write and look up": (new, validate, schema, robot, doctor),

@@ -88,15 +88,17 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
         return loaded.spec.kind
     if isinstance(loaded, LoadedClimb):
         from climbplan.climb.chaining import started
-        from climbplan.climb.scene import build_scene
+        from climbplan.climb.scene import build_scene, on_scan
 
-        loaded = started(loaded)
+        loaded = on_scan(started(loaded))
         with placed_mistakes(loaded):
             build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
         return loaded.spec.kind
     if isinstance(loaded, LoadedTransition):
+        from climbplan.climb.scene import on_scan
         from climbplan.climb.transition.scene import build_transition
 
+        loaded = on_scan(loaded)
         with placed_mistakes(loaded):
             build_transition(loaded)
         return loaded.spec.kind

@@ -6,10 +6,12 @@ import numpy as np
 
 from climbplan.climb.gait import poses_between
 from climbplan.climb.plan.climb_plan import Rounds
+from climbplan.climb.raw_clearance import raw_body_room
 from climbplan.climb.scene import MotionScene
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.model import FreeRegion
 
+_BETWEEN = 1e-4  # [m] kept beyond the clearance from a scan, for poses between those checked
 _STEPS = 12  # poses checked along a round
 
 
@@ -31,6 +33,9 @@ def body_shortfall(scene: MotionScene, rounds: Rounds) -> Array:
     for choice in scene.terrain.free_choices:
         room = np.stack([_room(free, corners) for free in choice])  # (regions, M, S)
         worst = np.maximum(worst, (keep - room.max(axis=0)).max(axis=1))
+    if scene.terrain.scan is not None:
+        raw = raw_body_room(scene.terrain.scan, corners, keep + _BETWEEN)
+        worst = np.maximum(worst, (keep + _BETWEEN - raw).max(axis=1))
     return np.maximum(worst, 0.0)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
+from climbplan.climb.raw_clearance import THE_SCAN, closest_raw
 from climbplan.climb.scene import ClimbScene, MotionScene
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -37,6 +38,7 @@ class LimbShortfall:
     limb: int
     link: int
     obstacle: str
+    solids: tuple[Solid, ...] = ()  # of a scan, that links come too close to
 
     def words(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
@@ -50,11 +52,11 @@ class LimbShortfall:
 
 
 def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
-    """Where standing limbs come closest to an obstacle, None where there is no obstacle.
+    """Where standing limbs come closest to an obstacle or a scan, None where there is neither.
 
     Looked at along every push, from the placing of a limb to the next lift, and at the start.
     """
-    if not scene.terrain.obstacles:
+    if not scene.terrain.obstacles and scene.terrain.scan is None:
         return None
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
     share = np.linspace(0.0, 1.0, _STEPS)[:, None]
@@ -66,13 +68,24 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
     flat = (x.reshape(-1, *x.shape[2:]) for x in (com, rpy, toes))
     points = limb_points(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
     room, obstacles = least_room(scene), scene.terrain.obstacles
-    found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
-    pose, limb = found.index
-    where = "start posture"
-    if pose > 0:
-        where = instants.label(int(push[(pose - 1) // _STEPS]), scene.robot.limb_names)
-    name = obstacles[found.obstacle].name
-    return LimbShortfall(room - found.distance, where, limb, found.link, name)
+
+    def shortfall(distance: float, index: tuple[int, ...], link: int, name: str) -> LimbShortfall:
+        pose, limb = index
+        where = "start posture"
+        if pose > 0:
+            where = instants.label(int(push[(pose - 1) // _STEPS]), scene.robot.limb_names)
+        return LimbShortfall(room - distance, where, limb, link, name)
+
+    short = []
+    if obstacles:
+        found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
+        name = obstacles[found.obstacle].name
+        short.append(shortfall(found.distance, found.index, found.link, name))
+    if scene.terrain.scan is not None:
+        raw = closest_raw(scene.terrain.scan, points, room, scene.robot.limb_radius)
+        nearest = shortfall(raw.distance, raw.index, raw.link, THE_SCAN)
+        short.append(replace(nearest, solids=raw.solids))
+    return max(short, key=lambda s: s.missing)
 
 
 def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:

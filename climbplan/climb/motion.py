@@ -27,7 +27,9 @@ from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.rotations import Array
+from climbplan.terrain.solids import Solid
 
+_OF_SCANS = 8  # more times, for parts of a scan that limbs come too close to
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
@@ -97,16 +99,18 @@ def plan_motion(
     posture: PostureResult | None = None
     notes: list[str] = []
     failure: ReachFailure | SwingBlocked | None = None
-    for _ in range(_TIGHTENINGS):
+    planned = scene
+    more = 0 if scene.terrain.scan is None else _OF_SCANS
+    for _ in range(_TIGHTENINGS + more):
         left = deadline - time.monotonic()
         if left <= 0:
             raise _out_of_time(scene, notes)
         with clock.stage("posture"):
             if scene.spec.solver.method == "nlp":
-                posture = plan_postures_nlp(within(scene, left), clock.report)
+                posture = plan_postures_nlp(within(planned, left), clock.report)
             else:
                 try:
-                    posture = _convex_postures(within(scene, left), margins, save_model, posture)
+                    posture = _convex_postures(within(planned, left), margins, save_model, posture)
                 except NoPostures as error:
                     if not notes:
                         raise
@@ -142,6 +146,11 @@ def plan_motion(
                         words, because="method nlp is local", stage="posture"
                     ) from None
                 failure = near.blocked
+                wary = _with_solids(planned, near.short.solids)
+                if wary is not None:
+                    planned, posture = wary, None
+                    notes.append(f"planned again past {near.short.obstacle}: {near}")
+                    continue
                 margins, wider = _widened(margins, near)
                 notes.append(f"{wider}: {near}")
                 continue
@@ -153,6 +162,17 @@ def _method(scene: ClimbScene) -> str:
     """The method of postures; on its own, without trials of others, `auto` is its first."""
     method = scene.spec.solver.method
     return "micp" if method == "auto" else str(method)
+
+
+def _with_solids(scene: ClimbScene, solids: tuple[Solid, ...]) -> ClimbScene | None:
+    """The scene with parts of its scan as obstacles, which postures keep knees off; None if they
+    were that already."""
+    known = {solid.name for solid in scene.terrain.obstacles}
+    new = tuple(solid for solid in solids if solid.name not in known)
+    if not new:
+        return None
+    obstacles = (*scene.terrain.obstacles, *new)
+    return replace(scene, terrain=replace(scene.terrain, obstacles=obstacles))
 
 
 def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:

@@ -14,7 +14,7 @@ from climbplan.climb.grips.plan import grip_plan, grip_warnings
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
-from climbplan.climb.scene import ClimbScene, MotionScene, build_scene
+from climbplan.climb.scene import ClimbScene, MotionScene, build_scene, on_scan
 from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
@@ -40,7 +40,7 @@ def plan_climb(
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
-    loaded = started(loaded)
+    loaded = on_scan(started(loaded))
 
     tried: list[LoadedClimb] = []
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,14 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
 from climbplan.spec.climb.model import ClimbSpec, PostureSpec
 from climbplan.spec.climb.motion import MotionSpec
+from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.surfaces import Region, Surface
+
+Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
 
 _log = logging.getLogger(__name__)
 
@@ -191,6 +196,24 @@ def warn_of_backs(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
             )
 
 
+def on_scan(loaded: Loaded) -> Loaded:
+    """The spec with what is found in its scan, if it has one (`climbplan.climb.scanning`)."""
+    if loaded.spec.terrain.scan is None:
+        return loaded
+    from climbplan.climb.scanning import scanned  # compiled functions, which others do without
+
+    return scanned(loaded)
+
+
+def with_scan(terrain: Terrain, spec: MotionSpec, robot: Robot, directory: Path) -> Terrain:
+    """The terrain with the raw surface of its scan near the way, if it has one."""
+    if spec.terrain.scan is None:
+        return terrain
+    from climbplan.climb.scanning import with_surface
+
+    return replace(terrain, scan=with_surface(spec, directory, robot))
+
+
 def _grippers(
     spec: ClimbSpec, robot_spec: AnyRobot, robot: Robot, terrain: Terrain, directory: Path
 ) -> Grippers | None:
@@ -214,6 +237,7 @@ def build_scene(
     robot = with_stance(build_robot(robot_spec), spec.task.stance)
     robot = with_grip_limit(robot, spec.gripper.max_force)
     terrain = build_terrain(spec.terrain, robot)
+    terrain = with_scan(terrain, spec, robot, directory or Path())
     mistakes: list[SpecMistake] = []
     lift = spec.trajectory.lift
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)

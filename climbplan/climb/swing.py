@@ -16,6 +16,7 @@ import numpy as np
 
 from climbplan.climb.limb_clearance import LimbShortfall, closest_link, least_room
 from climbplan.climb.plan.climb_plan import Instants, Rounds
+from climbplan.climb.raw_clearance import THE_SCAN, closest_raw
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, NotProved
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
@@ -153,7 +154,14 @@ def together(paths: list[Array]) -> Array:
 def _links_too_near(scene: MotionScene, swing: Swing, links: Array | None) -> LimbShortfall | None:
     """The link that comes closest to an obstacle, if that is closer than links may come."""
     obstacles, room = scene.terrain.obstacles, least_room(scene)
-    if links is None or not obstacles:
+    if links is None:
+        return None
+    if scene.terrain.scan is not None:
+        raw = closest_raw(scene.terrain.scan, links, room, scene.robot.limb_radius)
+        if raw.distance < room - 1e-9:
+            missing = room - raw.distance
+            return LimbShortfall(missing, swing.where, swing.limb, raw.link, THE_SCAN, raw.solids)
+    if not obstacles:
         return None
     found = closest_link(obstacles, links, room, scene.terrain.stood_upon[swing.limb])
     if found.distance >= room - 1e-9:

@@ -81,6 +81,15 @@ LIMITS = {
     "trajectory.capsules": Limit(1e-6, "m", "and so they do on the way, swings included"),
 }
 
+# Made beside these where the terrain is from a scan.
+SCAN_LIMITS = {
+    "scan.toes": Limit(1e-6, "m", "standing toes within the flatness of the raw surface"),
+    "scan.friction": Limit(1e-6, "of weight", "forces within friction of the raw normals"),
+    "scan.body": Limit(1e-6, "m", "the body hull keeps its distance from raw triangles"),
+    "scan.limbs": Limit(1e-6, "m", "links, as thick as they are, miss raw triangles but at toes"),
+    "scan.trajectory": Limit(1e-6, "m", "and so they do on the way, swings included"),
+}
+
 # Made beside these for robots with grippers; no friction cones at their toes then.
 GRIP_LIMITS = {
     "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
@@ -169,8 +178,8 @@ class Check:
 def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
-    """A check by its name in `LIMITS` or `GRIP_LIMITS`; NaN never passes."""
-    limit = LIMITS[name] if name in LIMITS else GRIP_LIMITS[name]
+    """A check by its name in the tables of limits; NaN never passes."""
+    limit = (LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

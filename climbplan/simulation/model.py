@@ -22,6 +22,7 @@ from climbplan.robots.rotations import Array
 from climbplan.simulation.chain_limb import chain_limb, motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.worlds.ground import moved_terrain
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
 
@@ -31,6 +32,9 @@ TIME_STEP = 1e-3  # [s]
 TOE_RADIUS = 0.0005  # [m]
 ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
+_NOT_SCANNED = ("left", "right", "ground", "panel", "tube")  # stated by keys of their own
+_AROUND = 0.15  # [m] about toes in which raw triangles of a scan are simulated
+_PRISM = 0.02  # [m] of material behind them
 _STAVES = 96  # flat pieces of a tube
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 
@@ -94,9 +98,12 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     terrain = plan.terrain
     if conditions.world is not None:
         terrain = moved_terrain(terrain, conditions.world)
-    for index, surface in enumerate(terrain.surfaces):
-        world += _surface(index, surface, conditions.friction, assets)
     friction = float(np.min(plan.instants.mu)) * conditions.friction
+    if terrain.scan is not None:
+        world += raw_geoms(terrain.scan, plan.rounds.toes, friction, assets)
+    for index, surface in enumerate(terrain.surfaces):
+        if terrain.scan is None or surface.name in _NOT_SCANNED:
+            world += _surface(index, surface, conditions.friction, assets)
     for index, solid in enumerate(terrain.obstacles):
         mesh = _mesh(f"obstacle{index}", solid, assets)
         world.append(
@@ -278,6 +285,35 @@ def _surface(index: int, surface: Surface, factor: float, assets: list[str]) -> 
         return [_terrain_geom(name, _box(center, axes, half), friction)]
     deep = np.vstack([vertices, vertices - SLAB_THICKNESS * surface.normal])
     return [_terrain_geom(name, _mesh(name, Solid.from_points(name, deep), assets), friction)]
+
+
+def raw_geoms(scan: RawSurface, toes: Array, friction: float, assets: list[str]) -> list[str]:
+    """The raw triangles of a scan as thin prisms, those within a stride of toes (..., 3).
+
+    Their fronts are the toe's radius behind the triangles, so that toes stand on these.
+    """
+    corners = scan.corners
+    low, high = corners.min(axis=1) - _AROUND, corners.max(axis=1) + _AROUND
+    places = np.unique(np.round(toes.reshape(-1, 3), 3), axis=0)
+    near = np.zeros(len(corners), bool)
+    for place in places:
+        near |= ((place >= low) & (place <= high)).all(axis=1)
+    out = []
+    for t in np.flatnonzero(near):
+        doubled = np.cross(corners[t, 1] - corners[t, 0], corners[t, 2] - corners[t, 0])
+        normal = doubled / np.linalg.norm(doubled)
+        front = corners[t] - TOE_RADIUS * normal
+        name = f"scan{t}"
+        assets.append(_prism(name, np.vstack([front, front - _PRISM * normal])))
+        shape = f'type="mesh" mesh="{name}" pos="{_numbers(front.mean(axis=0))}"'
+        out.append(_terrain_geom(name, shape, friction, links=True))
+    return out
+
+
+def _prism(name: str, vertices: Array) -> str:
+    """A triangle's prism as a mesh about the middle of its front."""
+    own = vertices - vertices[:3].mean(axis=0)
+    return f'<mesh name="{name}" inertia="shell" vertex="{_numbers(own)}"/>'
 
 
 def _box(center: Array, axes: Array, half: Array) -> str:

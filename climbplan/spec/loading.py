@@ -101,7 +101,7 @@ def _loaded(document: Document, text: SourceText) -> LoadedClimb:
 
 
 def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot]:
-    root_paths(document, [("task", "start", "plan")])
+    root_paths(document, [("task", "start", "plan"), ("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "climb", ClimbSpec)
     robot, robot_mistakes = any_robot_of_document(document, text.directory)
     findings += check_parts(_parts(document, robot))

@@ -15,6 +15,7 @@ from climbplan.robots.rotations import Array
 from climbplan.spec.climb.panel import HoldSpec, PanelSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
 from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
@@ -39,6 +40,7 @@ class Terrain:
     allowed: NDArray[np.bool_]  # (N, R) limb i may stand on surface r
     obstacles: tuple[Solid, ...]
     free_choices: tuple[tuple[FreeRegion, ...], ...]  # the body is in one region of every choice
+    scan: RawSurface | None = None  # what the regions were found in
 
     @property
     def curved(self) -> bool:
@@ -53,7 +55,12 @@ class Terrain:
     @cached_property
     def stood_upon(self) -> NDArray[np.bool_]:
         """(N, O) obstacles with a face on which a surface lies that limb i may stand on."""
-        lies = [[_lies_on(surface, solid) for solid in self.obstacles] for surface in self.surfaces]
+        # Regions of a scan lie as near to what was scanned as they were asked to
+        near = _ON_FACE if self.scan is None else self.scan.flatness
+        lies = [
+            [_lies_on(surface, solid, near) for solid in self.obstacles]
+            for surface in self.surfaces
+        ]
         return self.allowed @ np.array(lies, bool).reshape(len(self.surfaces), len(self.obstacles))
 
     @property
@@ -68,13 +75,13 @@ class Terrain:
         return int(candidates[int(np.argmin(distances))])
 
 
-def _lies_on(surface: Surface, solid: Solid) -> bool:
-    """Whether a flat surface covers part of a face of a solid."""
+def _lies_on(surface: Surface, solid: Solid, near: float) -> bool:
+    """Whether a flat surface covers part of a face of a solid, within `near` [m]."""
     if not isinstance(surface, Region):
         return False
     distance = surface.vertices @ solid.A.T - solid.b  # (V, F)
-    on_face = np.abs(distance).max(axis=0) < _ON_FACE
-    inside = bool((distance < _ON_FACE).all())
+    on_face = np.abs(distance).max(axis=0) < near
+    inside = bool((distance < near).all())
     return inside and bool((on_face & (solid.A @ surface.normal > 0)).any())
 
 
@@ -129,6 +136,8 @@ def _box_top(box: BoxSpec, friction: float) -> Region:
 def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
     """Warn where regions of one plane overlap and differ in friction: either may be picked."""
     flat = [s for s in surfaces if isinstance(s, Region)]
+    if len({region.friction for region in flat}) == 1:
+        return  # of a scan there may be a thousand
     for first, second in itertools.combinations(flat, 2):
         same_plane = (
             first.normal @ second.normal > 1 - 1e-9 and abs(first.offset - second.offset) < 1e-6

@@ -17,6 +17,7 @@ from climbplan.climb.check.clearance import (
 )
 from climbplan.climb.check.motion_state import Motion, motion_of
 from climbplan.climb.check.pressing import pressing_checks
+from climbplan.climb.check.scan import judge_scan_links
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Index, Mask
@@ -163,6 +164,8 @@ def _clearance(motion: Motion) -> Iterator[Check]:
 
     yield judge_link_depths("trajectory.clearance", motion.subject, depth, moment, margin)
     yield judge_capsules("trajectory.capsules", motion.subject, chains, moment)
+    if motion.subject.plan.terrain.scan is not None:
+        yield judge_scan_links("scan.trajectory", motion.subject, chains, moment)
 
 
 def _swinging_between(motion: Motion, points: Array, samples: Index, share: float) -> Array:

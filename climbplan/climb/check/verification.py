@@ -25,6 +25,7 @@ from climbplan.climb.check.forces import force_checks
 from climbplan.climb.check.grips import gripper_check
 from climbplan.climb.check.plausibility import implausible_climb
 from climbplan.climb.check.postures import posture_checks
+from climbplan.climb.check.scan import scan_checks
 from climbplan.climb.check.spec import answering, spec_checks
 from climbplan.climb.check.statics import static_checks
 from climbplan.climb.check.subject import subject_of
@@ -79,6 +80,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from force_checks(subject)
     yield from static_checks(subject)
     yield from clearance_checks(subject)
+    yield from scan_checks(subject)
     yield from trajectory_checks(subject)
 
 

@@ -112,6 +112,13 @@ ALLOWED = Layout(("N", "R"), kind="bool")
 VERTICES = Layout(("*", 3), "m", "world")
 HALF_SPACES = {"A": Layout(("*", 3), "", "world"), "b": Layout(("*",), "m")}
 
+# terrain/scan, attributes `flatness` and `toe_radius` [m]: the raw surface near the way
+SCAN = {
+    "vertices": Layout(("*", 3), "m", "world"),
+    "triangles": Layout(("*", 3), kind="int"),
+}
+SCAN_NUMBERS = ("flatness", "toe_radius")
+
 SEQUENCES = {
     "cost": Layout(("Q",)),
     "safety_torque": Layout(("Q",), may_be_infinite=True),

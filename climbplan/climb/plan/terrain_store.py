@@ -12,6 +12,7 @@ from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
 from climbplan.terrain.holds import Hold
 from climbplan.terrain.model import FreeRegion, Terrain
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
@@ -32,6 +33,12 @@ def write_terrain(group: h5py.Group, terrain: Terrain) -> None:
         options = choices.create_group(_key(index))
         for option, free in enumerate(choice):
             _write_half_spaces(options.create_group(_key(option)), free)
+    if terrain.scan is not None:
+        scan = group.create_group("scan")
+        for name, shape in layout.SCAN.items():
+            write_dataset(scan, name, vars(terrain.scan)[name], shape)
+        for name in layout.SCAN_NUMBERS:
+            scan.attrs[name] = float(vars(terrain.scan)[name])
 
 
 def read_terrain(reader: Reader, where: str) -> Terrain:
@@ -59,7 +66,19 @@ def read_terrain(reader: Reader, where: str) -> Terrain:
         for choice in reader.members(f"{where}/free_choices")
     )
     allowed = reader.array(f"{where}/allowed", layout.ALLOWED)
-    return Terrain(surfaces, allowed, obstacles, choices)
+    scan = _read_scan(reader, f"{where}/scan") if reader.has(f"{where}/scan") else None
+    return Terrain(surfaces, allowed, obstacles, choices, scan)
+
+
+def _read_scan(reader: Reader, where: str) -> RawSurface:
+    fields: dict[str, Any] = {
+        name: reader.array(f"{where}/{name}", shape) for name, shape in layout.SCAN.items()
+    }
+    triangles, corners = fields["triangles"], len(fields["vertices"])
+    if not len(triangles) or triangles.min() < 0 or triangles.max() >= corners:
+        raise reader.refuse(f"{where}/triangles names a corner that is not there, or is empty")
+    fields |= {name: reader.number(where, name) for name in layout.SCAN_NUMBERS}
+    return RawSurface(**fields)
 
 
 def _key(index: int) -> str:

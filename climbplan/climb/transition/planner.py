@@ -21,7 +21,7 @@ from climbplan.climb.plan.climb_plan import (
     Trajectory,
 )
 from climbplan.climb.planner import deflection_warnings, step_limits
-from climbplan.climb.scene import Stance
+from climbplan.climb.scene import Stance, on_scan
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.climb.transition.gait import plan_instants
 from climbplan.climb.transition.homotopy import run_start
@@ -168,6 +168,7 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
+    loaded = on_scan(loaded)
     options = loaded.spec.solver
     try:
         scene = build_transition(loaded)

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.proof import no_support, out_of_reach
-from climbplan.climb.scene import MotionScene, Stance, stance_of, warn_of_backs
+from climbplan.climb.scene import MotionScene, Stance, stance_of, warn_of_backs, with_scan
 from climbplan.errors import (
     Conflict,
     Infeasible,
@@ -47,6 +47,7 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
     spec = loaded.spec
     robot = with_stance(Robot.from_spec(loaded.robot), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
+    terrain = with_scan(terrain, spec, robot, loaded.directory)
     mistakes: list[SpecMistake] = []
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.errors import UsageError
 from climbplan.robots.rotations import Array
 from climbplan.simulation.worlds.world import World
 from climbplan.terrain.model import Terrain
@@ -14,7 +15,16 @@ from climbplan.terrain.surfaces import Region, Surface, Tube
 
 
 def moved_terrain(terrain: Terrain, world: World) -> Terrain:
-    """Surfaces shifted, turned and with their own friction; obstacles go with what lies on them."""
+    """Surfaces shifted, turned and with their own friction; obstacles go with what lies on them.
+
+    Raises UsageError where toes stand on the triangles of a scan, which are one piece.
+    """
+    own = world.surface.any() or world.tilt.any() or (world.friction != 1.0).any()
+    if terrain.scan is not None and own:
+        raise UsageError(
+            "the triangles of a scan are one piece: worlds of this plan need uncertainty.friction, "
+            "surface_mm and surface_tilt_deg 0"
+        )
     surfaces = tuple(
         _moved(surface, world, index) for index, surface in enumerate(terrain.surfaces)
     )

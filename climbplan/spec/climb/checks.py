@@ -97,7 +97,7 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
     terrain = parts.terrain
     if terrain is None or parts.robot is None or terrain.walls or terrain.tube:
         return []
-    if terrain.ground is not None:
+    if terrain.ground is not None or (terrain.scan is not None and terrain.scan.fit):
         return []
     picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
     if terrain.panel is not None:

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Interval, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.panel import PanelSpec
+from climbplan.spec.climb.scan import ScanSpec
 from climbplan.spec.climb.shapes import hull_fault, polygon_fault
 
 
@@ -180,18 +181,23 @@ class TerrainSpec(SpecModel):
         default=(), description="solid boxes whose tops limbs may stand on"
     )
     tube: TubeSpec | None = Field(default=None, description="round tube instead of flat regions")
+    scan: ScanSpec | None = Field(
+        default=None, description="mesh, point cloud or height map of the terrain"
+    )
     obstacles: tuple[SolidSpec, ...] = Field(
         default=(), description="solids that body, limbs and swing paths must clear"
     )
     free_regions: tuple[SolidSpec, ...] = Field(
         default=(),
-        description="convex free space for the body; derived from `obstacles` if left out",
+        description="convex free space for the body; derived from `obstacles` or found "
+        "in `scan` if left out",
     )
 
     @model_validator(mode="after")
     def _some_surface(self) -> Self:
         flat = bool(self.regions or self.boxes) or self.walls is not None
         flat = flat or self.ground is not None or self.panel is not None
+        flat = flat or (self.scan is not None and self.scan.fit)
         faults = []
         if self.tube is not None and flat:
             faults.append(

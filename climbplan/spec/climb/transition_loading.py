@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
+from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.climb.checks import ClimbParts, check_parts
 from climbplan.spec.climb.motion_loading import part_of, robot_of_document
 from climbplan.spec.climb.terrain import TerrainSpec
@@ -62,6 +63,7 @@ def transition_of_document(document: Document, text: SourceText) -> LoadedTransi
     Raises:
         SpecError: with every mistake in it.
     """
+    root_paths(document, [("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "transition", TransitionSpec)
     robot, robot_mistakes = robot_of_document(document, text.directory)
     task = part_of(document, "task", TransitionTaskSpec)

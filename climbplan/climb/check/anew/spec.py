@@ -83,7 +83,8 @@ def _terrain_check(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Rob
         terrain = build_terrain(spec.terrain, robot)
     except ClimbplanError as error:
         return judge("terrain.spec", float("inf"), str(error).splitlines()[0])
-    worst = largest(parts_apart("terrain", plan.terrain, terrain))
+    # The raw surface of a scan is in no spec: the checks scan.* hold the plan against it
+    worst = largest(parts_apart("terrain", replace(plan.terrain, scan=None), terrain))
     return judge("terrain.spec", worst.size, _told(worst, plan.robot))
 
 

@@ -21,6 +21,7 @@ from climbplan.climb.limb_clearance import (
     limb_shortfall,
 )
 from climbplan.climb.plan.climb_plan import Instants, Rounds
+from climbplan.climb.raw_clearance import closest_raw
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
 from climbplan.errors import NotProved, ReachFailure
@@ -139,12 +140,18 @@ def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterat
         yield Violation("limbs.clearance", -np.inf, "m", "no obstacles")
         return
     points = limb_points(scene, instants.com, instants.rpy, instants.toes)
-    found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
-    k, limb = found.index
-    name, where = standing.limb, standing.where
-    if room - found.distance > standing.missing:
-        name, where = limb, instants.label(k, scene.robot.limb_names)
-    amount = max(standing.missing, room - found.distance)
+    name, where, amount = standing.limb, standing.where, standing.missing
+    near = []
+    if obstacles:
+        found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
+        near.append((found.distance, found.index))
+    if scene.terrain.scan is not None:
+        raw = closest_raw(scene.terrain.scan, points, room, scene.robot.limb_radius)
+        near.append((raw.distance, raw.index))
+    for distance, (k, limb) in near:
+        if room - distance > amount:
+            name, where = limb, instants.label(k, scene.robot.limb_names)
+            amount = room - distance
     where += f", limb {scene.robot.limb_names[name]}"
     yield Violation("limbs.clearance", amount, "m", where)
     if amount > TOLERANCE:

@@ -1,0 +1,58 @@
+"""`climbplan fit-terrain`: contact regions of a mesh, a point cloud or a height map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.options import Force, Json, Out, Quiet, Verbose
+from climbplan.cli.quick import NoReport
+
+
+def fit_terrain(
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh, point cloud or height map.")],
+    out: Out = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", "-s", metavar="KEY=VALUE", help="A key of terrain.scan: flatness=0.003."
+        ),
+    ] = None,
+    no_report: NoReport = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    force: Force = False,
+) -> None:
+    """Find where toes may stand in a scanned surface, and show it.
+
+    FILE: a mesh (STL, OBJ, PLY, GLB, DAE), a point cloud (PCD, PLY, XYZ, NPY, LAS) or a height map
+    (TIFF, PNG, NPY, CSV, with `--set cell=0.02`). Prints the path of terrain.yaml, the part
+    `terrain:` of a spec with all regions, to be edited; beside it report.json and report.html.
+    """
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+
+    session = context.ensure_object(Session)
+    target = out if out is not None else Path("outputs", file.stem)
+    with OutputDirectory(target, force=force) as directory:
+        from climbplan.reports.fits.terrain_report import RESULT, report_dict, write_report
+        from climbplan.scan.study import fit, scan_of
+
+        scan = scan_of(file, settings or [])
+        with StageProgress(session) as progress:
+            fitted = fit(scan, lambda part: progress.report("fit", part))
+        for note in fitted.raw.notes:
+            session.note(f"{file.stem}   {note}")
+        session.note(f"{file.stem}   {fitted.headline}")
+        report = report_dict(fitted, file.stem)
+        write_report(fitted, report, directory.path, page=not no_report)
+        directory.publish()
+    if as_json:
+        print_json({**report, "file": str(target / RESULT)})
+    else:
+        print_result(str(target / RESULT))

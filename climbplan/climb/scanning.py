@@ -1,0 +1,238 @@
+"""Terrain from a scan: contact regions and free space found and written into the spec.
+
+As with a start taken from another plan, the spec's text then says the same without the file.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+from functools import lru_cache
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.scan.fitting import FoundRegion, found_regions
+from climbplan.scan.free_space import FreeSpace, free_space, pieces_of
+from climbplan.scan.orienting import facing
+from climbplan.scan.raw import RawScan, ScanError, cropped
+from climbplan.scan.reading import read_scan
+from climbplan.spec.climb.motion import MotionSpec
+from climbplan.spec.climb.scan import ScanSpec
+from climbplan.spec.climb.transition import TransitionSpec
+from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.overrides import Override
+from climbplan.terrain.raw_surface import RawSurface
+
+_log = logging.getLogger(__name__)
+
+Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
+
+_KEY = "terrain.scan"
+_BESIDE = 0.1  # [m] beyond reach that counts, too: toes swing over edges
+NAME = "scan"  # of regions found in one, with a number
+
+
+def scanned(loaded: Loaded) -> Loaded:
+    """The spec with what its scan has near the way: contact regions, and free space for the body.
+
+    Listed regions are kept; listed free regions are taken instead of what would be found. Raises
+    SpecError for a scan that cannot be read, or has nothing within reach.
+    """
+    scan = loaded.spec.terrain.scan
+    if scan is None or not scan.fit:
+        return loaded
+    robot = build_robot(loaded.robot)
+    guide = guide_of(loaded.spec)
+    try:
+        raw = near_scan(scan, loaded.directory, guide, robot)
+        _tell(raw)
+        found = found_regions(raw, scan)
+    except ScanError as error:
+        raise _refused(loaded, f"{_KEY}.file", str(error)) from error
+    reached = [r for r in found if _in_reach(r, guide, robot)]
+    if not reached:
+        raise _refused(loaded, f"{_KEY}.file", _nothing(found, guide, robot))
+    listed: list[dict[str, object]] = [
+        r.model_dump(mode="json", exclude_unset=True) for r in loaded.spec.terrain.regions
+    ]
+    regions: list[dict[str, object]] = [
+        _as_spec(n, r, scan) for n, r in enumerate(reached, start=1)
+    ]
+    _log.info(
+        "scan      %d contact regions within reach, %.3g m2",
+        len(reached),
+        sum(r.area for r in reached),
+        extra={"note": True},
+    )
+    told = f"found in {scan.file}"
+    changes = [
+        Override("terrain.regions", json.dumps([*listed, *regions]), told),
+        Override("terrain.scan.fit", "false", told),
+    ]
+    if not loaded.spec.terrain.free_regions:
+        spaces = [_space(n, s) for n, s in enumerate(_spaces(loaded, raw, guide, robot), start=1)]
+        changes.append(Override("terrain.free_regions", json.dumps(spaces), told))
+    return loaded.with_overrides(changes)
+
+
+def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
+    """The scan near the way, as plans carry it; None where the terrain has none."""
+    scan = spec.terrain.scan
+    if scan is None:
+        return None
+    raw = near_scan(scan, directory, guide_of(spec), robot)
+    return RawSurface(raw.vertices, raw.triangles, scan.flatness, scan.toe_radius)
+
+
+def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
+    """What of a scan lies within reach of the way (P, 3), facing the way's free space."""
+    text = scan.model_dump_json(
+        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg"}
+    )
+    whole = _whole(text, directory, _stamp(directory / scan.file))
+    turned = facing(whole, guide[0])
+    near = farthest(robot) + _BESIDE
+    raw = cropped(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
+    if not len(raw.triangles):
+        away = np.linalg.norm(whole.vertices - guide[0], axis=1).min()
+        raise ScanError(
+            f"{scan.file}: the scan does not come near the way, its nearest corner is {away:.2f} m "
+            f"from the start; the robot reaches {farthest(robot):.2f} m"
+        )
+    return raw
+
+
+@lru_cache(maxsize=4)
+def _whole(scan: str, directory: Path, stamp: tuple[int, ...]) -> RawScan:
+    return read_scan(ScanSpec.model_validate_json(scan), directory)
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    try:
+        found = path.stat()
+    except OSError:
+        return ()
+    return (found.st_mtime_ns, found.st_size)
+
+
+def _tell(raw: RawScan) -> None:
+    for note in raw.notes:
+        _log.info("scan      %s", note, extra={"note": True})
+
+
+def guide_of(spec: MotionSpec) -> Array:
+    """The body's way (P, 3): from the start by the points of the scan's guide to the goal."""
+    scan = spec.terrain.scan
+    between = list(scan.guide) if scan is not None else []
+    points = [spec.task.start.com, *between, spec.task.goal.com]
+    if isinstance(spec, TransitionSpec) and spec.climb is not None:
+        points.append(spec.climb.goal.com)
+    return np.array(points, float)
+
+
+def farthest(robot: Robot) -> float:
+    """How far from the body's origin a toe can be [m]."""
+    return float(np.linalg.norm(robot.shoulder_body, axis=1).max() + robot.reach)
+
+
+def _along(guide: Array) -> Array:
+    """Points (K, 3) of the way, 5 cm apart at most."""
+    pieces = []
+    for start, end in itertools.pairwise(guide):
+        count = max(1, int(np.ceil(np.linalg.norm(end - start) / 0.05)))
+        pieces.append(start + np.linspace(0, 1, count + 1)[:, None] * (end - start))
+    return np.concatenate(pieces)
+
+
+def _in_reach(region: FoundRegion, guide: Array, robot: Robot) -> bool:
+    """Whether some place of the way is before a region and near enough."""
+    return _distance(region, guide) <= farthest(robot)
+
+
+def _distance(region: FoundRegion, guide: Array) -> float:
+    """Least distance of a region from those places of the way that it faces; infinite for none."""
+    places = _along(guide)
+    height = (places - region.vertices[0]) @ region.normal
+    before = height > 0
+    if not before.any():
+        return float("inf")
+    places, height = places[before], height[before]
+    feet = places - height[:, None] * region.normal
+    corners = region.vertices
+    edges = np.roll(corners, -1, axis=0) - corners
+    out = np.cross(edges, region.normal)
+    inside = ((feet[:, None] - corners) * out).sum(axis=-1).max(axis=1) <= 0
+    share = ((feet[:, None] - corners) * edges).sum(axis=-1) / (edges**2).sum(axis=-1)
+    nearest = corners + np.clip(share, 0, 1)[..., None] * edges
+    flat = np.linalg.norm(feet[:, None] - nearest, axis=-1).min(axis=1)
+    return float(np.hypot(np.where(inside, 0.0, flat), height).min())
+
+
+def _nothing(found: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
+    reach = f"the robot reaches {farthest(robot):.2f} m from its body's way"
+    if not found:
+        return (
+            f"no contact region in it near the way, expected flat places at least `least_size` "
+            f"wide within `flatness`; {reach}"
+        )
+    nearest = min(_distance(r, guide) for r in found)
+    if np.isinf(nearest):
+        return (
+            f"{len(found)} contact regions near the way, none of which faces it: the way lies "
+            f"behind or within the surface"
+        )
+    return f"{len(found)} contact regions, the nearest {nearest:.2f} m from the way; {reach}"
+
+
+def _as_spec(number: int, region: FoundRegion, scan: ScanSpec) -> dict[str, object]:
+    out: dict[str, object] = {"name": f"{NAME} {number}", "vertices": region.vertices.tolist()}
+    if region.label in scan.friction:
+        out["friction"] = scan.friction[region.label]
+    return out
+
+
+def _spaces(
+    loaded: LoadedClimb | LoadedTransition, raw: RawScan, guide: Array, robot: Robot
+) -> list[FreeSpace]:
+    """Free space along the way; raises SpecError where the body does not pass."""
+    spec = loaded.spec
+    hulls = [
+        robot.body_hull @ rotation_world_body(np.deg2rad(rpy)).T
+        for rpy in (spec.task.start.rpy_deg, spec.task.goal.rpy_deg)
+    ]
+    hull = np.concatenate(hulls) if not np.allclose(hulls[0], hulls[1]) else hulls[0]
+    spaces = [free_space(ends, hull, raw.corners) for ends in pieces_of(guide)]
+    for space in spaces:
+        if space.least_room <= 0 or len(space.vertices) < 4:
+            place = ", ".join(f"{v:.2f}" for v in space.place)
+            raise _refused(
+                loaded,
+                _KEY,
+                f"the body's way from start to goal meets the scan near ({place}); expected a way "
+                f"that is free: another `task.goal.com`, or points to pass in `{_KEY}.guide`",
+            )
+    return spaces
+
+
+def _space(number: int, space: FreeSpace) -> dict[str, object]:
+    return {"name": f"free {number}", "vertices": space.vertices.tolist()}
+
+
+def _refused(loaded: LoadedClimb | LoadedTransition, key: str, message: str) -> SpecError:
+    return loaded.placed(SpecError(loaded.source, [SpecMistake(key, message)]))
+
+
+def with_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
+    """As `raw_surface`; raises UsageError for a file that cannot be read any more."""
+    try:
+        return raw_surface(spec, directory, robot)
+    except ScanError as error:
+        raise UsageError(str(error)) from error

@@ -1,0 +1,142 @@
+"""The report of a scan: terrain.yaml, report.json, a page with pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from climbplan.reports import palette
+from climbplan.reports.page_parts import Card, escape, pairs
+from climbplan.reports.page_template import fill, frame_fields, number_table
+from climbplan.reports.sheet import heading, new_figure, plain, png
+from climbplan.scan.study import FittedScan
+from climbplan.spec.yaml_source import write_yaml
+
+RESULT = "terrain.yaml"
+_LISTED = 200  # regions in the page's table; all are in terrain.yaml
+_DRAWN = 12_000  # triangles of a picture, the largest
+_DIGITS = 9  # of a coordinate [m]
+_FRICTION = 1.0  # of terrain.yaml, to be edited
+_VIEWS = ((28, -60), (28, 120), (85, -90))  # elevation, azimuth [deg]
+
+
+def report_dict(fitted: FittedScan, name: str) -> dict[str, Any]:
+    """Key figures as JSON-ready values, SI units."""
+    vertices = fitted.raw.vertices
+    return {
+        "name": name,
+        "file_read": fitted.scan.file,
+        "triangles": len(fitted.raw.triangles),
+        "area": fitted.area,
+        "lower": vertices.min(axis=0).tolist(),
+        "upper": vertices.max(axis=0).tolist(),
+        "flatness": fitted.scan.flatness,
+        "regions": len(fitted.regions),
+        "regions_area": fitted.found_area,
+        "notes": list(fitted.raw.notes),
+        "units": {"area": "m^2", "regions_area": "m^2", "flatness": "m", "lower": "m"},
+    }
+
+
+def terrain_text(fitted: FittedScan) -> str:
+    """The part `terrain:` of a spec, with every region."""
+    scan = fitted.scan.model_dump(mode="json", exclude_unset=True)
+    regions = [
+        {"name": f"scan {n}", "vertices": np.round(r.vertices, _DIGITS).tolist()}
+        | ({"friction": scan["friction"][r.label]} if r.label in fitted.scan.friction else {})
+        for n, r in enumerate(fitted.regions, start=1)
+    ]
+    body = {"terrain": {"friction": _FRICTION, "scan": {**scan, "fit": False}, "regions": regions}}
+    return (
+        f"# {fitted.headline}.\n"
+        "# ASSUMED: friction. With `scan.fit: true` and no regions, each plan finds its own.\n"
+        + write_yaml(body)
+    )
+
+
+def write_report(fitted: FittedScan, report: dict[str, Any], directory: Path, page: bool) -> None:
+    """Write terrain.yaml and report.json, and the page with its pictures."""
+    (directory / RESULT).write_text(terrain_text(fitted), encoding="utf-8")
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    (directory / "report.json").write_text(f"{text}\n", encoding="utf-8")
+    if not page:
+        return
+    images = {"terrain.png": png(_figure(fitted, report["name"]))}
+    (directory / "figures").mkdir()
+    for name, image in images.items():
+        (directory / "figures" / name).write_bytes(image)
+    (directory / "report.html").write_text(_page(fitted, report, images), encoding="utf-8")
+
+
+def _figure(fitted: FittedScan, name: str) -> Figure:
+    figure = new_figure(4.6, entries=0)
+    heading(figure, plain(name), fitted.headline)
+    corners = fitted.raw.corners
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    largest = np.argsort(-np.linalg.norm(doubled, axis=1), kind="stable")[:_DRAWN]
+    low, high = fitted.raw.vertices.min(axis=0), fitted.raw.vertices.max(axis=0)
+    size = np.maximum(high - low, 0.05 * float((high - low).max()))
+    for number, (elevation, azimuth) in enumerate(_VIEWS, start=1):
+        ax: Any = figure.add_subplot(1, len(_VIEWS), number, projection="3d")
+        ax.add_collection3d(
+            Poly3DCollection(
+                corners[largest],
+                facecolor="#C9D1DA",
+                edgecolor="#9AA5B1",
+                linewidth=0.1,
+                alpha=0.25,
+            )
+        )
+        faces = [r.vertices + 2e-3 * r.normal for r in fitted.regions]
+        colors = [palette.limb_color(k) for k in range(len(faces))]
+        ax.add_collection3d(
+            Poly3DCollection(faces, facecolor=colors, edgecolor="white", linewidth=0.2, alpha=0.9)
+        )
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+        ax.set_box_aspect(size, zoom=1.15)
+        ax.view_init(elevation, azimuth)
+        ax.tick_params(labelsize=7)
+        ax.set_xlabel("x [m]", fontsize=8)
+        ax.set_ylabel("y [m]", fontsize=8)
+    return figure
+
+
+def _page(fitted: FittedScan, report: dict[str, Any], images: dict[str, bytes]) -> str:
+    cards = [
+        Card("Triangles", str(report["triangles"]), f"{report['area']:.3g} m² of surface"),
+        Card("Contact regions", str(report["regions"]), f"{report['regions_area']:.3g} m²"),
+        Card("Flatness", f"{1e3 * fitted.scan.flatness:g} mm", "from the raw surface, at most"),
+        Card("Room for toes", f"{1e3 * fitted.scan.toe_radius:g} mm", "from edges"),
+    ]
+    rows = [
+        (
+            f"scan {n}",
+            f"{1e4 * r.area:.1f}",
+            ", ".join(f"{v:.3f}" for v in r.middle),
+            ", ".join(f"{v:.2f}" for v in r.normal),
+            r.label,
+        )
+        for n, r in enumerate(fitted.regions[:_LISTED], start=1)
+    ]
+    notes = [("File", fitted.scan.file), *(("", note) for note in fitted.raw.notes)]
+    head = ("region", "area [cm²]", "middle [m]", "normal", "material")
+    return fill(
+        "terrain.html",
+        **frame_fields(
+            title=report["name"],
+            kicker=(report["name"], "terrain"),
+            badges=(f"{report['regions']} regions",),
+            good=True,
+            cards=cards,
+            images=images,
+        ),
+        verdict=escape(f"{fitted.headline}."),
+        table_note=escape(f"The largest {len(rows)} of {report['regions']}; all are in {RESULT}."),
+        table=number_table(head, rows),
+        notes=pairs(notes),
+    )

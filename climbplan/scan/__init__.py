@@ -1,0 +1,1 @@
+"""From scans to terrain: reading them, contact regions, graspable spots, free space."""

@@ -1,0 +1,190 @@
+"""Scans put in order: the same triangles in the same order whatever the file's was.
+
+Corners are put on a grid of a micrometre and numbered by their coordinates, triangles by their
+corners, so that everything made of them, sums included, does not depend on the file's order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from climbplan.robots.rotations import Array
+from climbplan.scan.compiling import compiled
+from climbplan.scan.raw import Index, RawScan, chosen
+
+GRID = 1e-6  # [m] corners closer than this are one
+MOST_TRIANGLES = 400_000  # more are thinned
+_LEAST_AREA = 1e-10  # [m^2]
+_NEIGHBOURS = 12  # of a point that may be an outlier
+_FAR = 4.0  # times the usual distance of neighbours
+
+
+def cleaned(raw: RawScan) -> RawScan:
+    """Triangles with an area, each once, wound like their neighbours, at most `MOST_TRIANGLES`."""
+    raw = ordered(raw)
+    if len(raw.triangles) > MOST_TRIANGLES:
+        raw = _thinned(raw)
+    turned = _wound_alike(raw)
+    count = int(turned.sum())
+    if count:
+        triangles = np.where(turned[:, None], raw.triangles[:, ::-1], raw.triangles)
+        noun = "triangle" if count == 1 else "triangles"
+        raw = replace(raw, triangles=triangles).noted(
+            f"{count} {noun} turned round, against most of the surface they belong to"
+        )
+        raw = ordered(raw)
+    open_edges = int((neighbours(raw.triangles) < 0).sum())
+    return raw.noted(f"{open_edges} open edges (borders and holes)") if open_edges else raw
+
+
+def ordered(raw: RawScan) -> RawScan:
+    """The same surface with corners merged, and empty and repeated triangles left out."""
+    keys = np.round(raw.vertices / GRID).astype(np.int64)
+    distinct, number = np.unique(keys, axis=0, return_inverse=True)
+    triangles = number.reshape(-1)[raw.triangles]
+    vertices = np.asarray(distinct * GRID, np.float64)
+    corners = vertices[triangles]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sound = np.linalg.norm(doubled, axis=1) > 2 * _LEAST_AREA
+    triangles, label = triangles[sound], raw.label[sound]
+    # The smallest corner first, then in order; winding stays
+    first = triangles.argmin(axis=1)
+    rows = np.arange(len(triangles))[:, None]
+    triangles = triangles[rows, (first[:, None] + np.arange(3)) % 3]
+    order = np.lexsort((label, triangles[:, 2], triangles[:, 1], triangles[:, 0]))
+    triangles, label = triangles[order], label[order]
+    again = np.append(False, (np.diff(triangles, axis=0) == 0).all(axis=1)) if len(order) else sound
+    notes = []
+    if not sound.all():
+        notes.append(f"{int((~sound).sum())} triangles without an area left out")
+    if again.any():
+        notes.append(f"{int(again.sum())} repeated triangles left out")
+    clean = replace(raw, vertices=vertices, triangles=triangles, label=label, normals=None)
+    return chosen(clean, ~again).noted(*notes)
+
+
+def neighbours(triangles: Index) -> Index:
+    """(T, 3) the triangle across each edge (corner k to k + 1), -1 where there is not just one."""
+    count = len(triangles)
+    if not count:
+        return np.zeros((0, 3), np.int64)
+    edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
+    flat = edges.reshape(-1, 2)
+    key = flat[:, 0] * (int(triangles.max()) + 1) + flat[:, 1]
+    order = np.argsort(key, kind="stable")
+    sorted_key = key[order]
+    new = np.append(True, sorted_key[1:] != sorted_key[:-1])
+    group = np.cumsum(new) - 1
+    pairs = np.bincount(group) == 2
+    starts = np.flatnonzero(new)[pairs]
+    across = np.full(3 * count, -1, np.int64)
+    one, other = order[starts], order[starts + 1]
+    across[one], across[other] = other // 3, one // 3
+    return across.reshape(count, 3)
+
+
+def components(triangles: Index) -> Index:
+    """(T,) number of the connected surface that each triangle belongs to."""
+    across = neighbours(triangles)
+    own, side = np.nonzero(across >= 0)
+    graph = sparse.coo_matrix(
+        (np.ones(len(own), np.int8), (own, across[own, side])), shape=(len(triangles),) * 2
+    )
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def areas(raw: RawScan) -> Array:
+    """(T,) [m^2]."""
+    corners = raw.corners
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(np.linalg.norm(doubled, axis=1) / 2)
+
+
+def _wound_alike(raw: RawScan) -> np.ndarray:
+    """(T,) triangles to turn round, so that each surface faces as most of its area does."""
+    triangles = raw.triangles
+    across = neighbours(triangles)
+    side = sides_of(triangles, across)  # 0 or 1: relative to the first triangle of its surface
+    surface = components(triangles)
+    area = areas(raw)
+    total = np.bincount(surface, weights=area)
+    other = np.bincount(surface, weights=area * side)
+    most = other > total / 2
+    return np.asarray(side.astype(bool) != most[surface])
+
+
+@compiled
+def sides_of(triangles: Index, across: Index) -> Index:
+    """Whether each triangle is wound against the first of its surface, breadth first."""
+    count = len(triangles)
+    side = np.full(count, -1, np.int64)
+    queue = np.empty(count, np.int64)
+    for seed in range(count):
+        if side[seed] >= 0:
+            continue
+        side[seed] = 0
+        queue[0] = seed
+        head, tail = 0, 1
+        while head < tail:
+            t = queue[head]
+            head += 1
+            for k in range(3):
+                u = across[t, k]
+                if u < 0 or side[u] >= 0:
+                    continue
+                a, b = triangles[t, k], triangles[t, (k + 1) % 3]
+                same = False  # an edge run through in the same direction by both
+                for j in range(3):
+                    if triangles[u, j] == a and triangles[u, (j + 1) % 3] == b:
+                        same = True
+                side[u] = 1 - side[t] if same else side[t]
+                queue[tail] = u
+                tail += 1
+    return side
+
+
+def _thinned(raw: RawScan) -> RawScan:
+    """Corners of one cell of a grid put into their mean, with cells as wide as it takes."""
+    before = len(raw.triangles)
+    area = float(areas(raw).sum())
+    cell = np.sqrt(4.0 * area / MOST_TRIANGLES)  # two triangles a cell
+    while True:
+        keys = np.floor(raw.vertices / cell).astype(np.int64)
+        _distinct, number = np.unique(keys, axis=0, return_inverse=True)
+        number = number.reshape(-1)
+        shares = np.bincount(number)
+        means = np.column_stack(
+            [np.bincount(number, weights=raw.vertices[:, k]) / shares for k in range(3)]
+        )
+        moved = float(np.linalg.norm(raw.vertices - means[number], axis=1).max())
+        thin = ordered(replace(raw, vertices=means, triangles=number[raw.triangles]))
+        if len(thin.triangles) <= MOST_TRIANGLES:
+            break
+        cell *= 1.3
+    return replace(thin, notes=raw.notes).noted(
+        f"{before} triangles thinned to {len(thin.triangles)}, corners moved by up to "
+        f"{1e3 * moved:.1f} mm: `crop` keeps the details of a part"
+    )
+
+
+def without_outliers(cloud: RawScan) -> RawScan:
+    """A cloud without repeated points and those far from all others."""
+    keys = np.round(cloud.vertices / GRID).astype(np.int64)
+    _, first = np.unique(keys, axis=0, return_index=True)
+    points = cloud.vertices[first]
+    notes = []
+    if len(first) < len(keys):
+        notes.append(f"{len(keys) - len(first)} repeated points left out")
+    keep = np.ones(len(points), bool)
+    if len(points) > _NEIGHBOURS:
+        away = cKDTree(points).query(points, _NEIGHBOURS + 1)[0][:, 1:].mean(axis=1)
+        keep = away <= _FAR * np.median(away)
+    if not keep.all():
+        notes.append(f"{int((~keep).sum())} outliers left out, far from all other points")
+    normals = None if cloud.normals is None else cloud.normals[first][keep]
+    return replace(cloud, vertices=points[keep], normals=normals).noted(*notes)

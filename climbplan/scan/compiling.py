@@ -1,0 +1,9 @@
+"""The decorator of this room's compiled functions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from climbplan.solvers.compiling import compiler
+
+compiled = compiler(Path(__file__).parent, "*.py")

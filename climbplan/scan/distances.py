@@ -1,0 +1,140 @@
+"""Distances of segments from many triangles: links, and ways of toes, against a raw surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.scan.compiling import compiled
+from climbplan.scan.raw import Index
+
+
+@compiled
+def _point_triangle(p: Array, a: Array, b: Array, c: Array) -> float:
+    """Square of the distance of a point from a triangle (C. Ericson, 2004, section 5.1.5)."""
+    ab, ac, ap = b - a, c - a, p - a
+    d1 = ab[0] * ap[0] + ab[1] * ap[1] + ab[2] * ap[2]
+    d2 = ac[0] * ap[0] + ac[1] * ap[1] + ac[2] * ap[2]
+    v, w = 0.0, 0.0
+    bp = p - b
+    d3 = ab[0] * bp[0] + ab[1] * bp[1] + ab[2] * bp[2]
+    d4 = ac[0] * bp[0] + ac[1] * bp[1] + ac[2] * bp[2]
+    cp = p - c
+    d5 = ab[0] * cp[0] + ab[1] * cp[1] + ab[2] * cp[2]
+    d6 = ac[0] * cp[0] + ac[1] * cp[1] + ac[2] * cp[2]
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d1 <= 0 and d2 <= 0:
+        v, w = 0.0, 0.0
+    elif d3 >= 0 and d4 <= d3:
+        v, w = 1.0, 0.0
+    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+        v, w = d1 / (d1 - d3), 0.0
+    elif d6 >= 0 and d5 <= d6:
+        v, w = 0.0, 1.0
+    elif vb <= 0 and d2 >= 0 and d6 <= 0:
+        v, w = 0.0, d2 / (d2 - d6)
+    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        v = 1.0 - w
+    else:
+        total = va + vb + vc
+        v, w = vb / total, vc / total
+    out = 0.0
+    for k in range(3):
+        out += (ap[k] - v * ab[k] - w * ac[k]) ** 2
+    return out
+
+
+@compiled
+def _segments(p: Array, q: Array, r: Array, s: Array) -> float:
+    """Square of the distance of two segments p q and r s."""
+    u, v, w = q - p, s - r, p - r
+    a = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+    e = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    b = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    c = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+    f = v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+    det = a * e - b * b
+    x = 0.0
+    if det > 1e-14 * max(a * e, 1e-300):
+        x = min(max((b * f - c * e) / det, 0.0), 1.0)
+    y = (b * x + f) / e if e > 1e-300 else 0.0
+    if y < 0:
+        y = 0.0
+        x = min(max(-c / a, 0.0), 1.0) if a > 1e-300 else 0.0
+    elif y > 1:
+        y = 1.0
+        x = min(max((b - c) / a, 0.0), 1.0) if a > 1e-300 else 0.0
+    out = 0.0
+    for k in range(3):
+        out += (w[k] + x * u[k] - y * v[k]) ** 2
+    return out
+
+
+@compiled
+def _crosses(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
+    """Whether a segment passes through a triangle."""
+    along = q - p
+    e, f, s = b - a, c - a, p - a
+    px = along[1] * f[2] - along[2] * f[1]
+    py = along[2] * f[0] - along[0] * f[2]
+    pz = along[0] * f[1] - along[1] * f[0]
+    det = e[0] * px + e[1] * py + e[2] * pz
+    if abs(det) < 1e-18:
+        return False
+    u = (s[0] * px + s[1] * py + s[2] * pz) / det
+    if u < 0 or u > 1:
+        return False
+    qx = s[1] * e[2] - s[2] * e[1]
+    qy = s[2] * e[0] - s[0] * e[2]
+    qz = s[0] * e[1] - s[1] * e[0]
+    v = (along[0] * qx + along[1] * qy + along[2] * qz) / det
+    if v < 0 or u + v > 1:
+        return False
+    t = (f[0] * qx + f[1] * qy + f[2] * qz) / det
+    return 0 <= t <= 1
+
+
+@compiled
+def nearest_triangles(
+    starts: Array, ends: Array, corners: Array, enough: float
+) -> tuple[Array, Index]:
+    """Least distances (S,) of segments (S, 3) from triangles (T, 3, 3), and the nearest (S,).
+
+    Distances are `enough` [m] at most, with no nearest triangle (-1) then, and zero where a segment
+    passes through one.
+    """
+    out = np.full(len(starts), enough)
+    nearest = np.full(len(starts), -1, np.int64)
+    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
+    for t in range(len(corners)):
+        for k in range(3):
+            a, b, c = corners[t, 0, k], corners[t, 1, k], corners[t, 2, k]
+            low[t, k], high[t, k] = min(a, b, c), max(a, b, c)
+    for i in range(len(starts)):
+        p, q = starts[i], ends[i]
+        best = enough * enough
+        for t in range(len(corners)):
+            gap = 0.0
+            for k in range(3):
+                a, b = min(p[k], q[k]), max(p[k], q[k])
+                apart = max(low[t, k] - b, a - high[t, k])
+                if apart > 0:
+                    gap += apart * apart
+            if gap >= best:
+                continue
+            x, y, z = corners[t, 0], corners[t, 1], corners[t, 2]
+            if _crosses(p, q, x, y, z):
+                best, nearest[i] = 0.0, t
+                break
+            away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
+            away = min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z))
+            if away < best:
+                best, nearest[i] = away, t
+        out[i] = np.sqrt(best)
+    return out, nearest
+
+
+def segment_distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
+    """The distances of `nearest_triangles`."""
+    return nearest_triangles(starts, ends, corners, enough)[0]

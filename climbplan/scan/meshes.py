@@ -1,0 +1,73 @@
+"""Triangle meshes, read by trimesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.scan.raw import Index, RawScan, ScanError
+
+MESHES = (".stl", ".obj", ".ply", ".glb", ".dae", ".off")
+_COLLADA = "; DAE files need pycollada: pip install 'climbplan[scan]'"
+
+
+def read_mesh(path: Path) -> RawScan:
+    """All geometry of a file at its place in the scene; points where it has no triangles.
+
+    Materials of an OBJ and colours of faces or vertices become labels. Raises ScanError for what
+    trimesh cannot read.
+    """
+    import trimesh
+
+    suffix = path.suffix.lower().removeprefix(".")
+    try:
+        with path.open("rb") as file:
+            scene: Any = trimesh.load_scene(
+                file, file_type=suffix, process=False, maintain_order=True, allow_remote=False
+            )
+            parts = list(scene.dump()) if hasattr(scene, "dump") else [scene]
+    except Exception as error:  # whatever its readers trip over in a broken file
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        missing = (
+            _COLLADA if suffix == "dae" and isinstance(error, ImportError | ValueError) else ""
+        )
+        raise ScanError(f"{path}: not a {suffix.upper()} mesh ({reason}){missing}") from error
+    vertices: list[Array] = []
+    triangles: list[Index] = []
+    label: list[Index] = []
+    labels: dict[str, int] = {"": 0}
+    count = 0
+    for part in parts:
+        own = np.asarray(getattr(part, "vertices", np.zeros((0, 3))), float).reshape(-1, 3)
+        faces = np.asarray(getattr(part, "faces", np.zeros((0, 3))), np.int64).reshape(-1, 3)
+        if len(faces) and (faces.min() < 0 or faces.max() >= len(own)):
+            raise ScanError(f"{path}: a triangle names a corner that is not there")
+        vertices.append(own)
+        triangles.append(faces + count)
+        label.append(_labels(part, len(faces), labels))
+        count += len(own)
+    if not count:
+        raise ScanError(f"{path}: no geometry in it, expected triangles")
+    return RawScan(
+        np.concatenate(vertices),
+        np.concatenate(triangles).astype(np.int64),
+        np.concatenate(label),
+        tuple(labels),
+    )
+
+
+def _labels(part: Any, faces: int, labels: dict[str, int]) -> Index:
+    """(T,) the name of the material or the colour of every triangle, as numbers in `labels`."""
+    visual: Any = getattr(part, "visual", None)
+    kind = getattr(visual, "kind", None)
+    if faces and kind in ("face", "vertex"):
+        colors = np.asarray(visual.face_colors)[:, :3]
+        distinct, inverse = np.unique(colors, axis=0, return_inverse=True)
+        names = ["#" + "".join(f"{c:02x}" for c in color) for color in distinct.tolist()]
+        numbers = [labels.setdefault(name, len(labels)) for name in names]
+        return np.array(numbers, np.int64)[inverse.reshape(-1)]
+    name = getattr(getattr(visual, "material", None), "name", None) or ""
+    return np.full(faces, labels.setdefault(str(name), len(labels)), np.int64)

@@ -1,0 +1,73 @@
+"""Point clouds in the PCD format of the Point Cloud Library: ASCII and binary."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.scan.raw import ScanError
+
+_MOST = 100_000_000  # points
+_TYPES = {"F": "f", "I": "i", "U": "u"}
+
+
+def read_pcd(path: Path) -> tuple[Array, Array | None]:
+    """Points (P, 3) and normals (P, 3), None where the file has none; raises ScanError."""
+    with path.open("rb") as file:
+        header: dict[str, list[str]] = {}
+        for _ in range(64):
+            line = file.readline(4096)
+            words = line.decode("ascii", "replace").split()
+            if not line:
+                break
+            if not words or words[0].startswith("#"):
+                continue
+            header[words[0].upper()] = words[1:]
+            if words[0].upper() == "DATA":
+                break
+        body = file.read()
+    names = header.get("FIELDS", [])
+    if "DATA" not in header or not {"x", "y", "z"} <= set(names):
+        raise ScanError(f"{path}: not a PCD cloud, expected a header with FIELDS x y z and DATA")
+    try:
+        sizes = [int(s) for s in header["SIZE"]]
+        counts = [int(c) for c in header.get("COUNT", ["1"] * len(names))]
+        types = [_TYPES[t.upper()] for t in header["TYPE"]]
+        points = int(header["POINTS"][0])
+        columns = list(zip(names, types, sizes, counts, strict=True))
+        dtype = np.dtype([(f"{i} {n}", f"<{t}{s}", (c,)) for i, (n, t, s, c) in enumerate(columns)])
+    except (KeyError, IndexError, ValueError, TypeError) as error:
+        raise ScanError(
+            f"{path}: expected a PCD header with sound SIZE, TYPE, POINTS ({error})"
+        ) from error
+    if not 0 < points <= _MOST or not 0 < dtype.itemsize <= 4096:
+        raise ScanError(f"{path}: a PCD cloud of {points} points, expected 1 to {_MOST}")
+    kind = header["DATA"][0].lower() if header["DATA"] else ""
+    if kind == "binary":
+        if len(body) < points * dtype.itemsize:
+            raise ScanError(
+                f"{path}: cut off, expected {points} points in {points * dtype.itemsize} bytes, "
+                f"got {len(body)}"
+            )
+        table = np.frombuffer(body, dtype, points)
+        fields = {n.split(" ")[1]: table[n][:, 0].astype(float) for n in dtype.names or ()}
+    elif kind == "ascii":
+        try:
+            data = np.loadtxt(body.decode("ascii", "replace").splitlines(), ndmin=2)
+        except ValueError as error:
+            raise ScanError(f"{path}: expected PCD points of numbers ({error})") from error
+        starts = np.cumsum([0, *counts])
+        if data.shape != (points, starts[-1]):
+            expected = f"{points} rows of {starts[-1]} numbers"
+            raise ScanError(f"{path}: expected {expected}, got {data.shape}")
+        fields = {name: data[:, at] for name, at in zip(names, starts, strict=False)}
+    else:
+        raise ScanError(f"{path}: PCD data are {kind!r}, expected `ascii` or `binary`")
+    xyz = np.column_stack([fields[axis] for axis in "xyz"])
+    if not {"normal_x", "normal_y", "normal_z"} <= set(fields):
+        return xyz, None
+    normals = np.column_stack([fields[f"normal_{axis}"] for axis in "xyz"])
+    sound = np.isfinite(normals).all() and np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 0.1
+    return xyz, normals if sound else None

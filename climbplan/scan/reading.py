@@ -1,0 +1,126 @@
+"""From a file to a scan in the world. Nothing in a file is ever run."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.scan.cleaning import cleaned, without_outliers
+from climbplan.scan.clouds import CLOUDS, read_cloud
+from climbplan.scan.heights import HEIGHTS, read_heights
+from climbplan.scan.meshes import MESHES, read_mesh
+from climbplan.scan.raw import RawScan, ScanError, cropped, placed
+from climbplan.scan.relief import surface_of_cloud
+from climbplan.spec.climb.scan import ScanSpec
+
+_log = logging.getLogger(__name__)
+
+LARGEST_FILE = 2_000_000_000  # [bytes]
+LARGEST = 1000.0  # [m] beyond which lengths are another unit's
+SMALLEST = 0.05  # [m]
+EXPECTED = (
+    f"expected a mesh ({', '.join(MESHES)}), a point cloud ({', '.join(CLOUDS)}) or a height map "
+    f"({', '.join(HEIGHTS)})"
+)
+
+
+def read_scan(spec: ScanSpec, directory: Path) -> RawScan:
+    """The scan that a spec names, as clean triangles in the world; notes say what was done.
+
+    A relative path starts from `directory`. Raises ScanError with what is wrong with the file and
+    what was expected.
+    """
+    path = directory / spec.file
+    raw = _read(path, spec)
+    if not len(raw.vertices):
+        raise ScanError(f"{path}: empty, expected triangles, points or heights")
+    finite = np.asarray(np.isfinite(raw.vertices).all(axis=1))
+    if not finite.any():
+        raise ScanError(f"{path}: no coordinate is a number, expected lengths")
+    raw = _without_infinite(raw, finite)
+    raw = placed(raw, spec)
+    _require_size(raw, path, spec)
+    if spec.crop is not None:
+        lower, upper = np.array(spec.crop.lower), np.array(spec.crop.upper)
+        extent = _extent(raw)
+        raw = cropped(raw, lower, upper)
+        if not len(raw.vertices):
+            raise ScanError(f"{path}: nothing is left within `crop`; the scan reaches {extent}")
+    if not len(raw.triangles):
+        raw = surface_of_cloud(without_outliers(raw), path)
+    clean = cleaned(raw)
+    if not len(clean.triangles):
+        raise ScanError(f"{path}: no triangle has an area, expected a surface")
+    return clean
+
+
+def _read(path: Path, spec: ScanSpec) -> RawScan:
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        raise ScanError(f"{path}: a directory, {EXPECTED}")
+    if suffix not in (*MESHES, *CLOUDS, *HEIGHTS):
+        raise ScanError(f"{path}: unknown kind of file {suffix!r}, {EXPECTED}")
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ScanError(f"{path}: cannot be read ({reason.lower()}), {EXPECTED}") from error
+    if size == 0:
+        raise ScanError(f"{path}: empty file, {EXPECTED}")
+    if size > LARGEST_FILE:
+        raise ScanError(f"{path}: {size / 1e9:.1f} GB, expected at most {LARGEST_FILE / 1e9:g} GB")
+    try:
+        if suffix in HEIGHTS or (suffix == ".npy" and spec.cell is not None):
+            return read_heights(path, spec)
+        if suffix in MESHES:
+            raw = read_mesh(path)
+            if len(raw.triangles) or suffix != ".ply":
+                return raw
+        return read_cloud(path)
+    except ScanError:
+        raise
+    except OSError as error:
+        raise ScanError(f"{path}: cannot be read ({error}), {EXPECTED}") from error
+
+
+def _without_infinite(raw: RawScan, finite: np.ndarray) -> RawScan:
+    """Vertices that are no numbers, and triangles on them, left out and told."""
+    lost = int((~finite).sum())
+    if not lost:
+        return raw
+    keep = finite[raw.triangles].all(axis=1)
+    number = np.cumsum(finite) - 1
+    normals = None if raw.normals is None else raw.normals[finite]
+    note = f"{lost} points that are no numbers left out"
+    return RawScan(
+        raw.vertices[finite],
+        number[raw.triangles[keep]],
+        raw.label[keep],
+        raw.labels,
+        normals,
+        (*raw.notes, note),
+    )
+
+
+def _extent(raw: RawScan) -> str:
+    """Where a scan is: "x -1 to 1, y -1 to 1, z 0 to 2.5 m"."""
+    low, high = raw.vertices.min(axis=0), raw.vertices.max(axis=0)
+    ends = (f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high, strict=True))
+    return f"{', '.join(ends)} m"
+
+
+def _require_size(raw: RawScan, path: Path, spec: ScanSpec) -> None:
+    """Lengths that a robot could climb in; else the unit is another one."""
+    size = float(np.ptp(raw.vertices, axis=0).max())
+    if size > LARGEST and spec.crop is None:
+        raise ScanError(
+            f"{path}: {size:.4g} m across ({_extent(raw)}); is its unit the metre? Expected at "
+            f"most {LARGEST:g} m: `scale: 0.001` reads millimetres, `crop` takes a part"
+        )
+    if size < SMALLEST:
+        raise ScanError(
+            f"{path}: {1e3 * size:.3g} mm across; is its unit the metre? Expected at least "
+            f"{1e3 * SMALLEST:g} mm: `scale` gives the length of one unit of the file"
+        )

@@ -1,0 +1,94 @@
+"""Scans put in order: what is wrong with them is mended and told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_surfaces import block, box, grid, joined, plate, tube
+
+from climbplan.scan import cleaning
+from climbplan.scan.cleaning import cleaned, without_outliers
+from climbplan.scan.clouds import cloud
+from climbplan.scan.orienting import facing
+from climbplan.scan.raw import RawScan, ScanError, mesh
+from climbplan.scan.relief import surface_of_cloud
+
+
+def normals(raw: RawScan) -> np.ndarray:
+    corners = raw.corners
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def said(raw: RawScan, words: str) -> bool:
+    return any(words in note for note in raw.notes)
+
+
+def test_repeated_and_empty_triangles_are_left_out() -> None:
+    raw = block().raw
+    extra = np.array([raw.triangles[0], np.roll(raw.triangles[1], 1), [0, 1, 1]])
+    clean = cleaned(mesh(raw.vertices, np.concatenate([raw.triangles, extra])))
+    assert len(clean.triangles) == 12
+    assert said(clean, "1 triangles without an area")
+    assert said(clean, "2 repeated triangles")
+
+
+def test_triangles_wound_against_their_surface_are_turned_round() -> None:
+    raw = plate().raw
+    wrong = raw.triangles.copy()
+    wrong[::7] = wrong[::7, ::-1]
+    clean = cleaned(mesh(raw.vertices, wrong))
+    assert said(clean, "turned round")
+    assert (normals(clean) @ [0, -0.6, 0.8] > 0).all()
+
+
+def test_a_scan_of_too_many_triangles_is_thinned_and_told(monkeypatch) -> None:
+    monkeypatch.setattr(cleaning, "MOST_TRIANGLES", 1000)
+    line = np.linspace(0, 1, 61)
+    raw = grid(line, line, lambda u, v: 0.02 * np.sin(4 * u) * np.cos(3 * v))
+    thin = cleaned(raw)
+    assert 200 < len(thin.triangles) <= 1000
+    assert said(thin, f"{len(raw.triangles)} triangles thinned to {len(thin.triangles)}")
+
+
+def test_bodies_and_sheets_turn_to_face_the_free_place() -> None:
+    inside_out = block().raw
+    inside_out = replace(inside_out, triangles=inside_out.triangles[:, ::-1])
+    outside = facing(cleaned(inside_out), np.array([3.0, 0, 0]))
+    middle = outside.corners.mean(axis=1) - [0.25, 0.2, 0.15]
+    assert ((normals(outside) * middle).sum(axis=1) > 0).all()
+    room = facing(cleaned(box((0, 0, 0), (3, 3, 3))), np.array([1.0, 1, 1]))
+    assert ((normals(room) * (room.corners.mean(axis=1) - 1.5)).sum(axis=1) < 0).all()
+    under = facing(cleaned(plate().raw), np.array([0.5, 1.0, -1.0]))
+    assert (normals(under) @ [0, -0.6, 0.8] < 0).all()
+    kept = facing(cleaned(tube().raw), np.array([0, 0, 0.5]))
+    assert not said(kept, "turned to face")
+
+
+def test_a_cloud_loses_outliers_and_becomes_a_relief() -> None:
+    rng = np.random.default_rng(2)
+    points = np.column_stack([rng.uniform(0, 1, (3000, 2)), rng.normal(0, 5e-4, 3000)])
+    points = np.concatenate([points, [[0.5, 0.5, 3.0], [9, 9, 9]]])
+    clean = without_outliers(cloud(points))
+    assert said(clean, "2 outliers")
+    surface = cleaned(surface_of_cloud(clean, Path("cloud.xyz")))
+    assert np.linalg.norm(normals(surface), axis=1).sum() / 2 == pytest.approx(1.0, abs=0.05)
+    assert (normals(surface)[:, 2] > 0).all()
+
+
+def test_a_cloud_that_folds_over_itself_is_refused() -> None:
+    rng = np.random.default_rng(2)
+    ball = rng.normal(size=(4000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    with pytest.raises(ScanError, match=r"one above another.*expected a relief"):
+        surface_of_cloud(cloud(ball), Path("ball.xyz"))
+
+
+def test_two_bodies_keep_their_own_sides() -> None:
+    raw = joined(box((0, 0, 0), (1, 1, 1)), box((2, 0, 0), (3, 1, 1)))
+    turned = raw.triangles.copy()
+    turned[12:] = turned[12:, ::-1]
+    free = facing(cleaned(mesh(raw.vertices, turned)), np.array([1.5, 0.5, 0.5]))
+    assert said(free, "1 surface of 12 triangles")

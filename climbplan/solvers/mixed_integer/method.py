@@ -32,6 +32,7 @@ NAME = "branch-and-bound"
 _FIRST_ROOM = 256  # nodes
 _WORK = 2e8  # about how many entries of rows are looked at between two looks at the clock
 _TANGENTS = 120  # rows of room for the tangents of each ball, to begin with
+_PATIENCE = 4  # nodes for each leaf that is remembered
 _MEMORY = 600e6  # [bytes] of nodes
 _MOST_NODES = 10**9
 
@@ -122,6 +123,13 @@ class TreeRun:
         return min(bound, float(real[place.BEST]))
 
     @property
+    def finished(self) -> bool:
+        """Whether every node was closed by a proof."""
+        whole = self.search.whole
+        waiting = whole[place.HEAP] + (whole[place.NEXT] >= 0) + whole[place.UNPROVED]
+        return bool(waiting == 0)
+
+    @property
     def exhausted(self) -> bool:
         """Whether nothing is left open and everything was proved empty."""
         whole = self.search.whole
@@ -178,6 +186,11 @@ class TreeMemory:
         if leaves is not None and move is not None:
             leaves = leaves.moved(move(form))
         run = TreeRun.of(program, self.gap, self.tolerance, leaves)
+        if leaves is not None:
+            # What is remembered may fit badly: then it is dropped, after work that counts bound
+            run.go(begin + time_limit, min(nodes, _PATIENCE * len(leaves.low) + _FIRST_ROOM))
+            if not run.finished:
+                run = TreeRun.of(program, self.gap, self.tolerance)
         run.go(begin + time_limit, nodes)
         self.leaves = Leaves.of(program, form, run.search, run.tree)
         answer = answer_of(instance, form, run, begin, known)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from climbplan.api.loading import load
     from climbplan.api.plan import Plan, read
     from climbplan.api.planning import plan, verify
+    from climbplan.api.session import Session
     from climbplan.api.solving import Solution, solve
     from climbplan.api.stating import stated
     from climbplan.program.polytope import Polytope
@@ -42,6 +43,7 @@ __all__ = [
     "Problem",
     "Program",
     "RobotSpec",
+    "Session",
     "Solution",
     "TransitionSpec",
     "load",
@@ -61,6 +63,7 @@ _ROOMS = {
     "Problem": "program.problem",
     "Program": "program.statement",
     "RobotSpec": "spec.robots.robot",
+    "Session": "api.session",
     "Solution": "api.solving",
     "TransitionSpec": "spec.climb.transition",
     "load": "api.loading",

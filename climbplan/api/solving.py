@@ -92,11 +92,12 @@ class Solution:
 
 @ctrl_c_insists()
 def solve(
-    problem: Problem | Program, theta: Theta | None = None, *, method: str = "micp", **settings: Any
+    problem: Problem | Program, theta: Theta | None = None, *, method: str = "auto", **settings: Any
 ) -> Solution:
     """Solve a problem of your own.
 
-    theta: numbers by parameter block. method: such as "micp", "mpcc", "minlp-scip", "pinned",
+    theta: numbers by parameter block. method: such as "auto" (the own tree where it holds the
+    statement, else "micp"), "branch-and-bound", "micp", "mpcc", "minlp-scip", "pinned",
     "knn" (`climbplan.methods.table.METHODS`). settings: fields of
     `climbplan.methods.task.MethodSettings`, such as `gap=1e-3`, `time_limit=10.0` [s],
     `solver="scip"`; `library` and `model` may be files of `climbplan solve`, `gen-data` and

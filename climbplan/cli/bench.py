@@ -25,6 +25,7 @@ BENCHMARKS = {
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
     "limms": "search and consensus on the same scenes of modules, and on random ones",
+    "engine": "the compiled tree, cold and remembering, against HiGHS and SCIP on a cart-pole",
 }
 _QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same scenes
     "bookshelf": {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100},
@@ -251,6 +252,12 @@ def bench(
             own = {key: given[key] for key in _KNOWN["refusals"] if key in given}
             with standard_output() as stream:
                 bench_refusals(seed, quick, stream, **own)
+            continue
+        if chosen == "engine":
+            from climbplan.bench.engine.run import run_engine
+
+            with standard_output() as stream:
+                run_engine(seed, quick, stream)
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from climbplan.spec.program.loading import LoadedProgram
 
 
+_SEQUENCE = ("auto", "branch-and-bound")  # methods that rows of a sequence may name
+
+
 def solve(
     context: typer.Context,
     spec: Spec,
@@ -51,6 +54,22 @@ def solve(
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
+    sequence: Annotated[
+        bool,
+        typer.Option(
+            "--sequence",
+            help="Rows are one problem whose parameters change: each is helped by the last.",
+        ),
+    ] = False,
+    shift: Annotated[
+        int,
+        typer.Option(
+            "--shift",
+            metavar="STEPS",
+            min=0,
+            help="Of --sequence: steps by which the horizon recedes from row to row.",
+        ),
+    ] = 0,
 ) -> None:
     """Solve a problem of your own, stated in Python, by any method.
 
@@ -68,7 +87,14 @@ def solve(
     if solver and len(solver) > 1:
         raise UsageError("--solver: one solver expected, methods here use one")
     only = solver[0] if solver else None
+    if shift and not sequence:
+        raise UsageError("--shift goes with --sequence")
     loaded = load_program(spec, spec_overrides(assignments, seed, time_limit, method, solver=only))
+    if sequence and (loaded.spec.solver.method not in _SEQUENCE or loaded.spec.solver.solver):
+        raise UsageError(
+            "--sequence: solved by method branch-and-bound, got "
+            f"{loaded.spec.solver.method!r}; give --method branch-and-bound and no solver"
+        )
     if problem is None:
         named = f"; the spec is written for {loaded.spec.problem}" if loaded.spec.problem else ""
         raise UsageError(
@@ -87,7 +113,7 @@ def solve(
             from climbplan.reports.program_report import report_dict, write_report
 
             with StageProgress(session) as progress:
-                done = run(stated, loaded, progress.report)
+                done = run(stated, loaded, progress.report, shift if sequence else None)
             _refuse_nothing(stated, done)
             begin = time.perf_counter()
             verification = verify_program(done.plan, stated)

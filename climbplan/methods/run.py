@@ -12,6 +12,7 @@ from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.methods.envelope_rounds import EnvelopeOptions
+from climbplan.methods.sequence import ProblemSequence
 from climbplan.methods.solved import library_of, model_of
 from climbplan.methods.table import MethodResult, solve_instance
 from climbplan.methods.task import Kept, MethodSettings
@@ -78,9 +79,16 @@ def settings_of(
     )
 
 
-def run(problem: Problem, loaded: LoadedProgram, report: Progress | None = None) -> SolvedRows:
+def run(
+    problem: Problem,
+    loaded: LoadedProgram,
+    report: Progress | None = None,
+    shift: int | None = None,
+) -> SolvedRows:
     """Solve every instance of a spec; rows without an answer are kept as such.
 
+    shift: rows are one sequence, each helped by the one before, with a horizon that recedes by so
+    many steps a row; None for rows that have nothing to do with each other.
     Raises as `thetas_of`, `library_of` and `solve_instance` do.
     """
     solver = loaded.spec.solver
@@ -88,11 +96,15 @@ def run(problem: Problem, loaded: LoadedProgram, report: Progress | None = None)
     library = None if loaded.library is None else library_of(problem, loaded.library)
     model = None if loaded.model is None else model_of(problem, loaded.model)
     settings = settings_of(solver, library, model)
+    sequence = None if shift is None else ProblemSequence(problem, settings)
     results, kept = [], Kept()
     for k, theta in enumerate(thetas):
         if report is not None:
             report("solve", k / len(thetas))
-        results.append(solve_instance(problem, theta, solver.method, settings, kept))
+        if sequence is None:
+            results.append(solve_instance(problem, theta, solver.method, settings, kept))
+        else:
+            results.append(sequence.solve(theta, (shift or 0) if k else 0))
     return SolvedRows(_plan(problem, loaded, thetas, results), tuple(results))
 
 

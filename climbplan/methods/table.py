@@ -15,8 +15,18 @@ from climbplan.errors import UsageError
 from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
 from climbplan.methods.pipeline import Tried
 from climbplan.methods.task import Kept, Method, MethodSettings, Outcome, Task
-from climbplan.methods.whole_methods import admm, micp, minlp_bonmin, minlp_scip, mpcc, nlp
+from climbplan.methods.whole_methods import (
+    admm,
+    branch_and_bound,
+    micp,
+    minlp_bonmin,
+    minlp_scip,
+    mpcc,
+    nlp,
+)
+from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
+from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
 
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -39,7 +49,7 @@ class MethodResult:
 def solve_instance(
     problem: Problem,
     theta: Theta,
-    method: Method = "micp",
+    method: Method = "auto",
     settings: MethodSettings | None = None,
     kept: Kept | None = None,
 ) -> MethodResult:
@@ -54,10 +64,12 @@ def solve_instance(
     missing bounds that the method needs; StatementError for what the statement itself does wrong;
     MissingSolver for a solver that is not installed.
     """
-    if method not in _METHODS:
+    if method not in METHODS:
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
     settings = settings or MethodSettings()
     instance = problem.instance(theta)
+    if method == "auto":
+        method = _automatic(instance, settings)
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or Kept())
     outcome = _METHODS[method](task)
@@ -75,6 +87,12 @@ def solve_instance(
     )
 
 
+def _automatic(instance: Instance, settings: MethodSettings) -> Method:
+    """The own tree where it holds the statement and no other solver is asked for, else `micp`."""
+    own = instance.features <= require("branch-and-bound").accepts and settings.solver is None
+    return "branch-and-bound" if own else "micp"
+
+
 def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:
     """Another method, where no candidate of a learned one holds."""
     if fallback == method:
@@ -86,6 +104,7 @@ def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome)
 
 
 _METHODS: dict[str, Callable[[Task], Outcome]] = {
+    "branch-and-bound": branch_and_bound,
     "minlp-scip": minlp_scip,
     "minlp-bonmin": minlp_bonmin,
     "micp": micp,

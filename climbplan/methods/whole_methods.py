@@ -24,6 +24,20 @@ from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+
+
+def branch_and_bound(task: Task) -> Outcome:
+    """The own tree on the whole statement, which is convex where its integers are given."""
+    settings, name = task.settings, "branch-and-bound"
+    beyond = task.instance.features - require(name).accepts
+    if beyond:
+        raise UsageError(
+            f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, minlp-scip "
+            "(products), mpcc or pinned"
+        )
+    found = solve_branch_and_bound(task.instance, settings.gap, task.left, settings.tolerance)
+    return Outcome(found, "own tree", 1)
 
 
 def minlp_scip(task: Task) -> Outcome:

@@ -289,3 +289,20 @@ def test_new_writes_the_statement_beside_the_spec(run_command: RunCommand, workp
     assert (done.code, done.out) == (0, "own/cart_pole.yaml\n")
     assert (workplace / "own" / "cart_pole.py").read_text() == STATEMENT.read_text()
     assert run_command("new", "program", "own").code == 2
+
+
+def test_rows_as_a_sequence(pond: Path, run_command: RunCommand) -> None:
+    goals = "".join(f"  - goal: [2, {y}]\n" for y in (0.2, 1.0, 1.8))
+    (pond / "pond.yaml").write_text(f"kind: program\ntheta:\n{goals}")
+    command = ("solve", "pond.yaml", "--problem", "own_pond.py:problem")
+    alone = run_command(*command, "--out", "alone")
+    together = run_command(*command, "--out", "together", "--sequence", "--shift", "1")
+    assert alone.code == together.code == 0, together.err
+    with h5py.File(pond / "alone/plan.h5") as one, h5py.File(pond / "together/plan.h5") as other:
+        assert np.allclose(one["objective"], other["objective"], rtol=2e-4)
+    refused = run_command(*command, "--shift", "1")
+    assert refused.code == 2
+    assert "--shift goes with --sequence" in refused.err
+    refused = run_command(*command, "--sequence", "--method", "mpcc")
+    assert refused.code == 2
+    assert "solved by method branch-and-bound, got 'mpcc'" in refused.err

@@ -43,7 +43,7 @@ def test_what_a_solver_cannot_hold_is_refused() -> None:
     z = p.binary("z", (2,))
     p.minimise("cost", (z[0] - 0.7) ** 2 + z[1])
     with pytest.raises(UsageError, match="integers"):
-        registry.solve(p.at(), "branch-and-bound")
+        registry.solve(p.at(), "scip")
 
 
 def test_looking_up_solvers_imports_none() -> None:

@@ -74,6 +74,8 @@ class EnvelopeSpec(SpecModel):
 
 
 ProgramMethod = Literal[
+    "auto",
+    "branch-and-bound",
     "minlp-scip",
     "minlp-bonmin",
     "micp",
@@ -94,8 +96,10 @@ class ProgramSolverSpec(SpecModel):
     """Which method, and when to stop."""
 
     method: ProgramMethod = Field(
-        default="micp",
-        description="`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
+        default="auto",
+        description="`auto`: `branch-and-bound` where the statement is convex but for its "
+        "integers, else `micp`; `branch-and-bound`: the own compiled tree, with a valid bound; "
+        "`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
         "envelopes, then the exact program at its integers; `nlp`: IPOPT where there are no "
         "integers; `mpcc`: complementarity; `admm`: alternating between both; `pinned`: integers "
         "from a start or a library; `knn`: `pinned` "
@@ -132,9 +136,9 @@ class ProgramSolverSpec(SpecModel):
         default=None,
         ge=1,
     )
-    fallback: Literal["minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "none"] = Field(
-        default="minlp-scip", description="of learned methods, where no candidate holds"
-    )
+    fallback: Literal[
+        "branch-and-bound", "minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "none"
+    ] = Field(default="minlp-scip", description="of learned methods, where no candidate holds")
     gap: Number = quantity("", "relative gap to prove", default=1e-4, ge=0)
     tolerance: Number = quantity(
         "", "largest residual of any row, in the row's unit", default=1e-6, gt=0, le=0.1

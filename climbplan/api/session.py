@@ -1,0 +1,60 @@
+"""`climbplan.Session`: one problem at parameters that change, each answer helped by the last."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from climbplan.api.ctrl_c import ctrl_c_insists
+from climbplan.api.solving import Solution
+from climbplan.errors import UsageError
+from climbplan.program.problem import Problem, Theta
+from climbplan.program.statement import Program
+
+if TYPE_CHECKING:
+    from climbplan.methods.sequence import ProblemSequence
+
+
+class Session:
+    """Solves the same statement again and again, as a controller does.
+
+        session = climbplan.Session(problem, gap=1e-3)
+        first = session.solve({"start": state})
+        after = session.solve({"start": next_state}, shift=1)
+
+    The statement's coefficients are taken once; each tree begins with the leaves of the last, and
+    its integers are tried first. Every answer has its own proof of optimality.
+    """
+
+    def __init__(self, problem: Problem | Program, **settings: Any) -> None:
+        """settings: `gap`, `time_limit` [s] of one solve, `tolerance`, as of `climbplan.solve`.
+
+        Raises UsageError for settings that there are not.
+        """
+        from climbplan.methods.sequence import ProblemSequence
+        from climbplan.methods.task import MethodSettings
+
+        strange = sorted(set(settings) - {"gap", "time_limit", "tolerance"})
+        if strange:
+            raise UsageError(
+                f"no setting {', '.join(strange)} of a session: expected gap, time_limit, tolerance"
+            )
+        self.problem = Problem(problem.name, problem) if isinstance(problem, Program) else problem
+        self._sequence: ProblemSequence = ProblemSequence(self.problem, MethodSettings(**settings))
+
+    def solve(self, theta: Theta | None = None, *, shift: int = 0) -> Solution:
+        """Solve at parameters; shift: steps that a receding horizon has moved since the last call.
+
+        Raises UsageError for parameters that do not fit and for statements that are not convex but
+        for their integers, StatementError for what the statement itself does wrong.
+        """
+        given: Mapping[str, Any] = theta or {}
+        with ctrl_c_insists():
+            return Solution(self.problem, given, self._sequence.solve(given, shift))
+
+    def forget(self) -> None:
+        """Solve the next one without help."""
+        self._sequence.forget()
+
+    def __repr__(self) -> str:
+        return f"<Session of {self.problem.name!r}>"

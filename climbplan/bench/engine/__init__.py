@@ -1,0 +1,1 @@
+"""Comparison of mixed-integer engines on published problems."""

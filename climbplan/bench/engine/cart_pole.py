@@ -1,0 +1,83 @@
+"""The published cart-pole between soft walls: arXiv 1912.01110, section VI, without terminal set.
+
+A pole on a cart is kept upright by a force on the cart, which is weak, and by pushing the pole's
+tip against one of two walls. A wall gives way like a spring with a damper and never pulls, which
+takes two binaries a wall and step: whether the tip is in the wall, and whether spring and damper
+push. 20 steps, 80 binaries.
+
+State (q, theta, v, omega): cart to the right [m], pole to the left [rad], and their rates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+
+from climbplan.program.problem import Problem
+from climbplan.program.statement import Program
+
+Array = NDArray[np.float64]
+
+HORIZON = 20
+STEP = 0.05  # [s]
+CART, TIP, LENGTH = 1.0, 1.0, 1.0  # [kg], [kg], [m]
+WALL = 0.5  # [m] from the middle
+STIFFNESS, DAMPING = 100.0, 30.0  # [N/m], [N s/m]
+GRAVITY = 10.0  # [m/s^2]
+MOST = np.array([WALL, np.pi / 10, 1.0, 1.0])  # of the state
+MOST_INPUT = 1.0  # [N]
+PUSHED = np.array([0.0, 0.0, 1.0, 0.0])  # towards the right wall: where all runs begin
+SIDE = np.array([-1.0, 1.0])  # left wall, right wall
+
+# CART dv/dt = u + TIP GRAVITY theta
+# LENGTH domega/dt = dv/dt + GRAVITY theta - push / TIP, push: force on the tip to the right
+_DRIFT = np.array(
+    [
+        [0, 0, 1, 0],
+        [0, 0, 0, 1],
+        [0, GRAVITY * TIP / CART, 0, 0],
+        [0, GRAVITY * (CART + TIP) / (CART * LENGTH), 0, 0],
+    ]
+)
+A = np.eye(4) + STEP * _DRIFT
+B = STEP * np.array([[0], [0], [1 / CART], [1 / (CART * LENGTH)]])
+E = STEP * np.outer([0, 0, 0, 1 / (TIP * LENGTH)], SIDE)  # a wall pushes back
+
+
+def walled_cart_pole() -> Problem:
+    """Bring the pole upright and the cart to the middle; parameter `start` (4,)."""
+    p = Program("walled_cart_pole")
+    start = p.parameter("start", (4,))
+    x = p.continuous("state", (HORIZON + 1, 4), -MOST, MOST)
+    u = p.continuous("input", (HORIZON, 1), -MOST_INPUT, MOST_INPUT, unit="N")
+    # No more than the law gives where the tip is deepest and fastest
+    deepest = MOST[0] + LENGTH * MOST[1] - WALL
+    fastest = MOST[2] + LENGTH * MOST[3]
+    push = p.continuous("push", (HORIZON, 2), 0.0, STIFFNESS * deepest + DAMPING * fastest, "N")
+    inside = p.binary("inside", (HORIZON, 2))
+    pushing = p.binary("pushing", (HORIZON, 2))
+
+    p.equal("dynamics.start", x[0] - start)
+    p.equal("dynamics.step", x[1:] - x[:-1] @ A.T - u @ B.T - push @ E.T)
+
+    tip = x[:-1, 0] - LENGTH * x[:-1, 1]
+    rate = x[:-1, 2] - LENGTH * x[:-1, 3]
+    depth = tip[:, None] * SIDE - WALL
+    law = STIFFNESS * depth + DAMPING * rate[:, None] * SIDE
+    p.when("wall.inside", inside, depth, lower=0.0, unit="m")
+    p.when("wall.outside", inside, depth, upper=0.0, unit="m", value=False)
+    p.when("wall.pushes", pushing, law, lower=0.0, unit="N")
+    p.when("wall.would_pull", pushing, law, upper=0.0, unit="N", value=False)
+    # Both: the law. Otherwise: nothing.
+    p.when("wall.least", inside, push - law, lower=0.0, unit="N")
+    p.when("wall.most", pushing, push - law, upper=0.0, unit="N")
+    p.when("wall.apart", inside, push, upper=0.0, unit="N", value=False)
+    p.when("wall.idle", pushing, push, upper=0.0, unit="N", value=False)
+
+    Q, R = STEP**2 * np.eye(4), STEP**2 * np.eye(1)
+    terminal = solve_discrete_are(A, B, Q, R)
+    p.minimise("state", sum(row @ Q @ row for row in x[:-1]))
+    p.minimise("input", R[0, 0] * np.sum(u**2))
+    p.minimise("terminal", x[-1] @ terminal @ x[-1])
+    return Problem("walled_cart_pole", p)

@@ -1,0 +1,1 @@
+"""Branch and bound over binaries, integers and implications, compiled as a whole."""

@@ -1,0 +1,207 @@
+"""Which integer a node is split at.
+
+By pseudo-costs, which a few dual steps in both children begin (reliability branching: Achterberg,
+Koch and Martin 2005). A child that these few steps close is a leaf at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.solvers.mixed_integer.active_set import (
+    EMPTY,
+    Working,
+    _copy_working,
+    _drop_absent,
+)
+from climbplan.solvers.mixed_integer.bounds import (
+    _apply,
+    _bound,
+    _far,
+    _follow_ray,
+    _proved_empty,
+    _reach,
+    _solve_cut,
+)
+from climbplan.solvers.mixed_integer.compiling import compiled
+from climbplan.solvers.mixed_integer.form import Numbers
+from climbplan.solvers.mixed_integer.nodes import (
+    BEST,
+    BRANCHED,
+    FEASIBILITY,
+    HEAP,
+    PROBES,
+    Search,
+    Tree,
+    Whole,
+    _child,
+    _close,
+    _cutoff,
+    _push,
+    _slack_cutoff,
+    _store,
+)
+
+_PROBE_ITERATIONS = 25
+_RELIABLE = 4  # branchings after which an integer's pseudo-costs are believed
+_PROBED = 8  # integers probed at a node
+_INTEGRAL = 1e-6  # of columns
+_STAY = 0.5  # share of the way from the least open bound to the cutoff at which a dive goes on
+
+
+@compiled
+def _measure(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
+    """How far each undecided integer is from being decided down and up; how many are open."""
+    open_count = 0
+    slack = s.real[FEASIBILITY]
+    for e in range(len(n.column)):
+        s.distance[0, e] = s.distance[1, e] = 0.0
+        if low[e] == high[e]:
+            continue
+        r = n.column[e]
+        if r >= 0:
+            value = n.norm[r] * w.value[r] + s.offset[r]
+            down = value - np.floor(value)
+            up = 1.0 - down
+            if min(down, up) <= _INTEGRAL:
+                down = up = 0.0
+            s.distance[0, e], s.distance[1, e] = down, up
+        else:
+            for place in range(n.first[e], n.first[e + 1]):
+                r = n.rows_of[place]
+                over = w.value[r] - s.base_upper[r]
+                under = s.base_lower[r] - w.value[r]
+                worst = max(over, under) * n.norm[r]
+                if worst > slack:
+                    here = n.value[r]
+                    s.distance[here, e] = max(s.distance[here, e], worst * n.share[r])
+        if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
+            open_count += 1
+    return open_count
+
+
+@compiled
+def _split(n: Numbers, s: Search, e: int) -> int:
+    """The largest value of the lower child."""
+    r = n.column[e]
+    if r < 0:
+        return 0
+    value = np.int64(np.floor(n.norm[r] * s.main.value[r] + s.offset[r]))
+    return min(max(value, s.low[e]), s.high[e] - 1)
+
+
+@compiled
+def _probe_child(n: Numbers, s: Search, e: int, up: int, split: int) -> float:
+    """The bound of a child after a few dual steps."""
+    low, high = s.low[e], s.high[e]
+    if up:
+        s.low[e] = split + 1
+    else:
+        s.high[e] = split
+    _copy_working(s.main, s.probe)
+    _apply(n, s, s.low, s.high)
+    _drop_absent(s.rows, s.probe)
+    s.whole[PROBES] += 1
+    found = _solve_cut(n, s, s.probe, _slack_cutoff(s), _PROBE_ITERATIONS, 0, 0.0)
+    bound, _ = _bound(n, s, s.probe)
+    if found == EMPTY:
+        bound = max(bound, _proved_empty(s, s.probe) - _reach(n, s))
+        if bound > n.ceiling:
+            _follow_ray(s, s.probe, _far(s))
+            bound = np.inf
+    s.low[e], s.high[e] = low, high
+    return bound
+
+
+@compiled
+def _score(down: float, up: float) -> float:
+    return max(down, 1e-9) * max(up, 1e-9)
+
+
+@compiled
+def _expected(s: Search, e: int, way: int, average: float) -> float:
+    """Gain of a child by pseudo-costs."""
+    rate = s.gain[way, e] / s.seen[way, e] if s.seen[way, e] > 0 else average
+    return rate * s.distance[way, e]
+
+
+@compiled
+def _branch(n: Numbers, s: Search, tree: Tree, node: int) -> int:
+    """Split a node; the child to go on with, -1 for none."""
+    E = len(n.column)
+    parent = tree.bound[node]
+    total, times = 0.0, 0
+    for way in range(2):
+        for e in range(E):
+            if s.seen[way, e] > 0:
+                total += s.gain[way, e] / s.seen[way, e]
+                times += 1
+    average = total / times if times > 0 else 1.0
+    # Candidates by what pseudo-costs promise; the first few that are not known well are probed.
+    score = np.zeros(E)
+    candidates = 0
+    for e in range(E):
+        if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
+            score[e] = _score(_expected(s, e, 0, average), _expected(s, e, 1, average))
+            candidates += 1
+        else:
+            score[e] = -1.0
+    order = np.argsort(-score, kind="mergesort")
+    best, chosen = -1.0, order[0]
+    bounds = np.full(2, parent)
+    made = np.zeros(2, np.bool_)  # children that their probes have closed
+    probed = 0
+    for place in range(candidates):
+        e = order[place]
+        if min(s.seen[0, e], s.seen[1, e]) >= _RELIABLE:
+            if score[e] > best:
+                best, chosen = score[e], e
+                bounds[:] = parent
+            continue
+        if probed >= _PROBED:
+            continue
+        probed += 1
+        split = _split(n, s, e)
+        reached = np.full(2, parent)
+        for way in range(2):
+            reached[way] = max(parent, _probe_child(n, s, e, way, split))
+            gain = reached[way] - parent
+            if not np.isinf(gain):
+                s.gain[way, e] += gain / s.distance[way, e]
+                s.seen[way, e] += 1
+            if reached[way] >= _cutoff(s):
+                # The child is closed, and keeps the multipliers that do it
+                new = _child(n, s, tree, node, e, way, split, reached[way])
+                _store(tree, new, s.probe)
+                _close(s, tree, new, reached[way])
+                made[way] = True
+        here = np.inf
+        if not made.any():
+            here = _score(reached[0] - parent, reached[1] - parent)
+        if here > best:
+            best, chosen = here, e
+            bounds[:] = reached
+        if made.any():
+            break
+    split = _split(n, s, chosen)
+    tree.state[node] = BRANCHED
+    prefer = 0 if s.distance[0, chosen] < s.distance[1, chosen] else 1
+    if bounds[0] != bounds[1]:
+        prefer = 0 if bounds[0] < bounds[1] else 1
+    follow = -1
+    for turn in range(2):
+        way = prefer if turn == 0 else 1 - prefer
+        if made[way]:
+            continue
+        new = _child(n, s, tree, node, chosen, way, split, bounds[way])
+        _store(tree, new, s.main)
+        if follow < 0:
+            follow = new
+        else:
+            _push(tree, s.whole, new)
+    if follow >= 0 and not np.isinf(s.real[BEST]) and s.whole[HEAP] > 0:
+        cutoff, least = _cutoff(s), tree.bound[tree.heap[0]]
+        if tree.bound[follow] > least + _STAY * max(cutoff - least, 0.0):
+            _push(tree, s.whole, follow)
+            follow = -1
+    return follow

@@ -1,0 +1,7 @@
+"""The decorator of compiled functions of the mixed-integer search."""
+
+from pathlib import Path
+
+from climbplan.solvers.compiling import compiler
+
+compiled = compiler(Path(__file__).parent, "*.py")

@@ -1,0 +1,84 @@
+"""Names of rows that stay the same while parameters change: what multipliers are kept by.
+
+A key is one number: a variable's bound, a plain row, a conditional row, a pair of sides of two
+conditional rows, or a side's big-M row, in this order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from climbplan.solvers.result import Indices
+
+
+@dataclass(frozen=True)
+class KeySpace:
+    """Keys of a form with some variables, plain rows and conditional rows."""
+
+    variables: int
+    rows: int
+    conditions: int
+
+    @property
+    def plain(self) -> int:
+        """Key of the first plain row."""
+        return self.variables
+
+    @property
+    def conditional(self) -> int:
+        """Key of the first conditional row."""
+        return self.variables + self.rows
+
+    @property
+    def _pairs(self) -> int:
+        return self.conditional + self.conditions
+
+    @property
+    def _big_m(self) -> int:
+        return self._pairs + 4 * self.conditions**2
+
+    def pair(self, a: Indices, sign_a: ArrayLike, c: Indices, sign_c: ArrayLike) -> Indices:
+        """Keys of pairs of sides: 1 for a row's upper bound, -1 for its lower one."""
+        first = 2 * a + (np.asarray(sign_a) < 0)
+        return self._pairs + (first * self.conditions + c) * 2 + (np.asarray(sign_c) < 0)
+
+    def big_m(self, row: Indices, sign: float) -> Indices:
+        """Keys of big-M rows."""
+        return self._big_m + 2 * row + int(sign < 0)
+
+    def moved(self, key: Indices, variable: Indices, row: Indices, condition: Indices) -> Indices:
+        """Keys with every variable, row and condition replaced; -1 where that is nowhere."""
+        out = np.full(len(key), -1)
+        kind = np.searchsorted(
+            [self.plain, self.conditional, self._pairs, self._big_m], key, "right"
+        )
+        here = kind == 0
+        out[here] = variable[key[here]]
+        for number, begin, to in ((1, self.plain, row), (2, self.conditional, condition)):
+            here = kind == number
+            place = to[key[here] - begin]
+            out[here] = np.where(place >= 0, begin + place, -1)
+        here = kind == 3
+        rest, sign_c = np.divmod(key[here] - self._pairs, 2)
+        first, c = np.divmod(rest, max(self.conditions, 1))
+        a, sign_a = np.divmod(first, 2)
+        a, c = condition[a], condition[c]
+        again = self._pairs + ((2 * a + sign_a) * self.conditions + c) * 2 + sign_c
+        out[here] = np.where((a >= 0) & (c >= 0), again, -1)
+        here = kind == 4
+        at, sign = np.divmod(key[here] - self._big_m, 2)
+        out[here] = np.where(condition[at] >= 0, self._big_m + 2 * condition[at] + sign, -1)
+        return out
+
+
+def places(key: NDArray[np.int64], among: NDArray[np.int64]) -> Indices:
+    """Where each key stands among others, -1 where it does not."""
+    order = np.argsort(among, kind="stable")
+    at = np.minimum(np.searchsorted(among[order], key), max(len(among) - 1, 0))
+    if not len(among):
+        return np.full(len(key), -1)
+    found = order[at]
+    return np.where((among[found] == key) & (key >= 0), found, -1)

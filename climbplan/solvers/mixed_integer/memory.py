@@ -1,0 +1,180 @@
+"""What a tree leaves for the next problem of the same statement at other parameters.
+
+The leaves of a finished tree cover all integers, and their multipliers prove their bounds.
+Multipliers of the right sign give a bound whatever the numbers are, so the next tree begins with
+these leaves and the bounds that their multipliers have now, instead of with one root that knows
+nothing; the last integers are tried first (Marcucci and Tedrake, arXiv 1912.01110).
+
+For a receding horizon everything moves by some steps along the first axis of its block: integers,
+rows, multipliers. Leaves that disagree with what was done in the steps that are over are dropped;
+the others still cover all integers that are left, so nothing is lost whatever was moved where.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.program.blocks import Blocks
+from climbplan.program.polytope import Array
+from climbplan.solvers.mixed_integer import nodes as place
+from climbplan.solvers.mixed_integer.conditional import Conditional
+from climbplan.solvers.mixed_integer.form import MixedIntegerProgram
+from climbplan.solvers.mixed_integer.keys import KeySpace, places
+from climbplan.solvers.mixed_integer.nodes import Search, Tree
+from climbplan.solvers.mixed_integer.search import revive
+from climbplan.solvers.result import Indices
+
+_MOST_LEAVES = 400  # more are worth less than a new tree
+_LEAST, _MOST = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of integers that are free
+_LEFT = (place.OPEN, place.CLOSED, place.EMPTY_NODE, place.LEFT)
+
+
+@dataclass(frozen=True)
+class Move:
+    """Where variables, integers and rows of one problem stand in the next one, -1 for nowhere."""
+
+    variable: Indices  # (size,)
+    row: Indices  # (m,)
+    condition: Indices  # (c,)
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """A cover of all integers with the multipliers of each part, and the best integers."""
+
+    low: NDArray[np.int64]  # (S, E)
+    high: NDArray[np.int64]
+    key: NDArray[np.int64]  # (S, K) of active rows, -1 behind the last
+    side: NDArray[np.int8]
+    multiplier: Array
+    best: NDArray[np.int64] | None  # (E,)
+    entities: Indices  # (E,) places among the variables
+    space: KeySpace
+
+    @classmethod
+    def of(
+        cls, program: MixedIntegerProgram, form: Conditional, search: Search, tree: Tree
+    ) -> Leaves | None:
+        """Of a tree that has run; None if they are too many to be of use."""
+        count = int(search.whole[place.COUNT])
+        here = np.flatnonzero(np.isin(tree.state[:count], _LEFT))
+        if len(here) > _MOST_LEAVES:
+            return None
+        stated = np.append(program.key, -1)
+        row = np.minimum(tree.row[here], len(program.key))  # tangents are forgotten
+        behind = np.arange(tree.row.shape[1]) >= tree.active[here][:, None]
+        found = not np.isinf(search.real[place.BEST])
+        # The root had what was left by its parameters: leaves at its edge reach beyond it, so that
+        # they cover whatever others leave.
+        low, high = tree.low[here].astype(np.int64), tree.high[here].astype(np.int64)
+        low[low <= program.numbers.lowest] = _LEAST
+        high[high >= program.numbers.highest] = _MOST
+        return cls(
+            low=low,
+            high=high,
+            key=np.where(behind, -1, stated[row]),
+            side=tree.side[here].copy(),
+            multiplier=tree.multiplier[here].copy(),
+            best=search.best_whole.copy() if found else None,
+            entities=program.entities,
+            space=KeySpace(form.size, len(form.row_lower), len(form.when)),
+        )
+
+    def moved(self, move: Move) -> Leaves:
+        """The same cover for a problem in which everything has moved; those that are over go."""
+        size = len(move.variable)
+        number = np.full(size, -1)
+        number[self.entities] = np.arange(len(self.entities))
+        to = move.variable[self.entities]
+        to = np.where(to >= 0, number[to], -1)
+        over = to < 0
+        keep: NDArray[np.bool_] = np.ones(len(self.low), bool)
+        best = None
+        if over.any() and self.best is not None:
+            inside = (self.low <= self.best) & (self.best <= self.high)
+            keep = np.asarray(inside[:, over].all(axis=1))
+        elif over.any():
+            keep[:] = False
+        low = np.full((int(keep.sum()), len(to)), _LEAST, np.int64)
+        high = np.full_like(low, _MOST)
+        low[:, to[~over]], high[:, to[~over]] = self.low[keep][:, ~over], self.high[keep][:, ~over]
+        if self.best is not None:
+            best = self.best.copy()  # what is new repeats what was last
+            best[to[~over]] = self.best[~over]
+        key = self.key[keep]
+        moved = self.space.moved(key.ravel(), move.variable, move.row, move.condition)
+        key = np.where(key >= 0, moved.reshape(key.shape), -1)
+        return Leaves(
+            low, high, key, self.side[keep], self.multiplier[keep], best, self.entities, self.space
+        )
+
+    def into(self, program: MixedIntegerProgram, search: Search, tree: Tree) -> bool:
+        """Begin a tree, which must have room, with these leaves; False if they do not fit it."""
+        n = program.numbers
+        if not len(self.low) or len(self.entities) != len(program.entities):
+            return False
+        low, high = np.maximum(self.low, n.lowest), np.minimum(self.high, n.highest)
+        possible = np.flatnonzero((low <= high).all(axis=1))
+        count, width = len(possible), min(self.key.shape[1], tree.row.shape[1])
+        if not count:
+            return False
+        tree.low[:count], tree.high[:count] = low[possible], high[possible]
+        row = places(self.key[possible].ravel(), program.key).reshape(count, -1)
+        multiplier, side = self.multiplier[possible], self.side[possible]
+        known = row >= 0
+        # Rows that are still there move to the front
+        order = np.argsort(~known, axis=1, kind="stable")[:, :width]
+        for source, target in ((row, tree.row), (side, tree.side), (multiplier, tree.multiplier)):
+            target[:count, :width] = np.take_along_axis(source, order, axis=1)
+        tree.active[:count] = np.minimum(known.sum(axis=1), width)
+        search.whole[place.COUNT] = count
+        if self.best is not None:
+            search.hint[:] = np.clip(self.best, n.lowest, n.highest)
+            search.whole[place.HINTED] = 1
+        revive(n, search, tree)
+        return True
+
+
+def shifted(blocks: Blocks, form: Conditional, steps: int) -> Move:
+    """Everything by some steps along the first axis of its block, towards the beginning.
+
+    Blocks whose first axis is no longer than the steps stay where they are.
+    """
+    variable = np.full(form.size, -1)
+    for block in blocks.variables:
+        _placed(variable, block.start, block.shape, steps)
+    at = 0
+    for group in blocks.choices:
+        to = _along(group.shape, steps)
+        for k in range(len(to)):
+            if to[k] >= 0 and len(form.choice[at + k]) == len(form.choice[at + to[k]]):
+                variable[form.choice[at + k]] = form.choice[at + to[k]]
+        at += len(to)
+    row = np.full(len(form.row_lower), -1)
+    begin = 0
+    for rows in blocks.rows:
+        begin = _placed(row, begin, rows.shape, steps)
+    condition = np.full(len(form.when), -1)
+    begin = 0
+    for implied in blocks.implications:
+        begin = _placed(condition, begin, implied.shape, steps)
+    return Move(variable, row, condition)
+
+
+def _placed(into: Indices, begin: int, shape: tuple[int, ...], steps: int) -> int:
+    to = _along(shape, steps)
+    into[begin : begin + len(to)] = np.where(to >= 0, begin + to, -1)
+    return begin + len(to)
+
+
+def _along(shape: tuple[int, ...], steps: int) -> Indices:
+    """Where each entry of a block moves to within it, -1 for out of it."""
+    size = int(np.prod(shape, dtype=int))
+    if not shape or shape[0] <= steps:
+        return np.arange(size)
+    stride = size // shape[0]
+    to = np.arange(size) - steps * stride
+    return np.where(to >= 0, to, -1)

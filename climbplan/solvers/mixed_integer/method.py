@@ -1,0 +1,317 @@
+"""Mixed-integer convex instances by the compiled tree: presolve, search, answer.
+
+The search runs in pieces of some nodes, between which Python looks at the clock and at signals.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.solvers.mixed_integer import nodes as place
+from climbplan.solvers.mixed_integer.active_set import Rows, working
+from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
+from climbplan.solvers.mixed_integer.form import (
+    Impossible,
+    MixedIntegerProgram,
+    mixed_integer_program,
+    with_room,
+)
+from climbplan.solvers.mixed_integer.memory import Leaves, Move
+from climbplan.solvers.mixed_integer.nodes import Search, Tree
+from climbplan.solvers.mixed_integer.search import run as run_tree
+from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
+
+NAME = "branch-and-bound"
+_FIRST_ROOM = 256  # nodes
+_WORK = 2e8  # about how many entries of rows are looked at between two looks at the clock
+_TANGENTS = 120  # rows of room for the tangents of each ball, to begin with
+_PATIENCE = 4  # nodes for each leaf that is remembered
+_MEMORY = 600e6  # [bytes] of nodes
+_MOST_NODES = 10**9
+
+
+@dataclass
+class TreeRun:
+    """One search, in pieces."""
+
+    program: MixedIntegerProgram
+    search: Search
+    tree: Tree
+    full: bool = False  # stopped because its nodes fill the memory
+
+    @classmethod
+    def of(
+        cls,
+        program: MixedIntegerProgram,
+        gap: float,
+        tolerance: float,
+        leaves: Leaves | None = None,
+    ) -> TreeRun:
+        """A tree with its root, or with the leaves of an earlier one."""
+        tangents = _TANGENTS * len(program.numbers.radius)
+        program = replace(program, numbers=with_room(program.numbers, tangents))
+        search = _search(program, tangents, gap, tolerance)
+        room = _FIRST_ROOM + (0 if leaves is None else 2 * len(leaves.low))
+        tree = _tree(len(program.entities), len(search.main.row), room)
+        n = program.numbers
+        if leaves is not None and leaves.into(program, search, tree):
+            return cls(program, search, tree)
+        tree.low[0], tree.high[0] = n.lowest, n.highest
+        tree.bound[0] = -np.inf
+        search.whole[place.COUNT] = search.whole[place.HEAP] = 1
+        return cls(program, search, tree)
+
+    def go(self, deadline: float, nodes: int = _MOST_NODES) -> None:
+        """Search until the gap is proved, nothing is left, or a limit."""
+        m, k = self.program.M.shape
+        piece = int(np.clip(_WORK / (max(m, 1) * max(k, 1) * 40), 1, 2000))
+        while True:
+            end = run_tree(self.program.numbers, self.search, self.tree, piece, nodes)
+            if end == place.DONE:
+                return
+            if end == place.GROW:
+                if 2 * _bytes(self.tree) > _MEMORY:
+                    self.full = True
+                    return
+                self.tree = _grown(self.tree)
+            if end == place.GROW_ROWS:
+                self._more_rows()
+            if time.perf_counter() >= deadline:
+                return
+
+    def _more_rows(self) -> None:
+        """Twice the room for rows."""
+        s, m = self.search, len(self.search.rows.on)
+        self.program = replace(self.program, numbers=with_room(self.program.numbers, m))
+        rows = s.rows._replace(
+            M=_longer(s.rows.M, 0, m),
+            T=_longer(s.rows.T, 1, m),
+            lower=_longer(s.rows.lower, 0, m),
+            upper=_longer(s.rows.upper, 0, m),
+            on=_longer(s.rows.on, 0, m),
+            tolerance=_longer(s.rows.tolerance, 0, m),
+        )
+        main, probe = (
+            w._replace(active=_longer(w.active, 0, m), value=_longer(w.value, 0, m))
+            for w in (s.main, s.probe)
+        )
+        self.search = s._replace(
+            rows=rows,
+            main=main,
+            probe=probe,
+            base_lower=_longer(s.base_lower, 0, m),
+            base_upper=_longer(s.base_upper, 0, m),
+            offset=_longer(s.offset, 0, m),
+        )
+
+    @property
+    def bound(self) -> float:
+        """A lower bound on the optimum."""
+        real, whole = self.search.real, self.search.whole
+        bound = float(real[place.LEFT_BOUND])
+        waiting = self.tree.heap[: whole[place.HEAP]]
+        bound = min(bound, float(self.tree.bound[waiting].min(initial=np.inf)))
+        if whole[place.NEXT] >= 0:
+            bound = min(bound, float(self.tree.bound[whole[place.NEXT]]))
+        return min(bound, float(real[place.BEST]))
+
+    @property
+    def finished(self) -> bool:
+        """Whether every node was closed by a proof."""
+        whole = self.search.whole
+        waiting = whole[place.HEAP] + (whole[place.NEXT] >= 0) + whole[place.UNPROVED]
+        return bool(waiting == 0)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether nothing is left open and everything was proved empty."""
+        whole = self.search.whole
+        open_nodes = whole[place.HEAP] + (whole[place.NEXT] >= 0)
+        return bool(open_nodes == 0 and np.isinf(self.search.real[place.LEFT_BOUND]))
+
+    def best(self) -> Array | None:
+        """The incumbent, in the variables of the conditional form."""
+        if np.isinf(self.search.real[place.BEST]):
+            return None
+        return self.program.point(self.search.best_w, self.search.best_whole)
+
+
+def solve_mixed_integer(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = FEASIBILITY,
+    known: Known | None = None,
+    nodes: int = _MOST_NODES,
+) -> SolverResult:
+    """Globally optimal x of an instance with binaries, implications and choices.
+
+    gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
+    nodes: limit of the tree. Deterministic unless the time limit is hit. Raises UsageError where a
+    direction without cost is not bounded.
+    """
+    return TreeMemory(gap, tolerance).solve(instance, time_limit, known=known, nodes=nodes)
+
+
+@dataclass
+class TreeMemory:
+    """Solves instances of one statement in turn; each tree begins with the leaves of the last."""
+
+    gap: float = 1e-4
+    tolerance: float = FEASIBILITY
+    leaves: Leaves | None = None
+
+    def solve(
+        self,
+        instance: Instance,
+        time_limit: float = np.inf,
+        move: Callable[[Conditional], Move] | None = None,
+        known: Known | None = None,
+        nodes: int = _MOST_NODES,
+    ) -> SolverResult:
+        """As `solve_mixed_integer`. move: where what is remembered stands now."""
+        begin = time.perf_counter()
+        form = conditional_form(instance)
+        program = mixed_integer_program(instance, form)
+        if isinstance(program, Impossible):
+            return judged(instance, _impossible(program.why, begin), self.gap, self.tolerance)
+        leaves = self.leaves
+        if leaves is not None and move is not None:
+            leaves = leaves.moved(move(form))
+        run = TreeRun.of(program, self.gap, self.tolerance, leaves)
+        if leaves is not None:
+            # What is remembered may fit badly: then it is dropped, after work that counts bound
+            run.go(begin + time_limit, min(nodes, _PATIENCE * len(leaves.low) + _FIRST_ROOM))
+            if not run.finished:
+                run = TreeRun.of(program, self.gap, self.tolerance)
+        run.go(begin + time_limit, nodes)
+        self.leaves = Leaves.of(program, form, run.search, run.tree)
+        answer = answer_of(instance, form, run, begin, known)
+        return judged(instance, answer, self.gap, self.tolerance)
+
+
+def answer_of(
+    instance: Instance, form: Conditional, run: TreeRun, begin: float, known: Known | None = None
+) -> Answer:
+    """What a search says of an instance."""
+    x = run.best()
+    whole = run.search.whole
+    bound = run.bound
+    if known is not None:
+        bound = max(bound, known.bound)
+    free = int((run.program.numbers.highest > run.program.numbers.lowest).sum())
+    steps = run.search.main.iterations[0] + run.search.probe.iterations[0]
+    log = [
+        f"{len(run.program.entities)} integers, {free} undecided after propagation",
+        f"{run.program.size} unknowns, {len(run.program.M)} rows",
+        f"{whole[place.NODES]} nodes, {whole[place.PROBES]} probes, {steps} dual steps",
+    ]
+    if run.full:
+        log.append(f"nodes fill {1e-6 * _MEMORY:.0f} MB")
+    if whole[place.UNPROVED]:
+        log.append(f"{whole[place.UNPROVED]} leaves could not be solved to the end")
+    return Answer(
+        x=None if x is None else x[: instance.size],
+        assignment=None if x is None else form.alternatives(x),
+        bound=bound,
+        infeasible=x is None and run.exhausted,
+        nodes=int(whole[place.NODES]),
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=tuple(log),
+    )
+
+
+def _impossible(why: str, begin: float) -> Answer:
+    return Answer(
+        x=None,
+        bound=np.inf,
+        infeasible=True,
+        nodes=0,
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=(f"infeasible: {why}",),
+    )
+
+
+def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: float) -> Search:
+    n = program.numbers
+    stated, k = program.M.shape
+    m = stated + tangents
+    E = len(program.entities)
+    real = np.zeros(8)
+    real[place.BEST] = real[place.LEFT_BOUND] = np.inf
+    real[place.GAP] = gap
+    real[place.FEASIBILITY] = 0.3 * tolerance
+    real[place.CONSTANT] = n.constant + 0.5 * float(n.eps @ n.center**2) - 0.5 * float(n.u @ n.u)
+    whole = np.zeros(12, np.int64)
+    whole[place.NEXT] = -1
+    rows = Rows(
+        M=_longer(program.M, 0, tangents),
+        T=_longer(program.T, 1, tangents),
+        lower=n.lower.copy(),
+        upper=n.upper.copy(),
+        on=np.ones(m, np.uint8),
+        tolerance=_longer(program.tolerance, 0, tangents),
+        used=np.array([stated]),
+    )
+    return Search(
+        real=real,
+        whole=whole,
+        rows=rows,
+        main=working(m, k),
+        probe=working(m, k),
+        base_lower=n.lower.copy(),
+        base_upper=n.upper.copy(),
+        offset=n.offset.copy(),
+        u=n.u.copy(),
+        center=n.center.copy(),
+        w=np.zeros(k),
+        best_w=np.zeros(k),
+        best_whole=np.zeros(E, np.int64),
+        gain=np.zeros((2, E)),
+        seen=np.zeros((2, E), np.int64),
+        distance=np.zeros((2, E)),
+        low=np.zeros(E, np.int64),
+        high=np.zeros(E, np.int64),
+        hint=np.zeros(E, np.int64),
+        spare=np.zeros((2, k)),
+    )
+
+
+def _longer(part: Any, axis: int, by: int) -> Any:
+    """An array with room behind it."""
+    shape = list(part.shape)
+    shape[axis] = by
+    return np.ascontiguousarray(np.concatenate([part, np.zeros(shape, part.dtype)], axis=axis))
+
+
+def _tree(integers: int, active: int, room: int) -> Tree:
+    return Tree(
+        low=np.zeros((room, integers), np.int32),
+        high=np.zeros((room, integers), np.int32),
+        bound=np.zeros(room),
+        state=np.zeros(room, np.int8),
+        depth=np.zeros(room, np.int32),
+        row=np.zeros((room, active), np.int32),
+        side=np.zeros((room, active), np.int8),
+        multiplier=np.zeros((room, active)),
+        active=np.zeros(room, np.int32),
+        heap=np.zeros(room, np.int32),
+    )
+
+
+def _grown(tree: Tree) -> Tree:
+    """The same tree with twice the room."""
+    return Tree(*(np.concatenate([part, np.zeros_like(part)]) for part in tree))
+
+
+def _bytes(tree: Tree) -> int:
+    return sum(part.nbytes for part in tree)

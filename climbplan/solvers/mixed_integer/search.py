@@ -1,0 +1,313 @@
+"""The tree, compiled: what is done at a node, and which comes next.
+
+The search dives until it has an incumbent; afterwards it goes on with a child while that may still
+be the best open node, else with the open node of least bound.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.solvers.mixed_integer.active_set import (
+    _FAR,
+    CUT_OFF,
+    SOLVED,
+    STUCK,
+    _clear,
+    _copy_working,
+    _drop_absent,
+    _edge,
+)
+from climbplan.solvers.mixed_integer.bounds import (
+    _apply,
+    _bound,
+    _cut_balls,
+    _far,
+    _follow_ray,
+    _objective,
+    _outside,
+    _relax,
+    _solve_cut,
+)
+from climbplan.solvers.mixed_integer.branching import (
+    _branch,
+    _measure,
+)
+from climbplan.solvers.mixed_integer.compiling import compiled
+from climbplan.solvers.mixed_integer.form import Numbers
+from climbplan.solvers.mixed_integer.nodes import (
+    AGAIN,
+    BEST,
+    BRANCHED,
+    CONSTANT,
+    COUNT,
+    DONE,
+    FEASIBILITY,
+    GROW,
+    GROW_ROWS,
+    GUESSES,
+    HEAP,
+    HINTED,
+    INCUMBENTS,
+    LEFT,
+    LEFT_BOUND,
+    NEXT,
+    NODES,
+    OPEN,
+    PAUSE,
+    UNPROVED,
+    Search,
+    Tree,
+    Whole,
+    _child,
+    _close,
+    _cutoff,
+    _load,
+    _pop,
+    _push,
+    _slack_cutoff,
+    _store,
+)
+
+_ITERATIONS = 400  # of one re-solve, and as many again for each column
+_CLOSE_ROUNDS = 60  # at points that may be incumbents
+_CUT_SHARE = 80  # room for tangents that a node must find, by ball
+_EVERY = 8  # nodes between guesses once there is an incumbent
+
+
+@compiled
+def _guess(n: Numbers, s: Search, low: Whole, high: Whole, into: Whole) -> None:
+    """Every undecided integer at its nearest value; of a group the largest is 1."""
+    E = len(n.column)
+    for e in range(E):
+        if low[e] == high[e]:
+            into[e] = low[e]
+            continue
+        r = n.column[e]
+        if r >= 0:
+            value = n.norm[r] * s.main.value[r] + s.offset[r]
+            into[e] = min(max(np.int64(np.round(value)), low[e]), high[e])
+        else:
+            into[e] = 1 if s.distance[1, e] <= s.distance[0, e] else 0
+    for e in range(E):
+        if n.group[e] < 0:
+            continue
+        best, chosen = -np.inf, -1
+        begins = True
+        for f in range(E):
+            if n.group[f] != n.group[e]:
+                continue
+            if f < e:
+                begins = False
+                break
+            value = n.norm[n.column[f]] * s.main.value[n.column[f]] + s.offset[n.column[f]]
+            if low[f] == high[f]:
+                value = 2.0 * low[f] - 1.0
+            if value > best:
+                best, chosen = value, f
+        if begins:
+            for f in range(e, E):
+                if n.group[f] == n.group[e] and low[f] < high[f]:
+                    into[f] = 1 if f == chosen else 0
+
+
+@compiled
+def _try(n: Numbers, s: Search, chosen: NDArray[np.int64], limit: int) -> bool:
+    """Solve with all integers given; True if that is a better incumbent."""
+    _copy_working(s.main, s.probe)
+    _apply(n, s, chosen, chosen)
+    _drop_absent(s.rows, s.probe)
+    s.whole[GUESSES] += 1
+    close = s.real[FEASIBILITY]
+    found = _solve_cut(n, s, s.probe, _slack_cutoff(s), limit, _CLOSE_ROUNDS, close)
+    if found != SOLVED:
+        return False
+    _bound(n, s, s.probe)
+    if _outside(n, s) > 1.5 * close:
+        return False
+    objective = _objective(n, s.w)
+    if objective >= s.real[BEST]:
+        return False
+    s.real[BEST] = objective
+    s.best_w[:] = s.w
+    s.best_whole[:] = chosen
+    s.whole[INCUMBENTS] += 1
+    return True
+
+
+@compiled
+def _leaf(n: Numbers, s: Search, chosen: NDArray[np.int64]) -> bool:
+    """The solution of a node that leaves no integer open, which is the best in it.
+
+    True if columns were rounded, so that the point has to be solved for again.
+    """
+    rounded = False
+    for e in range(len(n.column)):
+        chosen[e] = _decided_value(n, s, e)
+        rounded = rounded or (s.low[e] < s.high[e] and n.column[e] >= 0)
+    objective = _objective(n, s.w)
+    if objective >= s.real[BEST]:
+        return False
+    if not rounded:
+        s.real[BEST] = objective
+        s.best_w[:] = s.w
+        s.best_whole[:] = chosen
+        s.whole[INCUMBENTS] += 1
+    return rounded
+
+
+@compiled
+def _decided_value(n: Numbers, s: Search, e: int) -> Any:
+    """The value that an integer has, or may have, at a point that leaves none open."""
+    if s.low[e] == s.high[e]:
+        return s.low[e]
+    r = n.column[e]
+    if r >= 0:
+        return np.int64(np.round(n.norm[r] * s.main.value[r] + s.offset[r]))
+    return 1 if s.distance[1, e] == 0.0 else 0
+
+
+@compiled
+def _split_anyhow(n: Numbers, s: Search, tree: Tree, node: int) -> None:
+    """Neither solved nor proved empty: split what is undecided, or leave it with its bound."""
+    chosen = -1
+    for e in range(len(n.column)):
+        if s.low[e] < s.high[e]:
+            chosen = e
+            break
+    if chosen < 0:
+        s.whole[UNPROVED] += 1
+        tree.state[node] = LEFT
+        s.real[LEFT_BOUND] = min(s.real[LEFT_BOUND], tree.bound[node])
+        return
+    split = (s.low[chosen] + s.high[chosen]) // 2
+    for up in range(2):
+        new = _child(n, s, tree, node, chosen, up, split, tree.bound[node])
+        _store(tree, new, s.main)
+        _push(tree, s.whole, new)
+    tree.state[node] = BRANCHED
+
+
+@compiled
+def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
+    """One node; the child to go on with, -1 for none."""
+    E = len(n.column)
+    for e in range(E):
+        s.low[e], s.high[e] = tree.low[node, e], tree.high[node, e]
+    _apply(n, s, s.low, s.high)
+    if warm:
+        _drop_absent(s.rows, s.main)
+    else:
+        _load(s, tree, node)
+    limit = _ITERATIONS + len(s.u)
+    found, bound = STUCK, -np.inf
+    for turn in range(2):
+        found, here = _relax(n, s, limit if turn == 0 else 4 * limit)
+        bound = max(bound, here)
+        if found in (SOLVED, CUT_OFF) or np.isinf(bound):
+            break
+        _clear(s.main)  # rounding got the better of the factors: once more from the beginning
+    tree.bound[node] = max(tree.bound[node], bound)
+    if np.isinf(bound) and bound > 0:
+        _follow_ray(s, s.main, _far(s))
+        _store(tree, node, s.main)
+        _close(s, tree, node, bound)
+        return -1
+    _store(tree, node, s.main)
+    if tree.bound[node] >= _cutoff(s):
+        _close(s, tree, node, tree.bound[node])
+        return -1
+    if found != SOLVED:
+        _split_anyhow(n, s, tree, node)
+        return -1
+    leaf = _measure(n, s, s.main, s.low, s.high) == 0
+    if leaf and _outside(n, s) > s.real[FEASIBILITY]:
+        # Balls are to be met before the point says anything
+        if _cut_balls(n, s, s.real[FEASIBILITY]) > 0 and s.whole[AGAIN] < _CLOSE_ROUNDS:
+            s.whole[AGAIN] += 1
+            return node
+        _split_anyhow(n, s, tree, node)
+        return -1
+    s.whole[AGAIN] = 0
+    chosen = np.empty(E, np.int64)
+    wanted = np.isinf(s.real[BEST]) or s.whole[NODES] % _EVERY == 1
+    if leaf:
+        wanted = _leaf(n, s, chosen)
+    elif s.whole[HINTED]:
+        s.whole[HINTED] = 0
+        chosen[:] = s.hint
+        wanted = True
+    elif wanted:
+        _guess(n, s, s.low, s.high, chosen)
+    if wanted:
+        _try(n, s, chosen, limit)
+        _apply(n, s, s.low, s.high)
+    if leaf or tree.bound[node] >= _cutoff(s):
+        _close(s, tree, node, tree.bound[node])
+        return -1
+    return _branch(n, s, tree, node)
+
+
+@compiled
+def run(n: Numbers, s: Search, tree: Tree, nodes: int, most: int) -> int:
+    """Process up to `nodes` nodes, `most` in all: DONE, GROW if the tree needs room, or PAUSE."""
+    whole = s.whole
+    room = len(tree.bound) - 4
+    for _ in range(nodes):
+        if whole[COUNT] >= room:
+            return GROW
+        if len(n.radius) > 0 and s.rows.used[0] + _CUT_SHARE * len(n.radius) >= len(n.when):
+            return GROW_ROWS
+        node, warm = whole[NEXT], True
+        whole[NEXT] = -1
+        if node < 0:
+            warm = False
+            if whole[HEAP] == 0:
+                return DONE
+            node = _pop(tree, whole)
+        if tree.bound[node] >= _cutoff(s):
+            _close(s, tree, node, tree.bound[node])
+            continue
+        if whole[NODES] >= most:
+            _push(tree, whole, node)
+            return DONE
+        whole[NODES] += 1
+        whole[NEXT] = _process(n, s, tree, node, warm)
+    return PAUSE
+
+
+@compiled
+def revive(n: Numbers, s: Search, tree: Tree) -> None:
+    """Bounds of the nodes that a tree begins with, from multipliers found for other numbers."""
+    w = s.main
+    for node in range(s.whole[COUNT]):
+        for e in range(len(n.column)):
+            s.low[e], s.high[e] = tree.low[node, e], tree.high[node, e]
+        _apply(n, s, s.low, s.high)
+        _clear(w)
+        count = 0
+        for i in range(tree.active[node]):
+            row, side = tree.row[node, i], float(tree.side[node, i])
+            multiplier = tree.multiplier[node, i]
+            if s.rows.on[row] == 0 or abs(_edge(s.rows, row, side)) > _FAR:
+                continue
+            if multiplier < 0.0 and s.rows.lower[row] < s.rows.upper[row]:
+                continue
+            w.row[count], w.side[count], w.multiplier[count] = row, side, multiplier
+            count += 1
+        w.count[0] = count
+        bound, _ = _bound(n, s, w)
+        if not bound > s.real[CONSTANT]:
+            # Worth less than none, as far along a ray that no longer proves anything
+            for i in range(tree.active[node]):
+                tree.multiplier[node, i] = 0.0
+            for i in range(count):
+                w.multiplier[i] = 0.0
+            bound, _ = _bound(n, s, w)
+        tree.bound[node] = bound
+        tree.state[node] = OPEN
+        w.count[0] = 0
+        _push(tree, s.whole, node)

@@ -1,0 +1,44 @@
+"""One problem at parameters that change, through the public door."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cart_pole import problem as damped
+from cart_pole import springs
+
+import climbplan
+from climbplan.errors import UsageError
+
+_START = np.array([0.30, 0.05, 0.3, -0.4])
+_WALLS = np.array([0.35, 0.40])
+
+
+def test_a_session_agrees_with_single_solves() -> None:
+    problem = springs()
+    session = climbplan.Session(problem, gap=1e-4)
+    state = _START
+    for t in range(8):
+        theta = {"start": state, "walls": _WALLS + 0.01 * np.sin(t)}
+        warm = session.solve(theta, shift=int(t > 0))
+        cold = climbplan.solve(problem, theta, gap=1e-4)
+        assert cold.method.startswith("branch-and-bound")
+        assert warm.status == cold.status == "optimal"
+        assert warm.objective == pytest.approx(cold.objective, rel=2e-4)
+        assert warm.gap is not None
+        assert warm.gap <= 1e-4
+        assert warm.check().passed(1e-6)
+        state = warm["state"][1]
+    assert "remembered" in warm.method
+    session.forget()
+    assert "remembered" not in session.solve(theta).method
+
+
+def test_a_session_refuses_what_the_tree_cannot_hold() -> None:
+    session = climbplan.Session(damped())
+    with pytest.raises(UsageError, match="holds no products"):
+        session.solve({"start": _START, "walls": _WALLS})
+    with pytest.raises(UsageError, match="no setting solver of a session"):
+        climbplan.Session(springs(), solver="highs")
+    with pytest.raises(UsageError, match="0 steps or more"):
+        climbplan.Session(springs()).solve({"start": _START, "walls": _WALLS}, shift=-1)

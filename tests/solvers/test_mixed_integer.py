@@ -1,0 +1,164 @@
+"""The compiled tree over integers: against SCIP and enumeration, bounds, memory, limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_programs import random_program
+
+from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.errors import UsageError
+from climbplan.program import Program
+from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, Rows, solve_rows, working
+from climbplan.solvers.mixed_integer.memory import shifted
+from climbplan.solvers.mixed_integer.method import TreeMemory, solve_mixed_integer
+from climbplan.solvers.registry import solve
+
+GAP = 1e-5
+
+
+def _agrees_with_scip(seed: int) -> None:
+    instance = random_program(seed).at({})
+    ours = solve_mixed_integer(instance, GAP, 60.0, 1e-6)
+    scip = solve(instance, "minlp-scip", 1e-6, 60.0)
+    assert ours.status in ("optimal", "infeasible")
+    assert (ours.status == "infeasible") == (scip.status == "infeasible")
+    if ours.objective is None or scip.objective is None:
+        return
+    scale = 1e-3 + abs(scip.objective)
+    assert instance.violation(ours.x, ours.assignment) <= 1e-6
+    assert ours.bound <= scip.objective + 1e-5 * (1.0 + abs(scip.objective))
+    assert abs(ours.objective - scip.objective) <= 2e-4 * scale
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_random_programs_agree_with_scip(seed: int) -> None:
+    _agrees_with_scip(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(15, 300))
+def test_many_random_programs_agree_with_scip(seed: int) -> None:
+    _agrees_with_scip(seed)
+
+
+def test_active_set_agrees_with_daqp_and_proves_what_is_empty() -> None:
+    import daqp
+
+    rng = np.random.default_rng(0)
+    empty = 0
+    for trial in range(60):
+        k = int(rng.integers(2, 30))
+        m = int(rng.integers(k, 6 * k))
+        M = rng.normal(size=(m, k))
+        M /= np.linalg.norm(M, axis=1)[:, None]
+        if trial % 3 == 0:
+            M[m // 2 :] = M[: m - m // 2]  # the same rows twice
+        at = M @ rng.normal(size=k) * (trial % 2) * 3.0
+        shift = rng.uniform(0.0, 0.3, m) if trial % 5 == 0 else 0.0
+        lower, upper = at - rng.uniform(0, 0.5, m) + shift, at + rng.uniform(0, 0.5, m)
+        lower = np.minimum(lower, upper)
+        found, value, flag, _ = daqp.solve(
+            np.eye(k), np.zeros(k), M, upper, lower, np.zeros(m, np.int32), primal_tol=1e-10
+        )
+        rows = Rows(
+            M, np.ascontiguousarray(M.T), lower, upper, np.ones(m, np.uint8), np.full(m, 1e-10),
+            np.array([m]),
+        )  # fmt: skip
+        w = working(m, k)
+        status = solve_rows(rows, w, np.inf, 5000)
+        if flag > 0:
+            assert status == SOLVED
+            assert w.v @ w.v / 2 == pytest.approx(value, rel=1e-6, abs=1e-9)
+            assert np.allclose(w.v, found, atol=1e-5)
+            continue
+        empty += 1
+        assert status == EMPTY
+        n = int(w.ray_count[0])
+        side, row, ray = w.ray_side[:n], w.ray_row[:n], w.ray[:n]
+        edge = np.where(side > 0, upper[row], -lower[row])
+        assert (ray >= -1e-9)[lower[row] < upper[row]].all()
+        assert edge @ ray < 0
+        assert np.abs((side * ray) @ M[row]).max() < 1e-6 * -(edge @ ray)
+    assert empty > 3
+
+
+def test_published_cart_pole_is_solved_to_the_gap_in_few_nodes() -> None:
+    instance = walled_cart_pole().instance({"start": PUSHED})
+    found = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
+    scip = solve(instance, "minlp-scip", 1e-4, 120.0)
+    assert found.status == "optimal"
+    assert found.nodes <= 30
+    assert found.objective == pytest.approx(scip.objective, rel=1e-3)
+    assert found.bound <= scip.objective * (1 + 1e-4)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.003])
+def test_memory_gives_the_same_optimum_with_fewer_steps(noise: float) -> None:
+    problem = walled_cart_pole()
+    blocks, rng = problem.program.blocks, np.random.default_rng(0)
+    memory, state = TreeMemory(1e-3, 1e-6), PUSHED
+    steps = np.zeros(2)
+    for t in range(24):
+        instance = problem.instance({"start": state})
+        cold = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
+        warm = memory.solve(instance, move=(lambda f: shifted(blocks, f, 1)) if t else None)
+        assert cold.status == warm.status == "optimal"
+        assert warm.objective == pytest.approx(cold.objective, rel=1e-3)
+        assert warm.bound <= cold.objective * (1 + 1e-9)
+        if t > 12:  # the first problems take one node without any help
+            steps += [_dual_steps(cold.log), _dual_steps(warm.log)]
+        state = problem.values(warm.x)["state"][1] + noise * rng.normal(size=4) * MOST
+    assert steps[1] < 0.5 * steps[0]
+
+
+def test_memory_without_a_move_serves_other_parameters() -> None:
+    problem = walled_cart_pole()
+    memory = TreeMemory(1e-3, 1e-6)
+    for push in (1.0, 0.9, 0.2, 0.95):
+        instance = problem.instance({"start": push * PUSHED})
+        warm, cold = memory.solve(instance), solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
+        assert warm.status == cold.status == "optimal"
+        assert warm.objective == pytest.approx(cold.objective, rel=1e-3, abs=1e-8)
+
+
+def test_a_limit_of_nodes_leaves_a_valid_bound() -> None:
+    instance = random_program(13).at({})
+    whole = solve_mixed_integer(instance, 1e-6, tolerance=1e-6)
+    assert whole.objective is not None
+    for nodes in range(1, 6):
+        part = solve_mixed_integer(instance, 1e-6, tolerance=1e-6, nodes=nodes)
+        assert part.nodes <= nodes
+        assert part.bound <= whole.objective + 1e-9 * abs(whole.objective)
+
+
+def test_same_answer_every_time() -> None:
+    instance = walled_cart_pole().instance({"start": 0.8 * PUSHED})
+    first, second = (solve_mixed_integer(instance, 1e-4) for _ in range(2))
+    assert first.nodes == second.nodes
+    assert first.bound == second.bound
+    assert np.array_equal(first.x, second.x)
+
+
+def test_an_open_direction_without_cost_is_refused() -> None:
+    p = Program("open")
+    x, z = p.continuous("x", (2,)), p.binary("z", (1,))
+    p.when("on", z, x[:1], lower=1.0)
+    p.minimise("cost", x[0] ** 2 - z[0])
+    with pytest.raises(UsageError, match="direction without cost is not bounded"):
+        solve_mixed_integer(p.at())
+
+
+def test_contradictions_are_found_before_any_search() -> None:
+    p = Program("contradiction")
+    x, z = p.continuous("x", (1,), 0.0, 1.0), p.binary("z", (1,))
+    p.when("high", z, x, lower=2.0)
+    p.when("low", z, x, lower=3.0, value=False)
+    p.minimise("cost", x[0] ** 2)
+    found = solve_mixed_integer(p.at())
+    assert found.status == "infeasible"
+    assert found.bound == np.inf
+
+
+def _dual_steps(log: tuple[str, ...]) -> int:
+    return int(next(line for line in log if "dual steps" in line).split()[-3])

@@ -21,6 +21,7 @@ BENCHMARKS = {
     "transition": "complementarity from random starts against the search over stance sets",
     "mpc": "walking: offline methods, accuracy of envelopes, ticks online, recovery from pushes",
     "refusals": "random climbs: planned, proved impossible or not proved, limits, second tries",
+    "stands": "shipped and random climbs in MuJoCo, with margins and without",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
@@ -44,9 +45,10 @@ _QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same s
 _KNOWN = {
     "limms": ("methods", "count", "seconds"),
     "refusals": ("count", "seconds"),
+    "stands": ("count",),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
-_PANEL = "bench bookshelf, bench strategies, bench limms, bench mpc, bench refusals"
+_PANEL = "bench bookshelf, bench strategies, bench limms, bench mpc, bench refusals, bench stands"
 
 
 def bench(
@@ -199,7 +201,7 @@ def bench(
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
     --methods (offline, envelopes, bounds, ticks, recovery), --count, --library and --library-size,
-    `bench refusals` --count and --time-limit.
+    `bench refusals` --count and --time-limit, `bench stands` --count.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -227,8 +229,8 @@ def bench(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
             "some of them, `bench limms`, `bench mpc` and `bench refusals`"
         )
-    if name == "refusals" and (out is not None or as_json):
-        raise UsageError("`bench refusals` has no --out and no --json")
+    if name in ("refusals", "stands") and (out is not None or as_json):
+        raise UsageError(f"`bench {name}` has no --out and no --json")
     allowed = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
     if stray := sorted(set(given) - set(allowed)):
         raise UsageError(f"`bench {name}` has no {_option(stray[0])}")
@@ -258,6 +260,12 @@ def bench(
 
             with standard_output() as stream:
                 run_engine(seed, quick, stream)
+            continue
+        if chosen == "stands":
+            from climbplan.bench.climb.stands import bench_stands
+
+            with standard_output() as stream:
+                bench_stands(seed, quick, stream, given.get("count"))
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

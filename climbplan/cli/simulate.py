@@ -96,7 +96,19 @@ def simulate(
             help="What of the body's pose standing limbs are told to correct: its attitude (an "
             "inertial sensor's), or its place as well: by the joints' own sensors, or as it is.",
         ),
-    ] = Regulated.nothing,
+    ] = Regulated.joints,
+    delay_ms: Annotated[
+        float, typer.Option("--delay-ms", metavar="MS", min=0.0, help="That corrections come late.")
+    ] = 0.0,
+    joint_noise_deg: Annotated[
+        float,
+        typer.Option(
+            "--joint-noise-deg",
+            metavar="DEG",
+            min=0.0,
+            help="Standard deviation of what the joints' sensors tell the regulator.",
+        ),
+    ] = 0.0,
     most_slips: Annotated[
         int | None,
         typer.Option(
@@ -172,6 +184,9 @@ def simulate(
             limb_weights=limb_weights,
             speed=speed,
             regulator=regulate.value,
+            delay=delay_ms / 1e3,
+            joint_noise=math.radians(joint_noise_deg),
+            noise_seed=seed or 0,
         ),
         runs=runs,
         sweep_key=key,

@@ -22,6 +22,8 @@ def leaves_out_lines(verification: Verification) -> Iterator[str]:
     """What the badge leaves out, one line each."""
     for words in verification.leaves_out:
         yield f"{'':<9} {'leaves out':<9} {words}"
+    for words in verification.fragile:
+        yield f"{'':<9} {'fragile':<9} {words}"
 
 
 def badge_lines(verification: Verification) -> Iterator[str]:
@@ -29,6 +31,8 @@ def badge_lines(verification: Verification) -> Iterator[str]:
     yield verification.badge
     for words in verification.leaves_out:
         yield f"  leaves out: {words}"
+    for words in verification.fragile:
+        yield f"  fragile: {words}"
     against = verification.against
     if against is not None:
         yield f"spec {against}"

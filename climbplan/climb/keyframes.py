@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.climb.forces.margins import solve_with_margins
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import state_forces
 from climbplan.climb.grips.planner import answers_of
 from climbplan.climb.grips.solving import solve_grips
@@ -85,7 +85,8 @@ def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -
     if scene.grippers is not None:
         return _placing_grips(scene, standing, scene.grippers, lifted)
     statement = state_forces(scene, standing)
-    solved = solve_forces(statement, scene.spec.solver.force, scene.spec.force.facets)
+    facets = scene.spec.force.facets
+    solved = solve_with_margins(scene, statement, scene.spec.solver.force, facets).solved
     com = deflections_for_forces(
         statement.compliance,
         statement.arms,

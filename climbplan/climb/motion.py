@@ -92,6 +92,23 @@ def plan_motion(
     """
     if deadline is None:
         deadline = time.monotonic() + scene.spec.solver.time_limit
+    try:
+        return _plan_motion(scene, clock, save_model, deadline)
+    except LimitReached:
+        raise
+    except NoPlanFound:
+        if not scene.footing:
+            raise
+    # No room off the edges: toes may stand wherever there is ground
+    motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline)
+    edge = 1e3 * scene.spec.margins.edge
+    note = f"fragile: toes may stand nearer than {edge:.0f} mm to edges of their regions"
+    return replace(motion, tightenings=(*motion.tightenings, note))
+
+
+def _plan_motion(
+    scene: ClimbScene, clock: StageClock, save_model: Path | None, deadline: float
+) -> Motion:
     if save_model is not None and _method(scene) != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()

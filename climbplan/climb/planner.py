@@ -120,6 +120,7 @@ def plan_by_method(
             *motion.posture.warnings,
             *motion.tightenings,
             *deflection_warnings(forces),
+            *forces.notes,
             *assumed,
             *grip_warnings(scene, instants),
         ),

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.climb.footing import footing
 from climbplan.climb.plan.climb_plan import Index
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
@@ -37,6 +38,8 @@ REACH_RESERVE = 0.05  # share of its reach that a limb keeps for toes that a spe
 _RINGS = np.arange(0.01, 0.36, 0.01)  # [m]
 _TURNS = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # [rad]
 _JOINT_RESERVE = np.deg2rad(2.0)  # that joints keep there
+_HOLDS = 0.1  # of the largest friction coefficient: ground with less is none to choose
+_MOVED = 1e-9  # [m] a toe that would move by less stays
 ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
 
 
@@ -68,6 +71,13 @@ class ClimbScene(MotionScene):
 
     spec: ClimbSpec
     gait: tuple[int, ...]  # limbs in the order in which they move
+    # Regions of the terrain without strips along edges where toes are not to stand; () for none
+    footing: tuple[Region, ...] = field(default=(), kw_only=True)
+
+    @property
+    def standing(self) -> tuple[Region, ...]:
+        """Where toes are planned to stand, one region for each of the terrain's."""
+        return self.footing or self.terrain.regions
 
 
 def stance_of(
@@ -105,6 +115,35 @@ def stance_of(
                 )
             )
     return Stance(com, rpy, toes, region)
+
+
+def _on_footing(
+    stance: Stance, posture: PostureSpec, robot: Robot, terrain: Terrain, edge: float, lift: float
+) -> Stance:
+    """The stance with toes that the spec leaves open off edges, and on ground that holds.
+
+    A toe keeps its place where it cannot stand any better.
+    """
+    regions = footing(terrain, edge) or (() if terrain.curved else terrain.regions)
+    toes, region = stance.toes.copy(), stance.region.copy()
+    shoulders = stance.com + robot.shoulder_body @ rotation_world_body(stance.rpy).T
+    for limb, name in enumerate(robot.limb_names):
+        open_toe = name not in posture.toes and edge > 0
+        if not regions or not open_toe or regions[region[limb]].hold is not None:
+            continue
+        usable = np.flatnonzero(terrain.allowed[limb])
+        best = max(regions[r].friction for r in usable)
+        usable = usable[[regions[r].friction >= _HOLDS * best for r in usable]]
+        points = np.array([regions[r].project(toes[limb]) for r in usable])
+        far = np.linalg.norm(points - toes[limb], axis=1)
+        nearest = int(np.argmin(far))
+        surface, point = regions[usable[nearest]], points[nearest]
+        if far[nearest] < _MOVED or np.linalg.norm(point - shoulders[limb]) > robot.reach:
+            continue
+        body = (stance.com, stance.rpy)
+        if np.array_equal(within_joints(robot, limb, body, point, surface, lift), point):
+            toes[limb], region[limb] = point, usable[nearest]
+    return replace(stance, toes=toes, region=region)
 
 
 def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -> Array:
@@ -241,9 +280,12 @@ def build_scene(
     mistakes: list[SpecMistake] = []
     lift = spec.trajectory.lift
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
+    edge = spec.margins.edge
+    start = _on_footing(start, spec.task.start, robot, terrain, edge, lift)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
+    goal = _on_footing(goal, spec.task.goal, robot, terrain, edge, lift)
     if mistakes:
         raise SpecError(source, mistakes)
     warn_of_backs(terrain, (start, goal))
@@ -256,4 +298,5 @@ def build_scene(
         goal=goal,
         gait=tuple(robot.limb_names.index(name) for name in order),
         grippers=_grippers(spec, robot_spec, robot, terrain, directory or Path()),
+        footing=footing(terrain, edge, (goal.toes, goal.region)),
     )

@@ -61,6 +61,10 @@ LIMITS = {
     "static.pose": Limit(1e-4, "m, rad", "the joint commands hold the body at its planned pose"),
     "static.torque": Limit(1e-4, "of limit", "torques there within the limit over S_tau"),
     "static.friction": Limit(1e-4, "of weight", "tangential forces there within mu f_n / S_mu"),
+    "robust.pressure": Limit(0, "N", "toes in contact press with their margin"),
+    "robust.friction": Limit(0, "N", "and hold with so much less pressure, within mu f_n / S_mu"),
+    "robust.depth": Limit(0, "m", "free toes would be commanded so far inside their surfaces"),
+    "robust.stiffness": Limit(0, "", "bracing leaves the body so much of its stiffness"),
     "static.stability": Limit(0, "", "the body does not buckle under the forces that hold it"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
@@ -137,6 +141,7 @@ class Check:
     used: float = 0.0  # part of a bound that is used up, 1 at the bound; 0 for equations
     judged: bool = True
     left_out: LeftOut | None = None  # what the plan lacks where this is not judged, or not whole
+    fragile: str = ""  # where and by how much a margin is not kept, in the robot's terms
 
     @property
     def mark(self) -> str:

@@ -67,6 +67,11 @@ class Verification:
         return tuple(dict.fromkeys(out.words for out in self.left_out))
 
     @property
+    def fragile(self) -> tuple[str, ...]:
+        """Margins that the plan does not keep: where, and what there is of them; () if it does."""
+        return tuple(check.fragile for check in self.checks if check.fragile)
+
+    @property
     def failed(self) -> tuple[Check, ...]:
         """The checks that failed."""
         return tuple(check for check in self.checks if not check.passed)
@@ -116,6 +121,7 @@ class Verification:
             "verified_in": self.model,
             "leaves_out": list(self.leaves_out),
             "implausible": list(self.implausible),
+            "fragile": list(self.fragile),
             "verified_against": self.against.as_dict() if self.against is not None else None,
         }
 
@@ -128,10 +134,11 @@ class Verification:
 def mark_verified(path: Path, verification: Verification) -> None:
     """Write the outcome into the file's attributes; the file changes whole or not at all.
 
-    `verified`, and what it is worth: `badge`, `verified_in`, `leaves_out` (JSON).
+    `verified`, and what it is worth: `badge`, `verified_in`, `leaves_out`, `fragile` (JSON).
     """
     with amended_store(path) as file:
         file.attrs["verified"] = np.bool_(verification.passed)
         write_text(file, "badge", verification.badge)
         write_text(file, "verified_in", verification.model)
         write_json(file, "leaves_out", list(verification.leaves_out))
+        write_json(file, "fragile", list(verification.fragile))

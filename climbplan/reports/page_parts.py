@@ -127,13 +127,17 @@ def implausible_list(report: Mapping[str, Any]) -> str:
 
 
 def left_out_list(report: Mapping[str, Any]) -> str:
-    """What the badge leaves out."""
-    words = "".join(f"<li>{escape(text)}</li>" for text in report.get("leaves_out", ()))
-    return (
-        f'<p class="left-out">This leaves out:</p><ul class="left-out">{words}</ul>\n'
-        if words
-        else ""
+    """What the badge leaves out, and which margins are not kept."""
+    return _listed("This leaves out:", report.get("leaves_out", ())) + _listed(
+        "Fragile: not all margins could be kept.", report.get("fragile", ())
     )
+
+
+def _listed(title: str, texts: Iterable[str]) -> str:
+    words = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    if not words:
+        return ""
+    return f'<p class="left-out">{title}</p><ul class="left-out">{words}</ul>\n'
 
 
 def plain_words(value: object) -> str:

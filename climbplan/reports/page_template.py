@@ -84,7 +84,11 @@ def report_fields(
     return frame_fields(
         title=report["title"] or report["name"],
         kicker=(report["name"], kind),
-        badges=(report.get("badge") or plain, status),
+        badges=(
+            report.get("badge") or plain,
+            *(["fragile"] if report.get("fragile") else []),
+            status,
+        ),
         colour="part" if report["verified"] and report.get("verified_in") else "",
         above=implausible_list(report),
         below=left_out_list(report),

@@ -37,7 +37,10 @@ class Conditions:
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[ContactLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
-    regulator: Regulated = "nothing"  # what of the body's pose commands are corrected for
+    regulator: Regulated = "joints"  # what of the body's pose commands are corrected for
+    delay: float = 0.0  # that corrections come late [s]
+    joint_noise: float = 0.0  # standard deviation of what the joints' sensors tell [rad]
+    noise_seed: int = 0
     world: World | None = None  # what robot and terrain are beside this; None: as planned
 
 

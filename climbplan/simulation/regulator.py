@@ -3,7 +3,8 @@
 Motors that are stiffer or softer than believed, a payload, or a toe that slid let the body come to
 rest elsewhere than planned, and every limb that is then put down starts from there: errors add up.
 The regulator integrates the body's departure and tells standing limbs to carry it back: toes are
-commanded as if the body had moved by the correction.
+commanded as if the body had moved by the correction. While a toe takes load or is let go of nothing
+new is corrected: pressed with next to nothing, it slides at next to nothing.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.rotations import Array, rotation_world_body, skew
+from climbplan.simulation.odometry import standing
 
 RATE = 1.0  # [1/s] at which a departure is worked off
 MOST_SHIFT, MOST_TURN = 0.06, 0.15  # [m], [rad] of corrections, within which they are linear
@@ -30,6 +32,7 @@ class Regulator:
         self._contact = moving.contact
         self._jacobian = jacobian_world(robot, moving.rpy, angles)
         self._arms = toe_world(robot, moving.com, moving.rpy, angles) - moving.com[:, None]
+        self._settled = (standing(plan) == moving.contact).all(axis=1)  # no toe half loaded
         self.shift, self.turn = np.zeros(3), np.zeros(3)
 
     def correction(self, sample: float, seconds: float, pose: tuple[Array, Array]) -> Array:
@@ -43,11 +46,13 @@ class Regulator:
         com = (1 - share) * self._com[at] + share * self._com[after]
         rpy = (1 - share) * self._rpy[at] + share * self._rpy[after]
         wanted = rotation_world_body(rpy)
-        if self._place:
+        settled = self._settled[at]
+        if settled and self._place:
             self.shift = _shortened(self.shift + RATE * seconds * (com - pose[0]), MOST_SHIFT)
         off = wanted @ pose[1].T
         turn = np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]) / 2
-        self.turn = _shortened(self.turn + RATE * seconds * turn, MOST_TURN)
+        if settled:
+            self.turn = _shortened(self.turn + RATE * seconds * turn, MOST_TURN)
         # A body that is to move by (shift, turn) sees its toes move the other way.
         moved = -(self.shift + self._arms[at] @ skew(self.turn).T)
         moved = moved * self._contact[at][:, None]

@@ -7,6 +7,7 @@ and then plays the trajectory's commands, which unload, lift, swing, lower, pres
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
 from ctypes.util import find_library
 from dataclasses import dataclass
@@ -124,6 +125,8 @@ class _Player:
         if conditions.regulator != "nothing":
             self.regulator = Regulator(plan, place=conditions.regulator != "attitude")
         self.odometry = JointOdometry(plan) if conditions.regulator == "joints" else None
+        self._late: deque[Array] = deque()  # corrections on their way to the motors
+        self._noise = np.random.default_rng(conditions.noise_seed)
         self.command = plan.trajectory.joint_command
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
@@ -203,9 +206,20 @@ class _Player:
             if self.regulator is not None:
                 now = sample - 1 + share
                 pose = self._pose(sample)
-                command = command + self.regulator.correction(now, span / pieces, pose)
+                told = self.regulator.correction(now, span / pieces, pose)
+                command = command + self._delayed(told, span / pieces)
             data.ctrl[:] = command.ravel()
             self.mujoco.mj_step(self.model, data, nstep=steps)
+
+    def _delayed(self, correction: Array, seconds: float) -> Array:
+        """(N, J) what motors are told now of corrections that come every so many seconds."""
+        self._late.append(correction)
+        late = round(self.conditions.delay / seconds)
+        if len(self._late) <= late:
+            return np.zeros_like(correction)
+        while len(self._late) > late + 1:
+            self._late.popleft()
+        return self._late[0]
 
     def _at_rest(self) -> Array:
         """(1 + N, 3) where body and toes would be if the commands stayed what they are."""
@@ -218,6 +232,8 @@ class _Player:
         """Where the body is, or where its joints say it is."""
         if self.odometry is not None:
             angles = self.data.qpos[self.address].reshape(self.plan.robot.limb_count, -1)
+            if self.conditions.joint_noise > 0:
+                angles = angles + self._noise.normal(0.0, self.conditions.joint_noise, angles.shape)
             return self.odometry.pose(sample, angles)
         return self.data.qpos[:3].copy(), self.data.xmat[self.body].reshape(3, 3).copy()
 

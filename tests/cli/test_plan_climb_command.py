@@ -42,6 +42,7 @@ class FakeVerification:
     model: str = ""
     leaves_out: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
+    fragile: tuple[str, ...] = ()
 
     def headline(self) -> str:
         return "14 checks, worst margin: friction"

@@ -150,7 +150,7 @@ def test_doctor_covers_every_dependency() -> None:
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
     names = ["posture", "force", "plan", "coupled", "transition", "mpc"]
-    names += ["refusals", "growth", "bookshelf", "strategies", "limms", "engine"]
+    names += ["refusals", "stands", "growth", "bookshelf", "strategies", "limms", "engine"]
     assert [line.split()[0] for line in listed] == names
 
 
@@ -197,6 +197,7 @@ class FakeVerification:
     passed = False
     badge = "not verified"
     leaves_out: tuple[str, ...] = ("what holds at knots only",)
+    fragile: tuple[str, ...] = ("round 1, push: RF presses with 2.0 of 10.1 N",)
     implausible = ("friction 9 of left",)
     against = None
 
@@ -261,7 +262,12 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_verify(run_command: RunCommand, plan_directory: Path) -> None:
     for argument in ("outputs", "outputs/plan.h5"):
         outcome = run_command("verify", argument)
-        lines = ["not verified", "  leaves out: what holds at knots only", "friction  1e-3  FAILED"]
+        lines = [
+            "not verified",
+            "  leaves out: what holds at knots only",
+            "  fragile: round 1, push: RF presses with 2.0 of 10.1 N",
+            "friction  1e-3  FAILED",
+        ]
         assert (outcome.code, outcome.out.splitlines()) == (5, lines)
         assert outcome.err == "warning: implausible: friction 9 of left\n"
     assert json.loads(run_command("verify", "outputs", "--json").out)["passed"] is False

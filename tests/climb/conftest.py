@@ -27,6 +27,7 @@ _TOES = {
 }
 _DEMO: dict[str, Any] = {
     "kind": "climb",
+    "margins": "none",  # the force problem as published; margins have tests of their own
     "robot": "silvia",
     "terrain": {
         "friction": 1.0,

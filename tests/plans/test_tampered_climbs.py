@@ -411,7 +411,9 @@ def test_another_terrain_is_noticed(name: str, climb: Climb, tmp_path: Path) -> 
 
 def test_every_check_was_seen_to_fail() -> None:
     seen = set().union(*(names for _, names in (*TAMPERED.values(), *TERRAINS.values())))
-    assert seen == set(LIMITS)
+    # A margin that is not kept fails nothing: it is told (`tests/climb/test_margins.py`)
+    told = {name for name in LIMITS if name.startswith("robust.")}
+    assert seen == set(LIMITS) - told
 
 
 def float_datasets() -> list[str]:

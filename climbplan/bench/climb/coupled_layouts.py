@@ -56,6 +56,7 @@ def random_layout(rng: np.random.Generator, method: str) -> ClimbSpec:
     return ClimbSpec.model_validate(
         {
             "kind": "climb",
+            "margins": "none",  # as published
             "robot": "silvia",
             "terrain": {"friction": 1.0, "regions": regions},
             "task": {

@@ -54,6 +54,7 @@ def two_walls(rounds: int, seed: int, force: float) -> ClimbSpec:
     return ClimbSpec.model_validate(
         {
             "kind": "climb",
+            "margins": "none",  # as published
             "robot": "silvia",
             "terrain": {
                 "friction": 1.0,

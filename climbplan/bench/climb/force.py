@@ -78,6 +78,7 @@ def _shifted_scene(rng: np.random.Generator) -> ClimbScene:
     spec = ClimbSpec.model_validate(
         {
             "kind": "climb",
+            "margins": "none",  # as published
             "robot": "silvia",
             "terrain": {
                 "friction": 1.0,

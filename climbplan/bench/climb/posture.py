@@ -53,6 +53,7 @@ def published_scene(seed: int, free_sides: bool = False) -> ClimbScene:
             regions.append(region)
     data = {
         "kind": "climb",
+        "margins": "none",  # as published
         "robot": "silvia",
         "terrain": {"friction": 1.0, "regions": regions},
         "task": {
@@ -149,6 +150,7 @@ def _growth_scene(rounds: int, limbs: int) -> ClimbScene:
             )
     data = {
         "kind": "climb",
+        "margins": "none",  # as published
         "robot": "made here",
         "terrain": {"friction": 1.0, "regions": regions},
         "task": {

@@ -22,6 +22,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import SpecError
 from climbplan.plans.check import Check, judge
 from climbplan.plans.differences import Difference, apart, same
+from climbplan.spec.climb.margins import MarginsSpec
 from climbplan.spec.climb.model import ClimbSpec, GoalSpec
 from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.transition import TransitionSpec
@@ -54,6 +55,14 @@ def answering(plan: ClimbPlan, held: HeldSpec) -> ClimbPlan:
     if isinstance(spec, str):
         return other  # `spec_checks` says what is wrong with it
     return replace(other, limits=replace(plan.limits, **_bounds(spec)))
+
+
+def margins_of(plan: ClimbPlan) -> MarginsSpec | None:
+    """The margins that the plan's spec asks for; None for none, or where it is no spec."""
+    spec = _spec_of(plan)
+    if isinstance(spec, str) or not spec.margins.asked:
+        return None
+    return spec.margins
 
 
 def _spec_of(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:

@@ -14,8 +14,10 @@ import numpy as np
 from climbplan.climb.check.anew.kinematics import turned
 from climbplan.climb.check.anew.static_pose import Braced, Settled, settle
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
+from climbplan.climb.check.robust import robust_checks
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst, unjudged
+from climbplan.spec.climb.margins import MarginsSpec
 
 LINEAR = "force.sag: predicted is a linear model"
 MODEL = "linear sag"  # of the badge
@@ -30,10 +32,13 @@ LACKS = {
 }
 
 
-def static_checks(subject: Subject) -> Iterator[Check]:
-    """Pose, torques, friction and stability at every instant."""
-    for check in _checks(subject):
+def static_checks(subject: Subject, margins: MarginsSpec | None = None) -> Iterator[Check]:
+    """Pose, torques, friction, stability at every instant, and the spec's margins of them."""
+    settled = _settled(subject)
+    for check in _checks(subject, settled):
         yield told_of_sag(check) if subject.sags else check
+    if not subject.sags:
+        yield from robust_checks(subject, settled, margins)
 
 
 def told_of_sag(check: Check) -> Check:
@@ -41,7 +46,8 @@ def told_of_sag(check: Check) -> Check:
     return unjudged(check, LINEAR, MODEL, LACKS.get(check.name, f"{check.name} {{figure}}"))
 
 
-def _checks(subject: Subject) -> Iterator[Check]:
+def _settled(subject: Subject) -> Settled:
+    """Where the commands hold the body."""
     plan = subject.plan
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     sag = forces.com_deflection
@@ -57,8 +63,12 @@ def _checks(subject: Subject) -> Iterator[Check]:
         subject.load,
         subject.wrist_moment if plan.robot.gripper is not None else None,
     )
-    settled = settle(braced, instants.com + sag[:, :3], axes)
+    return settle(braced, instants.com + sag[:, :3], axes)
 
+
+def _checks(subject: Subject, settled: Settled) -> Iterator[Check]:
+    plan = subject.plan
+    robot = plan.robot
     shift = np.linalg.norm(settled.shift, axis=1)
     turn = np.linalg.norm(settled.turn, axis=1)
     lost = np.isnan(shift)

@@ -26,7 +26,7 @@ from climbplan.climb.check.grips import gripper_check
 from climbplan.climb.check.plausibility import implausible_climb
 from climbplan.climb.check.postures import posture_checks
 from climbplan.climb.check.scan import scan_checks
-from climbplan.climb.check.spec import answering, spec_checks
+from climbplan.climb.check.spec import answering, margins_of, spec_checks
 from climbplan.climb.check.statics import static_checks
 from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.trajectory import trajectory_checks
@@ -78,7 +78,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from spec_checks(subject, None if held is None else held.robot)
     yield from posture_checks(subject)
     yield from force_checks(subject)
-    yield from static_checks(subject)
+    yield from static_checks(subject, margins_of(plan))
     yield from clearance_checks(subject)
     yield from scan_checks(subject)
     yield from trajectory_checks(subject)

@@ -15,6 +15,7 @@ from climbplan.climb.forces.cones import (
     ConicAnswer,
     ConicProgram,
     InstantCones,
+    friction_ends,
     friction_rows,
 )
 from climbplan.climb.plan.climb_plan import Array
@@ -55,7 +56,7 @@ def friction_shortfall(cones: InstantCones) -> float:
     for i in range(cones.contacts):
         rows = friction_rows(cones, i, program.size)
         rows[0, -1] = -1.0
-        program.cone(f"force.friction.{i}", rows, np.zeros(3))
+        program.cone(f"force.friction.{i}", rows, friction_ends(cones, i))
     last = np.zeros((1, program.size))
     last[0, -1] = -1.0
     program.below("shortfall", last, np.zeros(1))

@@ -52,7 +52,9 @@ def solve_clarabel(group: ReducedForces) -> ConeOptima:
     steep = np.ones((b, n, 3))
     steep[..., 0] = group.usable_mu
     A[:, m:end, 1:] = -(steep[..., None] * group.frame_null_space).reshape(b, 3 * n, q)
-    upper[:, m:end] = (steep * group.frame_particular).reshape(b, 3 * n)
+    held = group.frame_particular.copy()
+    held[..., 0] -= group.reserve[:, None]
+    upper[:, m:end] = (steep * held).reshape(b, 3 * n)
     A[:, end:, 1:], upper[:, end:] = group.stability, group.stability_upper
 
     cones = [clarabel.NonnegativeConeT(m), *[clarabel.SecondOrderConeT(3)] * n]

@@ -46,8 +46,9 @@ class InstantCones:
     torque: Array  # (n, J, 3) torque / limit from force
     largest_s: float
     least_pressure: float  # of every contact
+    reserve: float  # pressure that each may miss before it slips
     inward: Array  # (n or 0, 3 n) depth of commanded toes inside their surfaces by forces [m]
-    least_depth: float  # of these [m]
+    least_depth: Array  # (n or 0,) of these [m]
     bending: Array  # (n, J, 3 n) joint angles less commands by forces [rad]
     room: Array  # (n, J, 2) for commands below and above the joint angles [rad]
     stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
@@ -73,7 +74,8 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
     limb = np.flatnonzero(statement.contact[k])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
     bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), -1, 3 * len(limb))
-    asked = limb if statement.least_depth > -np.inf else limb[:0]
+    depth = statement.least_depth[k, limb]
+    asked = limb if (depth > -np.inf).all() else limb[:0]
     inward = statement.inward[k][asked][:, limb].reshape(len(asked), 3 * len(limb))
     stability = stability_cone(statement, np.array([k]))
     lost = stability.A[0][:, limb].reshape(-1, 3 * len(limb))
@@ -86,9 +88,10 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         safety_friction=statement.safety_friction,
         torque=statement.torque_per_force[k, limb] * statement.unit,
         largest_s=statement.largest_s,
-        least_pressure=statement.least_pressure / statement.unit,
+        least_pressure=float(statement.least_pressure[k]) / statement.unit,
+        reserve=float(statement.reserve[k]) / statement.unit,
         inward=inward * statement.unit,
-        least_depth=statement.least_depth,
+        least_depth=depth[: len(asked)],
         bending=bending * statement.unit,
         room=np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1),
         stiffness_lost=lost * statement.unit,
@@ -152,7 +155,8 @@ class ConicProgram:
             press = np.array([-cones.least_pressure])
             self.below(f"force.unilateral.{i}", -selector(cones.axes[i, :1], i, self.size), press)
             if friction:
-                self.cone(f"force.friction.{i}", friction_rows(cones, i, self.size), np.zeros(3))
+                rows = friction_rows(cones, i, self.size)
+                self.cone(f"force.friction.{i}", rows, friction_ends(cones, i))
             for j in range(cones.joints):
                 self.below(
                     f"kinematics.joint_bounds.{i}.{j}",
@@ -163,7 +167,7 @@ class ConicProgram:
             self.below(
                 f"force.inward.{i}",
                 inward_rows(cones, i, self.size),
-                np.array([-cones.least_depth]),
+                -cones.least_depth[i : i + 1],
             )
         if len(cones.stiffness_lost):
             rows = on_forces(cones.stiffness_lost, self.size)
@@ -220,3 +224,8 @@ def friction_rows(cones: InstantCones, i: int, size: int) -> Array:
     axes = cones.axes[i].copy()
     axes[0] *= cones.mu[i] / cones.safety_friction
     return -selector(axes, i, size)
+
+
+def friction_ends(cones: InstantCones, i: int) -> Array:
+    """Ends b (3,) beside those rows: b - A x is in the cone that begins where the reserve ends."""
+    return np.array([-cones.mu[i] / cones.safety_friction * cones.reserve, 0.0, 0.0])

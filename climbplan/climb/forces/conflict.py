@@ -18,6 +18,7 @@ from climbplan.climb.forces.cones import (
     InstantCones,
     Name,
     command_rows,
+    friction_ends,
     friction_rows,
     inward_rows,
     on_forces,
@@ -75,7 +76,7 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
         if member.name == "force.friction":
             rows = friction_rows(cones, i, program.size)
             rows[0, slack] = -1.0
-            program.cone(str(index), rows, np.zeros(3))
+            program.cone(str(index), rows, friction_ends(cones, i))
         elif member.name == "torque.limit":
             one = cones.torque[i, member.joint : member.joint + 1]
             rows = selector(np.vstack([one, -one]), i, program.size)
@@ -88,7 +89,7 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
         elif member.name == "force.inward":
             rows = inward_rows(cones, i, program.size)
             rows[0, slack] = -1.0
-            program.below(str(index), rows, np.array([-cones.least_depth]))
+            program.below(str(index), rows, -cones.least_depth[i : i + 1])
         elif member.name == "static.stability":
             rows = on_forces(cones.stiffness_lost, program.size)
             rows[:, slack] = -cones.stiffness  # of which more is missing than there is

@@ -18,7 +18,7 @@ from climbplan.climb.forces.cones import InstantCones, Name, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
-from climbplan.climb.plan.climb_plan import Instants
+from climbplan.climb.plan.climb_plan import Array, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.robots.model import Robot
@@ -100,6 +100,35 @@ def explain(
     if count > len(conflicts[:LISTED]):
         message += f"; the first {LISTED}:"
     return NoForces(message, conflicts[:LISTED], unsteady)
+
+
+def fragile_notes(
+    scene: MotionScene, instants: Instants, asked: ForceStatement, share: Array
+) -> tuple[str, ...]:
+    """Which instants keep less than their margins, and at the worst what conflicts and helps.
+
+    asked: the problems with all of their margins; share: (K,) of them that forces keep.
+    """
+    short = np.flatnonzero(share < 1.0)
+    if not len(short):
+        return ()
+    k = int(short[np.argmin(share[short])])
+    where = instants.label(k, scene.robot.limb_names)
+    kept = f"{max(share[k], 0.0):.0%} of its margins" if share[k] > 0 else "none of its margins"
+    text = f"fragile: {where} keeps {kept}"
+    if len(short) > 1:
+        text = f"fragile: {len(short)} of {len(share)} instants, {where} keeps {kept}"
+    cones = instant_cones(asked, k)
+    members = conflicting_members(cones)
+    if not members:
+        text += ": its limbs bend so far that commands lie outside their surfaces"
+    else:
+        words = _constraints(members, cones, scene.robot, asked.unit)
+        text += f": {' and '.join(words.values())} cannot all be had"
+        amounts = _amounts(cones, _load(scene, instants, asked, k, cones), None)
+        if cures := _remedies(scene, asked, amounts):
+            text += f"; whole with {' or '.join(map(str, cures))}"
+    return (text,)
 
 
 def _one_friction(scene: MotionScene) -> bool:
@@ -218,12 +247,13 @@ def _constraints(
 ) -> dict[str, str]:
     """Members in words, one phrase for each check that judges them. unit: of forces [N]."""
     limb = [robot.limb_names[i] for i in cones.limb]
+    depth = float(cones.least_depth.max(initial=0.0))
     pressed = f"pressure of {cones.least_pressure * unit:.3g} N at"
     kinds: dict[Name, str] = {
         "force.friction": "friction at",
         "torque.limit": "torque of",
         "force.unilateral": pressed if cones.least_pressure > 0 else "push-only contact at",
-        "force.inward": f"command {1e3 * cones.least_depth:.3g} mm inside its surface of",
+        "force.inward": f"command {1e3 * depth:.3g} mm inside its surface of",
         "kinematics.joint_bounds": "command within bounds of",
         "static.stability": "stability of the braced body",
     }

@@ -7,10 +7,12 @@ a user wants to know.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from climbplan.climb.forces.explanation import explain
-from climbplan.climb.forces.solving import solve_forces
+from climbplan.climb.forces.explanation import explain, fragile_notes
+from climbplan.climb.forces.margins import solve_with_margins
 from climbplan.climb.forces.statement import (
     ForceStatement,
     commands_of,
@@ -42,10 +44,13 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
         return plan_grip_forces(scene, instants, scene.grippers, solver)
     statement = state_forces(scene, instants)
     name = solver or scene.spec.solver.force
-    solved = solve_forces(statement, name, scene.spec.force.facets)
+    found = solve_with_margins(scene, statement, name, scene.spec.force.facets)
+    solved = found.solved
     if len(solved.missing) or len(solved.unbalanced):
         raise explain(scene, instants, statement, solved)
-    return _assembled(scene, instants, statement, solved.force)
+    forces = _assembled(scene, instants, statement, solved.force)
+    notes = fragile_notes(scene, instants, found.asked, found.share)
+    return replace(forces, margin_share=found.share, notes=notes)
 
 
 def _assembled(

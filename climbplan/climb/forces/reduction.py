@@ -49,8 +49,9 @@ class ReducedForces:
     further_upper: Array  # (B, e)
     stability: Array  # (B, 21 or 0, q) stability_upper - A y is a semidefinite matrix's triangle
     stability_upper: Array  # (B, 21 or 0)
+    least_pressure: Array  # (B,) of every contact
+    reserve: Array  # (B,) pressure that each may miss before it slips
     largest_s: float
-    least_pressure: float  # of every contact
     unit: float  # [N]
 
     @property
@@ -169,8 +170,9 @@ def _reduced(
         further_upper=np.empty((b, 0)),
         stability=np.empty((b, 0, q)),
         stability_upper=np.empty((b, 0)),
+        least_pressure=statement.least_pressure[rows] / statement.unit,
+        reserve=statement.reserve[rows] / statement.unit,
         largest_s=statement.largest_s,
-        least_pressure=statement.least_pressure / statement.unit,
         unit=statement.unit,
     )
 
@@ -222,7 +224,7 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     np.negative(upper[:, t : 2 * t], out=upper[:, :t])
     # Contact: -n . (f0 + Z y) <= -least pressure
     np.negative(group.frame_null_space[:, :, 0], out=A[:, 2 * t : 2 * t + n, 1:])
-    upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0] - group.least_pressure
+    upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0] - group.least_pressure[:, None]
     A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
     rows = Halfspaces(A, upper, n, facets, count)
     if corners is not None:
@@ -235,4 +237,6 @@ def set_friction(group: ReducedForces, rows: Halfspaces, corners: Array) -> None
     b, n, q = len(group.instant), group.contacts, group.unknowns
     facet = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)
     rows.A[:, rows.friction, 1:] = (facet @ group.frame_null_space).reshape(b, n * rows.facets, q)
-    rows.upper[:, rows.friction] = -(facet @ group.frame_particular[..., None]).reshape(b, -1)
+    held = group.frame_particular.copy()
+    held[..., 0] -= group.reserve[:, None]  # the cone begins where the reserve ends
+    rows.upper[:, rows.friction] = -(facet @ held[..., None]).reshape(b, -1)

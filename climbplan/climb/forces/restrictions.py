@@ -59,12 +59,12 @@ def triangle(matrices: Array) -> Array:
 
 def stability_cone(statement: ForceStatement, instants: Index) -> Rows:
     """Rows (B, 21, N, 3) for which upper - A f is a positive semidefinite matrix: stability."""
-    if statement.stiffness_left == -np.inf:
+    if (statement.stiffness_left[instants] == -np.inf).any():
         shape = (len(instants), 0, *statement.contact.shape[1:], 3)
         return Rows(np.zeros(shape), np.zeros(shape[:2]))
     lost = triangle(stiffness_lost_matrices(statement.braced, instants))  # (B, N, 3, 21)
-    kept_part = (1.0 - statement.stiffness_left) * triangle(np.eye(6))
-    return Rows(np.moveaxis(lost, -1, 1), np.tile(kept_part, (len(instants), 1)))
+    kept_part = (1.0 - statement.stiffness_left[instants, None]) * triangle(np.eye(6))
+    return Rows(np.moveaxis(lost, -1, 1), kept_part)
 
 
 class Restrictions:
@@ -88,7 +88,7 @@ class Restrictions:
 
     def _cut(self, force: Array) -> Index:
         """Instants that forces leave too little stiffness; the motions that tell are kept."""
-        if self.statement.stiffness_left == -np.inf:
+        if (self.statement.stiffness_left == -np.inf).all():
             return np.empty(0, np.int64)
         stiffness = loaded_stiffness(self.statement.braced, force)
         buckling = np.flatnonzero(stiffness.left < self.statement.stiffness_left)
@@ -109,12 +109,14 @@ class Restrictions:
 
     def depths(self, instants: Index) -> Rows:
         """Rows that keep commanded toes as deep inside their surfaces as asked."""
-        if self.statement.least_depth == -np.inf:
+        least = self.statement.least_depth[instants]
+        if (least == -np.inf).all():
             shape = (len(instants), 0, *self.statement.arms.shape[1:])
             return Rows(np.zeros(shape), np.zeros(shape[:2]))
-        # Rows of limbs in the air are zero, and idle
-        upper = np.where(self.statement.contact[instants], -self.statement.least_depth, 1.0)
-        return Rows(-self.statement.inward[instants], upper)
+        asked = self.statement.contact[instants] & (least > -np.inf)
+        # Rows of limbs in the air, and where nothing is asked, are zero and idle
+        rows = -self.statement.inward[instants] * asked[..., None, None]
+        return Rows(rows, np.where(asked, -least, 1.0))
 
     def cuts(self, instants: Index) -> Rows:
         """Cuts found for some instants; those with fewer than others get idle rows."""
@@ -124,5 +126,6 @@ class Restrictions:
         for place, k in enumerate(instants):
             for row, cut in enumerate(self._cuts.get(int(k), [])):
                 A[place, row] = cut
-        most_lost = 1.0 - self.statement.stiffness_left - _STIFFNESS_RESERVE
-        return Rows(A, np.full((len(instants), most), most_lost))
+        most_lost = 1.0 - self.statement.stiffness_left[instants] - _STIFFNESS_RESERVE
+        most_lost = np.where(np.isfinite(most_lost), most_lost, 1.0)  # idle: none were found
+        return Rows(A, np.tile(most_lost[:, None], (1, most)))

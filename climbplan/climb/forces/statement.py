@@ -6,7 +6,7 @@
                 0 <= s <= 1 / (least S_tau)
                 n_i . f_i >= least pressure               contact: a surface cannot pull
                 n_i . J_i D_i f >= least depth            inward: toes are commanded into surfaces
-                |f_t,i| <= (mu_i / S_mu) n_i . f_i        friction
+                |f_t,i| <= (mu_i / S_mu) (n_i . f_i - reserve)    friction
                 lower <= theta - D f <= upper             command
                 A(f) >= share A_0                         stability
 
@@ -20,16 +20,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Instants, Mask
+from climbplan.climb.plan.climb_plan import Array, Index, Instants, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
 from climbplan.mechanics.stiffness import commanded_depth, joint_bending, limb_compliance
-from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
@@ -57,10 +58,11 @@ class ForceStatement:
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
     least_safety_torque: float  # lower bound on S_tau
-    stiffness_left: float  # least share of the elastic stiffness that forces leave
+    stiffness_left: Array  # (K,) least share of the elastic stiffness left; -inf if not asked
     normal_force_weight: float  # w [1/N]
-    least_pressure: float  # of toes in contact [N]
-    least_depth: float  # of their commands inside the surface [m]; -inf if not asked
+    least_pressure: Array  # (K,) of toes in contact [N]
+    reserve: Array  # (K,) pressure that they may miss before they slip [N]
+    least_depth: Array  # (K, N) of their commands inside the surface [m]; -inf if not asked
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
     robot: Robot
@@ -80,10 +82,21 @@ class ForceStatement:
             self,
             room_below=free,
             room_above=free,
-            stiffness_left=-np.inf,
-            least_pressure=0.0,
-            least_depth=-np.inf,
+            stiffness_left=np.full(len(self.arms), -np.inf),
+            least_pressure=np.zeros(len(self.arms)),
+            reserve=np.zeros(len(self.arms)),
+            least_depth=np.full(self.contact.shape, -np.inf),
         )
+
+    def take(self, rows: Index) -> ForceStatement:
+        """The same problems for some of the instants."""
+        fixed = {"max_torque"}  # arrays that are not by instant
+        parts: dict[str, Any] = {
+            name: value[rows]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray) and name not in fixed
+        }
+        return replace(self, **parts)
 
     @property
     def usable_mu(self) -> Array:
@@ -103,7 +116,8 @@ class ForceStatement:
 
 def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     """The force problems of a scene's instants."""
-    robot, force = scene.robot, scene.spec.force
+    robot, force, count = scene.robot, scene.spec.force, instants.count
+    asked = -np.inf if force.least_depth is None else force.least_depth
     arms = instants.toes - instants.com[:, None]
     load = total_load(robot, instants.external_wrench)
     length = robot.reach
@@ -132,10 +146,11 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
         load=load,
         safety_friction=force.safety_friction,
         least_safety_torque=force.safety_torque,
-        stiffness_left=force.stiffness_left,
+        stiffness_left=np.full(count, force.stiffness_left),
         normal_force_weight=force.normal_force_weight,
-        least_pressure=force.least_pressure,
-        least_depth=-np.inf if force.least_depth is None else force.least_depth,
+        least_pressure=np.full(count, force.least_pressure),
+        reserve=np.zeros(count),
+        least_depth=np.full(instants.contact.shape, asked),
         unit=unit,
         length=length,
         robot=robot,
@@ -164,15 +179,30 @@ def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0)
     return np.maximum(np.maximum(bent - low, -bent - high), 0.0)
 
 
+def depths_of(statement: ForceStatement, force: Array) -> Array:
+    """(K, N) how deep inside their surfaces toes are commanded by forces (K, N, 3) [m]."""
+    return np.asarray(np.einsum("kiml,kml->ki", statement.inward, force, optimize=True))
+
+
+def free_depths_of(statement: ForceStatement, force: Array) -> Array:
+    """(K, N) how deep toes would be inside their surfaces if nothing held them [m].
+
+    `depths_of` is the first order of this: limbs that bend far move on arcs.
+    """
+    command = commands_of(statement, force)
+    free = toe_world(statement.robot, np.zeros((len(force), 3)), statement.rpy, command)
+    return np.asarray(np.einsum("kni,kni->kn", statement.normal, statement.arms - free))
+
+
 def depth_missing(statement: ForceStatement, force: Array) -> Array:
     """(K, N) by how much toes in contact are not commanded as deep as asked [m]."""
-    depth = np.einsum("kiml,kml->ki", statement.inward, force, optimize=True)
+    depth = depths_of(statement, force)
     return np.where(statement.contact, np.maximum(statement.least_depth - depth, 0.0), 0.0)
 
 
 def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
     """(K,) share of the elastic stiffness that forces take beyond what they may."""
-    if statement.stiffness_left == -np.inf:
+    if (statement.stiffness_left == -np.inf).all():
         return np.zeros(len(force))
     return np.maximum(
         statement.stiffness_left - loaded_stiffness(statement.braced, force).left, 0.0
@@ -214,8 +244,9 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
     unbalanced = wrench_of(statement.arms, force) + statement.load
     unbalanced[:, 3:] /= statement.length
     parts = split_force(force, statement.normal)
-    excess = parts.shear - statement.usable_mu * np.maximum(parts.normal, 0.0)
-    missing = statement.least_pressure * statement.contact - parts.normal
+    held = np.maximum(parts.normal - statement.reserve[:, None] * statement.contact, 0.0)
+    excess = parts.shear - statement.usable_mu * held
+    missing = statement.least_pressure[:, None] * statement.contact - parts.normal
     stray = np.abs(force).max(axis=-1) * ~statement.contact
     use = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
     return ForceResiduals(

@@ -259,7 +259,7 @@ def posture_program(
                 p.ball(f"workspace.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
-    regions = [[terrain.regions[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
+    regions = [[scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
     state_contacts(p, toe_scalars, com_scalars, regions)
 
     # The body's way through each round stays in one convex free region

@@ -49,6 +49,17 @@ def limb_expressions(
     return LimbExpressions(angles, stretch, radial, ca.vertcat(u, z))
 
 
+def free_toes(limbs: LimbExpressions, shoulder: Any, links: Any, bent: Any) -> Any:
+    """Where toes (3, N) would be in free space, body frame, with joints `bent` (3, N) back."""
+    femur, tibia = limbs.angles[1, :] - bent[1, :], limbs.angles[2, :] - bent[2, :]
+    u = links[1, :] * ca.cos(femur) + links[2, :] * ca.sin(femur + tibia)
+    z = links[1, :] * ca.sin(femur) - links[2, :] * ca.cos(femur + tibia)
+    out, turn = links[0, :] + u, -bent[0, :]
+    x = limbs.radial[0, :] * ca.cos(turn) - limbs.radial[1, :] * ca.sin(turn)
+    y = limbs.radial[0, :] * ca.sin(turn) + limbs.radial[1, :] * ca.cos(turn)
+    return shoulder + ca.vertcat(out * x, out * y, z)
+
+
 def torques(limbs: LimbExpressions, links: Any, force: Any) -> Any:
     """Joint torques J^T f (3, N) of forces (3, N) on the toes, body frame."""
     outward = limbs.radial[0, :] * force[0, :] + limbs.radial[1, :] * force[1, :]

@@ -126,6 +126,7 @@ def _climb_spec(spec: TransitionSpec, start: StartSpec) -> ClimbSpec:
         task=task,
         posture=_within(climb.posture, spec.posture),
         force=spec.force,
+        margins=spec.margins,
         trajectory=spec.trajectory,
         solver=SolverSpec(time_limit=_SHARE * spec.solver.time_limit),
         seed=spec.seed,

@@ -39,15 +39,20 @@ class Motion:
         return self.violation <= ACCEPTED
 
 
-def plan_motion(lab: Laboratory, sequence: Sequence, safety_torque: float | None = None) -> Motion:
-    """The motion of least cost near the search's way; safety_torque: S_tau asked for instead."""
+def plan_motion(
+    lab: Laboratory, sequence: Sequence, safety_torque: float | None = None, share: float = 0.0
+) -> Motion:
+    """The motion of least cost near the search's way.
+
+    safety_torque: S_tau asked for instead of the spec's; share: of its margins that forces keep.
+    """
     scene = lab.scene
     begin = time.perf_counter()
     rounds = len(sequence.states) - 1
     program = motion_program(shape_of(scene, rounds))
     stated = program.stated
     least = scene.spec.force.safety_torque if safety_torque is None else safety_torque
-    numbers = motion_numbers(lab, stated, sequence, least)
+    numbers = motion_numbers(lab, stated, sequence, least, share)
     bounds, p = numbers.bounds, stated.theta(numbers.parameters)
     until = time.monotonic() + scene.spec.solver.time_limit
     point = program.solver.solve(numbers.start, p, bounds, until)

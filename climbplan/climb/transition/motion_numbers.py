@@ -69,15 +69,46 @@ def searched_forces(lab: Laboratory, sequence: Sequence) -> tuple[Array, Array]:
     return found.force / lab.scene.robot.weight, found.use
 
 
+@dataclass(frozen=True)
+class Kept:
+    """What toes keep in hand, by the spec's bounds and a share of its margins."""
+
+    pressure: float  # [weight]
+    reserve: float  # of it, that may go missing before a toe slips [weight]
+    least_depth: float | None  # of commands, to first order [m]; None: not asked
+    depth: float | None  # of commands, where free toes would be [m]; None: not asked
+
+
+def kept_by(scene: TransitionScene, share: float) -> Kept:
+    """The spec's bounds with a share of its margins."""
+    spec, margins = scene.spec, scene.spec.margins
+    weight = scene.robot.weight
+    pressure = max(spec.search.least_load, spec.force.least_pressure / weight)
+    depth = spec.force.least_depth
+    if not margins.asked or share <= 0:
+        return Kept(pressure, 0.0, depth, None)
+    return Kept(
+        max(pressure, share * margins.pressure),
+        share * margins.friction,
+        depth,
+        share * margins.depth,
+    )
+
+
 def motion_numbers(
-    lab: Laboratory, stated: Trajectory, sequence: Sequence, safety_torque: float
+    lab: Laboratory,
+    stated: Trajectory,
+    sequence: Sequence,
+    safety_torque: float,
+    share: float = 0.0,
 ) -> MotionNumbers:
-    """Numbers of a sequence; safety_torque: least S_tau."""
+    """Numbers of a sequence; safety_torque: least S_tau, share: of the margins asked for."""
+    kept = kept_by(lab.scene, share)
     scene = lab.scene
     poses = np.array(sequence.poses)[:-1]
     pose = np.concatenate([lab.poses.com[poses], lab.poses.rpy[poses]], axis=1)
     force, use = searched_forces(lab, sequence)
-    share = np.where(np.isfinite(use), use, 1 / safety_torque)[:, None]
+    in_use = np.where(np.isfinite(use), use, 1 / safety_torque)[:, None]
     turn = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
     body = np.stack([scene.start.com, scene.goal.com])
     span = scene.spec.posture.steps.com_max
@@ -89,17 +120,19 @@ def motion_numbers(
     room = np.where(np.repeat(open_footholds(sequence)[1:], 3, axis=1), np.inf, 0.0)
     most = np.repeat(np.where(sequence.moved, 0.0, _MOST_FORCE), 3, axis=1)
     largest = (1 - _MARGIN) / safety_torque
-    start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": share}
+    start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": in_use}
     lower = {"pose": pose_lower, "toe": toe - room, "force": -most, "s": np.zeros(1)}
     upper = {"pose": pose_upper, "toe": toe + room, "force": most, "s": np.array([largest])}
     return MotionNumbers(
-        _parameters(lab, sequence),
+        _parameters(lab, sequence, kept),
         stated.point(start),
-        Bounds(stated.point(lower), stated.point(upper), *_row_bounds(scene, stated, sequence)),
+        Bounds(
+            stated.point(lower), stated.point(upper), *_row_bounds(scene, stated, sequence, kept)
+        ),
     )
 
 
-def _parameters(lab: Laboratory, sequence: Sequence) -> dict[str, Array]:
+def _parameters(lab: Laboratory, sequence: Sequence, kept: Kept) -> dict[str, Array]:
     scene, robot, holds = lab.scene, lab.scene.robot, lab.footholds
     limb, states = np.arange(robot.limb_count), np.array(sequence.states)
     old, new = states[:-1], states[1:]  # (M, N)
@@ -145,7 +178,10 @@ def _parameters(lab: Laboratory, sequence: Sequence) -> dict[str, Array]:
         **{name: value.reshape(len(old), -1).T for name, value in every_round.items()},
         "hull": robot.body_hull.reshape(-1, 1),
         "lift": np.array([[lift]]),
-        "least_depth": np.array([[scene.spec.force.least_depth or 0.0]]),
+        "least_load": np.array([[kept.pressure]]),
+        "least_depth": np.array([[kept.least_depth or 0.0]]),
+        "margin_depth": np.array([[kept.depth or 0.0]]),
+        "reserve": np.array([[kept.reserve]]),
     }
 
 
@@ -157,7 +193,7 @@ def _branch(scene: TransitionScene, com: Array, rpy: Array, toes: Array) -> Arra
 
 
 def _row_bounds(
-    scene: TransitionScene, stated: Trajectory, sequence: Sequence
+    scene: TransitionScene, stated: Trajectory, sequence: Sequence, kept: Kept
 ) -> tuple[Array, Array]:
     """Bounds that are numbers of the scene, and which rows hold; masks are (M, rows of a round)."""
     robot, spec = scene.robot, scene.spec
@@ -186,7 +222,8 @@ def _row_bounds(
         "force.friction": held,
         "force.contact": held,
         "force.torque": np.repeat(held, 6, axis=1),
-        "force.inward": held & (spec.force.least_depth is not None),
+        "force.inward": held & (kept.least_depth is not None),
+        "force.inside": held & (kept.depth is not None),
         "force.command": np.repeat(held, 3, axis=1),
         "foothold.inside": np.repeat(placed, stated.sizes()["foothold.inside"] // (m * n), axis=1),
         "steps.toe": moved & (was_open | is_open),

@@ -6,9 +6,10 @@ hold the body and the share s of the torque limits they take. Beside the rows of
 (`round_rows`):
 
     transition.reach, .joints  of every toe old, new, and hovering over both
-    force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f)^2
+    force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f - reserve)^2
     force.contact          n . f >= least load of a limb that supports
-    force.inward           toes commanded into their surface by the least depth
+    force.inward           toes commanded into their surface by the least depth, to first order
+    force.inside           and by what margins ask, where a free toe would really be
     steps.rotation         turns of the body within their bound
     body.clearance         hull corners beyond a face of every solid, the face pinned
     foothold.plane         toes on footholds between lie on their surface,
@@ -73,7 +74,13 @@ class Shape:
     @property
     def common(self) -> dict[str, tuple[int, int]]:
         """Names and shapes of the numbers of all rounds."""
-        return {"hull": (3, CORNERS), "lift": (1, 1), "least_depth": (1, 1)}  # [m]
+        return {
+            "hull": (3, CORNERS),  # [m]
+            "lift": (1, 1),  # [m]
+            "least_depth": (1, 1),  # [m]
+            "margin_depth": (1, 1),  # [m]
+            "reserve": (1, 1),  # pressure that may go missing before a toe slips [weight]
+        }
 
 
 def motion_statement(shape: Shape) -> Trajectory:
@@ -108,7 +115,7 @@ def _round(shape: Shape) -> RoundRows:
 
     pressure = ca.sum1(s["normal_old"] * force)
     shear = force - ca.repmat(pressure, 3, 1) * s["normal_old"]
-    friction = ca.sum1(shear**2) - (s["mu"] * pressure) ** 2
+    friction = ca.sum1(shear**2) - (s["mu"] * (pressure - s["reserve"])) ** 2
     stage.between("force.friction", friction, upper=0.0, unit="weight^2")
     stage.between("force.contact", s["least_load"] - pressure, upper=0.0, unit="weight")
     torque = rows.torques(limbs[0], force)
@@ -116,6 +123,8 @@ def _round(shape: Shape) -> RoundRows:
     inward = rows.torques(limbs[0], s["normal_old"])
     depth = ca.sum1(inward * s["softness"] * torque)
     stage.between("force.inward", s["least_depth"] - depth, upper=0.0, unit="m")
+    inside = s["margin_depth"] - rows.commanded_depth(limbs[0], old, torque)
+    stage.between("force.inside", inside, upper=0.0, unit="m")
     rows.command(limbs[0], torque)
 
     at_edge = new[:, np.repeat(range(shape.limbs), shape.edges).tolist()]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -42,6 +43,8 @@ from climbplan.spec.robots.stored import robot_texts
 
 _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies
+# Of the margins, tried in turn; forces of the body that goes on, after each lift, take some
+_SHARES = (1.2, 0.5, 0.0)
 _FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
 
 
@@ -125,17 +128,21 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
 
     The program of the motion knows neither buckling nor links that hit a box: where the forces, the
     trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
+    It is asked for all margins first, and for less where it finds no motion with them.
     """
     scene = run.scene
     reason, iterations = "", 0
-    for factor in _FIRMER:
+    shares = (0.0,) if not scene.spec.margins.asked else _SHARES
+    beyond = 0.0  # share of the margins for which there is no motion
+    for share, factor in product(shares, _FIRMER):
         asked = factor * scene.spec.force.safety_torque
-        if asked > sequence.safety_torque:
-            break
+        if asked > sequence.safety_torque or share == beyond > 0:
+            continue
         with run.clock.stage("motion"):
-            motion = plan_motion(lab, sequence, asked)
+            motion = plan_motion(lab, sequence, asked, share)
         iterations += motion.iterations
         if not motion.accepted:
+            beyond = share
             reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
             continue
         try:
@@ -215,7 +222,7 @@ def assemble(run: Run, found: Found) -> ClimbPlan:
         timings=dict(run.clock.seconds),
         solvers={"motion": "ipopt (mumps)", "force": scene.spec.solver.force},
         sizes={**found.sizes, "force": {"instants": done.instants.count}},
-        warnings=(*found.warnings, *deflection_warnings(done.forces)),
+        warnings=(*found.warnings, *deflection_warnings(done.forces), *done.forces.notes),
         kind="transition",
         sequences=found.sequences,
         robot_texts=robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),

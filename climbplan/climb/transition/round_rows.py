@@ -25,6 +25,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.transition.limb_expressions import (
     LimbExpressions,
+    free_toes,
     limb_expressions,
     torques,
 )
@@ -85,6 +86,13 @@ class RoundRows:
         """Commanded angles, beyond which joints bend."""
         bent = self.symbols["softness"] * torque
         self.stage.between("force.command", limbs.angles - bent, unit="rad")
+
+    def commanded_depth(self, limbs: LimbExpressions, points: Any, torque: Any) -> Any:
+        """(1, N) how deep below points (3, N) on their surfaces toes are commanded [m], exactly."""
+        s = self.symbols
+        free = free_toes(limbs, s["shoulder"], s["links"], s["softness"] * torque)
+        toes = self.turn.T @ (points - self._com)
+        return ca.sum1((self.turn.T @ s["normal_old"]) * (toes - free))
 
     def equilibrium(self, force: Any) -> None:
         """Forces (3, N) on the toes before the round, world frame, hold body and load."""

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.force import ForcePlannerSpec
+from climbplan.spec.climb.margins import Margins, MarginsSpec
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
 from climbplan.spec.robots.gripper import GripSpec
@@ -271,6 +272,11 @@ class ClimbSpec(SpecModel):
     """The posture planner."""
     force: ForcePlannerSpec = ForcePlannerSpec()
     """The force planner."""
+    margins: Margins = Field(
+        default=MarginsSpec(),
+        description="what a plan keeps in hand, as far as terrain and motors allow it, so that it "
+        "stands in physics; `none`: bounds of `force` alone, as published",
+    )
     gripper: GripSpec = GripSpec()
     """How grippers are used, by robots that have them."""
     trajectory: TrajectorySpec = TrajectorySpec()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from climbplan.spec.climb.force import ForcePlannerSpec
+from climbplan.spec.climb.margins import Margins
 from climbplan.spec.climb.model import (
     GoalSpec,
     PayloadSpec,
@@ -114,6 +115,10 @@ class MotionSpec(Protocol):
     @property
     def force(self) -> ForcePlannerSpec:
         """The force planner."""
+
+    @property
+    def margins(self) -> Margins:
+        """What forces keep in hand where they can."""
 
     @property
     def trajectory(self) -> TrajectorySpec:

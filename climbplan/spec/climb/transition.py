@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.force import ForcePlannerSpec
+from climbplan.spec.climb.margins import Margins, MarginsSpec
 from climbplan.spec.climb.model import (
     GoalSpec,
     PayloadSpec,
@@ -202,6 +203,11 @@ class TransitionSpec(SpecModel):
     """Body poses and footholds."""
     force: TransitionForceSpec = TransitionForceSpec()
     """Contact forces and their safety factors."""
+    margins: Margins = Field(
+        default=MarginsSpec(),
+        description="what a plan keeps in hand, as far as terrain and motors allow it, so that it "
+        "stands in physics; `none`: bounds of `force` alone, as published",
+    )
     search: SearchSpec = SearchSpec()
     """The search over stance sets."""
     climb: ClimbAfterSpec | None = Field(

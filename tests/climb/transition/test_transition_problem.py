@@ -26,7 +26,7 @@ SPECS = Path(__file__).parents[3] / "specs"
 
 
 def searched(name: str, *overrides: str) -> tuple[Run, Search]:
-    loaded = load_transition(SPECS / f"{name}.yaml", list(overrides))
+    loaded = load_transition(SPECS / f"{name}.yaml", ["margins=none", *overrides])
     scene = build_transition(loaded)
     return Run(loaded, scene, StageClock(lambda stage, fraction: None)), Search(scene)
 

@@ -135,7 +135,7 @@ def _pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     old, new = region[:-1], region[1:]  # (M, N)
     normal = np.stack([one.normal for one in terrain.regions])
     offset = np.array([one.offset for one in terrain.regions])
-    edges = _padded(terrain.regions)[new]  # (M, N, 4, edges)
+    edges = _padded(scene.standing)[new]  # (M, N, 4, edges)
     return pins | {
         "old_normal": np.swapaxes(normal[old], 1, 2),
         "normal": np.swapaxes(normal[new], 1, 2),

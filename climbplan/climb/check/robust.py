@@ -1,0 +1,80 @@
+"""Margins: what the plan keeps in hand beside its bounds, recomputed from the file alone.
+
+A margin that is missed breaks nothing that the plan promises of its model: it is told, and the plan
+is called fragile. Depth is where the command would put a free toe, exactly, not to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.climb.check.anew.static_pose import Settled
+from climbplan.climb.check.subject import Subject
+from climbplan.plans.check import Array, Check, judge_worst, unjudged
+from climbplan.spec.climb.margins import MarginsSpec
+
+WHOLE = 0.95  # part of a margin that counts as kept; the rest is rounding and arcs of limbs
+_SMOOTH = 1e-9  # least friction coefficient divided by
+
+
+def robust_checks(
+    subject: Subject, settled: Settled, margins: MarginsSpec | None
+) -> Iterator[Check]:
+    """Pressure, friction and depth of toes in contact, and the stiffness that is left.
+
+    margins: of the spec; None where it asks for none, which leaves nothing to say.
+    """
+    if margins is None:
+        return
+    plan = subject.plan
+    if plan.robot.gripper is not None:
+        return  # grippers hold rather than press: no margins of theirs are planned
+    left = np.where(np.isfinite(settled.stiffness_left), settled.stiffness_left, -1.0)
+    mu = np.maximum(plan.instants.mu, _SMOOTH) / plan.limits.safety_friction
+    spare = subject.contact_force - subject.tangential_force / mu
+    outward = plan.forces.toe_command - plan.instants.toes
+    depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)
+    weight = subject.weight
+    yield _toes(subject, "robust.pressure", subject.contact_force, margins.pressure * weight)
+    yield _toes(subject, "robust.friction", spare, margins.friction * weight)
+    yield _toes(subject, "robust.depth", depth, margins.depth)
+    yield _told(
+        judge_worst(
+            "robust.stiffness",
+            WHOLE * margins.stiffness - left,
+            subject.at,
+            margin=f"{100 * left.min():.0f} of {100 * margins.stiffness:.0f} % left",
+        )
+    )
+
+
+_WORDS = {
+    "robust.pressure": ("presses with", 1.0, "N", 1),
+    "robust.friction": ("slips with less pressure by", 1.0, "N", 1),
+    "robust.depth": ("is commanded inside by", 1e3, "mm", 1),
+}
+
+
+def _toes(subject: Subject, name: str, value: Array, asked: float) -> Check:
+    """A margin of toes in contact, by what they have (K, N)."""
+    standing = np.where(subject.plan.instants.contact, value, np.inf)
+    k, limb = np.unravel_index(int(np.argmin(standing)), standing.shape)
+    doing, scale, unit, digits = _WORDS[name]
+    least = f"{scale * standing[k, limb]:.{digits}f} of {scale * asked:.{digits}f} {unit}"
+    missed = np.where(subject.plan.instants.contact, WHOLE * asked - value, -np.inf)
+    words = f"{subject.limb(int(limb))} {doing} {least}"
+    return _told(judge_worst(name, missed, subject.at, margin=words))
+
+
+def _told(check: Check) -> Check:
+    """A margin that is missed decides nothing; the plan is fragile for it."""
+    if check.passed:
+        return check
+    place = check.worst_at.rpartition(", ")[0] if check.name != "robust.stiffness" else ""
+    where = place or check.worst_at
+    subject = "stiffness: " if check.name == "robust.stiffness" else ""
+    words = f"{where}: {subject}{check.margin}"
+    return replace(unjudged(check, "a margin, kept where it can be"), fragile=words)

@@ -1,0 +1,106 @@
+"""Where toes are planned to stand: contact regions without a strip along edges that end something.
+
+A robot whose body sags by some millimetres puts its toes down as far aside. Where a surface that is
+as good goes on beyond an edge that does not matter; where there is none, or a slippery one, the toe
+misses its surface. Regions stay what they are for whatever is checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.climb.plan.climb_plan import Index
+from climbplan.robots.rotations import Array
+from climbplan.terrain.model import Terrain
+from climbplan.terrain.surfaces import Region
+
+_ALONG = np.array([0.1, 0.3, 0.5, 0.7, 0.9])  # places on an edge beyond which ground is looked for
+_LEVEL = 2e-3  # [m] off the plane that still goes on
+_AS_GOOD = 0.9  # part of the friction coefficient
+_SLACK = 1e-3  # [m] by which ground beyond may begin late
+_HALVINGS = 6  # of the strip, until something of the region is left
+_LEFT = 0.25  # part of the area that is left at least
+
+
+def footing(
+    terrain: Terrain, edge: float, goal: tuple[Array, Index] | None = None
+) -> tuple[Region, ...]:
+    """The regions of a terrain, each without a strip of `edge` [m]; () where nothing changes.
+
+    goal: toes (N, 3) and their regions (N,), which are left in. Holds of grippers stay whole.
+    """
+    if edge <= 0 or terrain.curved:
+        return ()
+    regions = terrain.regions
+    kept = []
+    for index, region in enumerate(regions):
+        strip: Array = np.where(_goes_on(terrain, index, edge), 0.0, edge)
+        if goal is not None:
+            here = goal[0][goal[1] == index]
+            room = (region.b - here @ region.A.T).min(axis=0, initial=np.inf)
+            strip = np.minimum(strip, np.maximum(room, 0.0))
+        kept.append(region if region.hold is not None else _without(region, strip))
+    if all(new is old for new, old in zip(kept, regions, strict=True)):
+        return ()
+    return tuple(kept)
+
+
+def _goes_on(terrain: Terrain, index: int, edge: float) -> NDArray[np.bool_]:
+    """(E,) edges of a region beyond which other regions, as good, hold the same limbs."""
+    region, allowed = terrain.regions[index], terrain.allowed
+    others: Sequence[Region] = [
+        other
+        for k, other in enumerate(terrain.regions)
+        if k != index
+        and other.hold is None
+        and other.friction >= _AS_GOOD * region.friction
+        and allowed[allowed[:, index], k].all()
+    ]
+    corner = region.vertices
+    along = np.roll(corner, -1, axis=0) - corner
+    points = corner[:, None] + _ALONG[:, None] * along[:, None] + edge * region.A[:, None]
+    found = np.zeros(points.shape[:2], bool)  # (E, points)
+    for other in others:
+        if other.normal @ region.normal <= 0:
+            continue
+        level = np.abs(points @ other.normal - other.offset) <= _LEVEL
+        found |= level & (points @ other.A.T <= other.b + _SLACK).all(axis=-1)
+    return np.asarray(found.all(axis=1))
+
+
+def _without(region: Region, strip: Array) -> Region:
+    """A region without strips (E,) along its edges; narrower ones where little would be left."""
+    if not strip.any():
+        return region
+    whole = _area(region.vertices)
+    for _ in range(_HALVINGS):
+        vertices = region.vertices
+        for row, bound in zip(region.A, region.b - strip, strict=True):
+            vertices = _cut(vertices, row, float(bound))
+        if len(vertices) > 2 and _area(vertices) >= _LEFT * whole:
+            return replace(region, vertices=vertices, b=region.b - strip)
+        strip = strip / 2
+    return region
+
+
+def _cut(vertices: Array, row: Array, bound: float) -> Array:
+    """The part of a convex polygon (K, 3) with row . p <= bound."""
+    height = vertices @ row - bound
+    after, beyond = np.roll(vertices, -1, axis=0), np.roll(height, -1)
+    out = []
+    for here, there, low, high in zip(vertices, after, height, beyond, strict=True):
+        if low <= 0:
+            out.append(here)
+        if (low < 0 < high) or (high < 0 < low):
+            out.append(here + low / (low - high) * (there - here))
+    return np.array(out).reshape(-1, 3)
+
+
+def _area(vertices: Array) -> float:
+    """Of a convex polygon (K, 3)."""
+    fan = np.cross(vertices[1:-1] - vertices[0], vertices[2:] - vertices[0])
+    return float(np.linalg.norm(fan, axis=1).sum() / 2)

@@ -1,0 +1,71 @@
+"""Margins that a plan keeps so that it stands in a world that is not quite the planned one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
+
+from climbplan.spec.base import Number, SpecModel, quantity
+
+
+class MarginsSpec(SpecModel):
+    """What every toe in contact keeps in hand, as far as terrain and motors allow it.
+
+    Bounds of `force` are never missed. Margins are asked for beyond them: at each instant the plan
+    keeps the largest common share of all of them, and says where that is less than the whole.
+    """
+
+    @property
+    def asked(self) -> bool:
+        """Whether there are any; `margins: none` asks for none."""
+        return any(value > 0 for _, value in self)
+
+    pressure: Number = quantity(
+        "weight",
+        "pressure of every toe in contact, in weights of the robot: a toe that presses with next "
+        "to nothing slides at the first disturbance",
+        default=0.1,
+        ge=0,
+        lt=1,
+    )
+    friction: Number = quantity(
+        "weight",
+        "pressure that a toe may miss, in weights of the robot, before its shear leaves the "
+        "friction cone over S_mu",
+        default=0.02,
+        ge=0,
+        lt=1,
+    )
+    depth: Number = quantity(
+        "m",
+        "how far inside its surface every toe in contact is commanded: friction alone holds a toe "
+        "that is commanded off its surface, which slides or never touches",
+        default=0.005,
+        ge=0,
+        le=0.1,
+    )
+    stiffness: Number = quantity(
+        "", "share of the body's stiffness that bracing leaves", default=0.3, ge=0, lt=1
+    )
+    edge: Number = quantity(
+        "m",
+        "distance that planned toes keep from edges of their regions beyond which nothing as good "
+        "goes on: a toe that lands a little aside finds its surface all the same",
+        default=0.01,
+        ge=0,
+        le=0.1,
+    )
+
+
+NO_MARGINS = MarginsSpec(pressure=0.0, friction=0.0, depth=0.0, stiffness=0.0, edge=0.0)
+
+
+def _in_a_word(value: Any) -> Any:
+    return NO_MARGINS if value == "none" else value
+
+
+Margins = Annotated[
+    MarginsSpec,
+    BeforeValidator(_in_a_word, json_schema_input_type=MarginsSpec | Literal["none"]),
+]

@@ -1,0 +1,171 @@
+"""Margins of forces and footholds: kept where they can be, shared where not, told by `verify`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.footing import footing
+from climbplan.climb.forces.margins import kept_share, solve_with_margins, with_margins
+from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.forces.statement import (
+    check_forces,
+    depths_of,
+    free_depths_of,
+    state_forces,
+)
+from climbplan.climb.plan.climb_plan import Instants
+from climbplan.climb.plan.file import write_climb
+from climbplan.climb.planner import plan_climb
+from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.transition.planner import plan_transition
+from climbplan.errors import SpecError
+from climbplan.plans.verification import mark_verified
+from climbplan.robots.kinematics import toe_world
+from climbplan.spec.climb.margins import NO_MARGINS, MarginsSpec
+from climbplan.spec.climb.transition_loading import load_transition
+from climbplan.spec.loading import load_climb
+
+SPECS = Path(__file__).parents[2] / "specs"
+NONPARALLEL = SPECS / "climb_nonparallel.yaml"
+SHORT = ["task.rounds=2", "task.goal.com=[0, 0, 0.2]"]
+
+
+def with_spec_margins(scene: ClimbScene, margins: MarginsSpec) -> ClimbScene:
+    return replace(scene, spec=scene.spec.model_copy(update={"margins": margins}))
+
+
+def test_forces_keep_all_margins_where_they_can(
+    demo_scene: ClimbScene, demo_instants: Instants
+) -> None:
+    scene = with_spec_margins(demo_scene, MarginsSpec())
+    statement = state_forces(scene, demo_instants)
+    bare = plan_forces(demo_scene, demo_instants).force
+    found = solve_with_margins(scene, statement, "daqp", 16)
+    margins = scene.spec.margins
+    assert kept_share(statement, margins, bare).min() < 0.9
+    assert not len(found.solved.missing)
+    assert (found.share == 1.0).all()
+    np.testing.assert_array_equal(found.share, kept_share(statement, margins, found.solved.force))
+    whole = check_forces(with_margins(statement, margins), found.solved.force)
+    assert whole.worst.max() < 1e-7
+    deep = free_depths_of(statement, found.solved.force)[statement.contact]
+    assert deep.min() > margins.depth - 2e-4
+
+
+@pytest.mark.parametrize("solver", ["daqp", "clarabel"])
+def test_margins_that_cannot_be_had_are_shared(
+    demo_scene: ClimbScene, demo_instants: Instants, solver: str
+) -> None:
+    """Three times as much pressure as the motors have: still forces, and no worse than without."""
+    greedy = MarginsSpec(pressure=0.9, friction=0.0, depth=0.0, stiffness=0.0)
+    scene = with_spec_margins(demo_scene, greedy)
+    statement = state_forces(scene, demo_instants)
+    bare = kept_share(statement, greedy, plan_forces(demo_scene, demo_instants, solver).force)
+    found = plan_forces(scene, demo_instants, solver)
+    assert check_forces(statement, found.force).worst.max() < 1e-7
+    assert found.margin_share is not None
+    short = found.margin_share < 1.0
+    assert short.any()
+    assert (found.margin_share >= np.minimum(bare, 1.0) - 1e-6).all()
+    assert (found.margin_share > bare + 0.02).any()
+    (note,) = found.notes
+    assert "fragile" in note
+    assert "pressure of" in note
+
+
+def test_without_margins_forces_are_those_of_least_cost(
+    demo_scene: ClimbScene, demo_instants: Instants
+) -> None:
+    none = plan_forces(with_spec_margins(demo_scene, NO_MARGINS), demo_instants)
+    some = plan_forces(with_spec_margins(demo_scene, MarginsSpec()), demo_instants)
+    assert none.notes == ()
+    assert none.safety_torque.min() > some.safety_torque.min()
+
+
+def test_free_depth_is_where_commands_put_free_toes(
+    demo_scene: ClimbScene, demo_instants: Instants
+) -> None:
+    statement = state_forces(demo_scene, demo_instants)
+    found = plan_forces(demo_scene, demo_instants)
+    command = found.joint_command
+    free = toe_world(demo_scene.robot, demo_instants.com, demo_instants.rpy, command)
+    inside = np.einsum("kni,kni->kn", demo_instants.toes - free, demo_instants.normal)
+    deep = free_depths_of(statement, found.force)
+    np.testing.assert_allclose(deep, inside, atol=1e-12)
+    # A thousandth of the forces bends limbs along straight lines
+    little = 1e-3 * found.force
+    np.testing.assert_allclose(
+        free_depths_of(statement, little), depths_of(statement, little), atol=2e-7
+    )
+
+
+def test_margins_in_a_word_and_misspelt() -> None:
+    assert load_climb(NONPARALLEL, ["margins=none"]).spec.margins == NO_MARGINS
+    assert not NO_MARGINS.asked
+    with pytest.raises(SpecError, match=r"margins.presure: unknown key \(did you mean 'pressure'"):
+        load_climb(NONPARALLEL, ["margins.presure=0.1"])
+    with pytest.raises(SpecError, match=r"margins"):
+        load_climb(NONPARALLEL, ["margins=all"])
+
+
+def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> None:
+    standing = plan_climb(load_climb(NONPARALLEL, SHORT))
+    kept = verification_of(standing)
+    assert kept.passed
+    assert kept.fragile == ()
+    names = {check.name for check in kept.checks if check.name.startswith("robust.")}
+    assert names == {f"robust.{x}" for x in ("pressure", "friction", "depth", "stiffness")}
+    # The same text on forces that were planned without margins
+    bare = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins=none"]))
+    assert not [c for c in verification_of(bare).checks if c.name.startswith("robust.")]
+    swapped = replace(bare, spec_text=standing.spec_text, spec_sha256=standing.spec_sha256)
+    found = verification_of(swapped)
+    assert found.passed
+    assert found.badge == "verified"
+    assert any("is commanded inside by -" in words for words in found.fragile)
+    assert found.scope()["fragile"] == list(found.fragile)
+    path = tmp_path / "plan.h5"
+    write_climb(swapped, path)
+    mark_verified(path, found)
+    with h5py.File(path) as file:
+        assert "commanded inside" in file.attrs["fragile"]
+
+
+def test_toes_keep_off_edges_that_end_something() -> None:
+    plan = plan_climb(load_climb(SPECS / "climb_patches.yaml"))
+    patch = plan.terrain.surfaces[1]
+    low, high = patch.vertices[:, 2].min(), patch.vertices[:, 2].max()
+    z = plan.rounds.toes[1:, :, 2]
+    off = np.minimum(np.abs(z - low), np.abs(z - high))
+    assert off.min() > 0.0099
+    assert ((z < low) | (z > high)).all()
+
+
+def test_edges_with_ground_beyond_stay() -> None:
+    """Three rectangles of one wall abut: only the outer edges lose a strip."""
+    loaded = load_climb(SPECS / "climb_obstacle.yaml")
+    terrain = build_scene(loaded.spec, loaded.robot).terrain
+    regions = footing(terrain, 0.01)
+    lower, middle = regions[0], regions[1]
+    assert lower.name == "left lower"
+    given = terrain.regions[0]
+    strip = given.b - lower.b
+    # Above the lower rectangle the middle one covers a part only: the beam has the rest
+    assert strip == pytest.approx(np.full(4, 0.01))
+    top = int(np.argmax(terrain.regions[1].A[:, 2]))
+    assert (terrain.regions[1].b - middle.b)[top] == 0.0
+    assert footing(terrain, 0.0) == ()
+
+
+def test_a_transition_keeps_its_margins() -> None:
+    plan = plan_transition(load_transition(SPECS / "transition_bricks.yaml"))
+    outward = plan.forces.toe_command - plan.instants.toes
+    depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)[plan.instants.contact]
+    assert depth.min() > 0.95 * 0.005
+    assert verification_of(plan).fragile == ()

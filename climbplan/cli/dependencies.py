@@ -25,6 +25,9 @@ class Part:
 
 
 PARTS = (
+    Part("trimesh", "trimesh", "trimesh", "meshes and clouds of `terrain.scan`"),
+    Part("shapely", "shapely", "shapely", "contact regions of scans"),
+    Part("Pillow", "pillow", "PIL", "pictures, height maps as PNG"),
     Part("DAQP", "daqp", "daqp", "posture nodes, force problems (default)"),
     Part("Clarabel", "clarabel", "clarabel", "force problems with exact cones"),
     Part("OSQP", "osqp", "osqp", "force problems, the published choice"),

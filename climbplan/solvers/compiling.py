@@ -5,7 +5,7 @@ function that it calls does. The cache of a room therefore lies in a directory n
 sources of its compiled functions, and of what they are generated from: after an edit nothing stale
 is found there.
 
-A machine compiles once, for up to half a minute. The package's log has a line then, which the
+A machine compiles once, for up to a minute. The package's log has a line then, which the
 command line shows; nothing is said where the cache serves.
 """
 
@@ -27,7 +27,7 @@ from numba.core import event
 config: Any = numba.config
 
 LONG = 1.0  # [s] of compilation that is worth a word
-_WORD = "compiling functions, which a machine does once; this takes up to half a minute"
+_WORD = "compiling functions, which a machine does once; this takes up to a minute"
 _log = logging.getLogger(__name__)
 
 Function = TypeVar("Function", bound=Callable[..., object])

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.bookshelf.answer import Placement
+from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.meanings import check_placements
 from climbplan.bookshelf.points import (
     as_stored,
@@ -16,12 +18,26 @@ from climbplan.bookshelf.points import (
     scene_of,
     settled,
 )
-from climbplan.bookshelf.scene import Array, Scenes, Shelf
+from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.program import Problem, Program
 from climbplan.spec.bookshelf.model import Meaning
 
 Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters [mm, rad]
+
+
+def checked(
+    scene: Scene, placement: Placement, shelf: Shelf, meaning: Meaning
+) -> tuple[Placement, PlacementCheck]:
+    """A placement as the exact check gets it, and what that says.
+
+    In the meaning `contact` angles and heights are those that the states demand: what a solver
+    leaves of rounding does not count.
+    """
+    if meaning == "contact":
+        placement = settled(scene, placement)
+    pose, state = placement.pose[None], placement.state[None]
+    return placement, check_placements(Scenes.of([scene]), pose, state, shelf, meaning)
 
 
 def shelf_problem(
@@ -46,11 +62,7 @@ def shelf_problem(
     def check(theta: Any, values: Mapping[str, Array]) -> dict[str, float]:
         scene = scene_of(theta)
         placement = placement_of(stated, scene, stated.point(values))
-        if meaning == "contact":
-            placement = settled(scene, placement)
-        found = check_placements(
-            Scenes.of([scene]), placement.pose[None], placement.state[None], shelf, meaning
-        )
+        _, found = checked(scene, placement, shelf, meaning)
         beyond = {item.name: float(item.residual[0] - item.limit) for item in found.items}
         return {name: 0.0 if np.isfinite(v) and v <= 0 else v for name, v in beyond.items()}
 

@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 if TYPE_CHECKING:
     from climbplan.api.kinds import PlanKind
 
-# As `climbplan.exports.formats.FormatName`, which is not imported for --help
+# Names of `climbplan.exports.formats.FORMATS`, which is not imported for --help
 FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd"]
 
 

@@ -65,11 +65,10 @@ def _robot_of(name: str) -> tuple[Any, tuple[str, ...]]:
     from climbplan.robots.any_robot import assumptions, build_robot
     from climbplan.spec.loading import load_spec
     from climbplan.spec.robots.source import UnknownRobot, load_any_robot
-    from climbplan.spec.source import read_source
 
     spec: Any
     try:
-        if Path(name).suffix in (".yaml", ".yml") and not _is_robot_file(read_source(name).text):
+        if Path(name).suffix in (".yaml", ".yml") and not _is_robot_file(name):
             loaded: Any = load_spec(name)
             spec = getattr(loaded, "robot", None)
             if spec is None or (not hasattr(spec, "limbs") and not hasattr(spec, "tree")):
@@ -82,8 +81,14 @@ def _robot_of(name: str) -> tuple[Any, tuple[str, ...]]:
     return made, assumptions(spec, made)
 
 
-def _is_robot_file(text: str) -> bool:
-    return any(line.split("#")[0].replace(" ", "") == "kind:robot" for line in text.splitlines())
+def _is_robot_file(name: str) -> bool:
+    """Whether a YAML file says that it is a robot; raises SpecError for what is no YAML."""
+    from climbplan.spec.source import read_source
+    from climbplan.spec.yaml_source import parse_yaml
+
+    source = read_source(name)
+    stated = parse_yaml(source.text, source.shown).value
+    return isinstance(stated, dict) and stated.get("kind") == "robot"
 
 
 def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:

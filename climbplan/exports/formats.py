@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from climbplan.errors import UsageError
 from climbplan.exports.gains import read_gains
@@ -16,7 +15,6 @@ from climbplan.exports.ros_files import write_bag, write_mcap
 from climbplan.exports.tables import write_arrays, write_table
 from climbplan.exports.usd_file import write_usd
 
-FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd"]
 FACTS = "export.json"  # in directories: what was exported how
 
 

@@ -13,7 +13,9 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 
 _SAMPLES = 4000  # of each limb's joints
-_BALANCED = 1e-6  # of the weight and moment that standing toes may leave
+_BALANCED = (
+    1e-3  # of the weight that balance may be off [-, m]: the wish for evenness leaves a little
+)
 
 
 @dataclass(frozen=True)
@@ -76,5 +78,4 @@ def _standing_force(robot: Robot, valid: NDArray[np.bool_]) -> Array | None:
         np.vstack([balance, even]), np.concatenate([[robot.weight, 0.0, 0.0], np.zeros(len(x))])
     )
     left = balance @ force - np.array([robot.weight, 0.0, 0.0])
-    # The small wish for evenness leaves a little over, which a robot on its toes does not notice
-    return force if np.abs(left).max() < max(_BALANCED, 1e-3) * robot.weight else None
+    return force if np.abs(left).max() < _BALANCED * robot.weight else None

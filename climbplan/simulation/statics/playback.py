@@ -11,7 +11,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.errors import UsageError
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.five_bar import FiveBar
-from climbplan.robots.kinematics import inverse, jacobian_world, to_body, toe_world
+from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
@@ -27,9 +27,12 @@ from climbplan.simulation.model import (
 )
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
+from climbplan.simulation.start import set_up
+from climbplan.simulation.statics.run import play
 from climbplan.simulation.statics.tuples import Ground, Machine, Playback
-from climbplan.simulation.worlds.ground import moved_terrain
+from climbplan.simulation.worlds.ground import material, moved_terrain
 from climbplan.simulation.worlds.world import footholds_of, nominal_world
+from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
 SPAN = 0.25  # [s] of a step at most, simulated time
@@ -66,7 +69,6 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     toes = toe_world(robot, moving.com[sample], moving.rpy[sample], angles[sample])
     holds = footholds_of(moving.contact)
     pressing = held_toes(plan) & (planned_pressure(plan) >= LEAST_HELD)
-    start = to_body(plan.rounds.com[0], plan.rounds.rpy[0], plan.rounds.toes[0])
     span = np.diff(moving.time[sample], prepend=moving.time[0]) / conditions.speed
     c = np.ascontiguousarray
     playback = Playback(
@@ -80,22 +82,38 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
         stands=c(pressing[sample].astype(np.int64)),
         trusted=c(standing(plan)[sample].astype(np.int64)),
         contact=c(moving.contact[sample].astype(np.int64)),
+        settled=c((standing(plan) == moving.contact).all(axis=1)[sample].astype(np.int64)),
         turning=c(np.linalg.pinv(jacobian, rcond=1e-3)),
         arm=c(toes - moving.com[sample][:, None]),
         foothold=c(holds.number[sample]),
         share=c(holds.share[sample]),
         toes=plan.rounds.toes[0].copy(),
-        angles=c(inverse(robot, start).best()),
     )
     return Steps(playback, sample, instant[sample])
 
 
-def machine_of(plan: ClimbPlan, steps: Steps, conditions: Conditions) -> Machine:
-    """The robot under conditions, in their world."""
+def played(
+    plan: ClimbPlan, steps: Steps, conditions: Conditions, path: Array | None = None
+) -> Array:
+    """(COLUMNS,) what becomes of a plan under conditions, in their world.
+
+    path: of `play`.
+    """
+    terrain = moved_terrain(plan.terrain, conditions.world or nominal_world(plan))
+    machine = machine_of(plan, terrain, steps, conditions)
+    ground = ground_of(plan, terrain, conditions)
+    if path is None:
+        path = np.zeros((0, 3 + 6 * plan.robot.limb_count))
+    return play(steps.playback, machine, ground, path)
+
+
+def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Conditions) -> Machine:
+    """The robot under conditions, in their world, set up on its terrain."""
     robot, world = plan.robot, conditions.world or nominal_world(plan)
     mass = robot.mass * world.mass + conditions.payload
     half = np.abs(robot.body_hull).max(axis=0)
     stiffness = motor_stiffness(robot, conditions)
+    start = set_up(plan, terrain)
     times = plan.trajectory.time[steps.sample]
     losses = [
         (x.limb, *np.searchsorted(times, [x.start, x.start + x.duration]))
@@ -113,27 +131,21 @@ def machine_of(plan: ClimbPlan, steps: Steps, conditions: Conditions) -> Machine
         strongest=np.ascontiguousarray(robot.max_torque),
         placement=np.ascontiguousarray(world.placement),
         losses=np.array(losses, float).reshape(-1, 3),
+        toes=np.ascontiguousarray(start.toes),
+        angles=np.ascontiguousarray(start.angles),
         regulator=_REGULATORS[conditions.regulator],
     )
 
 
-def ground_of(plan: ClimbPlan, conditions: Conditions) -> Ground:
-    """The terrain under conditions, in their world."""
-    world = conditions.world or nominal_world(plan)
-    terrain = moved_terrain(plan.terrain, world)
+def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Ground:
+    """The terrain of a world under conditions."""
     flat = [s for s in terrain.surfaces if isinstance(s, Region)]
     round_ones = [s for s in terrain.surfaces if isinstance(s, Tube)]
-    solids = [*(region.slab() for region in flat), *terrain.obstacles]
     friction = [region.friction for region in flat]
     friction += [float(np.min(plan.instants.mu))] * len(terrain.obstacles)
-    most = max((len(s.b) for s in solids), default=1)
-    rows = np.zeros((len(solids), most, 4))
-    rows[:, :, 3] = 1.0
-    for g, solid in enumerate(solids):
-        rows[g, : len(solid.b), :3], rows[g, : len(solid.b), 3] = solid.A, solid.b
     tubes = [(*t.center, t.radius, t.lower, t.upper) for t in round_ones]
     return Ground(
-        solids=rows,
+        solids=material(terrain),
         friction=np.array(friction, float) * conditions.friction,
         tubes=np.array(tubes, float).reshape(-1, 5),
         tube_friction=np.array([t.friction for t in round_ones], float) * conditions.friction,
@@ -142,8 +154,9 @@ def ground_of(plan: ClimbPlan, conditions: Conditions) -> Ground:
 
 def _samples(plan: ClimbPlan, speed: float) -> Index:
     """Samples at which steps end: at most SPAN apart, and both sides of changes of contact."""
-    time, contact = plan.trajectory.time, plan.trajectory.contact
-    change = np.flatnonzero((contact[1:] != contact[:-1]).any(axis=1))
+    time = plan.trajectory.time
+    states = np.hstack([plan.trajectory.contact, standing(plan)])
+    change = np.flatnonzero((states[1:] != states[:-1]).any(axis=1))
     forced = np.unique(np.concatenate([[0, len(time) - 1], change, change + 1]))
     found = [forced[:1]]
     for first, last in pairwise(forced.tolist()):

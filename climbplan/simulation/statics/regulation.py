@@ -129,7 +129,7 @@ def _regulated(
     wanted, turn, moved = pad.m[0], pad.v[0], pad.v[1]
     for a in range(3):
         aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]
-        if place:
+        if place and plan.settled[before]:
             shift[a] += RATE * span * (aim - com[a])
         for b in range(3):
             wanted[a, b] = (1 - part) * plan.rotation[before, a, b] + part * plan.rotation[s, a, b]
@@ -139,7 +139,8 @@ def _regulated(
         odd = 0.0
         for b in range(3):
             odd += wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]
-        turned[a] += RATE * span * odd / 2
+        if plan.settled[before]:
+            turned[a] += RATE * span * odd / 2
     _shortened(shift, MOST_SHIFT)
     _shortened(turned, MOST_TURN)
     for i in range(len(command)):

@@ -6,18 +6,13 @@ import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.contact import (
-    _BESIDE,
-    AIR,
-    SLIDES,
-    _beyond,
-    _landed,
-    _onto,
-)
+from climbplan.simulation.statics.contact import AIR, SLIDES
+from climbplan.simulation.statics.corner import _runs_into
 from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes
 from climbplan.simulation.statics.regulation import _estimate, _placed, _regulated
 from climbplan.simulation.statics.small_algebra import _times
 from climbplan.simulation.statics.step import _settled
+from climbplan.simulation.statics.surfaces import BESIDE, _beyond, _landed, _onto
 from climbplan.simulation.statics.tuples import (
     Body,
     Ground,
@@ -67,16 +62,17 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     )
     stand = Stand(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
-        plan.toes.copy(), np.zeros(n, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64),
+        machine.toes.copy(), np.zeros(n, np.int64), np.full((n, 2), -1),
+        np.zeros(1, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
     touch = Touch(
-        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), plan.toes.copy(),
-        np.zeros((n, 3)), np.zeros((n, 3)), plan.angles.copy(), np.zeros(n, np.int64),
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), machine.toes.copy(),
+        np.zeros((n, 3)), np.zeros((n, 3)), machine.angles.copy(), np.zeros(n, np.int64),
     )  # fmt: skip
     wrench = np.zeros(6)
     load = Load(machine.mass, machine.inertia, machine.gravity, machine.offset, wrench)
-    rotor, speed = plan.angles.copy(), np.zeros((n, 3))
-    angles = plan.angles.copy()
+    rotor, speed = machine.angles.copy(), np.zeros((n, 3))
+    angles = machine.angles.copy()
     wanted = np.zeros((n, 3))
     # What the regulator knows and has done
     believed, stood = plan.toes.copy(), plan.trusted[0].copy()
@@ -84,9 +80,9 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     shift, turned = np.zeros(3), np.zeros(3)
     local = np.zeros((n, 3))
     # Where toes were set down, and how far they slid since
-    set_down, slid = plan.toes.copy(), np.zeros(n)
+    set_down, slid = machine.toes.copy(), np.zeros(n)
     for i in range(n):
-        g, f, _ = _landed(stand.anchor[i], stand.anchor[i], ground, _THERE)
+        g, f, _ = _landed(stand.anchor[i], stand.anchor[i], ground, _THERE, -1)
         if g >= 0:
             stand.touching[i], stand.solid[i], stand.face[i] = 1, g, f
             _onto(stand.anchor[i], g, f, ground, touch.normal[i])
@@ -226,6 +222,7 @@ def _finish(
     for i in range(len(angles)):
         place = touch.place[i]
         if touch.state[i] == AIR:
+            stand.corner[i, 0] = -1
             # Where the toe of a limb without force is
             _free_angles(i, springs, touch.angles[i])
             _chain(plan.zero[i], touch.angles[i], pad.m[0], pad.m[1], pad.v[0])
@@ -236,13 +233,25 @@ def _finish(
             slid[i] = 0.0
         else:
             g, f = touch.solid[i], touch.face[i]
+            into, its, deep = _runs_into(i, stand, ground, touch)
+            if into >= 0:
+                # It stops where it came to the other surface
+                far = 0.0
+                for a in range(3):
+                    far += (place[a] - stand.anchor[i, a]) ** 2
+                for a in range(3):
+                    place[a] -= deep / np.sqrt(far) * (place[a] - stand.anchor[i, a])
+                stand.corner[i, 0], stand.corner[i, 1] = g, f
+                g, f = into, its
+            elif touch.state[i] == SLIDES:
+                stand.corner[i, 0] = -1
             _onto(place, g, f, ground, touch.normal[i])
             if not stand.touching[i]:
                 for a in range(3):
                     set_down[i, a] = place[a]
             stand.touching[i], stand.solid[i], stand.face[i] = 1, g, f
             if _beyond(place, g, f, ground):
-                g, f, _ = _landed(place, place, ground, _BESIDE)
+                g, f, _ = _landed(place, place, ground, BESIDE, -1)
                 if g < 0:
                     stand.touching[i] = 0
                 else:

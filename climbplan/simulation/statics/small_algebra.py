@@ -36,6 +36,21 @@ def _transposed_times(matrix: Array, vector: Array, out: Array) -> None:
 
 
 @compiled
+def _both_sides(outer: Array, inner: Array, room: Array, out: Array) -> None:
+    """out = outer inner outer^T; room: (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            room[i, j] = (
+                inner[i, 0] * outer[j, 0] + inner[i, 1] * outer[j, 1] + inner[i, 2] * outer[j, 2]
+            )
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = (
+                outer[i, 0] * room[0, j] + outer[i, 1] * room[1, j] + outer[i, 2] * room[2, j]
+            )
+
+
+@compiled
 def _inverse(matrix: Array, out: Array) -> float:
     """out = matrix^-1 by cofactors; returns the determinant, at 0 of which out is not finite."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]

@@ -11,16 +11,11 @@ import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.contact import (
-    AIR,
-    FAILED,
-    TUBE,
-    _landed,
-    _onto,
-    _touch,
-)
+from climbplan.simulation.statics.contact import AIR, FAILED, STICKS, _touch
+from climbplan.simulation.statics.corner import _cornered, _runs_into
 from climbplan.simulation.statics.limb import _chain, _free_angles
 from climbplan.simulation.statics.small_algebra import _cross, _solve_firm, _times, _turn
+from climbplan.simulation.statics.surfaces import TUBE, _landed, _onto
 from climbplan.simulation.statics.tuples import (
     Body,
     Ground,
@@ -72,7 +67,7 @@ def _wrench(
             _times(body.rotation, local, place)
             for a in range(3):
                 place[a] += body.com[a]
-            g, f, part = _landed(stand.anchor[i], place, ground, 0.0)
+            g, f, part = _landed(stand.anchor[i], place, ground, 0.0, -1)
             if g < 0:
                 touch.state[i] = AIR
                 touch.force[i] = 0.0
@@ -87,7 +82,12 @@ def _wrench(
         grip = ground.tube_friction[g] if f == TUBE else ground.friction[g]
         if stand.slippery[i]:
             grip = 0.0
-        state = _touch(body, zero[i], i, grip, swift, ground, springs, touch, pad)
+        if stand.corner[i, 0] >= 0 and _cornered(
+            body, zero[i], i, grip, stand, ground, springs, touch, pad
+        ):
+            state = STICKS
+        else:
+            state = _touch(body, zero[i], i, grip, swift, ground, springs, touch, pad)
         if state == FAILED:
             return False
         touch.state[i] = state
@@ -143,6 +143,15 @@ def _add_stiffness(
 
 
 @compiled
+def _ran_in(stand: Stand, ground: Ground, touch: Touch) -> bool:
+    """Whether a toe has slid so deep into a solid that only a shorter step tells where it stops."""
+    deepest = 0.0
+    for i in range(len(touch.state)):
+        deepest = max(deepest, _runs_into(i, stand, ground, touch)[2])
+    return deepest > _LANDING
+
+
+@compiled
 def _settled(
     body: Body,
     span: float,
@@ -194,7 +203,7 @@ def _settled(
         for a in range(3):
             off = max(off, abs(wrench[a]), abs(wrench[3 + a]) / _LEVER)
         if off < enough:
-            return True
+            return not (stand.coarse[0] and _ran_in(stand, ground, touch))
         if off > before and halved < _HALVINGS:
             # Half of the way back: contacts and play have kinks that a whole step overshoots
             halved += 1

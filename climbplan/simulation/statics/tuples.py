@@ -34,6 +34,7 @@ class Stand(NamedTuple):
     face: Array  # (N,) of the solid; TUBE
     anchor: Array  # (N, 3) where it stands; in the air, where it is [m]
     slippery: Array  # (N,) 1 without friction
+    corner: Array  # (N, 2) solid and face that also hold a toe in a corner, -1 if none
     coarse: Array  # (1,) 1 where the step is too long for a toe to land in
     swift: Array  # (1,) 1 where it is short
 
@@ -93,12 +94,12 @@ class Playback(NamedTuple):
     stands: Array  # (S, N) toes that are to press, 0 or 1
     trusted: Array  # (S, N) toes that odometry counts on, 0 or 1
     contact: Array  # (S, N) toes that the regulator moves, 0 or 1
+    settled: Array  # (S,) whether it may correct more, no toe being half loaded, 0 or 1
     turning: Array  # (S, N, 3, 3) joint turns by toe motion in the world
     arm: Array  # (S, N, 3) from body to toe [m]
     foothold: Array  # (S, N) number of the foothold a limb comes from
     share: Array  # (S, N) of the way to the next
-    toes: Array  # (N, 3) at the start [m]
-    angles: Array  # (N, 3) at the start [rad]
+    toes: Array  # (N, 3) where it is believed to be set up [m]
 
 
 class Machine(NamedTuple):
@@ -115,4 +116,6 @@ class Machine(NamedTuple):
     strongest: Array  # (N, 3) [N m]
     placement: Array  # (N, P, 3) error of each foothold, world [m]
     losses: Array  # (L, 3) limb, first and last step without friction
+    toes: Array  # (N, 3) where it is set up [m]
+    angles: Array  # (N, 3) there [rad]
     regulator: int  # 0 nothing, 1 attitude, 2 joints, 3 pose

@@ -38,6 +38,20 @@ def moved_terrain(terrain: Terrain, world: World) -> Terrain:
     return replace(terrain, surfaces=surfaces, obstacles=tuple(obstacles))
 
 
+def material(terrain: Terrain) -> Array:
+    """(G, F, 4) rows of A and b of solids {A x <= b}: slabs of flat surfaces, then obstacles.
+
+    Solids of fewer faces are padded with rows 0 x <= 1.
+    """
+    slabs = [s.slab() for s in terrain.surfaces if isinstance(s, Region)]
+    solids = [*slabs, *terrain.obstacles]
+    rows = np.zeros((len(solids), max((len(s.b) for s in solids), default=1), 4))
+    rows[:, :, 3] = 1.0
+    for g, solid in enumerate(solids):
+        rows[g, : len(solid.b), :3], rows[g, : len(solid.b), 3] = solid.A, solid.b
+    return rows
+
+
 def _motion(region: Region, world: World, index: int) -> tuple[Array, Array]:
     """Rotation (3, 3) about the region's middle, and shift (3,)."""
     shift = world.surface[index] * region.normal

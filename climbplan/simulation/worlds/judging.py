@@ -13,12 +13,11 @@ from joblib import Parallel, delayed
 from scipy.stats import beta
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.robots.rotations import Array
 from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
-from climbplan.simulation.statics.playback import ground_of, machine_of, prepare
-from climbplan.simulation.statics.run import CAUSE, CAUSE_LIMB, CAUSE_STEP, FELL, FELL_STEP, play
+from climbplan.simulation.statics.playback import played, prepare
+from climbplan.simulation.statics.run import CAUSE, CAUSE_LIMB, CAUSE_STEP, FELL, FELL_STEP
 from climbplan.simulation.worlds.stated import KEYS, uncertainty_of
 from climbplan.simulation.worlds.uncertainty import Layout, layout_of, numbers_of
 
@@ -179,11 +178,10 @@ def _statics(
 ) -> list[Outcome]:
     steps = prepare(plan, base)
     time = plan.trajectory.time[steps.sample]
-    nowhere: Array = np.zeros((0, 3 + 6 * plan.robot.limb_count))
     out = []
     for index in chunk:
         world = _world(base, layout, seed, index)
-        row = play(steps.playback, machine_of(plan, steps, world), ground_of(plan, world), nowhere)
+        row = played(plan, steps, world)
         fallen = bool(row[FELL])
         out.append(
             Outcome(

@@ -10,8 +10,8 @@ import pytest
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
-from climbplan.simulation.statics.playback import ground_of, machine_of, prepare
-from climbplan.simulation.statics.run import FELL, play
+from climbplan.simulation.statics.playback import played, prepare
+from climbplan.simulation.statics.run import FELL
 
 Planned = Callable[..., ClimbPlan]
 
@@ -23,9 +23,7 @@ def test_it_goes_where_mujoco_goes(planned: Planned, regulator: str) -> None:
     steps = prepare(plan, conditions)
     n = plan.robot.limb_count
     path = np.zeros((len(steps.sample), 3 + 6 * n))
-    row = play(
-        steps.playback, machine_of(plan, steps, conditions), ground_of(plan, conditions), path
-    )
+    row = played(plan, steps, conditions, path)
     run = simulate(plan, conditions)
     assert not row[FELL]
     assert not run.fallen
@@ -42,7 +40,7 @@ def test_at_the_start_it_presses_as_planned(planned: Planned) -> None:
     steps = prepare(plan, Conditions())
     n = plan.robot.limb_count
     path = np.zeros((len(steps.sample), 3 + 6 * n))
-    play(steps.playback, machine_of(plan, steps, Conditions()), ground_of(plan, Conditions()), path)
+    played(plan, steps, Conditions(), path)
     assert path[0, :3] == pytest.approx(plan.rounds.com[0], abs=1e-4)
     total = path[0, 3 + 3 * n :].reshape(n, 3).sum(axis=0)
     assert total == pytest.approx([0.0, 0.0, plan.robot.weight], abs=0.1)

@@ -9,7 +9,7 @@ from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, SLIDES
 from climbplan.simulation.statics.corner import _runs_into
 from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes
-from climbplan.simulation.statics.regulation import _estimate, _placed, _regulated
+from climbplan.simulation.statics.regulation import _estimate, _moved, _placed, _regulated
 from climbplan.simulation.statics.small_algebra import _times
 from climbplan.simulation.statics.step import _settled
 from climbplan.simulation.statics.surfaces import BESIDE, _beyond, _landed, _onto
@@ -75,9 +75,12 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     angles = machine.angles.copy()
     wanted = np.zeros((n, 3))
     # What the regulator knows and has done
-    believed, stood = plan.toes.copy(), plan.trusted[0].copy()
+    believed, stood = machine.toes.copy(), plan.trusted[0].copy()
     believed_com, believed_rotation = plan.com[0].copy(), plan.rotation[0].copy()
-    shift, turned = np.zeros(3), np.zeros(3)
+    offset, lag, told = np.zeros((n, 3)), np.zeros((n, 3)), plan.command[0].copy()
+    if machine.regulator > 0:
+        offset[:] = machine.toes - plan.toes
+    sent, kept_offset = plan.command[0].copy(), offset.copy()
     local = np.zeros((n, 3))
     # Where toes were set down, and how far they slid since
     set_down, slid = machine.toes.copy(), np.zeros(n)
@@ -116,6 +119,9 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
                     springs.weight[i, j] = plan.weight[s, i, j]
             _placed(plan, s, machine.placement, wanted, pad)
             if machine.regulator > 0 and index > 0:
+                for i in range(n):
+                    for j in range(3):
+                        lag[i, j] = rotor[i, j] - told[i, j] + plan.carrying[before, i, j]
                 if machine.regulator == 2:
                     _estimate(
                         plan,
@@ -129,14 +135,17 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
                         pad,
                     )
                     _regulated(
-                        plan, s, done, span, True, believed_com, believed_rotation, shift, turned,
+                        plan, s, done, span, True, believed_com, believed_rotation, lag, offset,
                         wanted, pad,
                     )  # fmt: skip
                 else:
                     _regulated(
                         plan, s, done, span, machine.regulator == 3, body.com, body.rotation,
-                        shift, turned, wanted, pad,
+                        lag, offset, wanted, pad,
                     )  # fmt: skip
+            elif index <= 0:
+                _moved(plan, s, offset, wanted, pad)
+            sent[:] = wanted
             # Motors as springs of this step
             for i in range(n):
                 touch.saturated[i] = 0
@@ -163,6 +172,7 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
             if not good:
                 body.com[:] = kept.com
                 body.rotation[:] = kept.rotation
+                offset[:] = kept_offset
                 fine = part / 2
                 if fine >= FINEST:
                     continue
@@ -170,6 +180,8 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
                 if row[CAUSE] == NOTHING:
                     row[CAUSE], row[CAUSE_STEP] = UNBALANCED, s
                 return row
+            told[:] = sent
+            kept_offset[:] = offset
             done += part
             fine = min(1.0, 2 * part) if done < 1.0 - 1e-9 else min(1.0, 2 * fine)
             for a in range(6):

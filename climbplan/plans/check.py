@@ -64,6 +64,7 @@ LIMITS = {
     "static.stability": Limit(0, "", "the body does not buckle under the forces that hold it"),
     "robust.pressure": Limit(0, "N", "toes in contact press with their margin"),
     "robust.friction": Limit(0, "N", "and hold with so much less pressure, within mu f_n / S_mu"),
+    "robust.slip": Limit(0, "", "and stay where the surface lacks so much of its friction"),
     "robust.depth": Limit(0, "m", "free toes would be commanded so far inside their surfaces"),
     "robust.stiffness": Limit(0, "", "bracing leaves the body so much of its stiffness"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),

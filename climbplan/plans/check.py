@@ -67,6 +67,7 @@ LIMITS = {
     "robust.slip": Limit(0, "", "and stay where the surface lacks so much of its friction"),
     "robust.depth": Limit(0, "m", "free toes would be commanded so far inside their surfaces"),
     "robust.stiffness": Limit(0, "", "bracing leaves the body so much of its stiffness"),
+    "robust.risk": Limit(1e-9, "", "falls counted in worlds are within the interval that is told"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),

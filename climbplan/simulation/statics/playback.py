@@ -29,14 +29,24 @@ from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.start import set_up
 from climbplan.simulation.statics.run import play
-from climbplan.simulation.statics.tuples import Ground, Machine, Playback
+from climbplan.simulation.statics.tuples import (
+    BY_ATTITUDE,
+    BY_JOINTS,
+    BY_POSE,
+    NO_REGULATOR,
+    Ground,
+    Machine,
+    Playback,
+)
 from climbplan.simulation.worlds.ground import material, moved_terrain
 from climbplan.simulation.worlds.world import footholds_of, nominal_world
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
 SPAN = 0.25  # [s] of a step at most, simulated time
-_REGULATORS = {"nothing": 0, "attitude": 1, "joints": 2, "pose": 3}
+_REGULATORS = {
+    "nothing": NO_REGULATOR, "attitude": BY_ATTITUDE, "joints": BY_JOINTS, "pose": BY_POSE
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

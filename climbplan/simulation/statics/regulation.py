@@ -17,7 +17,7 @@ from climbplan.simulation.statics.small_algebra import (
     _times,
     _turn,
 )
-from climbplan.simulation.statics.tuples import Pad, Playback
+from climbplan.simulation.statics.tuples import Known, Pad, Playback
 
 _FEWEST = 3  # standing toes that tell a pose
 _FITS = 4  # Gauss-Newton steps of the rotation, from the last pose
@@ -28,17 +28,12 @@ def _estimate(
     plan: Playback,
     s: int,
     angles: Array,
-    toes: Array,
-    stood: Array,
-    com: Array,
-    rotation: Array,
-    local: Array,
+    known: Known,
     pad: Pad,
 ) -> None:
-    """Pose by joint angles (N, 3) from toes believed to stand where they stood; all in place.
-
-    toes (N, 3), stood (N,), com (3,), rotation (3, 3): what is believed. local: (N, 3) room.
-    """
+    """Pose by joint angles (N, 3) from toes believed to stand where they stood, in place."""
+    toes, stood, com, rotation = known.toes, known.stood, known.com, known.rotation
+    local = known.local
     count = 0
     for i in range(len(angles)):
         _chain(plan.zero[i], angles[i], pad.m[0], pad.m[1], local[i])
@@ -116,8 +111,7 @@ def _regulated(
     place: bool,
     com: Array,
     rotation: Array,
-    shift: Array,
-    turned: Array,
+    known: Known,
     command: Array,
     pad: Pad,
 ) -> None:
@@ -126,6 +120,7 @@ def _regulated(
     part: of the way from step s - 1 to s at which the pose is.
     """
     before = max(s - 1, 0)
+    shift, turned = known.shift, known.turned
     wanted, turn, moved = pad.m[0], pad.v[0], pad.v[1]
     for a in range(3):
         aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]

@@ -21,15 +21,13 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.simulation.chain_limb import chain_limb, motor_names
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
 
 TIME_STEP = 1e-3  # [s]
-# Contact forces act on a toe's surface, the planner's at a point. A radius of 2 mm bends SiLVIA's
-# limbs by as much as a sag of 0.15 mm, which is in proportion to it.
-TOE_RADIUS = 0.0005  # [m]
 ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _NOT_SCANNED = ("left", "right", "ground", "panel", "tube")  # stated by keys of their own

@@ -38,6 +38,7 @@ from climbplan.simulation.statics.tuples import (
     Machine,
     Playback,
 )
+from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.simulation.worlds.ground import material, moved_terrain
 from climbplan.simulation.worlds.world import footholds_of, nominal_world
 from climbplan.terrain.model import Terrain
@@ -155,7 +156,7 @@ def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Grou
     friction += [float(np.min(plan.instants.mu))] * len(terrain.obstacles)
     tubes = [(*t.center, t.radius, t.lower, t.upper) for t in round_ones]
     return Ground(
-        solids=material(terrain),
+        solids=material(terrain, TOE_RADIUS),
         friction=np.array(friction, float) * conditions.friction,
         tubes=np.array(tubes, float).reshape(-1, 5),
         tube_friction=np.array([t.friction for t in round_ones], float) * conditions.friction,
@@ -167,7 +168,8 @@ def _samples(plan: ClimbPlan, speed: float) -> Index:
     time = plan.trajectory.time
     states = np.hstack([plan.trajectory.contact, standing(plan)])
     change = np.flatnonzero((states[1:] != states[:-1]).any(axis=1))
-    forced = np.unique(np.concatenate([[0, len(time) - 1], change, change + 1]))
+    forced = np.unique(np.concatenate([[0, len(time) - 1], *(change + k for k in range(4))]))
+    forced = forced[forced < len(time)]
     found = [forced[:1]]
     for first, last in pairwise(forced.tolist()):
         pieces = max(1, int(np.ceil((time[last] - time[first]) / speed / SPAN - 1e-9)))

@@ -139,12 +139,12 @@ def _regulated(
     _shortened(shift, MOST_SHIFT)
     _shortened(turned, MOST_TURN)
     for i in range(len(command)):
-        if not plan.contact[s, i]:
+        if not plan.contact[before, i]:
             continue
-        _cross(turned, plan.arm[s, i], moved)
+        _cross(turned, plan.arm[before, i], moved)
         for a in range(3):
             moved[a] = -(shift[a] + moved[a])
-        _times(plan.turning[s, i], moved, turn)
+        _times(plan.turning[before, i], moved, turn)
         for a in range(3):
             command[i, a] += turn[a]
 

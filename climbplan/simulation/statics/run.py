@@ -7,13 +7,13 @@ import numpy as np
 from climbplan.robots.rotations import Array
 from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.contact import AIR, SLIDES
+from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS
 from climbplan.simulation.statics.corner import _runs_into
 from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes
 from climbplan.simulation.statics.regulation import _estimate, _placed, _regulated
-from climbplan.simulation.statics.small_algebra import _times
+from climbplan.simulation.statics.small_algebra import _dot, _times
 from climbplan.simulation.statics.step import _settled
-from climbplan.simulation.statics.surfaces import BESIDE, _beyond, _landed, _onto
+from climbplan.simulation.statics.surfaces import BESIDE, TUBE, _beyond, _landed, _onto
 from climbplan.simulation.statics.tuples import (
     BY_JOINTS,
     BY_POSE,
@@ -40,9 +40,12 @@ _SNAP = 2e-3  # [s] of a step in which toes may snap
 FINEST = 1.0 / 512  # part of a step below which it is not divided
 
 # What a run tells of itself: columns of its row
-FELL, FELL_STEP, CAUSE, CAUSE_LIMB, CAUSE_STEP, SLIPS, LOST, FARTHEST, BALANCE = range(9)
-COLUMNS = 9
+FELL, FELL_STEP, CAUSE, CAUSE_LIMB, CAUSE_STEP, SLIPS, LOST, FARTHEST, BALANCE, USED, SLID = range(
+    11
+)
+COLUMNS = 11
 NOTHING, LOSES, SLIPS_OFF, TOO_WEAK, UNBALANCED = range(5)  # causes
+# USED: share of a held toe's friction at most in use; SLID: farthest that one slid [m]
 _SLIP = 0.005  # [m]
 _THERE = 1e-5  # [m] from a surface at the start that counts as on it
 
@@ -124,6 +127,8 @@ def _played(
         done = 0.0
         while done < 1.0 - 1e-9:
             part = min(fine, 1.0 - done)
+            if 1.0 - done - part < 1e-6:
+                part = 1.0 - done
             span = part * whole
             stand.swift[0] = 1 if span < _SWIFT else 0
             stand.coarse[0] = 1 if span > _SHORT else 0
@@ -148,7 +153,7 @@ def _played(
             _finish(plan, body, stand, ground, springs, touch, motors, span, feet, pad)
         if len(path):
             _record(body, touch, path[s])
-        _look(plan, s, touch, feet, row)
+        _look(plan, s, ground, touch, feet, row)
         if _is_down(plan, s, body, row):
             _fell(s, row)
             return
@@ -329,7 +334,19 @@ def _finish(
 
 
 @compiled
-def _look(plan: Playback, s: int, touch: Touch, feet: Feet, row: Array) -> None:
+def _used(limb: int, ground: Ground, touch: Touch) -> float:
+    """Share of a toe's friction that is in use, 1 of one that slides or has come off."""
+    if touch.state[limb] != STICKS:
+        return 1.0
+    g, force, normal = touch.solid[limb], touch.force[limb], touch.normal[limb]
+    mu = ground.tube_friction[g] if touch.face[limb] == TUBE else ground.friction[g]
+    press = _dot(force, normal)
+    shear = np.sqrt(max(_dot(force, force) - press * press, 0.0))
+    return min(shear / max(mu * press, 1e-9), 1.0)
+
+
+@compiled
+def _look(plan: Playback, s: int, ground: Ground, touch: Touch, feet: Feet, row: Array) -> None:
     """Note the first thing that went wrong since all was well."""
     cause, limb = NOTHING, -1
     slips = 0.0
@@ -338,6 +355,8 @@ def _look(plan: Playback, s: int, touch: Touch, feet: Feet, row: Array) -> None:
             slips += 1.0
         if not plan.stands[s, i]:
             continue
+        row[USED] = max(row[USED], _used(i, ground, touch))
+        row[SLID] = max(row[SLID], feet.slid[i])
         if touch.state[i] == AIR:
             row[LOST] = 1
             if cause == NOTHING:

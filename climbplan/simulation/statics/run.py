@@ -36,6 +36,7 @@ SETTLE = 4  # steps at the first commands before the motion starts
 SETTLE_SPAN = 0.25  # [s] of each
 _SHORT = 0.005  # [s] of a step in which a toe may land, whatever the command does then
 _SWIFT = 0.05  # [s] of a step that counts as short
+_SLIDING = 0.03  # [s] of a step while a toe slides, which goes another way as it goes on
 _SNAP = 2e-3  # [s] of a step in which toes may snap
 FINEST = 1.0 / 512  # part of a step below which it is not divided
 
@@ -126,7 +127,7 @@ def _played(
         _lose(machine, s, index > 0, stand)
         done = 0.0
         while done < 1.0 - 1e-9:
-            part = min(fine, 1.0 - done)
+            part = min(fine, 1.0 - done, _SLIDING / whole if _slides(touch) else 1.0)
             if 1.0 - done - part < 1e-6:
                 part = 1.0 - done
             span = part * whole
@@ -157,6 +158,14 @@ def _played(
         if _is_down(plan, s, body, row):
             _fell(s, row)
             return
+
+
+@compiled
+def _slides(touch: Touch) -> bool:
+    found = False
+    for i in range(len(touch.state)):
+        found = found or touch.state[i] == SLIDES
+    return found
 
 
 @compiled

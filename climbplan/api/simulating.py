@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from climbplan.errors import PlanFileError
+from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.plan_format import plan_format
 from climbplan.progress import Progress
 
@@ -42,6 +42,7 @@ def _climb(path: Path) -> tuple[str, Simulate]:
         from climbplan.simulation.climb_report import tell
         from climbplan.simulation.study import simulate_plan
         from climbplan.simulation.worlds.judging import told
+        from climbplan.simulation.worlds.rare import rare_told
 
         found = simulate_plan(plan, asked, report)
         lines = [
@@ -51,6 +52,8 @@ def _climb(path: Path) -> tuple[str, Simulate]:
         ]
         if found.judged is not None:
             lines += told(found.judged, plan.robot.limb_names, plan)
+        if found.rare is not None:
+            lines += rare_told(found.rare)
         return tell(found), [*lines, *_falls(found.trials)]
 
     return plan.name, run
@@ -64,6 +67,8 @@ def _walk(path: Path) -> tuple[str, Simulate]:
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
         from climbplan.simulation.walking.study import simulate_walk_plan, tell
 
+        if asked.rare:
+            raise UsageError("--rare: walks have no worlds of an uncertainty")
         found = simulate_walk_plan(plan, asked, report)
         return tell(found), _falls(found.trials)
 

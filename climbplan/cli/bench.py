@@ -22,6 +22,7 @@ BENCHMARKS = {
     "mpc": "walking: offline methods, accuracy of envelopes, ticks online, recovery from pushes",
     "refusals": "random climbs: planned, proved impossible or not proved, limits, second tries",
     "stands": "shipped and random climbs in MuJoCo, with margins and without",
+    "judge": "the quasi-static engine against MuJoCo in the same worlds of shipped scenes",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
@@ -46,9 +47,10 @@ _KNOWN = {
     "limms": ("methods", "count", "seconds"),
     "refusals": ("count", "seconds"),
     "stands": ("count",),
+    "judge": ("count",),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
-_PANEL = "bench bookshelf, bench strategies, bench limms, bench mpc, bench refusals, bench stands"
+_PANEL = "bench bookshelf, strategies, limms, mpc, refusals, stands, judge"
 
 
 def bench(
@@ -102,7 +104,8 @@ def bench(
             metavar="N",
             min=0,
             help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30]. "
-            "Of mpc: walks under each push [100]. Of refusals: climbs [60].",
+            "Of mpc: walks under each push [100]. Of refusals: climbs [60]. Of judge: worlds of "
+            "each scene [16].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -201,7 +204,7 @@ def bench(
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
     --methods (offline, envelopes, bounds, ticks, recovery), --count, --library and --library-size,
-    `bench refusals` --count and --time-limit, `bench stands` --count.
+    `bench refusals` --count and --time-limit, `bench stands` and `bench judge` --count.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -229,7 +232,7 @@ def bench(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
             "some of them, `bench limms`, `bench mpc` and `bench refusals`"
         )
-    if name in ("refusals", "stands") and (out is not None or as_json):
+    if name in ("refusals", "stands", "judge") and (out is not None or as_json):
         raise UsageError(f"`bench {name}` has no --out and no --json")
     allowed = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
     if stray := sorted(set(given) - set(allowed)):
@@ -266,6 +269,12 @@ def bench(
 
             with standard_output() as stream:
                 bench_stands(seed, quick, stream, given.get("count"))
+            continue
+        if chosen == "judge":
+            from climbplan.bench.climb.judge import bench_judge
+
+            with standard_output() as stream:
+                bench_judge(seed, quick, stream, given.get("count"))
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

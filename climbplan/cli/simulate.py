@@ -135,6 +135,14 @@ def simulate(
         Judge,
         typer.Option("--engine", help="What plays --worlds: MuJoCo, or quasi-static steps."),
     ] = Judge.mujoco,
+    rare: Annotated[
+        bool,
+        typer.Option(
+            "--rare",
+            help="Estimate the probability of a fall from --worlds by splitting, which tells one "
+            "in a thousand from one in a hundred thousand; with --engine statics.",
+        ),
+    ] = False,
     workers: Annotated[
         int | None,
         typer.Option("--workers", metavar="W", min=1, help="As --jobs, of --worlds."),
@@ -163,6 +171,8 @@ def simulate(
     key, values = _swept(sweep)
     if seed is not None and seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number >= 0")
+    if rare and (not worlds or engine is not Judge.statics):
+        raise UsageError("--rare: expected --worlds N and --engine statics beside it")
     from climbplan.api.simulating import simulator
 
     kind = simulator(path)
@@ -197,6 +207,7 @@ def simulate(
         pictures=pictures,
         worlds=worlds,
         engine=engine.value,
+        rare=rare,
     )
     session = context.ensure_object(Session)
     warn_of_failure(plan_kind(path), path)

@@ -23,6 +23,7 @@ from climbplan.simulation.sweep import SweepPoint
 from climbplan.simulation.variations import Trial
 from climbplan.simulation.worlds.figure import first_causes
 from climbplan.simulation.worlds.judging import judged_dict
+from climbplan.simulation.worlds.rare import rare_dict
 
 UNITS = {
     "torque.*": "N m", "sag.*": "m", "time": "s", "fall_time": "s", "time_step": "s",
@@ -93,6 +94,10 @@ def _cards(found: Simulated) -> list[Card]:
         fallen = f"{found.judged.falls} of {len(found.judged.outcomes)}"
         detail = f"{found.judged.engine}, 95 % interval {low:.1%} to {high:.1%}"
         cards.append(Card("Worlds that fall", fallen, detail))
+    if found.rare is not None:
+        low, high = found.rare.interval
+        detail = f"statics, splitting, 95 % interval {low:.1e} to {high:.1e}"
+        cards.append(Card("Probability of a fall", f"{found.rare.probability:.1e}", detail))
     return cards
 
 
@@ -171,6 +176,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
             for s in compared.losses
         ],
         "worlds": None if found.judged is None else judged_dict(found.judged, names, plan),
+        "rare": None if found.rare is None else rare_dict(found.rare),
         "runs": [trial_dict(trial) for trial in found.trials],
         "sweep": {
             "key": found.sweep_key,

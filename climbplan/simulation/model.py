@@ -21,15 +21,13 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.simulation.chain_limb import chain_limb, motor_names
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
 
 TIME_STEP = 1e-3  # [s]
-# Contact forces act on a toe's surface, the planner's at a point. A radius of 2 mm bends SiLVIA's
-# limbs by as much as a sag of 0.15 mm, which is in proportion to it.
-TOE_RADIUS = 0.0005  # [m]
 ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _NOT_SCANNED = ("left", "right", "ground", "panel", "tube")  # stated by keys of their own
@@ -48,6 +46,12 @@ _SOLVER = (
     f'<option timestep="{TIME_STEP}" gravity="0 0 {{gravity}}" cone="elliptic" impratio="100"'
     ' integrator="implicitfast" noslip_iterations="4"/>'
 )
+# MuJoCo's friction lifts a toe as it slides, by friction times speed times the contact's time
+# constant. Stiffer contacts than these lose the toe at 30 mm/s, which falls back after a
+# millisecond, eight times in a twentieth of a second, and slides another way than friction lets it.
+# Toes sink in by some 0.6 mm of 30 N (limbs give some 30 mm), which a margin gives back.
+_CONTACT = 'solref="0.01 1" solimp="0.95 0.99 0.001"'
+_STANDS_IN = 0.0006  # [m]
 _SKY = '<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>'
 _VISUAL = (
     '<visual><global offwidth="1280" offheight="960"/><quality shadowsize="2048"/>'
@@ -119,8 +123,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             '<compiler angle="radian" autolimits="true"/>',
             '<size memory="20M"/>',
             _VISUAL,
-            # Contacts far stiffer than limbs (some 1 N/mm): toes sink in by some 0.1 mm.
-            '<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>',
+            f'<default><geom condim="3" {_CONTACT}/></default>',
             "<asset>",
             _SKY,
             '<material name="wall" rgba="0.62 0.66 0.72 0.35"/>',
@@ -202,7 +205,8 @@ def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[
     along, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
     toe = (
         f'<geom name="toe{limb}" type="sphere" pos="{_numbers(l3 * down)}" size="{TOE_RADIUS}"'
-        f' mass="0.001" material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
+        f' mass="0.001" material="toe" contype="{_TOE}" conaffinity="0" margin="{_STANDS_IN}"'
+        ' friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{_numbers(l3 * down)}" size="0.001"/>'
     )
     narrow = (
@@ -239,7 +243,7 @@ def _chain(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list
         joints.append(joint)
     toe = (
         f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{TOE_RADIUS}" mass="0.001"'
-        f' material="toe" contype="{_TOE}" conaffinity="0" friction="0 0 0"/>'
+        f' material="toe" contype="{_TOE}" conaffinity="0" margin="{_STANDS_IN}" friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
     )
     return chain_limb(robot, limb, mass, joints, toe, NARROW, _LINK)

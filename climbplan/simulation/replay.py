@@ -23,6 +23,7 @@ from climbplan.reports.replay import sample_instants
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import TIME_STEP, believed_stiffness, build_mjcf
@@ -35,8 +36,6 @@ from climbplan.simulation.worlds.placement import missed_footholds
 REST = 1.0  # [s] for which commands are held to see where the body comes to rest
 SETTLE = 1.0  # [s] at the first commands before the motion starts
 _CONTROL = 0.01  # [s] between new commands to the motors
-_FALLEN = 0.15  # [m] below where it should be
-_TUMBLED = np.deg2rad(45)  # away from where it should be
 
 
 def load_mujoco() -> ModuleType:
@@ -171,9 +170,9 @@ class _Player:
                 watch(sample, self.model, self.data)
             if progress is not None and sample % 100 == 0:
                 progress(sample / len(moving.time))
-            low = moving.com[sample, 2] - rows[-1]["com"][2] > _FALLEN
+            low = moving.com[sample, 2] - rows[-1]["com"][2] > FALLEN
             tilt = planned_tilt(rows[-1]["rotation"], planned[sample])
-            if low or tilt > _TUMBLED:
+            if low or tilt > TUMBLED:
                 fallen = True
                 break
         stacked = {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -16,6 +16,7 @@ from climbplan.simulation.replay import Run, load_mujoco, simulate
 from climbplan.simulation.sweep import Sweep, SweepPoint, sweep
 from climbplan.simulation.variations import Trial, climb_trial, drawn_conditions, run_trials
 from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan
+from climbplan.simulation.worlds.rare import Rare, rare_falls
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Asked:
     pictures: bool = True
     worlds: int = 0  # of the plan's uncertainty, in which falls are counted
     engine: Engine = "mujoco"  # of these
+    rare: bool = False  # whether they are split instead, by the quasi-static engine
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Simulated:
     points: tuple[SweepPoint, ...]
     camera: Camera | str  # with its pictures, or why there are none
     judged: Judged | None = None  # in worlds of the plan's uncertainty
+    rare: Rare | None = None  # likewise, where falls are too few to count
 
 
 def simulate_plan(
@@ -80,13 +83,18 @@ def simulate_plan(
         trials = run_trials(
             partial(climb_trial, plan), worlds, asked.jobs, lambda part: progress("runs", part)
         )
-    judged = None
-    if asked.worlds:
+    judged, rare = None, None
+    if asked.worlds and asked.rare:
+        rare = rare_falls(
+            plan, conditions, asked.worlds, asked.seed, asked.jobs,
+            lambda part: progress("worlds", part),
+        )  # fmt: skip
+    elif asked.worlds:
         judged = judge_plan(
             plan, conditions, asked.engine, asked.worlds, asked.seed, asked.jobs,
             lambda part: progress("worlds", part),
         )  # fmt: skip
-    return Simulated(plan, run, compared, trials, asked.sweep_key, points, camera, judged)
+    return Simulated(plan, run, compared, trials, asked.sweep_key, points, camera, judged, rare)
 
 
 def headline(found: Simulated) -> str:

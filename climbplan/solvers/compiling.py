@@ -39,8 +39,14 @@ class Compiler(Protocol):
     def __call__(self, function: Function, /) -> Function: ...
 
 
-def compiler(room: Path, sources: str, generated_from: bytes = b"") -> Compiler:
+def compiler(
+    room: Path, sources: str, generated_from: bytes = b"", *, borrows: bool = False
+) -> Compiler:
     """The decorator of a room's functions; `sources`: glob of the room's files that have such ones.
+
+    borrows: functions whose names begin with an underscore make no arrays and return none, and so
+    need not count references to those that they are given, nor to rows of them: atomic additions
+    that in functions of small vectors take more time than all else.
 
     generated_from: as of `generated.generated_from`, of statements elsewhere that they call.
 
@@ -58,6 +64,8 @@ def compiler(room: Path, sources: str, generated_from: bytes = b"") -> Compiler:
             "no_cfunc_wrapper": True,
             "no_cpython_wrapper": function.__name__.startswith("_"),
         }
+        if borrows and function.__name__.startswith("_"):
+            options["_nrt"] = False
         users = config.CACHE_DIR
         try:
             config.CACHE_DIR = place or ""

@@ -8,42 +8,19 @@ default, with the regulator from joint angles; both in the nominal world.
 from __future__ import annotations
 
 import tempfile
-import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 import yaml
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.bench.climb.shipped import SCENES, planned_scene, planned_spec
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound
 from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
-from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.examples import example_data, example_text
-from climbplan.spec.loading import load_climb
 
-SCENES = (
-    "climb_nonparallel",
-    "climb_region",
-    "climb_patches",
-    "climb_obstacle",
-    "climb_steps",
-    "climb_stairs",
-    "climb_tube",
-    "climb_tube_mesh",
-    "climb_walker",
-    "climb_ground_to_wall",
-    "transition_flat",
-    "transition_bricks",
-    "transition_bricks_4",
-    "mission_ground_to_top",
-)
 _QUICK = ("climb_nonparallel", "climb_patches", "transition_flat")
 _NONE = "margins=none"
 # Random climbs of `bench stands`
@@ -52,20 +29,6 @@ ANGLE = (0.0, 25.0)  # [deg] between the walls
 FRICTION = (0.6, 1.4)
 PAYLOAD = (0.0, 3.0)  # [kg]
 _LIMIT = 20.0  # [s] of a random climb
-
-
-@dataclass(frozen=True)
-class Planned:
-    """A plan, and what it cost."""
-
-    plan: ClimbPlan
-    cpu: float  # [s]
-    fragile: bool
-
-    @property
-    def safety_torque(self) -> float:
-        """The least S_tau."""
-        return float(self.plan.forces.safety_torque.min())
 
 
 def bench_stands(seed: int, quick: bool, out: TextIO, count: int | None = None) -> None:
@@ -84,20 +47,15 @@ def _shipped(names: tuple[str, ...], out: TextIO) -> None:
         f"{'S_tau none':>11}{'margins':>9}{'CPU s none':>11}{'margins':>9}",
         file=out,
     )
-    with tempfile.TemporaryDirectory() as folder:
-        for name in names:
-            path = Path(folder, f"{name}.yaml")
-            path.write_text(example_text(name))
-            for data, content in example_data(name).items():
-                path.with_name(data).write_bytes(content)
-            bare, kept = (_planned(path, own) for own in ([_NONE], []))
-            ends = [
-                fares(bare.plan, "nothing"),
-                fares(kept.plan, "joints") + (", fragile" if kept.fragile else ""),
-            ]
-            line = f"{name:<23}" + "".join(f"{end:>18}" for end in ends)
-            line += f"{bare.safety_torque:>11.2f}{kept.safety_torque:>9.2f}"
-            print(f"{line}{bare.cpu:>11.2f}{kept.cpu:>9.2f}", file=out, flush=True)
+    for name in names:
+        bare, kept = (planned_scene(name, own) for own in ([_NONE], []))
+        ends = [
+            fares(bare.plan, "nothing"),
+            fares(kept.plan, "joints") + (", fragile" if kept.fragile else ""),
+        ]
+        line = f"{name:<23}" + "".join(f"{end:>18}" for end in ends)
+        line += f"{bare.safety_torque:>11.2f}{kept.safety_torque:>9.2f}"
+        print(f"{line}{bare.cpu:>11.2f}{kept.cpu:>9.2f}", file=out, flush=True)
 
 
 def _random(numbers: range, out: TextIO) -> None:
@@ -112,7 +70,7 @@ def _random(numbers: range, out: TextIO) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder, f"climb_{number}.yaml")
                 path.write_text(yaml.safe_dump(spec))
-                found = _planned(path, [])
+                found = planned_spec(path, [])
         except NoPlanFound:
             print(f"{number:<6}{words:>30}{'no plan':>30}", file=out, flush=True)
             continue
@@ -164,16 +122,3 @@ def fares(plan: ClimbPlan, regulator: Any) -> str:
         return f"falls at {run.time[-1]:.1f} s"
     slips, lost = len(find_slips(plan, run)), len(find_losses(plan, run))
     return f"{slips} slips, {lost} lost" if slips or lost else "stands"
-
-
-def _planned(path: Path, overrides: list[str]) -> Planned:
-    """A spec planned and verified; a study beside the plan is left out."""
-    text = path.read_text()
-    start = time.process_time()
-    if yaml.safe_load(text)["kind"] == "transition":
-        plan = plan_transition(load_transition(path, overrides))
-    else:
-        study = ["study=null"] if "\nstudy:" in text else []
-        plan = plan_climb(load_climb(path, [*study, *overrides]))
-    spent = time.process_time() - start
-    return Planned(plan, spent, bool(verification_of(plan).fragile))

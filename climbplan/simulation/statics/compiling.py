@@ -4,4 +4,4 @@ from pathlib import Path
 
 from climbplan.solvers.compiling import compiler
 
-compiled = compiler(Path(__file__).parent, "*.py")
+compiled = compiler(Path(__file__).parent, "*.py", borrows=True)

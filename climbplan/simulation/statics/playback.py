@@ -31,14 +31,25 @@ from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.regulator import SINGULAR, between_toes
 from climbplan.simulation.start import set_up
 from climbplan.simulation.statics.run import play
-from climbplan.simulation.statics.tuples import Ground, Machine, Playback
+from climbplan.simulation.statics.tuples import (
+    BY_ATTITUDE,
+    BY_JOINTS,
+    BY_POSE,
+    NO_REGULATOR,
+    Ground,
+    Machine,
+    Playback,
+)
+from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.simulation.worlds.ground import material, moved_terrain
 from climbplan.simulation.worlds.world import footholds_of, nominal_world
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
 SPAN = 0.25  # [s] of a step at most, simulated time
-_REGULATORS = {"nothing": 0, "attitude": 1, "joints": 2, "pose": 3}
+_REGULATORS = {
+    "nothing": NO_REGULATOR, "attitude": BY_ATTITUDE, "joints": BY_JOINTS, "pose": BY_POSE
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -158,7 +169,7 @@ def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Grou
     friction += [float(np.min(plan.instants.mu))] * len(terrain.obstacles)
     tubes = [(*t.center, t.radius, t.lower, t.upper) for t in round_ones]
     return Ground(
-        solids=material(terrain),
+        solids=material(terrain, TOE_RADIUS),
         friction=np.array(friction, float) * conditions.friction,
         tubes=np.array(tubes, float).reshape(-1, 5),
         tube_friction=np.array([t.friction for t in round_ones], float) * conditions.friction,
@@ -170,7 +181,8 @@ def _samples(plan: ClimbPlan, speed: float) -> Index:
     time = plan.trajectory.time
     states = np.hstack([plan.trajectory.contact, standing(plan)])
     change = np.flatnonzero((states[1:] != states[:-1]).any(axis=1))
-    forced = np.unique(np.concatenate([[0, len(time) - 1], change, change + 1]))
+    forced = np.unique(np.concatenate([[0, len(time) - 1], *(change + k for k in range(4))]))
+    forced = forced[forced < len(time)]
     found = [forced[:1]]
     for first, last in pairwise(forced.tolist()):
         pieces = max(1, int(np.ceil((time[last] - time[first]) / speed / SPAN - 1e-9)))

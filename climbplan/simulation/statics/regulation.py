@@ -17,7 +17,7 @@ from climbplan.simulation.statics.small_algebra import (
     _times,
     _turn,
 )
-from climbplan.simulation.statics.tuples import Pad, Playback
+from climbplan.simulation.statics.tuples import Known, Pad, Playback
 
 _FEWEST = 3  # standing toes that tell a pose
 _FITS = 4  # Gauss-Newton steps of the rotation, from the last pose
@@ -28,17 +28,12 @@ def _estimate(
     plan: Playback,
     s: int,
     angles: Array,
-    toes: Array,
-    stood: Array,
-    com: Array,
-    rotation: Array,
-    local: Array,
+    known: Known,
     pad: Pad,
 ) -> None:
-    """Pose by joint angles (N, 3) from toes believed to stand where they stood; all in place.
-
-    toes (N, 3), stood (N,), com (3,), rotation (3, 3): what is believed. local: (N, 3) room.
-    """
+    """Pose by joint angles (N, 3) from toes believed to stand where they stood, in place."""
+    toes, stood, com, rotation = known.toes, known.stood, known.com, known.rotation
+    local = known.local
     count = 0
     for i in range(len(angles)):
         _chain(plan.zero[i], angles[i], pad.m[0], pad.m[1], local[i])
@@ -116,18 +111,18 @@ def _regulated(
     place: bool,
     com: Array,
     rotation: Array,
-    lag: Array,
-    offset: Array,
+    known: Known,
     command: Array,
     pad: Pad,
 ) -> None:
     """Integrate departures of pose and forces over a span [s], add the correction to commands.
 
-    part: of the way from step s - 1 to s at which the pose is. lag: (N, 3) of joints behind what
-    they were last told, less what carries the links; becomes what toes lack of their deflections.
-    offset: (N, 3) of the toes, in place. command: (N, 3).
+    part: of the way from step s - 1 to s at which the pose is. known.lag: (N, 3) of joints behind
+    what they were last told, less what carries the links; becomes what toes lack of their
+    deflections. command: (N, 3).
     """
     before = max(s - 1, 0)
+    lag, offset = known.lag, known.offset
     wanted, turn, moved, shift, turned = pad.m[0], pad.v[0], pad.v[1], pad.v[2], pad.v[3]
     for a in range(3):
         aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]
@@ -146,24 +141,24 @@ def _regulated(
             most = plan.most[i, j]
             aim = (1 - part) * plan.bent[before, i, j] + part * plan.bent[s, i, j]
             turn[j] = aim - min(max(lag[i, j], -most), most)
-        _times(plan.jacobian[s, i], turn, lag[i])
+        _times(plan.jacobian[before, i], turn, lag[i])
     for i in range(n):
-        if not plan.contact[s, i]:
+        if not plan.contact[before, i]:
             for a in range(3):
                 offset[i, a] *= max(0.0, 1.0 - BACK * span)
-        else:
+            continue
+        for a in range(3):
+            total = 0.0
+            for k in range(n):
+                for b in range(3):
+                    total += plan.sharing[before, 3 * i + a, 3 * k + b] * lag[k, b]
+            offset[i, a] -= FORCE_RATE * span * total
+        if plan.settled[before]:
+            _cross(turned, plan.arm[before, i], moved)
             for a in range(3):
-                total = 0.0
-                for k in range(n):
-                    for b in range(3):
-                        total += plan.sharing[s, 3 * i + a, 3 * k + b] * lag[k, b]
-                offset[i, a] -= FORCE_RATE * span * total
-            if plan.settled[before]:
-                _cross(turned, plan.arm[s, i], moved)
-                for a in range(3):
-                    offset[i, a] -= RATE * span * (shift[a] + moved[a])
-            _shortened(offset[i], MOST_OFFSET)
-    _moved(plan, s, offset, command, pad)
+                offset[i, a] -= RATE * span * (shift[a] + moved[a])
+        _shortened(offset[i], MOST_OFFSET)
+    _moved(plan, before, offset, command, pad)
 
 
 @compiled

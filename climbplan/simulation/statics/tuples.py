@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from climbplan.robots.rotations import Array
 
+NO_REGULATOR, BY_ATTITUDE, BY_JOINTS, BY_POSE = range(4)
+
 
 class Ground(NamedTuple):
     """What toes meet, in one world."""
@@ -50,6 +52,37 @@ class Touch(NamedTuple):
     force: Array  # (N, 3) on the toe, world [N]
     angles: Array  # (N, 3) [rad]
     saturated: Array  # (N,) 1 with a motor at its limit
+
+
+class Motors(NamedTuple):
+    """Motors at the start of a step, and what they are told."""
+
+    rotor: Array  # (N, 3) before the play [rad]
+    angles: Array  # (N, 3) behind it [rad]
+    speed: Array  # (N, 3) of the rotors [rad/s]
+    wanted: Array  # (N, 3) [rad]
+
+
+class Known(NamedTuple):
+    """What a regulator knows and has done."""
+
+    toes: Array  # (N, 3) where they are believed to stand [m]
+    stood: Array  # (N,) toes it counted on at the last step, 0 or 1
+    com: Array  # (3,) believed [m]
+    rotation: Array  # (3, 3) believed
+    offset: Array  # (N, 3) of each toe's commands [m]
+    before: Array  # (N, 3) of them before a step that may be taken again [m]
+    told: Array  # (N, 3) commands of the last step, before motors give in [rad]
+    sent: Array  # (N, 3) and of this one
+    lag: Array  # (N, 3) room: of joints behind what they were told, and toes by it
+    local: Array  # (N, 3) room: toes from the body [m]
+
+
+class Feet(NamedTuple):
+    """Where toes were set down, and how far they slid since."""
+
+    set_down: Array  # (N, 3) [m]
+    slid: Array  # (N,) [m]
 
 
 class Body(NamedTuple):
@@ -123,4 +156,4 @@ class Machine(NamedTuple):
     losses: Array  # (L, 3) limb, first and last step without friction
     toes: Array  # (N, 3) where it is set up [m]
     angles: Array  # (N, 3) there [rad]
-    regulator: int  # 0 nothing, 1 attitude, 2 joints, 3 pose
+    regulator: int  # NO_REGULATOR, BY_ATTITUDE, ...

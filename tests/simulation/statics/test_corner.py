@@ -1,0 +1,72 @@
+"""Toes slide into other surfaces, and are held in corners."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from climbplan.robots.rotations import Array
+from climbplan.simulation.statics.compiling import compiled
+from climbplan.simulation.statics.contact import SLIDES
+from climbplan.simulation.statics.corner import _onto_cone, _runs_into
+from climbplan.simulation.statics.tuples import Ground, Stand, Touch
+
+
+@compiled
+def run_into(stand: Stand, ground: Ground, touch: Touch) -> tuple[int, int, float]:
+    """`_runs_into` of the first toe."""
+    return _runs_into(0, stand, ground, touch)
+
+
+@compiled
+def onto_cone(vector: Array, normal: Array, mu: float, out: Array) -> None:
+    """`_onto_cone`."""
+    _onto_cone(vector, normal, mu, out)
+
+
+def box(low: list[float], high: list[float]) -> Array:
+    """(6, 4) rows of an axis-aligned box."""
+    sides = np.vstack([np.eye(3), -np.eye(3)])
+    return np.hstack([sides, np.concatenate([high, np.negative(low)])[:, None]])
+
+
+def slid(before: list[float], now: list[float]) -> tuple[Stand, Touch]:
+    """A toe that has slid from one place on the floor to another."""
+    one, flags = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    stand = Stand(
+        np.ones(1, np.int64), one, one + 2, np.array([before]), flags,
+        np.full((1, 2), -1), flags, flags,
+    )  # fmt: skip
+    touch = Touch(
+        np.full(1, SLIDES), one, one + 2, np.array([now]), np.array([[0.0, 0.0, 1.0]]),
+        np.zeros((1, 3)), np.zeros((1, 3)), flags,
+    )  # fmt: skip
+    return stand, touch
+
+
+def test_a_toe_that_slides_into_a_wall_stops_at_it() -> None:
+    floor = box([-1.0, -1.0, -0.1], [1.0, 1.0, 0.0])
+    wall = box([0.5, -1.0, -0.1], [1.0, 1.0, 1.0])
+    ground = Ground(np.stack([floor, wall]), np.ones(2), np.zeros((0, 5)), np.zeros(0))
+    solid, face, deep = run_into(*_with(ground, slid([0.49, 0.0, 0.0], [0.52, 0.0, 0.0])))
+    assert (solid, face) == (1, 3)  # the side that looks to -x
+    assert deep == pytest.approx(0.02, abs=2e-5)
+    assert run_into(*_with(ground, slid([0.4, 0.0, 0.0], [0.45, 0.0, 0.0])))[0] == -1
+
+
+def _with(ground: Ground, toe: tuple[Stand, Touch]) -> tuple[Stand, Ground, Touch]:
+    return toe[0], ground, toe[1]
+
+
+@pytest.mark.parametrize(
+    ("force", "expected"),
+    [
+        ([0.3, 0.0, 1.0], [0.3, 0.0, 1.0]),  # inside
+        ([0.0, 0.0, -1.0], [0.0, 0.0, 0.0]),  # pulled
+        ([1.0, 0.0, 1.0], [0.6, 0.0, 1.2]),  # beyond its edge, mu 0.5
+    ],
+)
+def test_forces_go_to_the_nearest_of_a_cone(force: list[float], expected: list[float]) -> None:
+    out = np.zeros(3)
+    onto_cone(np.array(force), np.array([0.0, 0.0, 1.0]), 0.5, out)
+    assert out == pytest.approx(expected)

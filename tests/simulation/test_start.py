@@ -1,0 +1,41 @@
+"""A robot is set up with its toes on surfaces as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.robots.kinematics import toe_world
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.replay import simulate
+from climbplan.simulation.start import set_up
+from climbplan.simulation.worlds.ground import moved_terrain
+from climbplan.simulation.worlds.world import nominal_world
+
+Planned = Callable[..., ClimbPlan]
+
+
+def test_toes_are_put_on_displaced_surfaces(planned: Planned) -> None:
+    plan = planned()
+    world = replace(nominal_world(plan), surface=np.array([0.004, -0.003]))
+    terrain = moved_terrain(plan.terrain, world)
+    start = set_up(plan, terrain)
+    on = [
+        terrain.surfaces[r].distance(t)
+        for r, t in zip(plan.rounds.region[0], start.toes, strict=True)
+    ]
+    assert max(on) < 1e-9
+    com, rpy = plan.rounds.com[:1], plan.rounds.rpy[:1]
+    assert toe_world(plan.robot, com, rpy, start.angles[None])[0] == pytest.approx(start.toes)
+    assert set_up(plan, plan.terrain).toes == pytest.approx(plan.rounds.toes[0], abs=1e-9)
+
+
+def test_surfaces_that_lie_before_their_place_do_not_throw_toes_out(planned: Planned) -> None:
+    plan = planned()
+    world = replace(nominal_world(plan), surface=np.full(2, 0.004))
+    run = simulate(plan, Conditions(speed=4.0, world=world))
+    assert np.abs(run.toes[0] - set_up(plan, moved_terrain(plan.terrain, world)).toes).max() < 2e-3

@@ -14,6 +14,7 @@ from climbplan.program.problem import Problem, Theta
 from climbplan.program.statement import Program
 
 if TYPE_CHECKING:
+    from climbplan.certificates.certificate import Certificate
     from climbplan.methods.table import MethodResult
     from climbplan.program.residuals import CheckReport
 
@@ -50,6 +51,14 @@ class Solution:
     def gap(self) -> float | None:
         """Relative, between objective and bound."""
         return self.found.result.gap
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The proof of `bound`, where the setting `certificate=True` asked for one.
+
+        `climbplan.certificates.checker.check` says what it proves of an instance.
+        """
+        return self.found.certificate
 
     @property
     def method(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,6 +55,14 @@ def solve(
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            "--certificate",
+            metavar="FILE",
+            help="Also write proofs of the bounds, which `climbplan verify` checks on its own.",
+        ),
+    ] = None,
     sequence: Annotated[
         bool,
         typer.Option(
@@ -76,7 +85,8 @@ def solve(
     SPEC (kind: program) has the parameters and the method, --problem names the statement. Prints
     the path of the plan file. Exit code 3 if the problem is proved infeasible, 4 if a limit was
     reached without an answer, 5 if an answer fails the statement's exact check. Of several rows one
-    answer is enough for a plan; those without one are counted in a warning.
+    answer is enough for a plan; those without one are counted in a warning. With --certificate
+    proofs are written also where nothing is feasible.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
@@ -113,7 +123,15 @@ def solve(
             from climbplan.reports.program_report import report_dict, write_report
 
             with StageProgress(session) as progress:
-                done = run(stated, loaded, progress.report, shift if sequence else None)
+                done = run(
+                    stated,
+                    loaded,
+                    progress.report,
+                    shift if sequence else None,
+                    certificate is not None,
+                )
+            if certificate is not None:
+                session.note(_certified(stated, done, loaded, certificate, force))
             _refuse_nothing(stated, done)
             begin = time.perf_counter()
             verification = verify_program(done.plan, stated)
@@ -151,6 +169,29 @@ def _save(problem: Problem, loaded: LoadedProgram, path: Path) -> None:
     from climbplan.solvers.model_file import save_model
 
     save_model(problem.instance(thetas_of(problem, loaded)[0]), path)
+
+
+def _certified(
+    problem: Problem, done: SolvedRows, loaded: LoadedProgram, path: Path, force: bool
+) -> str:
+    """Write the proofs of all rows; a line about them."""
+    from climbplan.methods.certified_rows import certified_rows
+    from climbplan.plans.certificate_file import write_certificates
+
+    if path.exists() and not force:
+        raise UsageError(f"{path} exists: --force replaces it")
+    certified = certified_rows(problem, done, loaded)
+    write_certificates(certified, path)
+    leaves = sum(row.certificate.count for row in certified.rows)
+    gap = loaded.spec.solver.gap
+    weak = [
+        k
+        for k, (row, said) in enumerate(zip(certified.rows, done.plan.bound, strict=True))
+        if row.certificate.bound < (said if said == inf else said - gap * max(abs(said), 1e-9))
+    ]
+    if weak:
+        warn(f"the certificate of row {weak[0]} proves less than the search says")
+    return f"proofs    {leaves} leaves in {path}"
 
 
 def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:

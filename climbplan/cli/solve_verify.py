@@ -52,6 +52,26 @@ def verify_program_plan(
         )
 
 
+def is_certificate(path: Path) -> bool:
+    """Whether the file holds proofs of bounds."""
+    from climbplan.plans.certificate_file import FORMAT
+    from climbplan.plans.plan_format import plan_format
+
+    return plan_format(path) == FORMAT
+
+
+def verify_certificate_file(path: Path, name: str | None, as_json: bool, session: Session) -> None:
+    """Check the proofs in a file, with `name` also whether they are about that statement."""
+    from climbplan.plans.certificate_file import read_certificates
+    from climbplan.plans.certificate_verification import verify_certificates
+
+    certified = read_certificates(path)
+    with explained(session):
+        problem = None if name is None else load_problem(name)
+        verification = verify_certificates(certified, problem)
+    tell(verification, as_json)
+
+
 def is_program_dataset(path: Path) -> bool:
     """Whether the file is a dataset of a stated program."""
     from climbplan.methods.dataset_rows import KIND

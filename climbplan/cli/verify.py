@@ -36,7 +36,8 @@ def verify(
     residual of each check with its limit. Exit code 5 if one is exceeded. With --spec the plan is
     held against your own spec with your --set: a plan whose stored spec asks for less fails, and
     keys that differ are named. Plans of `climbplan solve`, and datasets of such problems, also need
-    the statement that they answer: --problem.
+    the statement that they answer: --problem. A file of `solve --certificate` is checked leaf by
+    leaf; with --problem its numbers are compared with the statement's.
     """
     path = find_plan(plan)
     if assignments and spec is None:
@@ -48,13 +49,20 @@ def verify(
         held = held_against_own(path, spec, assignments)
     from climbplan.api.kinds import plan_kind
     from climbplan.cli.solve_verify import (
+        is_certificate,
         is_program_dataset,
         is_program_plan,
         tell,
+        verify_certificate_file,
         verify_program_dataset,
         verify_program_plan,
     )
 
+    if is_certificate(path):
+        if held is not None:
+            raise UsageError("--spec: a certificate is of its own spec's numbers")
+        verify_certificate_file(path, problem, as_json, context.ensure_object(Session))
+        return
     if is_program_dataset(path):
         verify_program_dataset(path, problem, as_json, context.ensure_object(Session))
         return

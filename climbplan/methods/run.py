@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,18 +84,20 @@ def run(
     loaded: LoadedProgram,
     report: Progress | None = None,
     shift: int | None = None,
+    certificate: bool = False,
 ) -> SolvedRows:
     """Solve every instance of a spec; rows without an answer are kept as such.
 
     shift: rows are one sequence, each helped by the one before, with a horizon that recedes by so
     many steps a row; None for rows that have nothing to do with each other.
+    certificate: whether results come with a proof of their bounds.
     Raises as `thetas_of`, `library_of` and `solve_instance` do.
     """
     solver = loaded.spec.solver
     thetas = thetas_of(problem, loaded)
     library = None if loaded.library is None else library_of(problem, loaded.library)
     model = None if loaded.model is None else model_of(problem, loaded.model)
-    settings = settings_of(solver, library, model)
+    settings = replace(settings_of(solver, library, model), certificate=certificate)
     sequence = None if shift is None else ProblemSequence(problem, settings)
     results, kept = [], Kept()
     for k, theta in enumerate(thetas):

@@ -28,7 +28,9 @@ class ProblemSequence:
     def __init__(self, problem: Problem, settings: MethodSettings | None = None) -> None:
         self.problem = problem
         self.settings = settings or MethodSettings()
-        self._memory = TreeMemory(self.settings.gap, self.settings.tolerance)
+        self._memory = TreeMemory(
+            self.settings.gap, self.settings.tolerance, proves=self.settings.certificate
+        )
 
     def solve(self, theta: Theta, shift: int = 0) -> MethodResult:
         """As `solve_instance`; every answer has its own proof of optimality within the gap.
@@ -54,7 +56,8 @@ class ProblemSequence:
         result = task.passing(found)
         spent = time.perf_counter() - begin
         word = "own tree, remembered" if known else "own tree"
-        return MethodResult(replace(result, time=spent), _METHOD, word, 1, (), spent)
+        certificate = self._memory.certificate
+        return MethodResult(replace(result, time=spent), _METHOD, word, 1, (), spent, certificate)
 
     def forget(self) -> None:
         """Begin the next tree with its root."""

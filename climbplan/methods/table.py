@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import get_args
 
+from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
 from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
 from climbplan.methods.pipeline import Tried
@@ -44,6 +45,7 @@ class MethodResult:
     tried: int  # candidates or starts
     fates: tuple[Tried, ...]  # of candidates whose integers were kept
     time: float  # [s] all in all, without imports
+    certificate: Certificate | None = None  # of the bound, where the settings ask for one
 
 
 def solve_instance(
@@ -70,6 +72,8 @@ def solve_instance(
     instance = problem.instance(theta)
     if method == "auto":
         method = _automatic(instance, settings)
+    if settings.certificate and method != "branch-and-bound":
+        raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or Kept())
     outcome = _METHODS[method](task)
@@ -84,6 +88,7 @@ def solve_instance(
         outcome.tried,
         outcome.fates,
         spent,
+        outcome.certificate,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.library import Library
@@ -62,6 +63,7 @@ class MethodSettings:
     tolerance: float = 1e-6  # largest violation of any row, in its own unit
     own_tolerance: float | None = None  # of the problem's own check, the same if left out
     start: Start | None = None  # of mpcc: manual if the problem states a guess, else zero
+    certificate: bool = False  # branch-and-bound: a proof of the bound comes with the answer
     neighbours: int | None = None  # sets of integers to try: 10, 3 for mpcc
     fallback: Method | None = "minlp-scip"  # of learned methods, where no candidate holds
     library: Library | None = None
@@ -184,6 +186,7 @@ class Outcome:
     tried: int
     fates: tuple[Tried, ...] = ()  # of candidates whose integers were kept
     checked: bool = False  # the problem's own checker has had its say
+    certificate: Certificate | None = None  # where the settings ask for one
 
 
 def all_pinned(

@@ -36,6 +36,7 @@ def test_single_books() -> None:
         _require_agreement(case, 1)
 
 
+@pytest.mark.slow
 def test_two_books() -> None:
     for case in non_trivial(2, 12, seed=3):
         _require_agreement(case, 2)

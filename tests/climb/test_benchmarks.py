@@ -56,6 +56,7 @@ def test_unknown_benchmarks_are_refused() -> None:
         table("speed")
 
 
+@pytest.mark.slow
 def test_coupled_stages_are_faster_than_a_modelling_layer_and_agree() -> None:
     text = table("coupled")
     costs = [float(c) for c in re.findall(r"\d+\.\d +\d+\.\d +(0\.\d+)$", text, re.MULTILINE)]

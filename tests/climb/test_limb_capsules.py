@@ -213,6 +213,7 @@ def test_limb_clearance_is_kept_beside_the_radius(demo_climb: SceneMaker) -> Non
     assert least_room(wide) == least_room(none)
 
 
+@pytest.mark.slow
 def test_thicker_limbs_are_planned_further_off() -> None:
     # No other postures for forces, and a robot that the text of the spec does not have
     soft = ("force.stiffness_left=0.15", "force.least_pressure=0", "solver.method=micp")

@@ -19,7 +19,11 @@ def random_program(seed: int, balls: bool = True) -> Program:
         p.between(f"equation{k}", np.array([row @ x + 0.5 * rng.normal() * z[0]]), 0.3, 0.3)
     for k in range(int(rng.integers(1, 4))):
         a, b = rng.normal(size=n), rng.normal(size=nb) * (rng.random(nb) < 0.4)
-        p.between(f"row{k}", np.array([a @ x + b @ z]), -np.inf, float(rng.uniform(-1, 3)))
+        most = float(rng.uniform(-1, 3))
+        if k % 2:
+            p.between(f"row{k}", np.array([-(a @ x) - b @ z]), -most, np.inf)
+        else:
+            p.between(f"row{k}", np.array([a @ x + b @ z]), -np.inf, most)
     if rng.random() < 0.6:
         p.exactly_one("one", z[: int(rng.integers(2, nb + 1))])
     for k in range(int(rng.integers(1, 5))):

@@ -84,6 +84,7 @@ def test_what_fails_in_scip_is_raised() -> None:
         run_model(model, 1e-4, 1e-5, 60.0)
 
 
+@pytest.mark.slow
 def test_many_runs_in_one_process() -> None:
     """More than the 64 threads that SCIP's derivatives can tell apart."""
     p = Program("area")

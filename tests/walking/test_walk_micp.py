@@ -70,6 +70,7 @@ def test_a_motion_on_steps_is_in_the_relaxation() -> None:
     assert lifted_cost(task, answer) <= answer.objective * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_shrinking_keeps_cheaper_motions() -> None:
     task = shorter(walk_task((1.0, 0, 0)), 4)
     answer = known(task)

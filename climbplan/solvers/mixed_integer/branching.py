@@ -106,8 +106,9 @@ def _probe_child(n: Numbers, s: Search, e: int, up: int, split: int) -> float:
     bound, _ = _bound(n, s, s.probe)
     if found == EMPTY:
         bound = max(bound, _proved_empty(s, s.probe) - _reach(n, s))
-        if bound > n.ceiling:
+        if bound >= _cutoff(s):
             _follow_ray(s, s.probe, _far(s))
+        if bound > n.ceiling:
             bound = np.inf
     s.low[e], s.high[e] = low, high
     return bound

@@ -1,8 +1,8 @@
 """An instance as plain rows and rows that hold where an integer has a value.
 
 A choice between two alternatives is one switch, one among more has a binary for each alternative,
-of which exactly one is 1; both are numbered behind the instance's variables. Nothing is relaxed
-here.
+of which exactly one is 1, and a single alternative a binary that is 1. They are numbered behind the
+instance's variables. Nothing is relaxed here.
 """
 
 from __future__ import annotations
@@ -84,13 +84,14 @@ def conditional_form(instance: Instance) -> Conditional:
                 np.concatenate([np.full(len(polytope.b), -np.inf), polytope.c]) - offset
             )
             when_high.append(np.concatenate([polytope.b, polytope.c]) - offset)
-            one_of_two = binaries == 1
+            one_of_two = len(choice.alternatives) == 2
             when.append(np.full(m, start if one_of_two else start + r, np.int64))
             value.append(np.full(m, int(r == 0) if one_of_two else 1, np.int64))
     extra = size - n
+    only = [float(len(c.alternatives) == 1) for c in instance.choices]
     return Conditional(
         size=size,
-        lower=np.concatenate([instance.lower, np.zeros(extra)]),
+        lower=np.concatenate([instance.lower, np.repeat(only, count)]),
         upper=np.concatenate([instance.upper, np.ones(extra)]),
         integer=np.concatenate([instance.integer, np.ones(extra, bool)]),
         A=sparse.vstack(A).tocsr() if len(A) > 1 else A[0],

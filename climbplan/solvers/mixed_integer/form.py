@@ -36,6 +36,7 @@ _PROXIMAL = 1e-6  # of the cost's own curvature over the box
 _FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
 _ROUNDS = 20
 _PAIRS = 4  # times as many pairs as rows: a binary with more keeps its column
+_EQUAL = 1e-12  # sides of an equation, relative
 _SLACK = 1e-9
 _FEASIBLE = 1e-9  # tolerance of rows in their own unit, as far as rounding allows
 
@@ -85,6 +86,9 @@ class MixedIntegerProgram:
     start: Array  # (size,)
     entities: Indices  # (E,) the integers' places in x
     key: NDArray[np.int64]  # (m,) what each row is, whatever the parameters: see `memory`
+    lower: Array  # (size,) the box that bounds and rows leave
+    upper: Array
+    independent: Indices  # (k,) places of w in x
 
     @property
     def size(self) -> int:
@@ -145,7 +149,7 @@ def mixed_integer_program(
     number[entities] = np.arange(len(entities))
 
     # Equations, and integers that bounds have decided
-    equal = form.row_upper - form.row_lower <= 1e-12 * np.maximum(1.0, np.abs(form.row_upper))
+    equal = equations(form.row_lower, form.row_upper)
     fixed = np.flatnonzero((upper - lower <= 0.0) & form.integer & ~switch)
     columns = np.flatnonzero(~switch)
     place = np.full(n, -1)
@@ -340,7 +344,15 @@ def mixed_integer_program(
         start,
         entities,
         np.concatenate(key)[keep],
+        lower,
+        upper,
+        independent,
     )
+
+
+def equations(lower: Array, upper: Array) -> NDArray[np.bool_]:
+    """(m,) which rows have the same bound on both sides."""
+    return np.isfinite(upper) & (upper - lower <= _EQUAL * np.maximum(1.0, np.abs(upper)))
 
 
 def _balls(instance: Instance, X: Array, start: Array) -> tuple[Array, Array, Array]:

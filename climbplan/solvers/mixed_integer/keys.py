@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from climbplan.solvers.result import Indices
 
+VARIABLE, PLAIN, CONDITION, PAIR, BIG_M = range(5)  # what a row comes from
+
 
 @dataclass(frozen=True)
 class KeySpace:
@@ -48,6 +50,29 @@ class KeySpace:
     def big_m(self, row: Indices, sign: float) -> Indices:
         """Keys of big-M rows."""
         return self._big_m + 2 * row + int(sign < 0)
+
+    def parts(self, key: Indices) -> tuple[Indices, NDArray[np.int64], Indices]:
+        """What a row is made of: its kind, two rows of the form, and which sides of these.
+
+        Kinds are `VARIABLE`, `PLAIN`, `CONDITION`, `PAIR` and `BIG_M`; rows (m, 2) are counted
+        among conditional ones but for plain ones, the second is -1 but for pairs; sides (m, 2) are
+        1 and -1, and 0 where the row itself has both.
+        """
+        first = [self.plain, self.conditional, self._pairs, self._big_m]
+        kind = np.searchsorted(first, key, "right")
+        row, side = np.full((len(key), 2), -1), np.zeros((len(key), 2), int)
+        for number, begin in ((VARIABLE, 0), (PLAIN, self.plain), (CONDITION, self.conditional)):
+            row[kind == number, 0] = key[kind == number] - begin
+        here = kind == PAIR
+        rest, side_c = np.divmod(key[here] - self._pairs, 2)
+        upper, c = np.divmod(rest, max(self.conditions, 1))
+        a, side_a = np.divmod(upper, 2)
+        row[here] = np.stack([a, c], axis=1)
+        side[here] = 1 - 2 * np.stack([side_a, side_c], axis=1)
+        here = kind == BIG_M
+        row[here, 0], side_b = np.divmod(key[here] - self._big_m, 2)
+        side[here, 0] = 1 - 2 * side_b
+        return kind, row, side
 
     def moved(self, key: Indices, variable: Indices, row: Indices, condition: Indices) -> Indices:
         """Keys with every variable, row and condition replaced; -1 where that is nowhere."""

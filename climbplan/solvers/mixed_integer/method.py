@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
@@ -25,6 +26,7 @@ from climbplan.solvers.mixed_integer.form import (
 )
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.nodes import Search, Tree
+from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
 from climbplan.solvers.mixed_integer.search import run as run_tree
 from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
 
@@ -167,6 +169,8 @@ class TreeMemory:
     gap: float = 1e-4
     tolerance: float = FEASIBILITY
     leaves: Leaves | None = None
+    proves: bool = False  # whether each answer comes with its certificate
+    certificate: Certificate | None = None  # of the last answer
 
     def solve(
         self,
@@ -181,6 +185,8 @@ class TreeMemory:
         form = conditional_form(instance)
         program = mixed_integer_program(instance, form)
         if isinstance(program, Impossible):
+            if self.proves:
+                self.certificate = certificate_of_nothing(instance, form)
             return judged(instance, _impossible(program.why, begin), self.gap, self.tolerance)
         leaves = self.leaves
         if leaves is not None and move is not None:
@@ -193,6 +199,8 @@ class TreeMemory:
                 run = TreeRun.of(program, self.gap, self.tolerance)
         run.go(begin + time_limit, nodes)
         self.leaves = Leaves.of(program, form, run.search, run.tree)
+        if self.proves:
+            self.certificate = certificate_of(instance, form, run.program, run.search, run.tree)
         answer = answer_of(instance, form, run, begin, known)
         return judged(instance, answer, self.gap, self.tolerance)
 

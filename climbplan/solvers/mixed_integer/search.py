@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from climbplan.solvers.mixed_integer.active_set import (
     _FAR,
     CUT_OFF,
+    EMPTY,
     SOLVED,
     STUCK,
     _clear,
@@ -45,6 +46,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     CONSTANT,
     COUNT,
     DONE,
+    EMPTY_NODE,
     FEASIBILITY,
     GROW,
     GROW_ROWS,
@@ -211,7 +213,8 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
             break
         _clear(s.main)  # rounding got the better of the factors: once more from the beginning
     tree.bound[node] = max(tree.bound[node], bound)
-    if np.isinf(bound) and bound > 0:
+    if found == EMPTY and bound >= _cutoff(s):
+        # What closes the node is a ray: multipliers that follow it say so to whoever reads them
         _follow_ray(s, s.main, _far(s))
         _store(tree, node, s.main)
         _close(s, tree, node, bound)
@@ -277,6 +280,24 @@ def run(n: Numbers, s: Search, tree: Tree, nodes: int, most: int) -> int:
         whole[NODES] += 1
         whole[NEXT] = _process(n, s, tree, node, warm)
     return PAUSE
+
+
+@compiled
+def settle(n: Numbers, s: Search, tree: Tree, node: int) -> None:
+    """Solve a leaf again, for multipliers that prove its bound.
+
+    Children that a probe closed too late, or that were never looked at, have their parent's.
+    """
+    for e in range(len(n.column)):
+        s.low[e], s.high[e] = tree.low[node, e], tree.high[node, e]
+    _apply(n, s, s.low, s.high)
+    _load(s, tree, node)
+    found, bound = _relax(n, s, 4 * (_ITERATIONS + len(s.u)))
+    if found == EMPTY:
+        tree.state[node] = EMPTY_NODE
+    if found != STUCK:
+        tree.bound[node] = bound
+        _store(tree, node, s.main)
 
 
 @compiled

@@ -1,0 +1,1 @@
+"""Proofs of bounds, and a checker that trusts nothing but the numbers of the problem."""

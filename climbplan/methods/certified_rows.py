@@ -1,0 +1,37 @@
+"""Solved rows with the proofs of their bounds, as a file holds them."""
+
+from __future__ import annotations
+
+from climbplan.errors import UsageError
+from climbplan.methods.run import SolvedRows, thetas_of
+from climbplan.plans.certified import CertifiedRow, CertifiedRows
+from climbplan.program.problem import Problem
+from climbplan.spec.program.loading import LoadedProgram
+
+
+def certified_rows(problem: Problem, done: SolvedRows, loaded: LoadedProgram) -> CertifiedRows:
+    """All rows of a run that was asked for certificates; UsageError for one that was not."""
+    rows = []
+    for theta, row in zip(thetas_of(problem, loaded), done.rows, strict=True):
+        if row.certificate is None:
+            raise UsageError(f"problem {problem.name!r}: method {row.method!r} proves no bound")
+        rows.append(
+            CertifiedRow(
+                parameters=problem.program.theta(theta),
+                instance=problem.instance(theta),
+                certificate=row.certificate,
+                status=row.result.status,
+                x=row.result.x,
+                assignment=row.result.assignment,
+            )
+        )
+    return CertifiedRows(
+        name=loaded.name,
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        seed=loaded.spec.seed,
+        problem=problem.name,
+        gap=loaded.spec.solver.gap,
+        tolerance=loaded.spec.solver.tolerance,
+        rows=tuple(rows),
+    )

@@ -1,0 +1,242 @@
+"""Certificates of the tree over integers: what they prove, and that nothing false is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from random_programs import random_program
+
+from climbplan.bench.engine.cart_pole import walled_cart_pole
+from climbplan.certificates.certificate import Certificate
+from climbplan.certificates.checker import check
+from climbplan.errors import UsageError
+from climbplan.program import Polytope, Program
+from climbplan.program.instance import Instance
+from climbplan.solvers.mixed_integer.method import TreeMemory
+from climbplan.solvers.result import SolverResult
+
+GAP = 1e-5
+
+
+def _proved(instance: Instance, gap: float = GAP) -> tuple[SolverResult, Certificate]:
+    tree = TreeMemory(gap, 1e-6, proves=True)
+    found = tree.solve(instance, 60.0)
+    assert tree.certificate is not None
+    return found, tree.certificate
+
+
+@cache
+def _random(seed: int) -> tuple[Instance, SolverResult, Certificate]:
+    instance = random_program(seed).at({})
+    return instance, *_proved(instance)
+
+
+def _holds(seed: int) -> None:
+    instance, found, certificate = _random(seed)
+    verdict = check(instance, certificate)
+    assert not verdict.faults
+    if found.status == "infeasible":
+        assert verdict.infeasible
+        assert verdict.margin > 0
+        return
+    assert found.objective is not None
+    scale = 1.0 + abs(found.objective)
+    assert verdict.bound <= found.objective + 1e-5 * scale  # answers may violate rows by 1e-6
+    assert verdict.bound >= found.bound - GAP * scale
+
+
+@pytest.mark.parametrize("seed", [*range(12), 27, 199])
+def test_random_programs_are_proved(seed: int) -> None:
+    _holds(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12, 400))
+def test_many_random_programs_are_proved(seed: int) -> None:
+    _holds(seed)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.4])
+def test_published_cart_pole(scale: float) -> None:
+    problem = walled_cart_pole()
+    instance = problem.instance({"start": scale * np.array([0.02, -0.1, 0.2, 0.3])})
+    found, certificate = _proved(instance, 1e-3)
+    assert found.objective is not None
+    bound = check(instance, certificate).bound
+    assert found.objective * (1.0 - 1.001e-3) <= bound <= found.objective * (1.0 + 1e-6)
+
+
+def test_two_solves_in_a_row_are_proved_each() -> None:
+    """A tree that begins with the leaves of the last one."""
+    problem = walled_cart_pole()
+    tree = TreeMemory(1e-3, 1e-6, proves=True)
+    for angle in (-0.1, -0.09):
+        instance = problem.instance({"start": np.array([0.02, angle, 0.2, 0.3])})
+        found = tree.solve(instance, 60.0)
+        assert tree.certificate is not None
+        assert found.objective is not None
+        assert check(instance, tree.certificate).bound >= found.objective * (1.0 - 1.001e-3)
+
+
+def test_a_search_that_stops_early_proves_what_it_has() -> None:
+    problem = walled_cart_pole()
+    instance = problem.instance({"start": np.array([0.1, 0.05, 0.1, -0.3])})
+    tree = TreeMemory(1e-6, 1e-6, proves=True)
+    found = tree.solve(instance, 60.0, nodes=4)
+    assert tree.certificate is not None
+    bound = check(instance, tree.certificate).bound
+    best = TreeMemory(1e-6, 1e-6).solve(instance, 60.0).objective
+    assert best is not None
+    assert found.status in ("feasible", "limit")
+    assert -np.inf < bound <= best * (1.0 + 1e-6)
+
+
+def test_the_margin_of_infeasibility_is_how_far_rows_must_be_let_out() -> None:
+    program = Program("apart")
+    x = program.continuous("x", (1,), -10.0, 10.0)
+    z = program.binary("z", (1,))
+    program.between("left", np.array([x[0] + z[0]]), -np.inf, 1.0)
+    program.between("right", np.array([x[0]]), 1.5, np.inf)
+    program.when("one", z[0], np.array([x[0]]), -np.inf, 0.0)
+    program.between("two", np.array([x[0] + x[0]]), 4.0, np.inf)
+    program.minimise("cost", x[0] * x[0])
+    instance = program.at({})
+    found, certificate = _proved(instance)
+    verdict = check(instance, certificate)
+    assert found.status == "infeasible"
+    assert verdict.infeasible
+    assert verdict.margin <= 0.5 + 1e-9
+
+
+def test_products_are_refused() -> None:
+    program = Program("product")
+    x = program.continuous("x", (2,), -1.0, 1.0)
+    program.between("row", np.array([x[0] * x[1]]), 0.1, 0.2)
+    program.minimise("cost", x[0] + x[1])
+    instance = program.at({})
+    _, certificate = _proved(random_program(0).at({}))
+    with pytest.raises(UsageError, match="products"):
+        check(instance, certificate)
+
+
+def _without_a_leaf(c: Certificate, rng: np.random.Generator) -> Certificate:
+    kept = np.delete(np.arange(c.count), rng.integers(c.count))
+    return replace(
+        c,
+        low=c.low[kept],
+        high=c.high[kept],
+        allowed=c.allowed[kept],
+        point=c.point[kept],
+        multiplier=c.multiplier[kept],
+        ball=c.ball[kept],
+        empty=c.empty[kept],
+    )
+
+
+def _narrower_leaf(c: Certificate, rng: np.random.Generator) -> Certificate:
+    open_ones = np.argwhere(c.low < c.high)
+    s, i = open_ones[rng.integers(len(open_ones))]
+    low = c.low.copy()
+    low[s, i] += 1
+    return replace(c, low=low)
+
+
+def _smaller_box(c: Certificate, rng: np.random.Generator) -> Certificate:
+    lower, j = c.lower.copy(), rng.integers(len(c.lower))
+    lower[j] += 0.3 * (c.upper[j] - c.lower[j]) + 1e-6
+    return replace(c, lower=lower)
+
+
+def _other_multipliers(c: Certificate, rng: np.random.Generator) -> Certificate:
+    changed = c.multiplier.copy()
+    changed.data = changed.data * rng.uniform(0.2, 3.0, len(changed.data))
+    return replace(c, multiplier=changed, ball=c.ball * rng.uniform(0.2, 3.0, c.ball.shape))
+
+
+def _flipped_sides(c: Certificate, rng: np.random.Generator) -> Certificate:
+    return replace(c, multiplier=-c.multiplier)
+
+
+def _all_empty(c: Certificate, rng: np.random.Generator) -> Certificate:
+    return replace(c, empty=np.ones_like(c.empty), bound=np.inf)
+
+
+def _elsewhere(c: Certificate, rng: np.random.Generator) -> Certificate:
+    return replace(c, point=c.point + rng.normal(size=c.point.shape))
+
+
+_FATAL = (_without_a_leaf, _smaller_box, _all_empty)
+_CORRUPTIONS = (*_FATAL, _narrower_leaf, _other_multipliers, _flipped_sides, _elsewhere)
+
+
+@pytest.mark.parametrize("corrupted", _CORRUPTIONS)
+def test_corrupted_certificates_prove_nothing_false(
+    corrupted: Callable[[Certificate, np.random.Generator], Certificate],
+) -> None:
+    rng = np.random.default_rng(1)
+    tried = 0
+    for seed in range(40):
+        instance, found, certificate = _random(seed)
+        if found.objective is None or certificate.count < 2:
+            continue
+        if corrupted is _narrower_leaf and not (certificate.low < certificate.high).any():
+            continue
+        tried += 1
+        bad = corrupted(certificate, rng)
+        verdict = check(instance, bad)
+        assert verdict.bound <= found.objective + 1e-5 * (1.0 + abs(found.objective))
+        if corrupted in _FATAL:
+            assert verdict.bound < bad.bound
+    assert tried >= 15
+
+
+def test_arrays_that_do_not_fit_are_named() -> None:
+    instance = random_program(0).at({})
+    _, certificate = _proved(instance)
+    verdict = check(instance, replace(certificate, point=certificate.point[:, 1:]))
+    assert verdict.bound == -np.inf
+    assert "point" in verdict.faults[0]
+    verdict = check(instance, replace(certificate, lower=np.full_like(certificate.lower, np.nan)))
+    assert "lower" in verdict.faults[0]
+
+
+def test_a_cost_that_is_not_convex_proves_nothing() -> None:
+    """P is looked at: an indefinite one gives no bound by a tangent."""
+    instance = random_program(2).at({})
+    _, certificate = _proved(instance)
+    P = instance.P.tolil()
+    P[0, 0] = -1e4
+    bent = replace(instance, P=P.tocsc())
+    lowest = -0.5 * 1e4 * 25.0  # at the bound of x, far below what the multipliers say
+    assert check(bent, certificate).bound < lowest / 2
+
+
+def test_a_single_alternative_holds() -> None:
+    program = Program("single")
+    x = program.continuous("x", (2,), -5.0, 5.0)
+    z = program.binary("z", (1,))
+    far = Polytope.halfspaces("far", np.array([[-1.0, 0.0]]), np.array([-2.0]))
+    program.one_of("place", np.array([x]), [[far]])
+    program.between("row", np.array([x[1] - z[0]]), 0.2, np.inf)
+    program.minimise("cost", x[0] * x[0] + x[1] * x[1])
+    instance = program.at({})
+    found, certificate = _proved(instance)
+    assert found.objective == pytest.approx(4.04, abs=1e-4)
+    assert check(instance, certificate).bound == pytest.approx(4.04, abs=1e-3)
+
+
+def test_postures_of_a_climb_are_proved() -> None:
+    """Free variables that only balls and rows bound, and no integer but choices."""
+    import climbplan
+
+    problem, theta = climbplan.stated("specs/climb_region.yaml")
+    found = climbplan.solve(problem, theta, method="branch-and-bound", certificate=True)
+    assert found.status == "optimal"
+    assert found.certificate is not None
+    assert found.objective is not None
+    verdict = check(problem.instance(theta), found.certificate)
+    assert found.objective * (1.0 - 1.01e-4) <= verdict.bound <= found.objective * (1.0 + 1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from climbplan.api.mistakes import placed_mistakes
 from climbplan.errors import UsageError
@@ -15,6 +16,9 @@ from climbplan.spec.limms.loading import LoadedLimms
 from climbplan.spec.loaded import LoadedSpec
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.walking.loading import LoadedMpc
+
+if TYPE_CHECKING:
+    from climbplan.climb.plan.climb_plan import ClimbPlan
 
 LIBRARY_FILE = "library.h5"
 
@@ -64,9 +68,19 @@ def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.planner import plan_climb
 
-    found = plan_climb(
-        loaded, report=options.report, jobs=options.jobs, save_model=options.save_model
-    )
+    def plan(given: LoadedClimb) -> ClimbPlan:
+        return plan_climb(
+            given, report=options.report, jobs=options.jobs, save_model=options.save_model
+        )
+
+    if loaded.spec.risk is None:
+        found = plan(loaded)
+    else:
+        from climbplan.simulation.risk.planning import Ways, plan_with_risk
+
+        found = plan_with_risk(
+            loaded, plan, LoadedClimb.with_overrides, Ways(options.jobs, options.report)
+        )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
 
 
@@ -74,7 +88,17 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.transition.planner import plan_transition
 
-    found = plan_transition(loaded, report=options.report)
+    def plan(given: LoadedTransition) -> ClimbPlan:
+        return plan_transition(given, report=options.report)
+
+    if loaded.spec.risk is None:
+        found = plan(loaded)
+    else:
+        from climbplan.simulation.risk.planning import Ways, plan_with_risk
+
+        found = plan_with_risk(
+            loaded, plan, LoadedTransition.with_overrides, Ways(options.jobs, options.report)
+        )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
 
 

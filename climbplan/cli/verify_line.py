@@ -28,7 +28,7 @@ def leaves_out_lines(verification: Verification) -> Iterator[str]:
 
 def badge_lines(verification: Verification) -> Iterator[str]:
     """What `verify` prints above its table: the badge, what it leaves out, and the spec."""
-    yield verification.badge
+    yield ", ".join(filter(None, (verification.badge, verification.stands)))
     for words in verification.leaves_out:
         yield f"  leaves out: {words}"
     for words in verification.fragile:

@@ -86,6 +86,7 @@ def report_fields(
         kicker=(report["name"], kind),
         badges=(
             report.get("badge") or plain,
+            *([report["stands"]] if report.get("stands") else []),
             *(["fragile"] if report.get("fragile") else []),
             status,
         ),

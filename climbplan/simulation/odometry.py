@@ -24,11 +24,12 @@ _FEWEST = 3  # standing toes that tell a pose
 class JointOdometry:
     """The body's pose from joint angles, sample by sample."""
 
-    def __init__(self, plan: ClimbPlan) -> None:
+    def __init__(self, plan: ClimbPlan, toes: Array | None = None) -> None:
+        """toes: (N, 3) where they stand at the start, as far as the robot knows; as planned."""
         self._robot = plan.robot
         self._stands = standing(plan)
         self._stood = self._stands[0]
-        self._toes = plan.rounds.toes[0].copy()
+        self._toes = (plan.rounds.toes[0] if toes is None else toes).copy()
         self._pose = plan.rounds.com[0].copy(), rotation_world_body(plan.rounds.rpy[0])
 
     def pose(self, sample: int, angles: Array) -> tuple[Array, Array]:

@@ -121,17 +121,25 @@ class _Player:
         self.limb_of = np.full(model.ngeom, -1)
         self.limb_of[self.toe_geom] = np.arange(n)
         self.body = model.body("body").id
+        world = conditions.world
+        terrain = plan.terrain if world is None else moved_terrain(plan.terrain, world)
+        self.start = set_up(plan, terrain)
         self.regulator = None
         if conditions.regulator != "nothing":
             self.regulator = Regulator(plan, place=conditions.regulator != "attitude")
-        self.odometry = JointOdometry(plan) if conditions.regulator == "joints" else None
+            self.regulator.offset = self.start.toes - plan.rounds.toes[0]
+        self.odometry = None
+        if conditions.regulator == "joints":
+            self.odometry = JointOdometry(plan, self.start.toes)
         self._late: deque[Array] = deque()  # corrections on their way to the motors
         self._noise = np.random.default_rng(conditions.noise_seed)
         self.command = plan.trajectory.joint_command
+        self.carrying = np.zeros_like(self.command)
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
             believed = believed_stiffness(plan.robot, conditions)
-            self.command = self.command + limb_weight_torques(plan, conditions) / believed
+            self.carrying = limb_weight_torques(plan, conditions) / believed
+            self.command = self.command + self.carrying
         if conditions.world is not None:
             self.command = self.command + missed_footholds(plan, conditions.world)
 
@@ -143,7 +151,8 @@ class _Player:
     ) -> Run:
         moving, conditions = self.plan.trajectory, self.conditions
         self._stand()
-        self._hold(self.command[0], SETTLE)
+        found = 0.0 if self.regulator is None else self.regulator.told(0)
+        self._hold(self.command[0] + found, SETTLE)
         planned = rotation_world_body(moving.rpy)
         wrench = self._loads()
         at = instant_samples(self.plan)
@@ -177,15 +186,13 @@ class _Player:
         )
 
     def _stand(self) -> None:
-        plan, world = self.plan, self.conditions.world
+        plan = self.plan
         com, rpy = plan.rounds.com[0], plan.rounds.rpy[0]
-        terrain = plan.terrain if world is None else moved_terrain(plan.terrain, world)
-        angles = set_up(plan, terrain).angles
         self.data.qpos[:3] = com
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation_world_body(rpy).ravel())
         self.data.qpos[3:7] = quat
-        self.data.qpos[self.address] = angles.ravel()
+        self.data.qpos[self.address] = self.start.angles.ravel()
         self.mujoco.mj_forward(self.model, self.data)
 
     def _hold(self, command: Array, seconds: float) -> None:
@@ -206,8 +213,11 @@ class _Player:
             command = (1 - share) * before + share * after
             if self.regulator is not None:
                 now = sample - 1 + share
-                pose = self._pose(sample)
-                told = self.regulator.correction(now, span / pieces, pose)
+                angles = self._angles()
+                lag = angles - (data.ctrl.reshape(angles.shape) - self.carrying[sample])
+                told = self.regulator.correction(
+                    now, span / pieces, self._pose(sample, angles), lag
+                )
                 command = command + self._delayed(told, span / pieces)
             data.ctrl[:] = command.ravel()
             self.mujoco.mj_step(self.model, data, nstep=steps)
@@ -229,12 +239,16 @@ class _Player:
         self.mujoco.mj_step(self.model, copy, nstep=round(REST / TIME_STEP))
         return np.vstack([copy.qpos[:3], copy.geom_xpos[self.toe_geom]])
 
-    def _pose(self, sample: int) -> tuple[Array, Array]:
+    def _angles(self) -> Array:
+        """(N, J) what the joints' sensors tell [rad]."""
+        angles = self.data.qpos[self.address].reshape(self.plan.robot.limb_count, -1)
+        if self.conditions.joint_noise > 0:
+            angles = angles + self._noise.normal(0.0, self.conditions.joint_noise, angles.shape)
+        return np.asarray(angles)
+
+    def _pose(self, sample: int, angles: Array) -> tuple[Array, Array]:
         """Where the body is, or where its joints say it is."""
         if self.odometry is not None:
-            angles = self.data.qpos[self.address].reshape(self.plan.robot.limb_count, -1)
-            if self.conditions.joint_noise > 0:
-                angles = angles + self._noise.normal(0.0, self.conditions.joint_noise, angles.shape)
             return self.odometry.pose(sample, angles)
         return self.data.qpos[:3].copy(), self.data.xmat[self.body].reshape(3, 3).copy()
 

@@ -33,7 +33,7 @@ from climbplan.spec.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 NONPARALLEL = SPECS / "climb_nonparallel.yaml"
-SHORT = ["task.rounds=2", "task.goal.com=[0, 0, 0.2]"]
+SHORT = ["task.rounds=2", "task.goal.com=[0, 0, 0.2]", "margins.friction=0.02"]
 
 
 def with_spec_margins(scene: ClimbScene, margins: MarginsSpec) -> ClimbScene:
@@ -120,7 +120,7 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
     assert kept.passed
     assert kept.fragile == ()
     names = {check.name for check in kept.checks if check.name.startswith("robust.")}
-    assert names == {f"robust.{x}" for x in ("pressure", "friction", "depth", "stiffness")}
+    assert names == {f"robust.{x}" for x in ("pressure", "friction", "slip", "depth", "stiffness")}
     # The same text on forces that were planned without margins
     bare = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins=none"]))
     assert not [c for c in verification_of(bare).checks if c.name.startswith("robust.")]
@@ -164,8 +164,41 @@ def test_edges_with_ground_beyond_stay() -> None:
 
 
 def test_a_transition_keeps_its_margins() -> None:
-    plan = plan_transition(load_transition(SPECS / "transition_bricks.yaml"))
+    # Brick and wall have friction for no more than these
+    modest = ["margins.friction=0.02", "margins.slip=0"]
+    plan = plan_transition(load_transition(SPECS / "transition_bricks.yaml", modest))
     outward = plan.forces.toe_command - plan.instants.toes
     depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)[plan.instants.contact]
     assert depth.min() > 0.95 * 0.005
     assert verification_of(plan).fragile == ()
+
+
+def test_a_surface_may_lack_friction_and_single_rounds_may_ask_for_more() -> None:
+    """S_mu of 1.1 covers a lack of 9 %; the margin asks for 35 %. Round 2 presses more."""
+    path = SPECS / "transition_flat.yaml"
+    bare, kept = (
+        plan_transition(load_transition(path, [f"margins.slip={slip}"])) for slip in (0, 0.35)
+    )
+    mu = kept.instants.mu
+    assert (bare.forces.mu_critical / mu).max() > 0.67
+    assert (kept.forces.mu_critical / mu).max() < 0.65 + 1e-6
+    assert verification_of(kept).fragile == ()
+    checked = {check.name: check for check in verification_of(kept).checks}
+    assert checked["robust.slip"].margin.endswith("of 35 % of its friction")
+    swapped = replace(bare, spec_text=kept.spec_text, spec_sha256=kept.spec_sha256)
+    assert any("slides on a surface" in words for words in verification_of(swapped).fragile)
+    more = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins.rounds={2: 2.0}"]))
+    pressure = np.einsum("kni,kni->kn", more.forces.force, more.instants.normal)
+    least = np.where(more.instants.contact, pressure, np.inf).min(axis=1) / more.robot.weight
+    second = more.instants.round == 2
+    assert least[second].min() > 0.19
+    assert least[~second].min() < 0.19
+
+
+def test_without_friction_for_the_margin_there_are_forces_all_the_same(
+    demo_scene: ClimbScene, demo_instants: Instants
+) -> None:
+    scene = with_spec_margins(demo_scene, MarginsSpec(slip=0.9))
+    found = solve_with_margins(scene, state_forces(scene, demo_instants), "daqp", 16)
+    assert not len(found.solved.missing)
+    assert (found.share < 1.0).all()

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.mechanics.stiffness import rigid_motion
+from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.odometry import standing
-from climbplan.simulation.regulator import Regulator
+from climbplan.simulation.regulator import Regulator, between_toes
 from climbplan.simulation.replay import simulate
+from climbplan.simulation.worlds.world import nominal_world
 
 Planned = Callable[..., ClimbPlan]
 
@@ -30,8 +35,65 @@ def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> No
         (int(np.flatnonzero(~loading)[0]), True),
     ):
         regulator = Regulator(plan, place=True)
-        regulator.correction(sample, 0.1, (low[sample], np.eye(3)))
-        assert (regulator.shift[2] > 0) == moves
+        lag = bent(plan)[sample]
+        regulator.correction(sample, 0.1, (low[sample], np.eye(3)), lag)
+        standing_toes = plan.trajectory.contact[sample]
+        assert (regulator.offset[standing_toes, 2] < -1e-4).all() == moves
+
+
+def bent(plan: ClimbPlan) -> Array:
+    """(T, N, J) how far joints lag behind commands where all goes as planned."""
+    return np.asarray(true_angles(plan, sample_instants(plan)) - plan.trajectory.joint_command)
+
+
+def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_the_air(
+    planned: Planned,
+) -> None:
+    plan = planned()
+    moving = plan.trajectory
+    regulator = Regulator(plan, place=True)
+    pose = moving.com[0], rotation_world_body(moving.rpy[0])
+    as_planned = regulator.correction(0, 0.1, pose, bent(plan)[0])
+    np.testing.assert_allclose(as_planned, 0.0, atol=1e-9)
+    lag = bent(plan)[0].copy()
+    lag[0] = 0.0  # nothing there to press on
+    regulator.correction(0, 0.1, pose, lag)
+    into = -np.einsum("ni,ni->n", regulator.offset, plan.instants.normal[0])
+    assert into.argmax() == 0
+    assert into[0] > 1e-4
+    flying = int(np.flatnonzero(~moving.contact.all(axis=1))[0])
+    limb = int(np.flatnonzero(~moving.contact[flying])[0])
+    regulator.offset[:] = 0.01
+    here = moving.com[flying], rotation_world_body(moving.rpy[flying])
+    regulator.correction(flying, 0.1, here, bent(plan)[flying])
+    length = np.linalg.norm(regulator.offset, axis=1)
+    assert length[limb] < 0.8 * 0.01 * np.sqrt(3)
+    assert (np.delete(length, limb) > 0.9 * 0.01 * np.sqrt(3)).all()
+
+
+def test_what_a_motion_of_the_body_explains_is_no_force_between_toes(planned: Planned) -> None:
+    plan = planned()
+    regulator = Regulator(plan, place=True)
+    arms, stands = regulator.arms[0], np.array([True, True, False, True, True, True])
+    sharing = between_toes(regulator.compliance[0], arms, stands)
+    motion = (rigid_motion(arms) @ np.arange(1.0, 7.0)) * stands[:, None]
+    np.testing.assert_allclose(sharing @ motion.ravel(), 0.0, atol=1e-9)
+    assert not sharing[6:9].any()
+    once = sharing @ np.arange(18.0)
+    np.testing.assert_allclose(sharing @ once, once, atol=1e-9)  # a projection
+
+
+@pytest.mark.parametrize("off", [-5e-3, 5e-3])
+def test_walls_that_lie_elsewhere_do_not_fell_a_regulated_climb(
+    planned: Planned, off: float
+) -> None:
+    pytest.importorskip("mujoco")
+    plan = planned()
+    count = len(plan.terrain.surfaces)
+    world = replace(nominal_world(plan), surface=np.full(count, off))
+    run = simulate(plan, Conditions(world=world, speed=2.0))
+    assert not run.fallen
+    assert np.abs(run.com - plan.trajectory.com).max() < 20e-3
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,14 @@ def robust_checks(
     spare = subject.contact_force - subject.tangential_force / mu
     outward = plan.forces.toe_command - plan.instants.toes
     depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)
-    weight = subject.weight
+    weight = subject.weight * margins.factors(plan.instants.round)
+    held = np.maximum(plan.instants.mu * subject.contact_force, _SMOOTH)
+    lacking = 1 - subject.tangential_force / held
+    still = np.ones(len(weight))
     yield _toes(subject, "robust.pressure", subject.contact_force, margins.pressure * weight)
     yield _toes(subject, "robust.friction", spare, margins.friction * weight)
-    yield _toes(subject, "robust.depth", depth, margins.depth)
+    yield _toes(subject, "robust.slip", lacking, margins.slip * still)
+    yield _toes(subject, "robust.depth", depth, margins.depth * still)
     yield _told(
         judge_worst(
             "robust.stiffness",
@@ -54,17 +58,18 @@ def robust_checks(
 _WORDS = {
     "robust.pressure": ("presses with", 1.0, "N", 1),
     "robust.friction": ("slips with less pressure by", 1.0, "N", 1),
+    "robust.slip": ("slides on a surface that lacks", 1e2, "% of its friction", 0),
     "robust.depth": ("is commanded inside by", 1e3, "mm", 1),
 }
 
 
-def _toes(subject: Subject, name: str, value: Array, asked: float) -> Check:
-    """A margin of toes in contact, by what they have (K, N)."""
-    standing = np.where(subject.plan.instants.contact, value, np.inf)
-    k, limb = np.unravel_index(int(np.argmin(standing)), standing.shape)
+def _toes(subject: Subject, name: str, value: Array, asked: Array) -> Check:
+    """A margin of toes in contact, by what they have (K, N) and are asked for (K,)."""
+    contact = subject.plan.instants.contact
+    missed = np.where(contact, WHOLE * asked[:, None] - value, -np.inf)
+    k, limb = np.unravel_index(int(np.argmax(missed)), missed.shape)
     doing, scale, unit, digits = _WORDS[name]
-    least = f"{scale * standing[k, limb]:.{digits}f} of {scale * asked:.{digits}f} {unit}"
-    missed = np.where(subject.plan.instants.contact, WHOLE * asked - value, -np.inf)
+    least = f"{scale * value[k, limb]:.{digits}f} of {scale * asked[k]:.{digits}f} {unit}"
     words = f"{subject.limb(int(limb))} {doing} {least}"
     return _told(judge_worst(name, missed, subject.at, margin=words))
 

@@ -65,6 +65,12 @@ def margins_of(plan: ClimbPlan) -> MarginsSpec | None:
     return spec.margins
 
 
+def risk_of(plan: ClimbPlan) -> float | None:
+    """The largest probability of a fall that the plan's spec allows; None where it says nothing."""
+    spec = _spec_of(plan)
+    return None if isinstance(spec, str) else spec.risk
+
+
 def _spec_of(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:
     """The validated spec, or what is wrong with it."""
     try:

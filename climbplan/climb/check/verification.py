@@ -25,6 +25,7 @@ from climbplan.climb.check.forces import force_checks
 from climbplan.climb.check.grips import gripper_check
 from climbplan.climb.check.plausibility import implausible_climb
 from climbplan.climb.check.postures import posture_checks
+from climbplan.climb.check.risk import risk_check
 from climbplan.climb.check.scan import scan_checks
 from climbplan.climb.check.spec import answering, margins_of, spec_checks
 from climbplan.climb.check.statics import static_checks
@@ -52,7 +53,8 @@ def verification_of(plan: ClimbPlan, held: HeldSpec | None = None) -> Verificati
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
         checks = tuple(_checks(plan, held))
-        found = Verification(checks, against=held_against(plan, held))
+        stands = "" if plan.promise is None else plan.promise.words
+        found = Verification(checks, against=held_against(plan, held), stands=stands)
         return found if found.unsound else replace(found, implausible=implausible_climb(plan))
 
 
@@ -79,6 +81,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from posture_checks(subject)
     yield from force_checks(subject)
     yield from static_checks(subject, margins_of(plan))
+    yield from risk_check(plan)
     yield from clearance_checks(subject)
     yield from scan_checks(subject)
     yield from trajectory_checks(subject)

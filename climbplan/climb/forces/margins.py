@@ -25,7 +25,7 @@ import numpy as np
 from climbplan.climb.forces.cones import ConicProgram, instant_cones
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
 from climbplan.climb.forces.statement import ForceStatement, depths_of, free_depths_of
-from climbplan.climb.plan.climb_plan import Array, Mask
+from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import loaded_stiffness
@@ -33,6 +33,7 @@ from climbplan.spec.climb.margins import MarginsSpec
 
 _KEPT = 0.95  # of the largest share: at all of it forces have no room left, and cost what they may
 _TRIED = (_KEPT, 0.5 * _KEPT)  # parts of the largest share solved at in turn
+_SLIPPERY = (0.5, 0.0)  # parts of the friction that surfaces may lack, tried in turn
 _ARCS = 4  # times the first order of a command's depth is put right
 _EXACT = 1e-4  # [m] by which that may miss the margin
 _BETTER = 1e-3  # share by which an answer is better than another
@@ -60,10 +61,50 @@ def solve_with_margins(
     if not margins.asked:
         plain = solve_forces(statement, solver, facets)
         return MarginedForces(plain, np.ones(len(statement.arms)), statement)
+    found = _on_friction(scene, statement, _slippery(statement, margins.slip), solver, facets)
+    for part in _SLIPPERY:
+        lost = np.setdiff1d(found.solved.missing, found.solved.unbalanced)
+        if not len(lost):
+            break
+        # No forces at all on so little friction: on some more
+        less = _slippery(statement, part * margins.slip).take(lost)
+        again = _on_friction(scene, statement.take(lost), less, solver, facets)
+        found = _joined(found, again, lost)
+    return found
+
+
+def _slippery(statement: ForceStatement, slip: float) -> ForceStatement:
+    """The problems on surfaces that lack a share of their friction, as far as S_mu leaves less."""
+    factor = min(1.0, statement.safety_friction * (1.0 - slip))
+    return replace(statement, mu=statement.mu * factor)
+
+
+def _joined(found: MarginedForces, again: MarginedForces, rows: Index) -> MarginedForces:
+    """Answers of which some (rows) were found again."""
+    force, share = found.solved.force.copy(), found.share.copy()
+    force[rows], share[rows] = again.solved.force, again.share
+    solved = replace(
+        found.solved,
+        force=force,
+        missing=rows[again.solved.missing],
+        solved_again=found.solved.solved_again + again.solved.solved_again,
+    )
+    return replace(found, solved=solved, share=share)
+
+
+def _on_friction(
+    scene: MotionScene,
+    known: ForceStatement,
+    statement: ForceStatement,
+    solver: str,
+    facets: int,
+) -> MarginedForces:
+    """Forces with as much of the margins as can be had on a friction; known: with its own."""
+    margins = scene.spec.margins
     asked = with_margins(statement, margins)
     solved = _best(statement, asked, solver, facets)
     force = solved.force
-    share = kept_share(statement, margins, force)
+    share = kept_share(known, margins, force)
     share[solved.missing] = 0.0
     at = force.copy()  # the answer whose arcs are known
     lost = np.concatenate([solved.missing, solved.unbalanced])
@@ -76,7 +117,7 @@ def solve_with_margins(
             break
         part, deeper = statement.take(rows), margins.depth - free + depths_of(statement, at)
         again = _best(part, _deeper(asked.take(rows), deeper[rows]), solver, facets)
-        kept = kept_share(part, margins, again.force)
+        kept = kept_share(known.take(rows), margins, again.force)
         kept[again.missing] = -np.inf
         better = kept > share[rows] + _BETTER
         at[rows] = again.force
@@ -96,15 +137,19 @@ def kept_share(statement: ForceStatement, margins: MarginsSpec, force: Array) ->
     parts = split_force(force, statement.normal)
     spare = parts.normal - parts.shear / np.maximum(statement.usable_mu, _SMOOTH)
     left = loaded_stiffness(statement.braced, force).left
+    held = np.maximum(statement.mu * parts.normal, _SMOOTH)
+    factor = margins.factors(statement.rounds)
     kept = np.ones(len(force))
     for margin, value in (
-        (margins.pressure * weight, _least(parts.normal, contact)),
-        (margins.friction * weight, _least(spare, contact)),
-        (margins.depth, _least(free_depths_of(statement, force), contact)),
-        (margins.stiffness, left),
+        (factor * margins.pressure * weight, _least(parts.normal, contact)),
+        (factor * margins.friction * weight, _least(spare, contact)),
+        (np.full(len(force), margins.slip), _least(1 - parts.shear / held, contact)),
+        (np.full(len(force), margins.depth), _least(free_depths_of(statement, force), contact)),
+        (np.full(len(force), margins.stiffness), left),
     ):
-        if margin > 0:
-            kept = np.minimum(kept, value / margin)
+        part = np.ones(len(force))
+        np.divide(value, margin, out=part, where=margin > 0)
+        kept = np.minimum(kept, part)
     return np.where(kept > 1 - _WHOLE, 1.0, kept)
 
 
@@ -139,7 +184,7 @@ def _best(
 
 def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatement:
     """The force problems with their margins as bounds; what a spec bounds more tightly stays."""
-    weight = statement.robot.weight
+    weight = statement.robot.weight * margins.factors(statement.rounds)
     return replace(
         statement,
         least_pressure=np.maximum(statement.least_pressure, margins.pressure * weight),

@@ -43,6 +43,7 @@ COMMAND_RESERVE = 2e-3  # [rad] kept from joint bounds where possible: between t
 class ForceStatement:
     """Numbers of the force problems of K instants."""
 
+    rounds: Index  # (K,) in which they are, from 1
     contact: Mask  # (K, N)
     arms: Array  # (K, N, 3) from the body origin to the toes [m]
     normal: Array  # (K, N, 3) unit, into free space
@@ -131,6 +132,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     compensated = force.sag == "compensated"
     bending = joint_bending(robot, jacobian, arms, instants.contact, compensated)
     return ForceStatement(
+        rounds=instants.round,
         contact=instants.contact,
         arms=arms,
         normal=instants.normal,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.climb.plan.grips import GripForces, GripPlan
+from climbplan.climb.plan.promise import Promise
 from climbplan.plans.root_attributes import PlanHeader
 from climbplan.robots.model import Robot
 from climbplan.spec.robots.stored import RobotTexts
@@ -168,6 +169,7 @@ class ClimbPlan(PlanHeader):
     sequences: Sequences | None = None
     grips: GripPlan | None = None
     robot_texts: RobotTexts = field(default_factory=RobotTexts)  # of files the robot is from
+    promise: Promise | None = None  # of falls, where the spec states a risk
 
     @property
     def contact_sequence(self) -> str:

@@ -21,11 +21,12 @@ from climbplan.climb.plan.climb_plan import (
     Trajectory,
 )
 from climbplan.climb.plan.grip_store import read_grips, write_grips
+from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset
+from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json
 from climbplan.plans.root_attributes import (
     read_header,
     read_status,
@@ -86,6 +87,8 @@ def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
     texts = {"status": plan.status}
     if plan.kind == "transition":
         texts["contact_sequence"] = plan.contact_sequence
+    if plan.promise is not None:
+        write_json(file, "risk", plan.promise.told())
     write_header(
         file,
         plan,
@@ -150,6 +153,7 @@ def _read(reader: Reader) -> ClimbPlan:
         sequences=_read_sequences(reader) if reader.has("sequences") else None,
         grips=grips,
         robot_texts=read_robot_texts(reader),
+        promise=_read_promise(reader),
         **read_header(reader),
     )
 
@@ -189,6 +193,16 @@ def _read_sequences(reader: Reader) -> Sequences:
         for name, shape in layout.SEQUENCES_TEXTS.items()
     }
     return Sequences(**fields, **_arrays(reader, "sequences", layout.SEQUENCES))
+
+
+def _read_promise(reader: Reader) -> Promise | None:
+    if not reader.has_attribute("", "risk"):
+        return None
+    told = reader.mapping("risk", NEEDED)
+    try:
+        return promise_of(told)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise reader.refuse(f"attribute risk is no promise: {error}") from error
 
 
 def _read_study(reader: Reader) -> Study:

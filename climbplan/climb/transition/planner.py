@@ -44,7 +44,7 @@ from climbplan.spec.robots.stored import robot_texts
 _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies
 # Of the margins, tried in turn; forces of the body that goes on, after each lift, take some
-_SHARES = (1.2, 0.5, 0.0)
+_SHARES = (1.2, 0.9, 0.6, 0.3, 0.0)
 _FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
 
 

@@ -69,6 +69,7 @@ def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "objective": plan.objective,
         "bound": plan.bound,
         "gap": plan.gap,
+        "risk": None if plan.promise is None else plan.promise.told(),
         "timings": finite(plan.timings),
         "solvers": finite(plan.solvers),
         "sizes": finite(plan.sizes),

@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.errors import UsageError
+from climbplan.mechanics.stiffness import joint_softness, limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import jacobian_world, toe_world
@@ -27,6 +28,7 @@ from climbplan.simulation.model import (
 )
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
+from climbplan.simulation.regulator import SINGULAR, between_toes
 from climbplan.simulation.start import set_up
 from climbplan.simulation.statics.run import play
 from climbplan.simulation.statics.tuples import (
@@ -70,14 +72,20 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     instant = sample_instants(plan)
     angles = true_angles(plan, instant)
     weight = -limb_weight_torques(plan, conditions)
-    command = moving.joint_command
+    carrying = np.zeros_like(moving.joint_command)
     if conditions.limb_weights:
-        command = command - weight / believed_stiffness(robot, conditions)
+        carrying = -weight / believed_stiffness(robot, conditions)
+    command = moving.joint_command + carrying
     wrench = plan.instants.external_wrench[np.maximum(instant, 0)] + limb_weight_wrench(
         plan, conditions
     )
     jacobian = jacobian_world(robot, moving.rpy[sample], angles[sample])
+    turning = np.linalg.pinv(jacobian, rcond=SINGULAR)
+    most = joint_softness(robot) * robot.max_torque
+    bent = np.clip((angles - moving.joint_command)[sample], -most, most)
     toes = toe_world(robot, moving.com[sample], moving.rpy[sample], angles[sample])
+    arm = toes - moving.com[sample][:, None]
+    trusted = standing(plan)[sample]
     holds = footholds_of(moving.contact)
     pressing = held_toes(plan) & (planned_pressure(plan) >= LEAST_HELD)
     span = np.diff(moving.time[sample], prepend=moving.time[0]) / conditions.speed
@@ -87,15 +95,20 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
         span=span,
         command=c(command[sample]),
         weight=c(weight[sample]),
+        carrying=c(carrying[sample]),
         wrench=c(wrench[sample]),
         com=c(moving.com[sample]),
         rotation=c(rotation_world_body(moving.rpy[sample])),
         stands=c(pressing[sample].astype(np.int64)),
-        trusted=c(standing(plan)[sample].astype(np.int64)),
+        trusted=c(trusted.astype(np.int64)),
         contact=c(moving.contact[sample].astype(np.int64)),
-        settled=c((standing(plan) == moving.contact).all(axis=1)[sample].astype(np.int64)),
-        turning=c(np.linalg.pinv(jacobian, rcond=1e-3)),
-        arm=c(toes - moving.com[sample][:, None]),
+        settled=c((trusted == moving.contact[sample]).all(axis=1).astype(np.int64)),
+        turning=c(turning),
+        arm=c(arm),
+        jacobian=c(jacobian),
+        bent=c(bent),
+        sharing=c(between_toes(limb_compliance(robot, jacobian), arm, moving.contact[sample])),
+        most=c(most),
         foothold=c(holds.number[sample]),
         share=c(holds.share[sample]),
         toes=plan.rounds.toes[0].copy(),

@@ -1,4 +1,4 @@
-"""The regulator of the body's pose and its odometry, as `regulator.py` and `odometry.py` have them.
+"""The regulator of pose and forces and its odometry, as `regulator.py` and `odometry.py` have them.
 
 Written for one step of many worlds; tests hold them against those two.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.simulation.regulator import MOST_SHIFT, MOST_TURN, RATE
+from climbplan.simulation.regulator import BACK, FORCE_RATE, MOST_OFFSET, RATE
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.limb import _chain
 from climbplan.simulation.statics.small_algebra import (
@@ -115,36 +115,58 @@ def _regulated(
     command: Array,
     pad: Pad,
 ) -> None:
-    """Integrate the departure of a pose over a span [s] and add the correction to commands (N, 3).
+    """Integrate departures of pose and forces over a span [s], add the correction to commands.
 
-    part: of the way from step s - 1 to s at which the pose is.
+    part: of the way from step s - 1 to s at which the pose is. known.lag: (N, 3) of joints behind
+    what they were last told, less what carries the links; becomes what toes lack of their
+    deflections. command: (N, 3).
     """
     before = max(s - 1, 0)
-    shift, turned = known.shift, known.turned
-    wanted, turn, moved = pad.m[0], pad.v[0], pad.v[1]
+    lag, offset = known.lag, known.offset
+    wanted, turn, moved, shift, turned = pad.m[0], pad.v[0], pad.v[1], pad.v[2], pad.v[3]
     for a in range(3):
         aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]
-        if place and plan.settled[before]:
-            shift[a] += RATE * span * (aim - com[a])
+        shift[a] = aim - com[a] if place else 0.0
         for b in range(3):
             wanted[a, b] = (1 - part) * plan.rotation[before, a, b] + part * plan.rotation[s, a, b]
     # wanted @ rotation.T, of which the odd part is the turn
     for a in range(3):
         i, j = (a + 2) % 3, (a + 1) % 3
-        odd = 0.0
+        turned[a] = 0.0
         for b in range(3):
-            odd += wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]
-        if plan.settled[before]:
-            turned[a] += RATE * span * odd / 2
-    _shortened(shift, MOST_SHIFT)
-    _shortened(turned, MOST_TURN)
-    for i in range(len(command)):
+            turned[a] += (wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]) / 2
+    n = len(command)
+    for i in range(n):
+        for j in range(3):
+            most = plan.most[i, j]
+            aim = (1 - part) * plan.bent[before, i, j] + part * plan.bent[s, i, j]
+            turn[j] = aim - min(max(lag[i, j], -most), most)
+        _times(plan.jacobian[before, i], turn, lag[i])
+    for i in range(n):
         if not plan.contact[before, i]:
+            for a in range(3):
+                offset[i, a] *= max(0.0, 1.0 - BACK * span)
             continue
-        _cross(turned, plan.arm[before, i], moved)
         for a in range(3):
-            moved[a] = -(shift[a] + moved[a])
-        _times(plan.turning[before, i], moved, turn)
+            total = 0.0
+            for k in range(n):
+                for b in range(3):
+                    total += plan.sharing[before, 3 * i + a, 3 * k + b] * lag[k, b]
+            offset[i, a] -= FORCE_RATE * span * total
+        if plan.settled[before]:
+            _cross(turned, plan.arm[before, i], moved)
+            for a in range(3):
+                offset[i, a] -= RATE * span * (shift[a] + moved[a])
+        _shortened(offset[i], MOST_OFFSET)
+    _moved(plan, before, offset, command, pad)
+
+
+@compiled
+def _moved(plan: Playback, s: int, offset: Array, command: Array, pad: Pad) -> None:
+    """Add to commands (N, 3) what moves toes by offsets (N, 3)."""
+    turn = pad.v[0]
+    for i in range(len(command)):
+        _times(plan.turning[s, i], offset[i], turn)
         for a in range(3):
             command[i, a] += turn[a]
 

@@ -10,7 +10,7 @@ from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS
 from climbplan.simulation.statics.corner import _runs_into
 from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes
-from climbplan.simulation.statics.regulation import _estimate, _placed, _regulated
+from climbplan.simulation.statics.regulation import _estimate, _moved, _placed, _regulated
 from climbplan.simulation.statics.small_algebra import _dot, _times
 from climbplan.simulation.statics.step import _settled
 from climbplan.simulation.statics.surfaces import BESIDE, TUBE, _beyond, _landed, _onto
@@ -78,8 +78,9 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
         machine.angles.copy(), machine.angles.copy(), np.zeros((n, 3)), np.zeros((n, 3))
     )
     known = Known(
-        plan.toes.copy(), plan.trusted[0].copy(), plan.com[0].copy(), plan.rotation[0].copy(),
-        np.zeros(3), np.zeros(3), np.zeros((n, 3)),
+        machine.toes.copy(), plan.trusted[0].copy(), plan.com[0].copy(), plan.rotation[0].copy(),
+        machine.toes - plan.toes, machine.toes - plan.toes, plan.command[0].copy(),
+        plan.command[0].copy(), np.zeros((n, 3)), np.zeros((n, 3)),
     )  # fmt: skip
     feet = Feet(machine.toes.copy(), np.zeros(n))
     row = np.zeros(COLUMNS)
@@ -141,12 +142,15 @@ def _played(
             )
             if not good:
                 _put(kept, body)
+                _copied(known.before, known.offset)
                 fine = part / 2
                 if fine >= FINEST:
                     continue
                 row[BALANCE] = 1
                 _fell(s, row)
                 return
+            _copied(known.sent, known.told)
+            _copied(known.offset, known.before)
             done += part
             fine = min(1.0, 2 * part) if done < 1.0 - 1e-9 else min(1.0, 2 * fine)
             for a in range(6):
@@ -175,6 +179,14 @@ def _put(one: Body, other: Body) -> None:
         other.com[a] = one.com[a]
         for b in range(3):
             other.rotation[a, b] = one.rotation[a, b]
+
+
+@compiled
+def _copied(one: Array, other: Array) -> None:
+    """What stands in one (N, 3) stands in the other too."""
+    for i in range(len(one)):
+        for a in range(3):
+            other[i, a] = one[i, a]
 
 
 @compiled
@@ -210,14 +222,23 @@ def _commanded(
                 share * plan.command[s, i, j]
             )
     _placed(plan, s, machine.placement, wanted, pad)
-    if not moves or machine.regulator == NO_REGULATOR:
+    if machine.regulator == NO_REGULATOR:
         return
+    if not moves:
+        _moved(plan, s, known.offset, wanted, pad)
+        _copied(wanted, known.sent)
+        return
+    for i in range(len(wanted)):
+        for j in range(3):
+            carrying = plan.carrying[before, i, j]
+            known.lag[i, j] = motors.rotor[i, j] - known.told[i, j] + carrying
     if machine.regulator == BY_JOINTS:
         _estimate(plan, before, motors.rotor, known, pad)
         _regulated(plan, s, done, span, True, known.com, known.rotation, known, wanted, pad)
     else:
         place = machine.regulator == BY_POSE
         _regulated(plan, s, done, span, place, body.com, body.rotation, known, wanted, pad)
+    _copied(wanted, known.sent)
 
 
 @compiled

@@ -70,8 +70,11 @@ class Known(NamedTuple):
     stood: Array  # (N,) toes it counted on at the last step, 0 or 1
     com: Array  # (3,) believed [m]
     rotation: Array  # (3, 3) believed
-    shift: Array  # (3,) corrected by [m]
-    turned: Array  # (3,) [rad]
+    offset: Array  # (N, 3) of each toe's commands [m]
+    before: Array  # (N, 3) of them before a step that may be taken again [m]
+    told: Array  # (N, 3) commands of the last step, before motors give in [rad]
+    sent: Array  # (N, 3) and of this one
+    lag: Array  # (N, 3) room: of joints behind what they were told, and toes by it
     local: Array  # (N, 3) room: toes from the body [m]
 
 
@@ -118,6 +121,7 @@ class Playback(NamedTuple):
     span: Array  # (S,) of each step, simulated time [s]
     command: Array  # (S, N, 3) joint commands, with what carries the links [rad]
     weight: Array  # (S, N, 3) torque of the links' weight on joints [N m]
+    carrying: Array  # (S, N, 3) what commands have for it [rad]
     wrench: Array  # (S, 6) load beside the weight [N, N m]
     com: Array  # (S, 3) where the body should be [m]
     rotation: Array  # (S, 3, 3)
@@ -127,6 +131,10 @@ class Playback(NamedTuple):
     settled: Array  # (S,) whether it may correct more, no toe being half loaded, 0 or 1
     turning: Array  # (S, N, 3, 3) joint turns by toe motion in the world
     arm: Array  # (S, N, 3) from body to toe [m]
+    jacobian: Array  # (S, N, 3, 3) toe motion in the world by joint turns [m/rad]
+    bent: Array  # (S, N, 3) joint angles less commands, planned [rad]
+    sharing: Array  # (S, 3N, 3N) of toe deflections what toes do to each other
+    most: Array  # (N, 3) that motors bend joints [rad]
     foothold: Array  # (S, N) number of the foothold a limb comes from
     share: Array  # (S, N) of the way to the next
     toes: Array  # (N, 3) where it is believed to be set up [m]

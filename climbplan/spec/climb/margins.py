@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
 
 from climbplan.spec.base import Number, SpecModel, quantity
+
+Array = NDArray[np.float64]
 
 
 class MarginsSpec(SpecModel):
@@ -19,7 +23,12 @@ class MarginsSpec(SpecModel):
     @property
     def asked(self) -> bool:
         """Whether there are any; `margins: none` asks for none."""
-        return any(value > 0 for _, value in self)
+        own = (self.pressure, self.friction, self.slip, self.depth, self.stiffness, self.edge)
+        return any(value > 0 for value in own)
+
+    def factors(self, rounds: NDArray[np.int64]) -> Array:
+        """On pressure and friction, of instants in rounds (K,), counted from 1."""
+        return np.array([self.rounds.get(int(number), 1.0) for number in rounds])
 
     pressure: Number = quantity(
         "weight",
@@ -32,8 +41,17 @@ class MarginsSpec(SpecModel):
     friction: Number = quantity(
         "weight",
         "pressure that a toe may miss, in weights of the robot, before its shear leaves the "
-        "friction cone over S_mu",
-        default=0.02,
+        "friction cone over S_mu: motors and limbs a tenth stiffer or softer than believed move as "
+        "much from toe to toe",
+        default=0.08,
+        ge=0,
+        lt=1,
+    )
+    slip: Number = quantity(
+        "",
+        "share of its friction that a surface may lack before a toe slides on it, where that asks "
+        "for more than S_mu",
+        default=0.2,
         ge=0,
         lt=1,
     )
@@ -56,9 +74,14 @@ class MarginsSpec(SpecModel):
         ge=0,
         le=0.1,
     )
+    rounds: dict[Annotated[int, Field(ge=1)], Annotated[Number, Field(ge=0)]] = Field(
+        default={},
+        description="factors on pressure and friction in single rounds, by their number; what "
+        "`risk` asks for where a plan fell",
+    )
 
 
-NO_MARGINS = MarginsSpec(pressure=0.0, friction=0.0, depth=0.0, stiffness=0.0, edge=0.0)
+NO_MARGINS = MarginsSpec(pressure=0.0, friction=0.0, slip=0.0, depth=0.0, stiffness=0.0, edge=0.0)
 
 
 def _in_a_word(value: Any) -> Any:

@@ -283,6 +283,14 @@ class ClimbSpec(SpecModel):
     """The playable motion."""
     uncertainty: UncertaintySpec = UncertaintySpec()
     """What is uncertain of robot and terrain, for simulated worlds."""
+    risk: Number | None = quantity(
+        "",
+        "largest probability of a fall: the plan is judged in worlds of `uncertainty` and planned "
+        "again where it fell; left out, nothing is promised",
+        default=None,
+        gt=0,
+        lt=1,
+    )
     solver: SolverSpec = SolverSpec()
     """Methods, solvers and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)

@@ -1,0 +1,76 @@
+"""What a plan promises of falls: counted in worlds of its uncertainty, with an exact interval."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from scipy.stats import beta
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Promise:
+    """Falls in worlds that nothing was chosen by."""
+
+    risk: float  # largest probability of a fall that the spec allows
+    engine: str
+    seed: int  # of the worlds: `simulate --worlds N --seed SEED --engine ENGINE` plays them again
+    worlds: int
+    falls: int
+    lower: float  # of the probability, 95 % (Clopper and Pearson)
+    upper: float
+    uncertainty: Mapping[str, Any]  # distributions by quantity: kind and two numbers, SI units
+    fells: tuple[str, ...]  # what went wrong first in how many worlds, most first
+    helps: tuple[str, ...]  # what would be needed, where the promise is not met
+    tried: tuple[str, ...]  # plans judged on the way: margins asked for, and falls
+
+    @property
+    def met(self) -> bool:
+        """Whether the upper limit is within the risk."""
+        return self.upper <= self.risk
+
+    @property
+    def words(self) -> str:
+        """In one line: "stands in 2990 of 3000 worlds"."""
+        return f"stands in {self.worlds - self.falls} of {self.worlds} worlds"
+
+    def told(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return {**vars(self), "uncertainty": dict(self.uncertainty), "met": self.met}
+
+
+NEEDED = ("risk", "engine", "seed", "worlds", "falls", "lower", "upper", "uncertainty")
+
+
+def promise_of(told: Mapping[str, Any]) -> Promise:
+    """The promise in a plan file's values; raises ValueError or TypeError for what is none."""
+    falls, worlds = int(told["falls"]), int(told["worlds"])
+    if not 0 <= falls <= worlds or worlds < 1:
+        raise ValueError(f"{falls} falls in {worlds} worlds")
+    fells, helps, tried = (
+        tuple(map(str, told.get(name, ()))) for name in ("fells", "helps", "tried")
+    )
+    return Promise(
+        risk=float(told["risk"]),
+        engine=str(told["engine"]),
+        seed=int(told["seed"]),
+        worlds=worlds,
+        falls=falls,
+        lower=float(told["lower"]),
+        upper=float(told["upper"]),
+        uncertainty=dict(told["uncertainty"]),
+        fells=fells,
+        helps=helps,
+        tried=tried,
+    )
+
+
+def interval_of(falls: int, worlds: int) -> tuple[float, float]:
+    """Exact interval of a probability (Clopper and Pearson), by `falls` among `worlds`."""
+    tail = (1 - CONFIDENCE) / 2
+    low = float(beta.ppf(tail, falls, worlds - falls + 1)) if falls else 0.0
+    high = float(beta.ppf(1 - tail, falls + 1, worlds - falls)) if falls < worlds else 1.0
+    return low, high

@@ -1,0 +1,1 @@
+"""Plans that fall with at most a stated probability: plan, judge, ask for more where they fell."""

@@ -162,3 +162,12 @@ def test_contradictions_are_found_before_any_search() -> None:
 
 def _dual_steps(log: tuple[str, ...]) -> int:
     return int(next(line for line in log if "dual steps" in line).split()[-3])
+
+
+def test_rows_that_rounding_takes_for_independent_do_not_pile_up() -> None:
+    """Once more active rows than columns were taken here, beyond the room there is for them."""
+    start = np.array(
+        [0.29071365596472104, -0.00499017123496892, -0.17394635835447503, -0.0016875500368030909]
+    )
+    found = solve_mixed_integer(walled_cart_pole().instance({"start": start}), 1e-3)
+    assert found.status == "optimal"

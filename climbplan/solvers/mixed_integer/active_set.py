@@ -210,7 +210,7 @@ def _refactor(rows: Rows, w: Working) -> None:
     for i in range(n):
         row, side, multiplier = w.row[i], w.side[i], w.multiplier[i]
         pivot = _pivot(rows, w, row, side)
-        if pivot > _SINGULAR:
+        if pivot > _SINGULAR and w.count[0] < len(w.row) - 1:
             _append(w, row, side, multiplier, pivot)
 
 
@@ -364,7 +364,8 @@ def _solve(rows: Rows, w: Working, cutoff: float, limit: int) -> int:
         while True:
             n = w.count[0]
             pivot = _pivot(rows, w, new, side)
-            if pivot > _SINGULAR:
+            # Rounding may take a row or two too many for independent; there is no room for more
+            if pivot > _SINGULAR and n < len(w.row) - 1:
                 _append(w, new, side, entered, pivot)
                 break
             a = spare

@@ -21,7 +21,6 @@ from climbplan.solvers.mixed_integer.active_set import (
     _solve,
 )
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.form import ALWAYS, DECIDED, Numbers
 from climbplan.solvers.mixed_integer.nodes import (
     _LOSS,
     BEST,
@@ -31,6 +30,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     _cutoff,
     _slack_cutoff,
 )
+from climbplan.solvers.mixed_integer.numbers import ALWAYS, DECIDED, Numbers
 from climbplan.solvers.result import LEAST_OBJECTIVE
 
 _CENTERS = 4  # how often the proximal term is moved at a node

@@ -24,7 +24,6 @@ from climbplan.solvers.mixed_integer.bounds import (
     _solve_cut,
 )
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.form import Numbers
 from climbplan.solvers.mixed_integer.nodes import (
     BEST,
     BRANCHED,
@@ -41,6 +40,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     _slack_cutoff,
     _store,
 )
+from climbplan.solvers.mixed_integer.numbers import Numbers
 
 _PROBE_ITERATIONS = 25
 _RELIABLE = 4  # branchings after which an integer's pseudo-costs are believed

@@ -17,7 +17,7 @@ from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.conditional import Conditional
-from climbplan.solvers.mixed_integer.form import row_intervals
+from climbplan.solvers.mixed_integer.pairs import row_intervals
 
 _NOTHING = 1e-9  # a margin that proves nothing
 _ENOUGH = 1e-6  # one that needs no further tangents, which could only widen it

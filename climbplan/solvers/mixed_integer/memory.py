@@ -21,9 +21,9 @@ from climbplan.program.blocks import Blocks
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional
-from climbplan.solvers.mixed_integer.form import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.keys import KeySpace, places
 from climbplan.solvers.mixed_integer.nodes import Search, Tree
+from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.search import revive
 from climbplan.solvers.result import Indices
 

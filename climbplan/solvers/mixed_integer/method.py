@@ -18,14 +18,10 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.active_set import Rows, working
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
-from climbplan.solvers.mixed_integer.form import (
-    Impossible,
-    MixedIntegerProgram,
-    mixed_integer_program,
-    with_room,
-)
+from climbplan.solvers.mixed_integer.form import mixed_integer_program
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.nodes import Search, Tree
+from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram, with_room
 from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
 from climbplan.solvers.mixed_integer.search import run as run_tree
 from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged

@@ -20,7 +20,7 @@ from climbplan.solvers.mixed_integer.active_set import (
     _refactor,
 )
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.form import Numbers
+from climbplan.solvers.mixed_integer.numbers import Numbers
 from climbplan.solvers.result import LEAST_OBJECTIVE
 
 Whole = NDArray[np.int64]

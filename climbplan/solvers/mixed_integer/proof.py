@@ -25,9 +25,11 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.empty_leaf import multipliers_of_empty
-from climbplan.solvers.mixed_integer.form import MixedIntegerProgram, equations, row_intervals
+from climbplan.solvers.mixed_integer.form import equations
 from climbplan.solvers.mixed_integer.keys import BIG_M, CONDITION, PAIR, PLAIN, VARIABLE, KeySpace
 from climbplan.solvers.mixed_integer.nodes import Search, Tree
+from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
+from climbplan.solvers.mixed_integer.pairs import row_intervals
 from climbplan.solvers.mixed_integer.search import settle
 from climbplan.solvers.result import LEAST_OBJECTIVE
 

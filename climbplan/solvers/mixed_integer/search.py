@@ -38,7 +38,6 @@ from climbplan.solvers.mixed_integer.branching import (
     _measure,
 )
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.form import Numbers
 from climbplan.solvers.mixed_integer.nodes import (
     AGAIN,
     BEST,
@@ -73,6 +72,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     _slack_cutoff,
     _store,
 )
+from climbplan.solvers.mixed_integer.numbers import Numbers
 
 _ITERATIONS = 400  # of one re-solve, and as many again for each column
 _CLOSE_ROUNDS = 60  # at points that may be incumbents
@@ -209,7 +209,7 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
     for turn in range(2):
         found, here = _relax(n, s, limit if turn == 0 else 4 * limit)
         bound = max(bound, here)
-        if found in (SOLVED, CUT_OFF) or np.isinf(bound):
+        if found in (SOLVED, CUT_OFF) or bound >= _cutoff(s):
             break
         _clear(s.main)  # rounding got the better of the factors: once more from the beginning
     tree.bound[node] = max(tree.bound[node], bound)

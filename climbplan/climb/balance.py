@@ -8,12 +8,13 @@ forces f of the standing limbs balance the load (F, M) with the margins of the s
     minimise    |d|^2                                  |d| <= posture.steps.shift_max
     such that   sum f = -F,   sum (p - c) x f + d x F = -M
                 |f_t| <= mu / S_mu (n . f - friction margin),   n . f >= pressure margin
+                |J^T f| <= torque limits / S_tau
 
-which is a second-order cone program, as the load, and so the sum of all f, is known. On slopes,
-stairs and walls it is the same problem. Torque limits, commands and stability are left to the
-force planner, joint bounds to the exact kinematics. Where no shift keeps the whole margins, half of
-them are asked for, then none; where none holds the robot either, the body keeps to its way, and the
-force planner says what conflicts.
+which is a second-order cone program, as the load, and so the sum of all f, is known. Jacobians are
+those of the body on its way. On slopes, stairs and walls it is the same problem. Commands and
+stability are left to the force planner, joint bounds to the exact kinematics. Where no shift keeps
+the whole margins, half of them are asked for, then none; where none holds the robot either, the
+body keeps to its way, and the force planner says what conflicts.
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene
 from climbplan.mechanics.equilibrium import grasp_matrix, total_load
 from climbplan.mechanics.friction import contact_frame
+from climbplan.robots.kinematics import inverse, jacobian_world, to_body
 from climbplan.robots.rotations import Array
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
 _EVEN = 1e-6  # [m^2] weight of the squared forces, in units of the load
 _NONE = 1e-5  # [m] a shift that counts as none
+_IN_HAND = 0.02  # of the torque limits, as Jacobians change with the shift
 _SOLVED = ("Solved", "AlmostSolved")
 _POSES = 6  # looked at along the body's way from one lift to the next
 
@@ -40,11 +43,16 @@ def balancing_shifts(scene: ClimbScene, lifts: Instants) -> Array:
 
     lifts: L instants with the body on its straight way; their joint angles are not looked at.
     """
-    return np.array([_least_shift(scene, lifts, k) for k in range(lifts.count)])
+    robot = scene.robot
+    angles = inverse(robot, to_body(lifts.com, lifts.rpy, lifts.toes)).best()
+    out_of_reach = np.isnan(angles).any(axis=-1)  # which a shift may mend: torques are left open
+    jacobian = jacobian_world(robot, lifts.rpy, np.nan_to_num(angles))
+    jacobian[out_of_reach] = 0.0
+    return np.array([_least_shift(scene, lifts, k, jacobian[k]) for k in range(lifts.count)])
 
 
-def _least_shift(scene: ClimbScene, lifts: Instants, k: int) -> Array:
-    """(3,) for one instant."""
+def _least_shift(scene: ClimbScene, lifts: Instants, k: int, jacobian: Array) -> Array:
+    """(3,) for one instant; jacobian: (N, 3, J), world."""
     spec, robot = scene.spec, scene.robot
     stands = np.flatnonzero(lifts.contact[k])
     load = total_load(robot, lifts.external_wrench[k])
@@ -59,22 +67,28 @@ def _least_shift(scene: ClimbScene, lifts: Instants, k: int) -> Array:
     equal[3:, 1] = np.cross([0.0, 1.0, 0.0], force)
     frame = contact_frame(lifts.normal[k, stands]).axes  # (n, 3, 3)
     steep = lifts.mu[k, stands] / spec.force.safety_friction
+    taken = jacobian[stands] * unit * spec.force.safety_torque / robot.max_torque[stands, None]
+    turns = np.zeros((n, 2, robot.joint_count, size))
     press = np.zeros((n, size))
     cones = np.zeros((n, 3, size))
     for i in range(n):
         own = slice(2 + 3 * i, 5 + 3 * i)
+        turns[i, 0][:, own], turns[i, 1][:, own] = taken[i].T, -taken[i].T
         press[i, own] = -frame[i, 0]
         cones[i, :, own] = -frame[i]
         cones[i, 0, own] *= steep[i]
     ball = np.zeros((3, size))
     ball[1, 0] = ball[2, 1] = -1.0
-    A = sparse.csc_matrix(np.vstack([equal, press, cones.reshape(3 * n, size), ball]))
+    A = sparse.csc_matrix(
+        np.vstack([equal, press, turns.reshape(-1, size), cones.reshape(3 * n, size), ball])
+    )
     P = sparse.diags([2.0, 2.0, *[2 * _EVEN] * (3 * n)], format="csc")
     kinds = [
         clarabel.ZeroConeT(6),
-        clarabel.NonnegativeConeT(n),
+        clarabel.NonnegativeConeT(n + 2 * n * robot.joint_count),
         *[clarabel.SecondOrderConeT(3)] * (n + 1),
     ]
+    limits = [np.full(2 * n * robot.joint_count, 1.0 - _IN_HAND)]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -85,7 +99,7 @@ def _least_shift(scene: ClimbScene, lifts: Instants, k: int) -> Array:
         ends = np.zeros((n, 3))
         ends[:, 0] = -steep * reserve
         most = np.array([spec.posture.steps.shift_max, 0.0, 0.0])
-        b = np.concatenate([-force, -moment, np.full(n, -least), ends.ravel(), most])
+        b = np.concatenate([-force, -moment, np.full(n, -least), *limits, ends.ravel(), most])
         solution = clarabel.DefaultSolver(P, np.zeros(size), A, b, kinds, settings).solve()
         if str(solution.status) in _SOLVED:
             shift = np.array([*solution.x[:2], 0.0])

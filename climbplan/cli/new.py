@@ -118,7 +118,8 @@ def _new_robot(
     given = {"--urdf": urdf, "--package": package, "--example": example}
     if sum(value is not None for value in given.values()) > 1:
         raise UsageError("expected one of --urdf, --package and --example")
-    from climbplan.api.new_robot import new_robot, package_urdf
+    from climbplan.api.new_robot import new_robot
+    from climbplan.robots.urdf.proposal.packaged import package_urdf
 
     session = context.ensure_object(Session)
     path = urdf if urdf is not None else package_urdf(package or "")

@@ -9,10 +9,11 @@ import pytest
 from urdf_walkers import Walker
 
 import climbplan
-from climbplan.api.new_robot import new_robot, package_urdf
+from climbplan.api.new_robot import new_robot
 from climbplan.cli.app import run
 from climbplan.errors import UsageError
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.urdf.proposal.packaged import package_urdf
 from climbplan.spec.robots.source import load_any_robot
 
 

@@ -162,7 +162,7 @@ def _reached(legs: Legs, toes: Array, force: Array) -> tuple[Array, Mask]:
     under = quality.points[..., :-1, 2].min(axis=-1) - quality.points[..., -1, 2]
     good = _clear(legs, quality.points) & (under > _ABOVE * legs.reach)
     score = np.where(good, quality.score, -np.inf)
-    angles = np.empty((*toes.shape[:2], legs.lower.shape[1]))
+    angles = np.zeros((*toes.shape[:2], legs.lower.shape[1]))
     done: set[int] = set()
     for limb in range(count):
         fine = np.flatnonzero(np.isfinite(score[:, limb]))

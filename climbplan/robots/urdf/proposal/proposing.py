@@ -12,7 +12,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
-from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
+from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, urdf_model
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
 from climbplan.robots.urdf.proposal.motors import Motors, motors_of
@@ -24,6 +24,7 @@ from climbplan.robots.urdf.proposal.postures import (
     standing_postures,
 )
 from climbplan.robots.urdf.proposal.toes import Toe, toe_of
+from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box, legs_radius
 from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
 from climbplan.spec.robots.urdf.tree import UrdfTree, read_urdf
@@ -36,8 +37,8 @@ WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may 
 _IN_HAND = 0.95  # of the friction that may be used
 SHARE = 0.1  # of compliance in the structure
 _RADIUS = 0.02  # [m] of links without collision geometry
-_TRIED = 16  # postures whose room is measured with exact kinematics
-_BRACES = 12  # postures between walls that are kept, for the planner to choose from
+_TRIED = 24  # postures whose room is measured with exact kinematics
+_BRACES = 16  # postures between walls that are kept, for the planner to choose from
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
 _LEG_NAMES = "limb {}"
@@ -201,7 +202,21 @@ def _with_postures(
     inner = box or (hips.min(axis=0) - 0.03, hips.max(axis=0) + 0.03)
     weight = mass * GRAVITY
     legs = Legs(chain, lower, upper, torque, reach, weight, mirrored(hips), inner)
-    posture = _roomiest(legs, standing_postures(legs, _TRIED))
+    parts = None
+    if shapes:
+        span = 2 * np.pi
+        bounds = {
+            joint: (low, high) if high - low <= span else (-np.pi, np.pi)
+            for leg, lows, highs in zip(at_zero, lower, upper, strict=True)
+            for joint, low, high in zip(
+                leg.names, lows[-len(leg.names) :], highs[-len(leg.names) :], strict=True
+            )
+        }
+        parts = parts_of(urdf_model(draft.robot(meshes=True)), bounds)
+    standing_fine = [
+        one for one in standing_postures(legs, _TRIED) if not _touching(parts, at_zero, one)
+    ]
+    posture = _roomiest(legs, standing_fine)
     if posture is None:
         raise UsageError(
             f"{tree.path}: found no posture in which it stands with {', '.join(names.names)} "
@@ -222,7 +237,9 @@ def _with_postures(
         x, y, z = (round(float(value), 3) for value in np.ptp(inner, axis=0) / 2)
         half = (x, y, z)
     robot = _planned_with(draft, radius, half, shapes)
-    braces = _braces(robot, legs.mirror)
+    braces = tuple(
+        brace for brace in _braces(robot, legs.mirror) if not _touching(parts, at_zero, brace)
+    )
     assumed = []
     if unread:
         assumed.append(f"collision geometry is not read: {unread}")
@@ -235,6 +252,18 @@ def _with_postures(
         robot.name, draft, tree, tuple(toes), names, motors, standing, posture, braces, robot,
         radius or _RADIUS, box, half, odd, tuple(assumed),
     )  # fmt: skip
+
+
+def _touching(parts: Parts | None, legs: list[LegAtZero], posture: Posture) -> bool:
+    """Whether parts of the robot touch in a posture; not, where there is no collision geometry."""
+    if parts is None:
+        return False
+    angles = {
+        joint: float(angle)
+        for leg, row in zip(legs, posture.angles, strict=True)
+        for joint, angle in zip(leg.names, row[len(row) - len(leg.names) :], strict=True)
+    }
+    return bool(parts.touching(angles))
 
 
 def _farthest(chain: SerialChain, lower: Array, upper: Array) -> Array:

@@ -179,3 +179,25 @@ def test_a_plan_may_not_give_itself_leave(plan: ClimbPlan, tmp_path: Path) -> No
         del file["limits"].attrs["shift_max"]  # as plans of before: none
     failed = {c.name for c in verification_of(read_as_found(path)).failed}
     assert {"gait.sequence", "file.spec_values"} <= failed
+
+
+@pytest.mark.slow
+def test_a_quadruped_climbs_a_stair(spec: Path) -> None:
+    text = SPEC.replace(
+        "terrain: {friction: 0.8, ground: {across: [-1.5, 1.5], along: [-1.5, 1.5]}}",
+        """terrain:
+  friction: 0.8
+  regions:
+    - {name: floor, rectangle: {center: [0, -0.55, 0], normal: [0, 0, 1], width: 3, height: 2.1}}
+    - {name: stair, rectangle: {center: [0, 1, 0.04], normal: [0, 0, 1], width: 3, height: 1}}""",
+    )
+    text = text.replace("rounds: 1", "rounds: 3").replace(
+        "com: [0, 0.05, 0.3]", "com: [0, 0.3, 0.32]"
+    )
+    other = spec.with_name("stair.yaml")
+    other.write_text(text)
+    plan = plan_climb(load_climb(other, ["task.goal.tolerance=0.05"]))
+    assert verification_of(plan).passed
+    names = [surface.name for surface in plan.terrain.surfaces]
+    stands = [names[r] for r in plan.rounds.region[-1]]
+    assert stands.count("stair") == 2

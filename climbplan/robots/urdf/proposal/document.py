@@ -47,7 +47,7 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         "",
         "# [N m/rad] of joints under position control. ASSUMED: the P gain with which a joint",
         "# gives its whole torque limit 0.25 rad (14 deg) off its command, or off what it turns in",
-        "# 10 ms if it is so fast; at least 3.4 times weight times reach, or the body on its",
+        "# 10 ms if it is so fast; at least 4 times weight times reach, or the body on its",
         "# springs buckles.",
         "# Measure it: `climbplan fit-stiffness`.",
         f"joint_stiffness: {motors.stiffness:g}",

@@ -14,7 +14,7 @@ _FASTEST = 60.0  # [rad/s]
 _OWN_TORQUE = 1.5  # times what holds a leg's share of the weight at its full length
 _OWN_SPEED = 8.0  # [rad/s]
 _OFF = 0.25  # [rad] off its command at which a joint is to give all of its torque
-_UPRIGHT = 3.4  # [1/rad] of weight times reach that stiffness is at least
+_UPRIGHT = 4.0  # [1/rad] of weight times reach that stiffness is at least
 _CYCLE = 0.01  # [s] that it takes for that at its full speed, at least
 _DIGITS = 2
 
@@ -48,7 +48,7 @@ def motors_of(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) ->
     Stiffness is the P gain with which a joint gives its whole torque 0.25 rad (14 degrees) off its
     command, slack enough that a toe a few millimetres off its place does not use up the motor. For
     joints so fast that they cross that in less than a cycle of 10 ms it is the angle of a cycle. It
-    is more where the robot is heavy for its motors: 3.4 times its weight times a leg's reach, with
+    is more where the robot is heavy for its motors: 4 times its weight times a leg's reach, with
     which the body on its springs does not buckle.
     """
     found = Motors()

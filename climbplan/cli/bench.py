@@ -23,6 +23,7 @@ BENCHMARKS = {
     "refusals": "random climbs: planned, proved impossible or not proved, limits, second tries",
     "stands": "shipped and random climbs in MuJoCo, with margins and without",
     "judge": "the quasi-static engine against MuJoCo in the same worlds of shipped scenes",
+    "zoo": "robots of example-robot-data from URDF to verified plans, and in MuJoCo",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
@@ -275,6 +276,12 @@ def bench(
 
             with standard_output() as stream:
                 bench_judge(seed, quick, stream, given.get("count"))
+            continue
+        if chosen == "zoo":
+            from climbplan.bench.climb.zoo import bench_zoo
+
+            with standard_output() as stream:
+                bench_zoo(quick, stream)
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

@@ -33,12 +33,34 @@ def new(
             help="Another example: climb_tube, or robot_walker for a robot from a URDF.",
         ),
     ] = None,
+    urdf: Annotated[
+        Path | None,
+        typer.Option(
+            "--urdf",
+            metavar="FILE",
+            help="Kind robot: propose one from its URDF, with a walk and a climb that plan.",
+        ),
+    ] = None,
+    package: Annotated[
+        str | None,
+        typer.Option(
+            "--package",
+            metavar="NAME:PART",
+            help="The same for a URDF of an installed Python package, by part of its path.",
+        ),
+    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
-    """Write a commented example spec that runs as it is, and print its path."""
-    from climbplan.plans.atomic_file import written_aside
+    """Write a commented example spec that runs as it is, and print its path.
+
+    With --urdf or --package: NAME.yaml, NAME_ground.yaml, NAME_chimney.yaml and the page NAME.html
+    of a robot, with legs, toes, postures and stiffness proposed and what is assumed marked.
+    """
+    if urdf is not None or package is not None:
+        _new_robot(context, kind, urdf, package, example, directory, force)
+        return
     from climbplan.spec.examples import (
         ABOUT,
         FIRST_EXAMPLE,
@@ -57,6 +79,18 @@ def new(
     target = directory / f"{name}.yaml"
     content = {target: text.encode()}
     content |= {directory / data: value for data, value in example_data(name).items()}
+    _write(content, directory, force)
+    others = [f"{o} ({ABOUT[o]})" if o in ABOUT else o for o in example_names(kind) if o != name]
+    if others:
+        listed = ", ".join(others)
+        context.ensure_object(Session).note(f"other examples (--example NAME): {listed}")
+    print_result(str(target))
+
+
+def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
+    """All files or none that is there already."""
+    from climbplan.plans.atomic_file import written_aside
+
     for path in content:
         if path.exists() and not force:
             raise UsageError(f"{path}: already exists; --force replaces it")
@@ -67,8 +101,31 @@ def new(
     for path, value in content.items():
         with written_aside(path) as aside:
             aside.write_bytes(value)
-    others = [f"{o} ({ABOUT[o]})" if o in ABOUT else o for o in example_names(kind) if o != name]
-    if others:
-        listed = ", ".join(others)
-        context.ensure_object(Session).note(f"other examples (--example NAME): {listed}")
-    print_result(str(target))
+
+
+def _new_robot(
+    context: typer.Context,
+    kind: str,
+    urdf: Path | None,
+    package: str | None,
+    example: str | None,
+    directory: Path,
+    force: bool,
+) -> None:
+    """Files of a robot from a URDF."""
+    if kind != "robot":
+        raise UsageError(f"--urdf and --package are for `new robot`, not for kind {kind!r}")
+    given = {"--urdf": urdf, "--package": package, "--example": example}
+    if sum(value is not None for value in given.values()) > 1:
+        raise UsageError("expected one of --urdf, --package and --example")
+    from climbplan.api.new_robot import new_robot
+    from climbplan.robots.urdf.proposal.packaged import package_urdf
+
+    session = context.ensure_object(Session)
+    path = urdf if urdf is not None else package_urdf(package or "")
+    made = new_robot(path, directory, session.note)
+    content = {directory / name: text.encode() for name, text in made.files.items()}
+    _write(content, directory, force)
+    for note in made.notes:
+        session.note(note)
+    print_result(str(directory / f"{made.name}.yaml"))

@@ -26,10 +26,14 @@ def body_shortfall(scene: MotionScene, rounds: Rounds) -> Array:
 
     A pose is clear of a choice if its hull lies in one of the choice's free regions.
     """
-    com, rpy = poses_between(rounds, np.linspace(0.0, 1.0, _STEPS))
+    return poses_shortfall(scene, *poses_between(rounds, np.linspace(0.0, 1.0, _STEPS)))
+
+
+def poses_shortfall(scene: MotionScene, com: Array, rpy: Array) -> Array:
+    """The same of poses (M, S, 3), (M,) [m]."""
     corners = hull_world(scene, com, rpy)  # (M, S, 8, 3)
     keep = scene.spec.posture.body_clearance
-    worst = np.zeros(rounds.count)
+    worst = np.zeros(len(com))
     for choice in scene.terrain.free_choices:
         room = np.stack([_room(free, corners) for free in choice])  # (regions, M, S)
         worst = np.maximum(worst, (keep - room.max(axis=0)).max(axis=1))

@@ -1,14 +1,19 @@
 """The fixed gait between postures (chapter 5.1.4): lift a limb, place it, push the body, next limb.
 
 In a round of N limbs the body covers 1/N of its way after each limb is placed. The critical
-instants are the 2 N of a round: after each lift and after each push.
+instants are the 2 N of a round: after each lift and after each push. Where the spec lets the body
+leave its straight way (`posture.steps.shift_max`), each push takes it to where the next limb can be
+lifted (`balance.py`).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from climbplan.climb.instants import instants_at, joint_angles
+from climbplan.climb.balance import balancing_shifts
+from climbplan.climb.instants import joint_angles, standing_at
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.rotations import Array
@@ -48,7 +53,7 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
     toes = np.where(placed[None, :, :, None], new, old)
     region = np.where(placed[None], rounds.region[1:, None], rounds.region[:-1, None])
 
-    instants = instants_at(
+    instants = standing_at(
         scene,
         np.repeat(np.arange(1, m + 1), 2 * n),
         com.reshape(-1, 3),
@@ -57,8 +62,24 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
         region.reshape(-1, n),
         np.tile(lifted, (m, 1)),
     )
+    if scene.spec.posture.steps.shift_max > 0:
+        instants = _over_the_others(scene, instants)
+    angles = joint_angles(scene.robot, instants, instants.toes)
+    instants = replace(instants, joint_angles=angles)
     _check_placing(scene, instants)
     return instants
+
+
+def _over_the_others(scene: ClimbScene, instants: Instants) -> Instants:
+    """Instants with the body, at lifts, where the limbs that stay hold it; pushes take it there."""
+    lift = np.arange(0, instants.count, 2)
+    shift = balancing_shifts(
+        scene, Instants(**{name: value[lift] for name, value in vars(instants).items()})
+    )
+    off = np.zeros_like(instants.com)
+    off[lift] = shift
+    off[lift[1:] - 1] = shift[1:]
+    return replace(instants, com=instants.com + off)
 
 
 def _check_placing(scene: ClimbScene, instants: Instants) -> None:

@@ -23,9 +23,26 @@ def instants_at(
 ) -> Instants:
     """Instants with their joint angles, those of the planned pose, without sag.
 
+    Arguments as of `standing_at`. Raises ReachFailure naming round, limb and missing reach or joint
+    bound.
+    """
+    instants = standing_at(scene, rounds, com, rpy, toes, region, lifted)
+    return replace(instants, joint_angles=joint_angles(scene.robot, instants, instants.toes))
+
+
+def standing_at(
+    scene: MotionScene,
+    rounds: Index,
+    com: Array,
+    rpy: Array,
+    toes: Array,
+    region: Index,
+    lifted: Mask,
+) -> Instants:
+    """Instants whose joint angles are not known yet (NaN).
+
     rounds: (K,) from 1 on; com, rpy: (K, 3); toes: (K, N, 3) where limbs stand, or stood before
-    they were lifted, world frame [m]; region, lifted: (K, N). Raises ReachFailure naming round,
-    limb and missing reach or joint bound.
+    they were lifted, world frame [m]; region, lifted: (K, N).
     """
     normals, mu = np.empty_like(toes), np.empty(region.shape)
     for index, surface in enumerate(scene.terrain.surfaces):
@@ -33,7 +50,7 @@ def instants_at(
         mu[here] = surface.friction
         normals[here] = surface.normal_at(toes[here])
     toes = toes + scene.spec.trajectory.lift * normals * lifted[..., None]
-    instants = Instants(
+    return Instants(
         round=rounds,
         lifted=lifted,
         contact=~lifted,
@@ -46,7 +63,6 @@ def instants_at(
         joint_angles=np.full((*region.shape, scene.robot.joint_count), np.nan),
         external_wrench=load_wrench(scene.spec, scene.robot, rpy),
     )
-    return replace(instants, joint_angles=joint_angles(scene.robot, instants, toes))
 
 
 def joint_angles(robot: Robot, instants: Instants, toes: Array, doing: str = "") -> Array:

@@ -61,7 +61,8 @@ def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
     Raises NotProved if the start posture cannot hold itself.
     """
     first = np.zeros(1, np.int64)
-    standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
+    begun = replace(instants, com=rounds.com[:1], rpy=rounds.rpy[:1])
+    standing = _all_standing(scene, begun, first, first, rounds.toes[:1])
     try:
         forces = plan_forces(scene, standing)
     except NoPlanFound as error:
@@ -72,6 +73,14 @@ def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
             because="toes and factors that the spec leaves out are our own",
             stage="trajectory",
         ) from error
+    return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]
+
+
+def _ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
+    """Forces of all limbs where the body waits for the first lift; raises as `plan_forces`."""
+    first = np.zeros(1, np.int64)
+    standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
+    forces = plan_forces(scene, standing)
     return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]
 
 
@@ -165,6 +174,7 @@ def keyframes(
     share: list[float] = []
     label: list[str] = []
     ways_left = iter(paths)
+    everyone = np.ones(len(names), bool)
 
     def to(where: Array, pressing: Load, touching: Mask, part: float, name: str) -> None:
         com.append(com[-1])
@@ -175,10 +185,12 @@ def keyframes(
         share.append(part)
         label.append(name)
 
+    if (instants.com[0] != rounds.com[0]).any():  # over the limbs that stay at the first lift
+        to(toes[0], _ready_load(scene, rounds, instants), everyone, _PUSH, "first shift")
+        com[-1], rpy[-1] = instants.com[0], instants.rpy[0]
     for k in range(0, instants.count, 2):
         limbs = np.flatnonzero(instants.lifted[k])
         name = instants.label(k, names)
-        everyone = np.ones(len(names), bool)
         others = ~instants.lifted[k]
         old, new = toes[-1], instants.toes[k + 1]
         ways = together([next(ways_left) for _ in limbs])  # (P, limbs, 3)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.climb.clearance import body_shortfall
+from climbplan.climb.balance import body_way
+from climbplan.climb.clearance import body_shortfall, poses_shortfall
 from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
@@ -147,12 +148,19 @@ def _plan_motion(
             try:
                 instants = plan_instants(scene, posture.rounds)
                 require_wrists(scene, instants)
+                if scene.spec.posture.steps.shift_max > 0:
+                    way = body_way(posture.rounds, instants)
+                    shortfall = float(poses_shortfall(scene, *way).max(initial=0.0))
             except ReachFailure as error:
                 failure = error
                 if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
                     raise
                 margins = _shrunk(scene, margins, error)
                 notes.append(f"workspace of {error.limb} tightened: {error}")
+                continue
+            if shortfall > 1e-9 and scene.spec.solver.method != "nlp":
+                margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
+                notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
                 continue
             try:
                 swings = _clear_of_obstacles(scene, posture.rounds, instants)

@@ -154,6 +154,7 @@ def step_limits(scene: MotionScene) -> StepLimits:
         rotation_max=float(np.deg2rad(steps.rotation_max_deg)),
         com_min=steps.com_min,
         toe_min=steps.toe_min,
+        shift_max=steps.shift_max,
         goal_com=scene.goal.com,
         goal_toes=scene.goal.toes,
         goal_tolerance=scene.spec.task.goal.tolerance,

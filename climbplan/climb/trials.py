@@ -1,13 +1,16 @@
 """What method `auto` tries: methods that can state the climb, and what the spec leaves open.
 
-Left open are the height of a lift, the order of the limbs and the angles of the goal, each only
-where the spec does not state it.
+Left open are the height of a lift, the order of the limbs, the angles of the goal, and on ground
+whether the body stands over the limbs that stay before each lift, each only where the spec does not
+state it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+
+import numpy as np
 
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene import ClimbScene
@@ -16,6 +19,8 @@ from climbplan.spec.overrides import Override
 from climbplan.spec.stated import stated
 
 _LIFTS = (0.03, 0.015)  # [m]
+_UPWARD = 0.7  # of a normal: ground rather than wall
+_AWAY = 0.6  # of the toes' level distance from the body, that it may shift at most
 _FORCE_STAGES = ("force", "trajectory")  # that ask for postures chosen together with forces
 
 
@@ -40,6 +45,11 @@ def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
     first = first_trial(scene).method
     methods = _methods(scene, error)
     suited = [choice for choice in _choices(scene) if _may_help(choice, error)]
+    if error.stage in _FORCE_STAGES and (over := _over_the_others(scene)) is not None:
+        yield _chosen(first, over)
+        for order in (choice for choice in suited if choice.key == "task.gait"):
+            name = f"{_chosen(first, over).name}, {order.key}={order.value}"
+            yield Trial(name, first, (over, order))
     # Choices cost a run of the global method each, other methods tend to cost more
     if not _needs_choices(error):
         yield from (Trial(method, method) for method in methods)
@@ -101,6 +111,19 @@ def _choices(scene: ClimbScene) -> Iterator[Override]:
         limit = spec.posture.rotation_limit_deg
         if spec.task.goal.rotation_tolerance_deg < limit:
             yield _choice("task.goal.rotation_tolerance_deg", f"{limit:g}")
+
+
+def _over_the_others(scene: ClimbScene) -> Override | None:
+    """Leave for the body to stand over the limbs that stay, where all of them stand on ground."""
+    key = "posture.steps.shift_max"
+    normals = [
+        scene.terrain.surfaces[int(r)].normal_at(toe)
+        for r, toe in zip(scene.start.region, scene.start.toes, strict=True)
+    ]
+    if stated(scene.spec, key) or min(float(n[2]) for n in normals) < _UPWARD:
+        return None
+    away = np.linalg.norm((scene.start.toes - scene.start.com)[:, :2], axis=1).max()
+    return _choice(key, f"{_AWAY * float(away):.2f}")
 
 
 def _choice(key: str, value: str) -> Override:

@@ -87,6 +87,11 @@ LIMITS = {
     "trajectory.capsules": Limit(1e-6, "m", "and so they do on the way, swings included"),
 }
 
+# Made beside these where the spec lets the body leave its straight way (`steps.shift_max`).
+SHIFT_LIMITS = {
+    "steps.shift": Limit(1e-6, "m", "the body, at lifts, off its straight way as far as it may"),
+}
+
 # Made beside these where the terrain is from a scan.
 SCAN_LIMITS = {
     "scan.toes": Limit(1e-6, "m", "standing toes within the flatness of the raw surface"),
@@ -186,7 +191,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """A check by its name in the tables of limits; NaN never passes."""
-    limit = (LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
+    limit = (LIMITS | SHIFT_LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

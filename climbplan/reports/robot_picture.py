@@ -27,8 +27,8 @@ _AXES = "xyz"
 _DOTS = 1200  # of a limb's sampled toes that are drawn
 
 
-def robot_picture(facts: RobotFacts) -> Figure:
-    """Three views in the body frame [m]."""
+def robot_picture(facts: RobotFacts, title: str = "") -> Figure:
+    """Three views in the body frame [m]; title: what is shown, the robot's name by default."""
     robot = facts.robot
     figure = new_figure(4.6, entries=robot.limb_count)
     points = joint_points_body(robot, np.nan_to_num(facts.stance_angles))  # (N, P, 3)
@@ -60,7 +60,7 @@ def robot_picture(facts: RobotFacts) -> Figure:
     foot_legend(figure, handles, [limb_name(name) for name in robot.limb_names])
     heading(
         figure,
-        plain(robot.name, 36),
+        plain(title or robot.name, 36),
         f"{robot.mass:.4g} kg, stance {facts.standing_height:.3f} m above its toes; "
         "dots: toes within joint bounds",
     )

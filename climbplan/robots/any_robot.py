@@ -32,7 +32,9 @@ def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
     held = sorted(
         joint.name
         for joint in spec.tree.joints.values()
-        if joint.kind != "fixed" and not any(joint in own for own in spec.joints.values())
+        if joint.kind != "fixed"
+        and joint.name not in given.locked
+        and not any(joint in own for own in spec.joints.values())
     )
     if held:
         out.append(f"held at zero, as no leg has them: {', '.join(held)}")

@@ -150,7 +150,8 @@ def test_doctor_covers_every_dependency() -> None:
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
     names = ["posture", "force", "plan", "coupled", "transition", "mpc"]
-    names += ["refusals", "stands", "judge", "growth", "bookshelf", "strategies", "limms", "engine"]
+    names += ["refusals", "stands", "judge", "zoo", "growth", "bookshelf", "strategies", "limms"]
+    names += ["engine"]
     assert [line.split()[0] for line in listed] == names
 
 

@@ -67,6 +67,7 @@ def limits_check(limits: StepLimits) -> Check:
         for name, value in (
             ("com_min", limits.com_min),
             ("toe_min", limits.toe_min),
+            ("shift_max", limits.shift_max),
             ("body_clearance", limits.body_clearance),
         )
         if not value >= 0

@@ -13,6 +13,8 @@ from climbplan.climb.plan.climb_plan import Index
 from climbplan.plans.check import Array, Check, judge_worst
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
+_LEVEL = 1e-6  # [m] of height in a level shift: rounding
+
 
 def posture_checks(subject: Subject) -> Iterator[Check]:
     """Everything about postures and instants except forces and clearance."""
@@ -79,6 +81,19 @@ def _steps(subject: Subject) -> Iterator[Check]:
         after,
         margin,
         used=turns / limits.rotation_max,
+    )
+    if limits.shift_max > 0:
+        yield _shift(subject, limits.shift_max)
+
+
+def _shift(subject: Subject, most: float) -> Check:
+    """How far the body is off the straight way between postures at lifts, level."""
+    shift = gait_of(subject.plan).shift
+    off = np.linalg.norm(shift, axis=-1)
+    excess = np.maximum(off - most, np.where(np.abs(shift[:, 2]) > _LEVEL, np.inf, -np.inf))
+    margin = f"{1e3 * off.max():.0f} of {1e3 * most:.0f} mm"
+    return judge_worst(
+        "steps.shift", excess, lambda step: subject.at(2 * step), margin, used=off / most
     )
 
 

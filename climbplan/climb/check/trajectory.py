@@ -94,9 +94,11 @@ def _body(motion: Motion) -> Check:
     """The body waits while limbs are in the air and then moves straight on to its next station."""
     plan = motion.subject.plan
     stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
-    waits = motion.lifted.any(axis=1) | (motion.done == 0)
+    first = np.hstack([plan.rounds.com[:1], plan.rounds.rpy[:1]])  # from where it starts out
+    before = np.vstack([first, stations[:-1]])
     end = stations[motion.done]
-    start = np.where(waits[:, None], end, stations[np.maximum(motion.done - 1, 0)])
+    waits: Mask = np.asarray(motion.lifted.any(axis=1))
+    start = np.where(waits[:, None], end, before[motion.done])
     pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
     off = _off_segment(pose, start, end)  # one radian counts as one metre
     return judge_worst("trajectory.body", off, motion.at)

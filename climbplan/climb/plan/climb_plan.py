@@ -124,6 +124,7 @@ class StepLimits:
     body_clearance: float  # [m]
     safety_friction: float  # S_mu asked for
     safety_torque: float  # least S_tau asked for
+    shift_max: float = 0.0  # [m] that the body may be off its straight way where a limb is lifted
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,11 @@ def _read(reader: Reader) -> ClimbPlan:
     forces = Forces(**_arrays(reader, "instants", layout.FORCES))
     trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
     bounds = _arrays(reader, "limits", layout.LIMITS)
-    bounds |= {name: reader.number("limits", name) for name in layout.LIMITS_NUMBERS}
+    bounds |= {
+        name: reader.number("limits", name)
+        for name in layout.LIMITS_NUMBERS
+        if name not in layout.LATER_LIMITS or reader.has_attribute("limits", name)
+    }
     limits = StepLimits(**bounds)
     _require_counts(reader, kind)
     terrain = read_terrain(reader, "terrain")

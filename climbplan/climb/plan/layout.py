@@ -93,7 +93,9 @@ LIMITS_NUMBERS = {
     "body_clearance": "m",
     "safety_friction": "",
     "safety_torque": "",
+    "shift_max": "m",
 }
+LATER_LIMITS = ("shift_max",)  # that plan files of before do not have: zero then
 
 # terrain/surfaces/<index>, attribute `kind` "flat" (with the half-spaces of its edges) or "tube"
 FLAT = {

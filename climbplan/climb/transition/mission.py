@@ -139,6 +139,7 @@ def _within(own: PosturePlannerSpec, whole: TransitionPostureSpec) -> PosturePla
         update={
             "com_max": min(own.steps.com_max, whole.steps.com_max),
             "toe_max": min(own.steps.toe_max, whole.steps.toe_max),
+            "shift_max": whole.steps.shift_max,
             "rotation_max_deg": min(own.steps.rotation_max_deg, whole.steps.rotation_max_deg),
         }
     )

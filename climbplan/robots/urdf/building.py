@@ -41,8 +41,8 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
     legs = [found.leg(name) for name in names]
     width = max(len(leg.names) for leg in legs)
     lower, upper, posture = (
-        _by_leg(width, [[values[j] for j in leg.names] for leg in legs], empty)
-        for values, empty in zip(_angles(robot), (-1.0, 1.0, 0.0), strict=True)
+        by_leg(width, [[values[j] for j in leg.names] for leg in legs], empty)
+        for values, empty in zip(joint_angles_of(robot), (-1.0, 1.0, 0.0), strict=True)
     )
     centre = found.center(
         {
@@ -51,7 +51,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
             for joint, angle in zip(leg.names, row[width - len(leg.names) :], strict=True)
         }
     )
-    chain = _chain(legs, width, centre, posture)
+    chain = chain_at_zero(legs, width, centre, posture)
     stance = chain.joint_points(posture)[:, -1]
     given = np.array([spec.legs[name].stance is not None for name in names])
     for index, name in enumerate(names):
@@ -102,7 +102,9 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
     )
 
 
-def _angles(robot: UrdfRobot) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+def joint_angles_of(
+    robot: UrdfRobot,
+) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Lower and upper bounds and posture of every joint of a leg [rad], by name."""
     lower, upper, posture = {}, {}, {}
     for name, joints in robot.joints.items():
@@ -119,12 +121,12 @@ def _angles(robot: UrdfRobot) -> tuple[dict[str, float], dict[str, float], dict[
     return lower, upper, posture
 
 
-def _by_leg(width: int, rows: list[list[float]], empty: float) -> Array:
+def by_leg(width: int, rows: list[list[float]], empty: float) -> Array:
     """(N, J) of rows that may be shorter, whose first joints are then none."""
     return np.array([[empty] * (width - len(row)) + row for row in rows])
 
 
-def _chain(legs: list[LegAtZero], width: int, centre: Array, posture: Array) -> SerialChain:
+def chain_at_zero(legs: list[LegAtZero], width: int, centre: Array, posture: Array) -> SerialChain:
     joints, axes, names = [], [], []
     for leg in legs:
         none = width - len(leg.names)
@@ -177,7 +179,7 @@ def _limits(robot: UrdfRobot, legs: list[LegAtZero], width: int, key: str, attri
         given = vars(own[joint])[key] if joint in own else None
         return float(given or vars(robot.tree.joints[joint])[attribute])
 
-    return _by_leg(width, [[limit(joint) for joint in leg.names] for leg in legs], 1.0)
+    return by_leg(width, [[limit(joint) for joint in leg.names] for leg in legs], 1.0)
 
 
 def _stiffness(robot: UrdfRobot, legs: list[LegAtZero], width: int) -> Array:
@@ -187,7 +189,7 @@ def _stiffness(robot: UrdfRobot, legs: list[LegAtZero], width: int) -> Array:
         given = own[joint].stiffness if joint in own else None
         return given or common
 
-    return _by_leg(width, [[stiffness(joint) for joint in leg.names] for leg in legs], common)
+    return by_leg(width, [[stiffness(joint) for joint in leg.names] for leg in legs], common)
 
 
 def _hull(robot: UrdfRobot, first: Array, box: tuple[Array, Array] | None, centre: Array) -> Array:

@@ -70,7 +70,7 @@ class UrdfModel:
     def leg(self, name: str) -> LegAtZero:
         """One leg at zero angles."""
         pin, model = self.library, self.model
-        data = self._data(pin.neutral(model))
+        data = self._data(self.angles({}))
         spec = self.robot.spec.legs[name]
         joints, axes, names = [], [], []
         for joint in self.robot.joints[name]:
@@ -94,13 +94,18 @@ class UrdfModel:
         return float(self.library.computeTotalMass(self.model))
 
     def center(self, angles: dict[str, float]) -> Array:
-        """Centre of mass (3,) at joint angles by name [rad]; other joints are at zero."""
+        """Centre of mass (3,) at joint angles by name [rad]; others are locked or at zero."""
         pin, model = self.library, self.model
+        return self.placed(pin.centerOfMass(model, model.createData(), self.angles(angles)))
+
+    def angles(self, given: dict[str, float]) -> Any:
+        """Pinocchio's coordinates for joint angles by name [rad]; others are locked or at zero."""
+        pin, model = self.library, self.model
+        locked = {name: np.deg2rad(angle) for name, angle in self.robot.spec.locked.items()}
         turned = np.zeros(model.nv)
-        for name, angle in angles.items():
+        for name, angle in (locked | given).items():
             turned[model.idx_vs[model.getJointId(name)]] = angle
-        q = pin.integrate(model, pin.neutral(model), turned)
-        return self.placed(pin.centerOfMass(model, model.createData(), q))
+        return pin.integrate(model, pin.neutral(model), turned)
 
     def _data(self, q: Any) -> Any:
         pin, model = self.library, self.model
@@ -125,12 +130,12 @@ def urdf_model(robot: UrdfRobot) -> UrdfModel:
     if lost := list(lost_masses(robot, model, pin)):
         raise robot.refused(lost)
     data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    pin.updateFramePlacements(model, data)
     forward = np.array(_FORWARD[robot.spec.forward])
     up = np.array([0.0, 0.0, 1.0])
     to_axes = np.stack([np.cross(forward, up), forward, up])
     found = UrdfModel(robot, pin, model, to_axes, np.zeros(3))
+    pin.forwardKinematics(model, data, found.angles({}))
+    pin.updateFramePlacements(model, data)
     base = data.oMf[_frame(found, robot.base)]
     return UrdfModel(robot, pin, model, to_axes @ base.rotation.T, np.array(base.translation))
 

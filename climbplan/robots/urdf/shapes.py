@@ -39,15 +39,23 @@ def collision_shapes(found: UrdfModel) -> list[Shape]:
         message = f"its collision geometry cannot be read: {reason}"
         raise found.robot.refused([Finding(("urdf",), message)]) from error
     data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
+    pin.forwardKinematics(model, data, found.angles({}))
+    moved = {joint.name for leg in found.robot.joints.values() for joint in leg}
     shapes = []
     for item in geometry.geometryObjects:
         points, radius = _points_of(item.geometry)
         place = data.oMi[item.parentJoint] * item.placement
         at = points @ place.rotation.T + place.translation
-        name = model.names[item.parentJoint] if item.parentJoint > 1 else ""
+        name = _carrier(model, item.parentJoint, moved)
         shapes.append(Shape(name, found.placed(at), radius))
     return shapes
+
+
+def _carrier(model: Any, joint: int, moved: set[str]) -> str:
+    """The joint of a leg that carries a shape, past joints that are held; "" for the body."""
+    while joint > 1 and model.names[joint] not in moved:
+        joint = int(model.parents[joint])
+    return str(model.names[joint]) if joint > 1 else ""
 
 
 def legs_radius(legs: list[LegAtZero], shapes: list[Shape]) -> float | None:

@@ -122,6 +122,15 @@ class PostureSteps(SpecModel):
     rotation_max_deg: Number = quantity("deg", "largest turn about each axis", default=10.0, gt=0)
     com_min: Number = quantity("m", "smallest body step (`nlp` only)", default=0.0, ge=0)
     toe_min: Number = quantity("m", "smallest toe step (`nlp` only)", default=0.0, ge=0)
+    shift_max: Number = quantity(
+        "m",
+        "how far the body may leave its straight way, level, to stand over the limbs that stay "
+        "before one is lifted, by as little as forces with their margins ask for; 0: it keeps to "
+        "its way, as between walls (on level ground four legs ask for about half their spacing)",
+        default=0.0,
+        ge=0,
+        le=2,
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -64,6 +64,10 @@ class MotionSteps(Protocol):
     def rotation_max_deg(self) -> float:
         """Largest turn about each axis [deg]."""
 
+    @property
+    def shift_max(self) -> float:
+        """Largest level shift of the body off its straight way before a lift [m]."""
+
 
 class MotionPosture(Protocol):
     """Cost and bounds of postures."""

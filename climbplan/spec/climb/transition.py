@@ -106,6 +106,11 @@ class TransitionSteps(SpecModel):
         """Smallest toe step [m]: toes may rest."""
         return 0.0
 
+    @property
+    def shift_max(self) -> float:
+        """Largest shift of the body off its way [m]: body poses are chosen as they are needed."""
+        return 0.0
+
 
 class TransitionPostureSpec(SpecModel):
     """Body poses and footholds."""

@@ -24,6 +24,7 @@ class Gait:
     stood: Index  # (K, N) the round whose foothold each limb is on, or left; 0 for the start
     station_com: Array  # (S + 1, 3) where the body waits before each step and after the last
     station_rpy: Array  # (S + 1, 3)
+    shift: Array  # (S, 3) of these off the straight way, zero where plans may not leave it
     broken: Mask  # (K,) limbs lifted where none or some should be, out of turn, or of another round
 
     @property
@@ -75,7 +76,12 @@ def gait_of(plan: ClimbPlan) -> Gait:
     stood[1::2] = after
     stood[2::2] = after[:-1]
     com, rpy = _stations(rounds, number)
-    return Gait(moved, number, stood, com, rpy, broken)
+    shift = np.zeros((len(number), 3))
+    if plan.limits.shift_max > 0:
+        # Where the body waits for a lift is the plan's own choice, bounded by `steps.shift`
+        shift = np.asarray(instants.com[::2] - com[:-1])
+        com[:-1] += shift
+    return Gait(moved, number, stood, com, rpy, shift, broken)
 
 
 def _not_a_climb(lifted: Mask, number: Index) -> Mask:

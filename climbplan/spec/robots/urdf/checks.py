@@ -68,6 +68,18 @@ def section_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> list[Fin
         for name in spec.joints
         if name not in tree.joints
     ]
+    for name, degrees in spec.locked.items():
+        path = ("locked", name)
+        joint = tree.joints.get(name)
+        if joint is None:
+            found.append(_unknown(path, "joint", name, tree.joints))
+        elif not joint.turns:
+            message = f"a {joint.kind} joint, {tree.at(joint.line)}; expected one that turns"
+            found.append(Finding(path, message))
+        elif not _within(joint, degrees):
+            found.append(Finding(path, _out_of_bounds(joint, degrees)))
+        if name in spec.joints:
+            found.append(Finding(("joints", name), "locked: it has no limits and no stiffness"))
     if sum(link.mass for link in tree.links.values()) <= 0:
         message = "zero mass: no link of the URDF has any, and so it has no centre of mass"
         cure = "expected <inertial> in its links; `mass` alone does not tell where it acts"
@@ -89,7 +101,7 @@ def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Fin
         if way is None:
             yield Finding((*here, "toe"), f"link {leg.toe!r} is not carried by the base {base!r}")
             continue
-        moving = [joint for joint in way if joint.kind != "fixed"]
+        moving = moving_joints(way, spec)
         for joint in moving:
             where = f"joint {joint.name!r} ({tree.at(joint.line)})"
             for message in joint_faults(joint, spec):
@@ -99,16 +111,23 @@ def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Fin
                 yield Finding(
                     (*here, "toe"),
                     f"{where} moves {owner} and {name} together; expected joints of its own for "
-                    "every leg, or the last common link as `base`",
+                    "every leg, the last common link as `base`, or it held: "
+                    f"`locked: {{{joint.name}: DEGREES}}`",
                 )
         if not FEWEST_JOINTS <= len(moving) <= MOST_JOINTS:
             yield Finding(
                 (*here, "toe"),
                 f"expected {FEWEST_JOINTS} to {MOST_JOINTS} joints that move from {base!r} to "
                 f"{leg.toe!r}, got {len(moving)}{': ' if moving else ''}"
-                f"{', '.join(joint.name for joint in moving)}",
+                f"{', '.join(joint.name for joint in moving)}"
+                + ("; `locked` holds some" if len(moving) > MOST_JOINTS else ""),
             )
         yield from _posture_findings(name, leg, moving)
+
+
+def moving_joints(way: list[UrdfJoint], spec: UrdfRobotSpec) -> list[UrdfJoint]:
+    """Joints of a way that a leg moves: neither fixed nor locked."""
+    return [joint for joint in way if joint.kind != "fixed" and joint.name not in spec.locked]
 
 
 def joint_faults(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
@@ -158,13 +177,19 @@ def _posture_findings(name: str, leg: UrdfLegSpec, moving: list[UrdfJoint]) -> I
                 nearest(joint, list(own)),
             )
             continue
-        low, high = own[joint].lower, own[joint].upper
-        if not low - 1e-9 <= np.deg2rad(degrees) <= high + 1e-9:
-            yield Finding(
-                path,
-                f"expected an angle within the joint's bounds, {np.rad2deg(low):.4g} to "
-                f"{np.rad2deg(high):.4g} deg, got {degrees:g}",
-            )
+        if not _within(own[joint], degrees):
+            yield Finding(path, _out_of_bounds(own[joint], degrees))
+
+
+def _within(joint: UrdfJoint, degrees: float) -> bool:
+    return bool(joint.lower - 1e-9 <= np.deg2rad(degrees) <= joint.upper + 1e-9)
+
+
+def _out_of_bounds(joint: UrdfJoint, degrees: float) -> str:
+    return (
+        f"expected an angle within the joint's bounds, {np.rad2deg(joint.lower):.4g} to "
+        f"{np.rad2deg(joint.upper):.4g} deg, got {degrees:g}"
+    )
 
 
 def _unknown(path: tuple[str, ...], what: str, name: str, known: object) -> Finding:

@@ -121,6 +121,12 @@ class UrdfRobotSpec(SpecModel):
     joints: dict[str, UrdfJointSpec] = Field(
         default={}, description="joint name -> what the URDF does not say of it"
     )
+    locked: dict[str, Number] = quantity(
+        "deg",
+        "joint name -> angle at which it is held, fixed like a weld: a waist that legs would "
+        "share, joints of a leg beyond seven, arms where they are to be out of the way",
+        default={},
+    )
     body_half_size: Vector | None = quantity(
         "m",
         "half extents of the body's box hull about the centre of mass; left out: round the base "

@@ -7,7 +7,12 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.document import Document, Finding, KeyPath
-from climbplan.spec.robots.urdf.checks import leg_findings, section_findings, tree_findings
+from climbplan.spec.robots.urdf.checks import (
+    leg_findings,
+    moving_joints,
+    section_findings,
+    tree_findings,
+)
 from climbplan.spec.robots.urdf.meshes import mesh_path
 from climbplan.spec.robots.urdf.model import UrdfRobotSpec
 from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
@@ -91,7 +96,7 @@ def robot_of_tree(
     if found:
         return None, below(path, list(dict.fromkeys(found)))
     joints = {
-        name: tuple(j for j in tree.way_to(leg.toe, base) or [] if j.kind != "fixed")
+        name: tuple(moving_joints(tree.way_to(leg.toe, base) or [], spec))
         for name, leg in spec.legs.items()
     }
     return UrdfRobot(spec, tree, base, joints, meshes, document, path), []

@@ -1,0 +1,43 @@
+"""Files for a robot from its URDF alone: the robot, a walk and a climb that plan as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from climbplan.climb.proposed import planned_proposal
+from climbplan.reports.robot_page import robot_page
+from climbplan.robots.urdf.proposal.proposing import propose
+
+
+@dataclass(frozen=True)
+class NewRobot:
+    """Files by name, and what there is to say of them."""
+
+    name: str
+    files: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def new_robot(
+    urdf: Path, directory: Path, report: Callable[[str], None] = lambda words: None
+) -> NewRobot:
+    """Propose a robot from a URDF, and plan with it; paths in the files are for `directory`.
+
+    A spec that does not lead to a plan is written all the same, and told. Raises SpecError for what
+    is wrong in the URDF and UsageError where no robot can be proposed.
+    """
+    report("proposing legs, toes and postures")
+    found = propose(urdf)
+    made = planned_proposal(found, directory, report)
+    outcomes = (made.walk, made.climb)
+    notes = [f"implausible: {text}" for text in found.odd]
+    notes += [f"assumed: {text}" for text in found.assumed]
+    notes += [str(outcome) for outcome in outcomes]
+    badges = [
+        (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
+        for one in outcomes
+    ]
+    page = {f"{made.name}.html": robot_page(found, made.brace, badges)}
+    return NewRobot(made.name, made.files | page, tuple(notes))

@@ -1,0 +1,100 @@
+"""A page about a robot proposed from its URDF: pictures of postures, joints, masses, oddities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from climbplan.reports.page_parts import Card, escape
+from climbplan.reports.page_template import fill, frame_fields
+from climbplan.reports.robot_picture import robot_picture
+from climbplan.reports.sheet import png
+from climbplan.robots.facts import robot_facts
+from climbplan.robots.model import Robot
+from climbplan.robots.task_robot import with_stance
+from climbplan.robots.urdf.proposal.postures import Posture
+from climbplan.robots.urdf.proposal.proposing import Proposal
+
+_JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "speed [rad/s]",
+           "stiffness [N m/rad]")  # fmt: skip
+
+
+def robot_page(proposal: Proposal, brace: Posture | None, told: Sequence[tuple[str, bool]]) -> str:
+    """The page; told: what became of each spec that uses the robot, and whether it is a plan."""
+    robot = proposal.robot
+    facts = robot_facts(robot)
+    images = {"standing on ground": png(robot_picture(facts, "standing on ground"))}
+    if brace is not None:
+        toes = {
+            name: (float(x), float(y), float(z))
+            for name, (x, y, z) in zip(robot.limb_names, brace.toes, strict=True)
+        }
+        braced = robot_facts(with_stance(robot, toes))
+        title = f"between walls {brace.gap:.3f} m apart"
+        images[title] = png(robot_picture(braced, title))
+    notes = [("IMPLAUSIBLE", text) for text in proposal.odd]
+    notes += [("ASSUMED", text) for text in proposal.assumed]
+    cards = [
+        Card("Mass", f"{robot.mass:.4g} kg", f"{len(proposal.tree.links)} links"),
+        Card("Standing height", f"{-robot.stance_body[:, 2].mean():.3f} m", "body above its toes"),
+        Card("Room of a toe", f"{robot.stance_radius:.3f} m", "ball about its stance, sampled"),
+        Card("Reach", f"{robot.reach:.3f} m", "of the leg that reaches least"),
+        Card("Stiffness", f"{proposal.motors.stiffness:g} N m/rad", "of most joints, proposed"),
+    ]
+    whole = all(good for _, good in told)
+    fields = frame_fields(
+        robot.name, ("robot",), tuple(words for words, _ in told), whole, cards, images
+    )
+    verdict = "Proposed from its URDF: look at what is assumed before it is believed."
+    return fill(
+        "robot.html",
+        **fields,
+        verdict=escape(verdict),
+        notes="\n".join(f"<li><b>{mark}</b> {escape(text)}</li>" for mark, text in notes),
+        joints=_table(_JOINTS, _joint_rows(proposal)),
+        links=_table(("carried by", "mass [kg]", "links"), _link_rows(proposal)),
+    )
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    top = "".join(f"<th>{escape(name)}</th>" for name in head)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
+    )
+    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _joint_rows(proposal: Proposal) -> list[list[str]]:
+    robot: Robot = proposal.robot
+    rows = []
+    for n, leg in enumerate(robot.limb_names):
+        for j, joint in enumerate(robot.limbs.joint_names[n]):
+            if not joint:
+                continue
+            low, high = np.rad2deg(robot.joint_lower[n, j]), np.rad2deg(robot.joint_upper[n, j])
+            numbers = (robot.max_torque, robot.max_joint_speed, robot.joint_stiffness)
+            rows.append(
+                [leg, joint, f"{low:.0f} to {high:.0f}", f"{proposal.standing[joint]:.0f}"]
+                + [f"{values[n, j]:g}" for values in numbers]
+            )
+    return rows
+
+
+def _link_rows(proposal: Proposal) -> list[list[str]]:
+    """Moving parts: their joint, their mass, and the links fixed together in them."""
+    tree = proposal.tree
+    by_child = tree.by_child
+    parts: dict[str, list[str]] = {}
+    for name in tree.links:
+        here = name
+        while here in by_child and by_child[here].kind == "fixed":
+            here = by_child[here].parent
+        parts.setdefault(here, []).append(name)
+    rows = []
+    for first, links in parts.items():
+        mass = sum(tree.links[name].mass for name in links)
+        joint = by_child[first].name if first in by_child else "the body"
+        shown = ", ".join(links[:4]) + (f" and {len(links) - 4} more" if len(links) > 4 else "")
+        rows.append([joint, f"{mass:.4g}", shown])
+    return rows

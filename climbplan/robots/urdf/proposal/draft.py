@@ -1,0 +1,62 @@
+"""A robot section as it is put together: what is known of legs so far, loaded as any robot is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from climbplan.errors import SpecError
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.robots.urdf.shapes import Shape, collision_shapes
+from climbplan.spec.document import Document
+from climbplan.spec.robots.source import robot_of
+from climbplan.spec.robots.urdf.source import UrdfRobot
+
+
+@dataclass
+class Draft:
+    """Keys of a robot section, with which it is loaded to look at it."""
+
+    urdf: Path
+    base: str
+    legs: dict[str, dict[str, Any]]
+    joints: dict[str, dict[str, float]]
+    locked: dict[str, float]
+    forward: str = "x"
+    packages: dict[str, str] = field(default_factory=dict)
+
+    def robot(self, meshes: bool = False) -> UrdfRobot:
+        """The robot of the section; without meshes none is looked for.
+
+        Raises SpecError with what is wrong in the URDF.
+        """
+        section: dict[str, Any] = {
+            "kind": "robot",
+            "urdf": str(self.urdf),
+            "base": self.base,
+            "forward": self.forward,
+            "legs": self.legs,
+            "joints": self.joints,
+            "locked": self.locked,
+            "packages": self.packages,
+        }
+        if not meshes:
+            section |= {"limb_radius": 0.02, "body_half_size": [0.1, 0.1, 0.1]}
+        document = Document(self.urdf.name, "", section)
+        robot = robot_of(document, Path())
+        if not isinstance(robot, UrdfRobot):
+            raise TypeError(f"no robot from a URDF: {json.dumps(section)[:80]}")
+        return robot
+
+    def model(self) -> UrdfModel:
+        """Its links in Pinocchio's hands."""
+        return urdf_model(self.robot())
+
+    def shapes(self) -> tuple[list[Shape], str]:
+        """Collision geometry, and why there is none if it cannot be read."""
+        try:
+            return collision_shapes(urdf_model(self.robot(meshes=True))), ""
+        except SpecError as error:
+            return [], error.mistakes[0].message

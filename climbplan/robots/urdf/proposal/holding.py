@@ -1,0 +1,105 @@
+"""Whether legs hold a robot between walls while any one of them is in the air, and how hard it is.
+
+For each leg lifted the least share s of the torque limits with which the others hold the weight:
+
+    minimise    s + level shift of the body
+    such that   sum f = W,   sum p x f - d x W = 0,   |J^T f| <= s tau,   s <= 1
+                forces in pyramids inside the friction cones, and of some pressure
+
+a linear program, with the Jacobians of the unshifted body. The planner of forces knows more than
+this (compliance, commands, stability); it has the last word.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from scipy.optimize import linprog
+
+from climbplan.robots.rotations import Array
+
+_FACETS = 8
+_PRESS = 0.05  # of the weight, at every toe
+_SHIFT_COST = 2.0  # [1/m] share of torque that a metre of shift has to save
+
+
+def holding_share(
+    toes: Array,
+    normal: Array,
+    jacobian: Array,
+    torque: Array,
+    weight: float,
+    mu: float,
+    most: float,
+) -> tuple[float, float]:
+    """The largest share of any lift, and the largest shift [m]; infinite where a lift has none.
+
+    toes, normal: (N, 3) from the centre of mass; jacobian: (N, 3, J); torque: (N, J) [N m]; mu:
+    friction coefficient that may be used; most: [m] of shift.
+    """
+    worst, shift = 0.0, 0.0
+    for lifted in range(len(toes)):
+        stands = [i for i in range(len(toes)) if i != lifted]
+        found = _least_share(
+            toes[stands], normal[stands], jacobian[stands], torque[stands], weight, mu, most
+        )
+        if found is None:
+            return np.inf, np.inf
+        worst, shift = max(worst, found[0]), max(shift, found[1])
+    return worst, shift
+
+
+def _least_share(
+    toes: Array,
+    normal: Array,
+    jacobian: Array,
+    torque: Array,
+    weight: float,
+    mu: float,
+    most: float,
+) -> tuple[float, float] | None:
+    """Share and shift of one stance.
+
+    Unknowns: forces in units of the weight, s, the shift in x and y, and its size.
+    """
+    n = len(toes)
+    size = 3 * n + 4
+    equal = np.zeros((6, size))
+    for i in range(n):
+        x, y, z = toes[i]
+        equal[:3, 3 * i : 3 * i + 3] = np.eye(3)
+        equal[3:, 3 * i : 3 * i + 3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    # Toes are at p - d from the shifted body, under the weight's reaction of one: d x (0, 0, 1)
+    equal[3, -2], equal[4, -3] = -1.0, 1.0
+    right = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    rows: list[Array] = []
+    ends: list[Array] = []
+    angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
+    inner = mu * np.cos(np.pi / _FACETS)
+    for i in range(n):
+        own = slice(3 * i, 3 * i + 3)
+        across = np.cross(normal[i], np.eye(3)[int(np.argmin(np.abs(normal[i])))])
+        across /= np.linalg.norm(across)
+        along = np.cross(normal[i], across)
+        around = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along
+        pyramid = np.zeros((_FACETS, size))
+        pyramid[:, own] = around - inner * normal[i]
+        press = np.zeros((1, size))
+        press[0, own] = -normal[i]
+        turn = np.zeros((2 * jacobian.shape[2], size))
+        share = weight * jacobian[i].T / torque[i][:, None]
+        turn[:, own] = np.concatenate([share, -share])
+        turn[:, 3 * n] = -1.0
+        rows += [pyramid, press, turn]
+        ends += [np.zeros(_FACETS), np.array([-_PRESS]), np.zeros(len(turn))]
+    for column, sign in itertools.product((-3, -2), (1.0, -1.0)):
+        row = np.zeros((1, size))
+        row[0, column], row[0, -1] = sign, -1.0
+        rows.append(row)
+        ends.append(np.zeros(1))
+    cost = np.zeros(size)
+    cost[3 * n], cost[-1] = 1.0, _SHIFT_COST
+    bounds = [(None, None)] * (3 * n) + [(0.0, 1.0), (-most, most), (-most, most), (0.0, most)]
+    found = linprog(cost, np.vstack(rows), np.concatenate(ends), equal, right, bounds)
+    return (float(found.x[3 * n]), float(found.x[-1])) if found.status == 0 else None

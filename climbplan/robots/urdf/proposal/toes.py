@@ -1,0 +1,75 @@
+"""Which point of a limb's last body is its toe."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.robots.urdf.pinocchio_model import UrdfModel
+from climbplan.robots.urdf.shapes import Shape
+
+_FEET = re.compile(r"foot|feet|toe|sole|tip|contact", re.IGNORECASE)
+_OFF_JOINT = 0.01  # [m] a frame this close to the joint is no toe
+_FAR = 0.6  # of the farthest collision geometry, that a frame has to be away to be a toe
+_ENDS = 0.03  # of the distance, within which points of a shape count as its end
+
+
+@dataclass(frozen=True)
+class Toe:
+    """A toe, and why it is one."""
+
+    link: str
+    offset: tuple[float, float, float]  # in the link's frame [m]
+    why: str
+
+
+def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
+    """The toe of the limb whose last joint is `joint`, which moves the link `end`.
+
+    Links fixed to that body count by their names (foot, toe, sole, tip, contact), then by how far
+    they are from the joint; where collision geometry goes well beyond all of them, its end does.
+    """
+    pin, model = found.library, found.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, found.angles({}))
+    pin.updateFramePlacements(model, data)
+    index = model.getJointId(joint)
+    origin = data.oMi[index].translation
+    links = [
+        (frame.name, float(np.linalg.norm(data.oMf[i].translation - origin)))
+        for i, frame in enumerate(model.frames)
+        if frame.parentJoint == index and frame.type == pin.FrameType.BODY
+    ]
+    away = {name: distance for name, distance in links if distance > _OFF_JOINT}
+    feet = [name for name in away if _FEET.search(name)]
+    if feet:
+        link = max(feet, key=lambda name: away[name])
+        return Toe(link, (0.0, 0.0, 0.0), "by its name")
+    points, reach = _end_of_shapes(found, origin, joint, shapes)
+    farthest = max(away, key=lambda name: away[name], default=None)
+    if farthest is not None and away[farthest] >= _FAR * reach:
+        return Toe(farthest, (0.0, 0.0, 0.0), "the farthest frame of its last body")
+    if points is None:
+        return Toe(end, (0.0, 0.0, 0.0), "ASSUMED: nothing says how long the last link is")
+    place = data.oMf[int(model.getFrameId(end, pin.FrameType.BODY))]
+    point = points @ found.turn + found.origin  # back into the root's frame
+    offset = place.rotation.T @ (point - place.translation)
+    x, y, z = (round(float(value), 4) for value in offset)
+    return Toe(end, (x, y, z), "the end of its last body's collision geometry")
+
+
+def _end_of_shapes(
+    found: UrdfModel, origin: Array, joint: str, shapes: list[Shape]
+) -> tuple[Array | None, float]:
+    """The middle of the farthest part of a joint's shapes and its distance; None without any."""
+    here = found.placed(origin)
+    own = [shape for shape in shapes if shape.joint == joint]
+    if not own:
+        return None, 0.0
+    points = np.concatenate([shape.points for shape in own])
+    far = np.linalg.norm(points - here, axis=1)
+    reach = float(far.max())
+    return points[far >= (1 - _ENDS) * reach].mean(axis=0), reach

@@ -1,0 +1,124 @@
+"""`new robot --urdf`: from a URDF alone to files that plan as they are."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import pytest
+from urdf_walkers import Walker
+
+import climbplan
+from climbplan.api.new_robot import new_robot
+from climbplan.cli.app import run
+from climbplan.errors import UsageError
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.spec.robots.source import load_any_robot
+
+
+@pytest.fixture(scope="module", name="folder")
+def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which `new robot` was run on a quadruped's URDF in another one beside it."""
+    place = tmp_path_factory.mktemp("robots")
+    (place / "urdf").mkdir()
+    Walker(joints=3).write(place / "urdf" / "walker.urdf")
+    assert (
+        run(["new", "robot", "--urdf", str(place / "urdf/walker.urdf"), str(place / "mine")]) == 0
+    )
+    return place / "mine"
+
+
+def test_the_specs_plan_as_they_are(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "walker4.html",
+        "walker4.yaml",
+        "walker4_chimney.yaml",
+        "walker4_ground.yaml",
+    ]
+    for spec in ("ground", "chimney"):
+        plan = climbplan.plan(folder / f"walker4_{spec}.yaml")
+        assert plan.verify().passed
+        assert spec != "ground" or "found by" not in " ".join(plan.warnings)  # not by trials
+
+
+def test_the_robot_file_is_commented_and_names_its_urdf_by_place(folder: Path) -> None:
+    text = (folder / "walker4.yaml").read_text()
+    assert 'urdf: "../urdf/walker.urdf"' in text
+    assert "ASSUMED" in text
+    assert "joint_stiffness" in text
+    robot = build_robot(load_any_robot(folder / "walker4.yaml"))
+    assert robot.limb_names == ("RF", "RR", "LR", "LF")
+    assert robot.mass == pytest.approx(4.0 + 12 * 0.2)
+
+
+def test_the_page_shows_both_postures(folder: Path) -> None:
+    page = (folder / "walker4.html").read_text()
+    assert page.count("data:image/png") == 2
+    assert "walks on ground" in page
+    assert "climbs between walls" in page
+    assert "L1_knee" in page
+    assert "IMPLAUSIBLE" not in page or "inside their own feet" in page
+    assert "<script" not in page
+
+
+def test_a_spec_without_a_plan_is_told(tmp_path: Path) -> None:
+    """Motors that hold nothing: the files are written, and the refusal is told."""
+    path = Walker(joints=3, effort=0.5).write(tmp_path / "weak.urdf")
+    with pytest.raises(UsageError, match="no posture in which it stands"):
+        new_robot(path, tmp_path)
+    weak = Walker(joints=3, effort=9.0).write(tmp_path / "weak.urdf")
+    made = new_robot(weak, tmp_path)
+    assert any(note.startswith("climbs between walls: ") for note in made.notes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["climb", "--urdf", "walker.urdf"], "for `new robot`"),
+        (["robot", "--urdf", "a.urdf", "--package", "b"], "expected one of"),
+        (["robot", "--package", "no-such-package"], "no Python package"),
+        (["robot", "--urdf", "missing.urdf"], "no such file"),
+    ],
+)
+def test_mistakes_end_with_two(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["new", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (folder / "walker4.yaml").read_text()
+    (folder / "walker4.yaml").write_text("mine")
+    urdf = folder.parent / "urdf/walker.urdf"
+    assert run(["new", "robot", "--urdf", str(urdf), str(folder)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert (folder / "walker4.yaml").read_text() == "mine"
+    (folder / "walker4.yaml").write_text(before)
+
+
+def test_urdfs_of_packages() -> None:
+    try:
+        distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    assert package_urdf("example-robot-data:solo12").name == "solo12.urdf"
+    assert package_urdf("example-robot-data:anymal_c").parts[-3] == "anymal_c_simple_description"
+    with pytest.raises(UsageError, match=r"solo_description/solo, solo_description/solo12"):
+        package_urdf("example-robot-data:solo_")
+    with pytest.raises(UsageError, match="--package example-robot-data:PART"):
+        package_urdf("example-robot-data:no_such_robot")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "part", ["a1_desc", "anymal_b_simple_description/robots/anymal.urdf", "anymal_c", "go2"]
+)
+def test_robots_of_a_package_walk_and_climb(part: str, tmp_path: Path) -> None:
+    try:
+        urdf = package_urdf(f"example-robot-data:{part}")
+    except UsageError:
+        pytest.skip("example-robot-data is not installed")
+    made = new_robot(urdf, tmp_path)
+    assert made.notes[-2:] == ("walks on ground: verified", "climbs between walls: verified")

@@ -1,0 +1,203 @@
+"""Quadrupeds on ground: the body stands over the legs that stay before each lift."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from climbplan.climb.balance import balancing_shifts, body_way
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.gait import plan_instants
+from climbplan.climb.instants import standing_at
+from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
+from climbplan.climb.plan.file import read_as_found, write_climb
+from climbplan.climb.planner import plan_climb
+from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.errors import NoPlanFound
+from climbplan.spec.examples import example_data
+from climbplan.spec.loading import load_climb
+
+SPEC = """
+kind: climb
+robot: robot_walker.yaml
+terrain: {friction: 0.8, ground: {across: [-1.5, 1.5], along: [-1.5, 1.5]}}
+task:
+  rounds: 1
+  start: {com: [0, 0, 0.3]}
+  payload: {mass: 1, offset: [0.2, 0, 0]}
+  goal: {com: [0, 0.05, 0.3]}
+  stance: {L1: [-0.35, 0.33, -0.3], R1: [0.35, 0.33, -0.3],
+           L2: [-0.35, -0.33, -0.3], R2: [0.35, -0.33, -0.3]}
+  gait: [L2, L1, R2, R1]
+posture: {steps: {shift_max: 0.3}}
+force: {safety_friction: 1.2}
+"""
+
+
+@pytest.fixture(scope="module", name="spec")
+def _spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("ground")
+    (folder / "ground.yaml").write_text(SPEC)
+    for name, content in example_data("climb_walker").items():
+        (folder / name).write_bytes(content)
+    return folder / "ground.yaml"
+
+
+@pytest.fixture(scope="module", name="plan")
+def _plan(spec: Path) -> ClimbPlan:
+    return plan_climb(load_climb(spec))
+
+
+@pytest.fixture(scope="module", name="scene")
+def _scene(spec: Path) -> ClimbScene:
+    loaded = load_climb(spec)
+    return build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
+
+
+def standing(scene: ClimbScene, lifted: int, com: tuple[float, float, float]) -> Instants:
+    """The start's toes with one limb lifted and the body at `com`."""
+    count = scene.robot.limb_count
+    return standing_at(
+        scene,
+        np.array([1]),
+        np.array([com]),
+        np.zeros((1, 3)),
+        scene.start.toes[None],
+        scene.start.region[None],
+        np.arange(count)[None] == lifted,
+    )
+
+
+def test_a_quadruped_walks_and_is_verified(plan: ClimbPlan) -> None:
+    verification = verification_of(plan)
+    assert verification.passed, verification.failed
+    shift = next(c for c in verification.checks if c.name == "steps.shift")
+    assert 0.02 < shift.used * 0.3 < 0.3
+    # Forces straight above three toes: where weight and payload act is inside their triangle
+    lift = plan.instants.lifted.any(axis=1)
+    off = np.array([0.2 * 1.0 / (plan.robot.mass + 1.0), 0.0, 0.0])
+    for toes, com, up in zip(
+        plan.instants.toes[lift],
+        plan.instants.com[lift] + off,
+        plan.instants.contact[lift],
+        strict=True,
+    ):
+        corners = np.vstack([toes[up][:, :2].T, np.ones(3)])
+        assert (np.linalg.solve(corners, [*com[:2], 1.0]) > 0.05).all()
+
+
+def test_without_leave_to_shift_there_are_no_forces(spec: Path) -> None:
+    with pytest.raises(NoPlanFound, match=r"force\.unilateral"):
+        plan_climb(load_climb(spec, ["posture.steps.shift_max=0", "solver.method=micp"]))
+
+
+def test_auto_finds_the_shift_where_the_spec_leaves_it_open(spec: Path) -> None:
+    text = SPEC.replace("posture: {steps: {shift_max: 0.3}}\n", "")
+    other = spec.with_name("open.yaml")
+    other.write_text(text)
+    plan = plan_climb(load_climb(other))
+    assert verification_of(plan).passed
+    assert "posture.steps.shift_max" in plan.warnings[0]
+    assert plan.limits.shift_max > 0
+
+
+def test_the_shift_is_the_least_that_loads_every_toe(scene: ClimbScene) -> None:
+    middle = (0.0, 0.0, 0.3)
+    shift = balancing_shifts(scene, standing(scene, 0, middle))[0]
+    toes = scene.start.toes[1:]
+    corners = np.vstack([toes[:, :2].T, np.ones(3)])
+
+    payload, mass = scene.spec.task.payload.mass, scene.robot.mass
+    off = 0.2 * payload / (mass + payload)
+
+    def loads(at: np.ndarray) -> np.ndarray:
+        """Of the toes, as shares of the robot's weight, with the body at `at`."""
+        return np.linalg.solve(corners, [at[0] + off, at[1], 1.0]) * (mass + payload) / mass
+
+    pressure = scene.spec.margins.pressure
+    assert loads(np.array(middle) + shift).min() == pytest.approx(pressure, abs=1e-4)
+    # No shorter one loads every toe as much
+    angle = np.linspace(0, 2 * np.pi, 720)
+    around = 0.995 * np.linalg.norm(shift) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    assert max(loads(np.array([x, y])).min() for x, y in around) < pressure
+    # Where all toes bear enough already, there is none
+    assert not balancing_shifts(scene, standing(scene, 0, tuple(np.array(middle) + 1.1 * shift)))[
+        0
+    ].any()
+
+
+def test_a_load_that_no_shift_within_bounds_carries_leaves_the_body_where_it_is(
+    scene: ClimbScene,
+) -> None:
+    steps = scene.spec.posture.steps.model_copy(update={"shift_max": 0.001})
+    posture = scene.spec.posture.model_copy(update={"steps": steps})
+    short = replace(scene, spec=scene.spec.model_copy(update={"posture": posture}))
+    assert not balancing_shifts(short, standing(scene, 0, (-0.05, 0.05, 0.3))).any()
+
+
+def test_pushes_take_the_body_to_the_next_lift(plan: ClimbPlan, scene: ClimbScene) -> None:
+    com = plan.instants.com
+    assert np.allclose(com[1:-1:2], com[2::2], atol=1e-12)
+    assert np.allclose(com[-1], plan.rounds.com[-1], atol=1e-12)
+    assert np.allclose(plan_instants(scene, plan.rounds).com, com)
+    way, _ = body_way(plan.rounds, plan.instants)
+    assert np.array_equal(way[0, 0], plan.rounds.com[0])
+    assert np.allclose(way[-1, -1], plan.rounds.com[-1], atol=1e-12)
+    assert np.allclose(way[1:, 0], way[:-1, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("dataset", "row", "by", "failing"),
+    [
+        ("instants/com", 2, [0.3, 0, 0], "steps.shift"),
+        ("instants/com", 2, [0, 0, 0.01], "steps.shift"),
+        ("instants/com", 3, [0.01, 0, 0], "gait.sequence"),
+        ("trajectory/com", 3, [0, 0.01, 0], "trajectory.body"),
+    ],
+)
+def test_bodies_elsewhere_are_found(
+    plan: ClimbPlan, tmp_path: Path, dataset: str, row: int, by: list[float], failing: str
+) -> None:
+    path = tmp_path / "plan.h5"
+    write_climb(plan, path)
+    with h5py.File(path, "r+") as file:
+        file[dataset][row] += by
+    assert failing in {check.name for check in verification_of(read_as_found(path)).failed}
+
+
+def test_a_plan_may_not_give_itself_leave(plan: ClimbPlan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.h5"
+    write_climb(plan, path)
+    with h5py.File(path, "r+") as file:
+        file["limits"].attrs["shift_max"] = 0.5
+    assert "file.spec_values" in {c.name for c in verification_of(read_as_found(path)).failed}
+    with h5py.File(path, "r+") as file:
+        del file["limits"].attrs["shift_max"]  # as plans of before: none
+    failed = {c.name for c in verification_of(read_as_found(path)).failed}
+    assert {"gait.sequence", "file.spec_values"} <= failed
+
+
+@pytest.mark.slow
+def test_a_quadruped_climbs_a_stair(spec: Path) -> None:
+    text = SPEC.replace(
+        "terrain: {friction: 0.8, ground: {across: [-1.5, 1.5], along: [-1.5, 1.5]}}",
+        """terrain:
+  friction: 0.8
+  regions:
+    - {name: floor, rectangle: {center: [0, -0.55, 0], normal: [0, 0, 1], width: 3, height: 2.1}}
+    - {name: stair, rectangle: {center: [0, 1, 0.04], normal: [0, 0, 1], width: 3, height: 1}}""",
+    )
+    text = text.replace("rounds: 1", "rounds: 3").replace(
+        "com: [0, 0.05, 0.3]", "com: [0, 0.3, 0.32]"
+    )
+    other = spec.with_name("stair.yaml")
+    other.write_text(text)
+    plan = plan_climb(load_climb(other, ["task.goal.tolerance=0.05"]))
+    assert verification_of(plan).passed
+    names = [surface.name for surface in plan.terrain.surfaces]
+    stands = [names[r] for r in plan.rounds.region[-1]]
+    assert stands.count("stair") == 2

@@ -1,0 +1,231 @@
+"""Robots proposed from URDFs alone: legs, toes, names, motors, postures, locked joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from urdf_walkers import QUADRUPED, Walker
+
+from climbplan.errors import SpecError, UsageError
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.kinematics import toe_body
+from climbplan.robots.urdf.proposal.holding import holding_share
+from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
+from climbplan.robots.urdf.proposal.naming import named
+from climbplan.robots.urdf.proposal.proposing import Proposal, propose
+from climbplan.spec.robots.source import load_any_robot
+from climbplan.spec.robots.urdf.tree import urdf_of_text
+
+
+def chain(name: str, start: str, kinds: list[str]) -> str:
+    """Links and joints NAME_1, NAME_2, ... from the link `start` on."""
+    out, parent = [], start
+    for number, kind in enumerate(kinds, 1):
+        here = f"{name}_{number}"
+        limit = '<limit lower="-1" upper="1" effort="10" velocity="5"/>'
+        out.append(
+            f'<link name="{here}"/><joint name="{here}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{here}"/><axis xyz="0 1 0"/>{limit if kind != "fixed" else ""}</joint>'
+        )
+        parent = here
+    return "".join(out)
+
+
+def found_in(body: str) -> tuple[list[list[str]], list[str]]:
+    """Joints of the limbs, and shared joints, of a URDF with these parts."""
+    tree = urdf_of_text(f'<robot name="r"><link name="base"/>{body}</robot>', Path("r.urdf"))
+    found = limbs_of(tree, body_link(tree))
+    return [[j.name for j in limb.joints] for limb in found.limbs], [j.name for j in found.shared]
+
+
+def test_limbs_end_at_fingers_and_begin_after_a_waist() -> None:
+    turn = "revolute"
+    waist = chain("waist", "base", [turn])
+    arms = chain("left", "waist_1", [turn] * 4) + chain("right", "waist_1", [turn] * 4)
+    fingers = chain("thumb", "left_4", [turn] * 2) + chain("index", "left_4", [turn] * 2)
+    leg = chain("leg", "base", [turn, "fixed", turn, turn])
+    head = chain("head", "base", [turn] * 2)
+    pushed = chain("lift", "base", ["prismatic", turn, turn, turn])
+    limbs, shared = found_in(waist + arms + fingers + leg + head + pushed)
+    assert limbs == [
+        ["left_1", "left_2", "left_3", "left_4"],
+        ["right_1", "right_2", "right_3", "right_4"],
+        ["leg_1", "leg_3", "leg_4"],
+    ]
+    assert shared == ["waist_1"]
+
+
+def test_more_than_seven_joints_are_locked_from_the_far_end() -> None:
+    tree = urdf_of_text(
+        f'<robot name="r"><link name="base"/>{chain("a", "base", ["revolute"] * 9)}</robot>',
+        Path("r.urdf"),
+    )
+    limb = limbs_of(tree, "base").limbs[0]
+    assert [j.name for j in limb.joints] == [f"a_{n}" for n in range(1, 8)]
+    assert [j.name for j in limb.locked] == ["a_8", "a_9"]
+
+
+def test_legs_are_named_round_the_body() -> None:
+    hips = np.array([[x, y, 0.0] for y in (0.3, -0.3) for x in (-0.2, 0.2)])
+    found = named(hips, list("abcd"), [0] * 4)
+    assert [found.names[found.order.index(i)] for i in range(4)] == ["LF", "RF", "LR", "RR"]
+    assert found.names == ("RF", "RR", "LR", "LF")
+    assert found.gait == ("LR", "LF", "RR", "RF")
+    odd = named(hips[:3], list("abc"), [0] * 3)
+    assert odd.names == ("a", "b", "c")
+    assert not odd.by_place
+
+
+@pytest.fixture(scope="module", name="quadruped")
+def _quadruped(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
+    path = tmp_path_factory.mktemp("quadruped") / "walker.urdf"
+    path.write_text(QUADRUPED.text())
+    return propose(path)
+
+
+def test_a_quadruped_stands_as_proposed(quadruped: Proposal) -> None:
+    robot = quadruped.robot
+    assert robot.limb_names == ("RF", "RR", "LR", "LF")
+    assert [toe.link for toe in quadruped.toes] == ["R1_toe", "R2_toe", "L2_toe", "L1_toe"]
+    # On one level, the centre of mass between the toes, knees above them
+    toes = robot.stance_body
+    assert np.ptp(toes[:, 2]) < 2e-3
+    assert (toes[:2, 0] > 0.05).all()
+    assert (toes[2:, 0] < -0.05).all()
+    angles = np.array(
+        [[np.deg2rad(quadruped.standing[j]) for j in own] for own in robot.limbs.joint_names]
+    )
+    assert np.allclose(toe_body(robot, angles), toes, atol=1e-6)
+    points = robot.limbs.joint_points(angles)
+    assert (points[:, :-1, 2] > toes[:, None, 2]).all()
+    assert np.allclose(points[:2] * [-1, 1, 1], points[[3, 2]], atol=0.12)  # bent alike
+    # Within bounds and torques, with room about every toe
+    assert (angles > robot.joint_lower).all()
+    assert (angles < robot.joint_upper).all()
+    assert robot.stance_radius >= 0.1
+    assert quadruped.posture.use < 0.5
+
+
+def test_braces_hold_with_any_leg_lifted(quadruped: Proposal) -> None:
+    brace, robot = quadruped.braces[0], quadruped.robot
+    assert np.allclose(np.abs(brace.toes[:, 0]), brace.gap / 2)
+    assert brace.use < 1
+    normal = np.sign(brace.toes) * [-1.0, 0.0, 0.0]
+    jacobian = robot.limbs.jacobian(brace.angles)
+    slack = (normal, jacobian, robot.max_torque, robot.weight)
+    assert np.isfinite(holding_share(brace.toes, *slack, 0.8, 0.2)[0])
+    assert not np.isfinite(holding_share(brace.toes, *slack, 0.05, 0.2)[0])  # ice
+    weak = (normal, jacobian, 0.01 * robot.max_torque, robot.weight)
+    assert not np.isfinite(holding_share(brace.toes, *weak, 0.8, 0.2)[0])
+
+
+def test_a_shift_takes_the_weight_to_the_legs_that_stay() -> None:
+    toes = np.array([[0.3, 0.3, -0.4], [0.3, -0.3, -0.4], [-0.3, -0.3, -0.4], [-0.3, 0.3, -0.4]])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    jacobian, torque = np.tile(np.eye(3), (4, 1, 1)), np.full((4, 3), 1e3)
+    share, shift = holding_share(toes, up, jacobian, torque, 100.0, 0.7, 0.2)
+    # 5 % of the weight at every toe: the corner opposite to the lifted one bears 50 % less that
+    assert 0.01 < shift < 0.1
+    assert share <= 0.1
+    assert not np.isfinite(holding_share(toes, up, jacobian, torque, 100.0, 0.7, 0.005)[0])
+
+
+def test_implausible_data_is_named_and_replaced(tmp_path: Path) -> None:
+    text = Walker(joints=3, effort=1000.0).text()
+    path = tmp_path / "walker.urdf"
+    path.write_text(text.replace('velocity="', 'velocity="9', 1))
+    found = propose(path)
+    assert any("effort 1000 N m" in note and "ASSUMED" in note for note in found.odd)
+    own = found.draft.joints["L1_yaw"]
+    assert own["max_torque"] < 100
+    assert found.robot.max_torque.max() < 100
+
+
+def test_massless_links_and_missing_meshes_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "walker.urdf"
+    path.write_text(Walker(link_mass=0.0, mesh="package://nowhere/base.stl").text())
+    found = propose(path)
+    assert any("12 of 12 moving links have no mass" in note for note in found.odd)
+    assert any("nowhere" in note for note in found.assumed)
+    assert found.half_size is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('<robot name="r"><link name="base"/></robot>', "found 0"),
+        (
+            f'<robot name="r"><link name="base"/>{chain("a", "base", ["revolute"] * 3)}</robot>',
+            "found 1",
+        ),
+    ],
+)
+def test_what_cannot_be_proposed(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=words):
+        propose(path)
+
+
+def test_mistakes_of_the_urdf_have_lines(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text('<robot name="r">\n<link name="a"/>\n<link name="a"/>\n</robot>')
+    with pytest.raises(SpecError, match=r"r\.urdf:3"):
+        propose(path)
+
+
+def waisted(tmp_path: Path, locked: str) -> Path:
+    """A walker whose front legs hang on a waist."""
+    text = Walker(joints=3).text()
+    joint = (
+        '<link name="chest"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" '
+        'iyz="0" izz="1"/></inertial></link><joint name="waist" type="revolute">'
+        '<parent link="base_link"/><child link="chest"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="10" velocity="5"/></joint></robot>'
+    )
+    text = text.replace("</robot>", joint)
+    for leg in ("L1", "R1"):
+        at = text.index(f'<joint name="{leg}_yaw"')
+        text = text[:at] + text[at:].replace(
+            '<parent link="base_link"/>', '<parent link="chest"/>', 1
+        )
+    (tmp_path / "walker.urdf").write_text(text)
+    legs = "".join(
+        f"  {n}: {{toe: {n}_toe, posture_deg: {{{n}_lift: 30, {n}_knee: 20}}}}\n"
+        for n in ("L1", "R1", "L2", "R2")
+    )
+    path = tmp_path / "robot.yaml"
+    path.write_text(f"kind: robot\nurdf: walker.urdf\n{locked}legs:\n{legs}")
+    return path
+
+
+def test_a_shared_joint_can_be_locked(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=r"moves L1 and R1 together.*`locked: {waist: DEGREES}`"):
+        load_any_robot(waisted(tmp_path, ""))
+    straight = build_robot(load_any_robot(waisted(tmp_path, "locked: {waist: 0}\n")))
+    turned = build_robot(load_any_robot(waisted(tmp_path, "locked: {waist: 30}\n")))
+    assert "waist" not in {j for own in straight.limbs.joint_names for j in own}
+    # The front legs are turned about the waist's axis, the rear ones stay
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    middle = straight.shoulder_body[:2].mean(axis=0) - [0, 0.2, 0]  # the base's origin
+    expected = (straight.shoulder_body[:2] - middle) @ turn.T
+    rear = turned.shoulder_body[2:].mean(axis=0)
+    moved = turned.shoulder_body[:2] - rear - [0, 0.2, 0]
+    assert np.allclose(moved[:, :2], expected[:, :2], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("locked", "words"),
+    [
+        ("locked: {wast: 0}\n", "no joint 'wast'.*did you mean 'waist'"),
+        ("locked: {waist: 90}\n", "within the joint's bounds"),
+        ("locked: {waist: 0}\njoints: {waist: {stiffness: 5}}\n", "locked: it has no limits"),
+        ("locked: {waist: 0, L1_tip: 0}\n", "a fixed joint.*expected one that turns"),
+    ],
+)
+def test_mistakes_of_locked_joints(tmp_path: Path, locked: str, words: str) -> None:
+    with pytest.raises(SpecError, match=words):
+        load_any_robot(waisted(tmp_path, locked))

@@ -63,7 +63,9 @@ def test_commands_that_drive_a_robot(tmp_path: Path) -> None:
     done = run(" && ".join(block.strip().splitlines()), clone(tmp_path))
     assert done.returncode == 0, done.stderr
     written = tmp_path / "outputs/drive"
-    assert {"motion.mcap", "motion.npz", "ros2_control"} <= {p.name for p in written.iterdir()}
+    assert {"motion.mcap", "motion.npz", "ros2_control", "regulator"} <= {
+        p.name for p in written.iterdir()
+    }
 
 
 @pytest.mark.parametrize(

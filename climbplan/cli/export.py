@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import print_result, standard_output, warn
+from climbplan.cli.console import Session, print_result, standard_output, warn
 from climbplan.cli.options import Force, Plan, Quiet, Verbose
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
     from climbplan.api.kinds import PlanKind
 
-# Names of `climbplan.exports.formats.FORMATS`, which is not imported for --help
-FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd"]
+# Names of `climbplan.exports.formats.FORMATS` and the regulator's, not imported for --help
+FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
 
 
 def export(
+    context: typer.Context,
     plan: Plan,
     out: Annotated[
         str | None,
@@ -35,7 +36,8 @@ def export(
         typer.Option(
             "--format",
             help="csv; npz: NumPy arrays; mcap: one file of ROS 2 messages; ros2: a bag of ROS 2; "
-            "jtc: parameters and goal of a JointTrajectoryController; usd: an animated scene.",
+            "jtc: parameters and goal of a JointTrajectoryController; usd: an animated scene; "
+            "regulator: code and tables that correct commands by joint angles.",
         ),
     ] = "csv",
     rate: Annotated[
@@ -73,6 +75,9 @@ def export(
 
     kind = plan_kind(path)
     warn_of_failure(kind, path)
+    if format_ == "regulator":
+        print_result(str(_regulator(context, path, out, (rate, gains, feedforward), force)))
+        return
     if format_ != "csv" or rate is not None or gains is not None or feedforward:
         print_result(str(_motion(kind, path, out, format_, (rate, gains, feedforward), force)))
         return
@@ -84,6 +89,32 @@ def export(
     _require_free(target, force)
     kind.export_csv(path, target)
     print_result(str(target))
+
+
+def _regulator(
+    context: typer.Context,
+    path: Path,
+    out: str | None,
+    asked: tuple[float | None, str | None, bool],
+    force: bool,
+) -> Path:
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.exports.regulator_files import write_regulator
+
+    rate, gains, feedforward = asked
+    if out == "-" or rate is not None or feedforward:
+        raise UsageError(
+            "--format regulator: a directory of code and tables, for any rate; -o -, --rate and "
+            "--feedforward do not go with it"
+        )
+    target = Path(out) if out is not None else path.parent / "regulator"
+    with OutputDirectory(target, force) as output:
+        took = write_regulator(path, gains, output.path)
+        output.publish()
+    context.ensure_object(Session).note(
+        f"a tick takes {1e6 * took.median:.0f} us here (median; 99 %: {1e6 * took.most:.0f} us)"
+    )
+    return target
 
 
 def _motion(

@@ -27,8 +27,7 @@ from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import TIME_STEP, believed_stiffness, build_mjcf
-from climbplan.simulation.odometry import JointOdometry
-from climbplan.simulation.regulator import Regulator
+from climbplan.simulation.regulator import JointOdometry, Regulator
 from climbplan.simulation.start import set_up
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.simulation.worlds.placement import missed_footholds
@@ -127,10 +126,11 @@ class _Player:
         self.regulator = None
         if conditions.regulator != "nothing":
             self.regulator = Regulator(plan, place=conditions.regulator != "attitude")
-            self.regulator.offset = self.start.toes - plan.rounds.toes[0]
+            self.regulator.offset[:] = self.start.toes - plan.rounds.toes[0]
         self.odometry = None
         if conditions.regulator == "joints":
-            self.odometry = JointOdometry(plan, self.start.toes)
+            assert self.regulator is not None
+            self.odometry = JointOdometry(plan, self.start.toes, self.regulator.tables)
         self._late: deque[Array] = deque()  # corrections on their way to the motors
         self._noise = np.random.default_rng(conditions.noise_seed)
         self.command = plan.trajectory.joint_command

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.mechanics.stiffness import rigid_motion
+from climbplan.mechanics.stiffness import limb_compliance, rigid_motion
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -74,8 +74,9 @@ def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_th
 def test_what_a_motion_of_the_body_explains_is_no_force_between_toes(planned: Planned) -> None:
     plan = planned()
     regulator = Regulator(plan, place=True)
-    arms, stands = regulator.arms[0], np.array([True, True, False, True, True, True])
-    sharing = between_toes(regulator.compliance[0], arms, stands)
+    arms, stands = regulator.tables.arms[0], np.array([True, True, False, True, True, True])
+    compliance = limb_compliance(plan.robot, regulator.tables.jacobian[0])
+    sharing = between_toes(compliance, arms, stands)
     motion = (rigid_motion(arms) @ np.arange(1.0, 7.0)) * stands[:, None]
     np.testing.assert_allclose(sharing @ motion.ravel(), 0.0, atol=1e-9)
     assert not sharing[6:9].any()

@@ -12,19 +12,10 @@ from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions, Regulated
-from climbplan.simulation.odometry import JointOdometry, fitted
+from climbplan.simulation.regulator import JointOdometry
 from climbplan.simulation.replay import simulate
 
 Planned = Callable[..., ClimbPlan]
-
-
-def test_fit_finds_the_motion_that_was_made() -> None:
-    rng = np.random.default_rng(0)
-    points, moved = rng.normal(size=(4, 3)), np.array([0.3, -0.2, 0.1])
-    turn = rotation_world_body(np.array([0.2, -0.1, 0.4]))
-    com, rotation = fitted(points, points @ turn.T + moved)
-    np.testing.assert_allclose(rotation, turn, atol=1e-12)
-    np.testing.assert_allclose(com, moved, atol=1e-12)
 
 
 def test_planned_angles_tell_the_planned_pose(planned: Planned) -> None:

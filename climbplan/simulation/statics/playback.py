@@ -13,9 +13,7 @@ from climbplan.mechanics.stiffness import joint_softness, limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import jacobian_world, toe_world
-from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
-from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.comparison import LEAST_HELD, held_toes
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
@@ -28,7 +26,7 @@ from climbplan.simulation.model import (
 )
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
-from climbplan.simulation.regulator import SINGULAR, between_toes
+from climbplan.simulation.regulator import SINGULAR, between_toes, zero_angles
 from climbplan.simulation.start import set_up
 from climbplan.simulation.statics.run import play
 from climbplan.simulation.statics.tuples import (
@@ -203,21 +201,6 @@ def _zero(plan: ClimbPlan) -> Array:
             f"{plan.name}: limbs of {robot.name} have other than three joints, which the statics "
             "engine does not know: --engine mujoco"
         )
-    if isinstance(robot.mechanism, SerialChain):
-        chain = robot.mechanism
-        return np.concatenate(
-            [chain.axis_zero, chain.joint_zero, chain.toe_zero[:, None]], axis=1
-        ).copy()
-    return _of_lengths(robot)
-
-
-def _of_lengths(robot: Robot) -> Array:
-    """Coxa, femur and tibia at zero angles: the femur outward, the tibia straight down."""
-    yaw = robot.mount_yaw
-    up = np.broadcast_to([0.0, 0.0, 1.0], (len(yaw), 3))
-    out = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
-    lift = np.stack([np.sin(yaw), -np.cos(yaw), np.zeros_like(yaw)], axis=-1)
-    first, second, third = (robot.link_lengths[:, j : j + 1] for j in range(3))
-    femur = robot.shoulder_body + first * out
-    knee = femur + second * out
-    return np.stack([up, lift, lift, robot.shoulder_body, femur, knee, knee - third * up], axis=1)
+    zero = zero_angles(robot)
+    assert zero is not None
+    return np.concatenate([zero.axes, zero.joints, zero.toe[:, None]], axis=1).copy()

@@ -1,0 +1,1 @@
+"""What runs on a robot beside its motors: NumPy alone, nothing else of this package."""

@@ -1,0 +1,143 @@
+"""The file that runs on a robot: exact, without memory taken while it ticks, alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.control import joint_regulator
+from climbplan.control.joint_regulator import Chains, JointRegulator, Pose, RegulatorTables
+from climbplan.exports.regulator_files import write_regulator
+from climbplan.robots.kinematics import toe_body
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.simulation.regulator import JointOdometry, Regulator, regulator_tables, zero_angles
+
+Planned = Callable[..., ClimbPlan]
+
+
+def seen(tables: RegulatorTables) -> Array:
+    """(T, N, J) what encoders read where all goes as planned."""
+    return np.asarray(tables.command + tables.bent / tables.give)
+
+
+def test_chains_place_toes_where_the_robot_does(planned: Planned) -> None:
+    robot = planned().robot
+    zero = zero_angles(robot)
+    assert zero is not None
+    chains = Chains(zero.axes, zero.joints, zero.toe)
+    for angles in np.random.default_rng(0).normal(size=(20, robot.limb_count, robot.joint_count)):
+        np.testing.assert_allclose(chains.place(angles), toe_body(robot, angles), atol=1e-12)
+
+
+def kabsch(points: Array, places: Array) -> tuple[Array, Array]:
+    """The motion that carries points (n, 3) nearest to places (n, 3), by singular values."""
+    middle, there = points.mean(axis=0), places.mean(axis=0)
+    left, _, right = np.linalg.svd((points - middle).T @ (places - there))
+    hand = np.array([1.0, 1.0, np.linalg.det(right.T @ left.T)])
+    rotation = (right.T * hand) @ left.T
+    return there - rotation @ middle, rotation
+
+
+def test_the_pose_is_the_least_squares_one(planned: Planned) -> None:
+    plan = planned()
+    tables = regulator_tables(plan)
+    pose, rng = Pose(tables), np.random.default_rng(1)
+    turn = rotation_world_body(np.array([0.2, -0.1, 0.3]))
+    body = (tables.toes - [0.1, 0.0, 0.05]) @ turn + rng.normal(0, 5e-3, tables.toes.shape)
+    pose.update(0, body)
+    known = tables.trusted[0] > 0
+    com, rotation = kabsch(body[known], tables.toes[known])
+    np.testing.assert_allclose(pose.rotation, rotation, atol=1e-10)
+    np.testing.assert_allclose(pose.com, com, atol=1e-10)
+
+
+def test_it_ticks_as_simulations_do(planned: Planned) -> None:
+    plan = planned()
+    tables = regulator_tables(plan)
+    np.testing.assert_allclose(tables.command, plan.trajectory.joint_command, atol=1e-12)
+    angles = seen(tables) + np.random.default_rng(2).normal(0, 1e-3, tables.command.shape)
+    ticking = JointRegulator(tables)
+    regulator, odometry = Regulator(plan, place=True), JointOdometry(plan)
+    before, last = float(tables.time[0]), tables.command[0]
+    for sample, moment in enumerate(tables.time.tolist()):
+        lag = (angles[sample] - last) * tables.give
+        pose = odometry.pose(sample, last + lag)
+        last = tables.command[sample] + regulator.correction(sample, moment - before, pose, lag)
+        before = moment
+        np.testing.assert_allclose(ticking.tick(moment, angles[sample]), last, atol=1e-9)
+    assert np.abs(last - tables.command[-1]).max() > 1e-3  # it did correct
+
+
+def test_stiffer_controllers_are_told_less(planned: Planned) -> None:
+    plan = planned()
+    own = regulator_tables(plan)
+    stiff = regulator_tables(plan, 2.0 * plan.robot.joint_stiffness)
+    torque = own.bent / own.give * plan.robot.joint_stiffness
+    np.testing.assert_allclose(
+        stiff.bent / stiff.give * 2.0 * plan.robot.joint_stiffness, torque, atol=1e-9
+    )
+
+
+def test_no_memory_is_taken_while_it_ticks(planned: Planned) -> None:
+    tables = regulator_tables(planned())
+    regulator, angles = JointRegulator(tables), seen(tables)
+    moments = tables.time.tolist()
+    for moment, angle in zip(moments[:20], angles[:20], strict=True):
+        regulator.tick(moment, angle)
+    tracemalloc.start()
+    try:
+        tracemalloc.reset_peak()
+        begin, _ = tracemalloc.get_traced_memory()
+        for moment, angle in zip(moments[20:], angles[20:], strict=True):
+            regulator.tick(moment, angle)
+        end, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert end - begin < 2_000  # of hundreds of ticks
+    assert peak - begin < 6_000  # views of rows, no arrays
+
+
+def test_time_does_not_go_back_and_angles_are_numbers(planned: Planned) -> None:
+    tables = regulator_tables(planned())
+    regulator = JointRegulator(tables)
+    regulator.tick(1.0, seen(tables)[20])
+    with pytest.raises(ValueError, match="goes back"):
+        regulator.tick(0.5, seen(tables)[20])
+    with pytest.raises(ValueError, match="no number"):
+        regulator.tick(1.5, np.full_like(tables.toes, np.nan))
+
+
+RUN = """
+import sys
+sys.path.insert(0, ".")
+from joint_regulator import JointRegulator, read_tables
+import numpy as np
+tables = read_tables("regulator.npz")
+regulator = JointRegulator(tables)
+told = [regulator.tick(t, c + b / tables.give).copy()
+        for t, c, b in zip(tables.time.tolist(), tables.command, tables.bent)]
+assert not any(name.startswith(("climbplan", "scipy")) for name in sys.modules)
+np.save("told.npy", told)
+"""
+
+
+def test_the_written_file_runs_alone_and_says_the_same(
+    plan_file: Path, planned: Planned, tmp_path: Path
+) -> None:
+    took = write_regulator(plan_file, None, tmp_path)
+    assert 0 < took.median <= took.most
+    subprocess.run([sys.executable, "-I", "-c", RUN], cwd=tmp_path, check=True)
+    stored = joint_regulator.read_tables(tmp_path / "regulator.npz")
+    regulator = JointRegulator(stored)
+    told = [
+        regulator.tick(t, angle).copy()
+        for t, angle in zip(stored.time.tolist(), seen(stored), strict=True)
+    ]
+    np.testing.assert_array_equal(np.load(tmp_path / "told.npy"), told)

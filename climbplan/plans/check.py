@@ -67,7 +67,6 @@ LIMITS = {
     "robust.slip": Limit(0, "", "and stay where the surface lacks so much of its friction"),
     "robust.depth": Limit(0, "m", "free toes would be commanded so far inside their surfaces"),
     "robust.stiffness": Limit(0, "", "bracing leaves the body so much of its stiffness"),
-    "robust.risk": Limit(1e-9, "", "falls counted in worlds are within the interval that is told"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
@@ -90,6 +89,11 @@ LIMITS = {
 # Made beside these where the spec lets the body leave its straight way (`steps.shift_max`).
 SHIFT_LIMITS = {
     "steps.shift": Limit(1e-6, "m", "the body, at lifts, off its straight way as far as it may"),
+}
+
+# Made beside these where the spec asks for a probability of falls (`risk`).
+RISK_LIMITS = {
+    "robust.risk": Limit(1e-9, "", "falls counted in worlds are within the interval that is told"),
 }
 
 # Made beside these where the terrain is from a scan.
@@ -191,7 +195,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """A check by its name in the tables of limits; NaN never passes."""
-    limit = (LIMITS | SHIFT_LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
+    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

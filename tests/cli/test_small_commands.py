@@ -197,6 +197,7 @@ def test_files_that_are_no_plan(run_command: RunCommand, workplace: Path, comman
 class FakeVerification:
     passed = False
     badge = "not verified"
+    stands = ""
     leaves_out: tuple[str, ...] = ("what holds at knots only",)
     fragile: tuple[str, ...] = ("round 1, push: RF presses with 2.0 of 10.1 N",)
     implausible = ("friction 9 of left",)

@@ -131,7 +131,7 @@ def test_controller(plans: dict[str, Path], tmp_path: Path) -> None:
         ("effort", motion.joints.feedforward),
     ):
         given = np.array([point[name] for point in points], float)
-        assert given == pytest.approx(values, abs=1e-11)
+        assert given == pytest.approx(values, abs=1e-9)
     after = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
     assert np.array(after) == pytest.approx(motion.time - motion.time[0], abs=1e-9)
 

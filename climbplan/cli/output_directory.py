@@ -32,6 +32,7 @@ RESULTS = (
     "simulation.csv",
     "gripper.json",
     "export.json",
+    "regulator.npz",
 )
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

@@ -22,6 +22,10 @@ def test_command_writes_the_regulator_and_says_what_a_tick_takes(
     assert {path.name for path in target.iterdir()} == {"regulator.npz", "joint_regulator.py"}
     with np.load(target / "regulator.npz") as stored:
         assert stored["joint_names"][0, 0] == "RF_coxa"
+    assert run(asked) == 2
+    assert "--force" in capsys.readouterr().err
+    assert run([*asked, "--gains", "80", "--force"]) == 0  # replaces its own
+    capsys.readouterr()
     assert run([*asked, "--rate", "100", "--force"]) == 2
     assert "--rate" in capsys.readouterr().err
 

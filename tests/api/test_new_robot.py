@@ -62,6 +62,7 @@ def test_the_page_shows_both_postures(folder: Path) -> None:
     assert "<script" not in page
 
 
+@pytest.mark.slow
 def test_a_spec_without_a_plan_is_told(tmp_path: Path) -> None:
     """Motors that hold nothing: the files are written, and the refusal is told."""
     path = Walker(joints=3, effort=0.5).write(tmp_path / "weak.urdf")

@@ -28,6 +28,7 @@ def test_growth_has_a_row_for_each_size_and_ratios_to_one() -> None:
     assert all(float(r[-2]) <= 1e-4 for r in rows)
 
 
+@pytest.mark.slow
 def test_whole_plan_lists_its_stages() -> None:
     text = table("plan")
     for stage in ("posture", "kinematics", "force", "plan"):

@@ -35,6 +35,7 @@ def _scene(*overrides: str) -> ClimbScene:
     return build_scene(loaded.spec, loaded.robot, loaded.source)
 
 
+@pytest.mark.slow
 def test_a_body_that_would_buckle_is_held_nearer_to_the_stance(tmp_path: Path) -> None:
     plan = plan_climb(_climb("task.rounds=10"))
     assert any("stance workspaces tightened" in warning for warning in plan.warnings)

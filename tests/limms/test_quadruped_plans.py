@@ -19,6 +19,7 @@ from climbplan.limms.scene import GRAVITY
 from climbplan.limms.sequences import search
 
 
+@pytest.mark.slow
 def test_leap_down_from_a_platform_verifies(tmp_path: Path) -> None:
     plan = plan_limms(loaded("limms_jump"))
     assert plan.sequence == "quadruped"
@@ -39,6 +40,7 @@ def test_heavy_box_is_lifted_by_legs_and_a_light_one_by_arms() -> None:
         plan_limms(loaded("limms_lift_heavy", "task.allow=[arms]"))
 
 
+@pytest.mark.slow
 def test_quadruped_over_a_ledge_verifies(tmp_path: Path) -> None:
     plan = plan_limms(loaded("limms_lift_heavy"))
     write_limms_plan(plan, tmp_path / "plan.h5")

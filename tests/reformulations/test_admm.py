@@ -67,6 +67,7 @@ def test_residuals_fall_and_the_best_iterate_is_finished() -> None:
     assert not any(step.new_integers for step in answer.steps[1:])
 
 
+@pytest.mark.slow
 def test_small_bilinear_programs() -> None:
     p = small_program(True)
     near = 0

@@ -53,7 +53,9 @@ def test_tiny_instances_are_of_every_kind() -> None:
     assert max(r.nodes for r in results) >= 3
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
+)
 @pytest.mark.parametrize("blocked", [False, True])
 def test_steps_over_polygons(seed: int, blocked: bool) -> None:
     scene = stepping_scene(seed, rounds=2, limbs=1, patches=2, blocked=blocked)

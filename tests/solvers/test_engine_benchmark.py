@@ -9,6 +9,7 @@ import pytest
 from climbplan.bench.engine import run as benchmark
 
 
+@pytest.mark.slow
 def test_every_contender_proves_the_same_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(benchmark, "_STEPS", 3)
     monkeypatch.setattr(benchmark, "_QUICK", 1)

@@ -104,14 +104,7 @@ def massless_links(urdf: str) -> Iterator[str]:
         return  # `robot.spec` says what is wrong with it
     if tree is None:
         return
-    by_child = tree.by_child
-    mass = {joint.child: 0.0 for joint in tree.joints.values() if joint.kind != "fixed"}
-    for link in tree.links.values():
-        name = link.name
-        while name in by_child and by_child[name].kind == "fixed":
-            name = by_child[name].parent
-        if name in mass:
-            mass[name] += link.mass
+    mass = tree.moving_mass
     empty = [name for name, own in mass.items() if own == 0]
     if 2 * len(empty) > len(mass):
         shown = ", ".join(empty[:3]) + (", ..." if len(empty) > 3 else "")

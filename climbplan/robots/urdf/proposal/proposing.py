@@ -338,14 +338,7 @@ def _braces(robot: Robot, mirror: tuple[int | None, ...]) -> tuple[Posture, ...]
 
 def _masses(tree: UrdfTree) -> list[str]:
     """Links that joints move and that weigh nothing, with all that is fixed to them."""
-    by_child = tree.by_child
-    mass = {j.child: 0.0 for j in tree.joints.values() if j.kind != "fixed"}
-    for link in tree.links.values():
-        name = link.name
-        while name in by_child and by_child[name].kind == "fixed":
-            name = by_child[name].parent
-        if name in mass:
-            mass[name] += link.mass
+    mass = tree.moving_mass
     empty = [name for name, own in mass.items() if own == 0]
     if not empty:
         return []

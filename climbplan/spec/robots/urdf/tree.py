@@ -87,6 +87,19 @@ class UrdfTree:
         carried = self.by_child
         return [name for name in self.links if name not in carried]
 
+    @property
+    def moving_mass(self) -> dict[str, float]:
+        """Mass [kg] of each link that a joint moves, with all that is fixed to it."""
+        carried = self.by_child
+        mass = {joint.child: 0.0 for joint in self.joints.values() if joint.kind != "fixed"}
+        for link in self.links.values():
+            name = link.name
+            while name in carried and carried[name].kind == "fixed":
+                name = carried[name].parent
+            if name in mass:
+                mass[name] += link.mass
+        return mass
+
     def at(self, line: int) -> str:
         """Where something is written: `robot.urdf line 12`."""
         return f"{self.path.name} line {line}"

@@ -20,7 +20,7 @@ from climbplan.solvers.mixed_integer.active_set import (
     _edge,
     _solve,
 )
-from climbplan.solvers.mixed_integer.compiling import compiled
+from climbplan.solvers.mixed_integer.compiling import compiled, constant
 from climbplan.solvers.mixed_integer.nodes import (
     _LOSS,
     BEST,
@@ -34,7 +34,7 @@ from climbplan.solvers.mixed_integer.numbers import ALWAYS, DECIDED, Numbers
 from climbplan.solvers.result import LEAST_OBJECTIVE
 
 _CENTERS = 4  # how often the proximal term is moved at a node
-_CUT_ROUNDS = 6  # of tangents to balls at a node that has integers open
+_CUT_ROUNDS = constant(6)  # of tangents to balls at a node that has integers open
 _CUT_FROM = 1e-5  # violation of a ball from which such a node cuts
 _ROUNDING = 1e-14  # what multipliers times rows and bounds are good to, relative
 
@@ -114,9 +114,10 @@ def _cut_balls(n: Numbers, s: Search, tolerated: float) -> int:
     """
     k, added = len(s.u), 0
     for b in range(len(n.radius)):
-        vector = n.ball[b].copy()
+        vector = s.vector
         length = 0.0
         for d in range(len(vector)):
+            vector[d] = n.ball[b, d]
             line = n.ball_rows[b, d]
             for j in range(k):
                 vector[d] += line[j] * s.w[j]
@@ -213,7 +214,9 @@ def _recenter(n: Numbers, s: Search) -> None:
         constant += 0.5 * n.eps[i] * s.center[i] ** 2 - 0.5 * s.u[i] ** 2
     s.real[CONSTANT] = constant
     m = s.rows.used[0]
-    shift = np.zeros(m)
+    shift = s.shift
+    for r in range(m):
+        shift[r] = 0.0
     for j in range(k):
         if step[j] != 0.0:
             column = s.rows.T[j]

@@ -13,6 +13,7 @@ from climbplan.solvers.mixed_integer.active_set import (
     Working,
     _copy_working,
     _drop_absent,
+    _solve,
 )
 from climbplan.solvers.mixed_integer.bounds import (
     _apply,
@@ -21,9 +22,8 @@ from climbplan.solvers.mixed_integer.bounds import (
     _follow_ray,
     _proved_empty,
     _reach,
-    _solve_cut,
 )
-from climbplan.solvers.mixed_integer.compiling import compiled
+from climbplan.solvers.mixed_integer.compiling import compiled, constant
 from climbplan.solvers.mixed_integer.nodes import (
     BEST,
     BRANCHED,
@@ -42,7 +42,7 @@ from climbplan.solvers.mixed_integer.nodes import (
 )
 from climbplan.solvers.mixed_integer.numbers import Numbers
 
-_PROBE_ITERATIONS = 25
+_PROBE_ITERATIONS = constant(25)
 _RELIABLE = 4  # branchings after which an integer's pseudo-costs are believed
 _PROBED = 8  # integers probed at a node
 _INTEGRAL = 1e-6  # of columns
@@ -102,7 +102,7 @@ def _probe_child(n: Numbers, s: Search, e: int, up: int, split: int) -> float:
     _apply(n, s, s.low, s.high)
     _drop_absent(s.rows, s.probe)
     s.whole[PROBES] += 1
-    found = _solve_cut(n, s, s.probe, _slack_cutoff(s), _PROBE_ITERATIONS, 0, 0.0)
+    found = _solve(s.rows, s.probe, _slack_cutoff(s), _PROBE_ITERATIONS)
     bound, _ = _bound(n, s, s.probe)
     if found == EMPTY:
         bound = max(bound, _proved_empty(s, s.probe) - _reach(n, s))
@@ -127,6 +127,36 @@ def _expected(s: Search, e: int, way: int, average: float) -> float:
 
 
 @compiled
+def _probe_way(
+    n: Numbers, s: Search, tree: Tree, node: int, e: int, way: int, split: int
+) -> tuple[float, bool]:
+    """The bound of a child by a probe, and whether that closed the child; teaches pseudo-costs."""
+    parent = tree.bound[node]
+    reached = max(parent, _probe_child(n, s, e, way, split))
+    gain = reached - parent
+    if not np.isinf(gain):
+        s.gain[way, e] += gain / s.distance[way, e]
+        s.seen[way, e] += 1
+    if reached < _cutoff(s):
+        return reached, False
+    # The child is closed, and keeps the multipliers that do it
+    new = _child(n, s, tree, node, e, way, split, reached)
+    _store(tree, new, s.probe)
+    _close(s, tree, new, reached)
+    return reached, True
+
+
+@compiled
+def _most_promising(s: Search) -> int:
+    """The integer of largest score."""
+    best = 0
+    for e in range(1, len(s.score)):
+        if s.score[e] > s.score[best]:
+            best = e
+    return best
+
+
+@compiled
 def _branch(n: Numbers, s: Search, tree: Tree, node: int) -> int:
     """Split a node; the child to go on with, -1 for none."""
     E = len(n.column)
@@ -138,63 +168,50 @@ def _branch(n: Numbers, s: Search, tree: Tree, node: int) -> int:
                 total += s.gain[way, e] / s.seen[way, e]
                 times += 1
     average = total / times if times > 0 else 1.0
-    # Candidates by what pseudo-costs promise; the first few that are not known well are probed.
-    score = np.zeros(E)
-    candidates = 0
+    # By what pseudo-costs promise: of those that are known well the best, the first few others are
+    # probed.
+    best, chosen = -1.0, 0
     for e in range(E):
+        s.score[e] = -1.0
         if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
-            score[e] = _score(_expected(s, e, 0, average), _expected(s, e, 1, average))
-            candidates += 1
-        else:
-            score[e] = -1.0
-    order = np.argsort(-score, kind="mergesort")
-    best, chosen = -1.0, order[0]
-    bounds = np.full(2, parent)
-    made = np.zeros(2, np.bool_)  # children that their probes have closed
-    probed = 0
-    for place in range(candidates):
-        e = order[place]
-        if min(s.seen[0, e], s.seen[1, e]) >= _RELIABLE:
-            if score[e] > best:
-                best, chosen = score[e], e
-                bounds[:] = parent
-            continue
-        if probed >= _PROBED:
-            continue
-        probed += 1
+            score = _score(_expected(s, e, 0, average), _expected(s, e, 1, average))
+            if min(s.seen[0, e], s.seen[1, e]) < _RELIABLE:
+                s.score[e] = score
+            elif score > best:
+                best, chosen = score, e
+    below, above = parent, parent  # bounds of the children
+    made_below, made_above = False, False  # children that their probes have closed
+    for _ in range(_PROBED):
+        e = _most_promising(s)
+        if s.score[e] < 0.0:
+            break
+        s.score[e] = -1.0
         split = _split(n, s, e)
-        reached = np.full(2, parent)
+        down, up = parent, parent
         for way in range(2):
-            reached[way] = max(parent, _probe_child(n, s, e, way, split))
-            gain = reached[way] - parent
-            if not np.isinf(gain):
-                s.gain[way, e] += gain / s.distance[way, e]
-                s.seen[way, e] += 1
-            if reached[way] >= _cutoff(s):
-                # The child is closed, and keeps the multipliers that do it
-                new = _child(n, s, tree, node, e, way, split, reached[way])
-                _store(tree, new, s.probe)
-                _close(s, tree, new, reached[way])
-                made[way] = True
-        here = np.inf
-        if not made.any():
-            here = _score(reached[0] - parent, reached[1] - parent)
+            reached, closed = _probe_way(n, s, tree, node, e, way, split)
+            if way == 0:
+                down, made_below = reached, closed
+            else:
+                up, made_above = reached, closed
+        closed = made_below or made_above
+        here = np.inf if closed else _score(down - parent, up - parent)
         if here > best:
             best, chosen = here, e
-            bounds[:] = reached
-        if made.any():
+            below, above = down, up
+        if closed:
             break
     split = _split(n, s, chosen)
     tree.state[node] = BRANCHED
     prefer = 0 if s.distance[0, chosen] < s.distance[1, chosen] else 1
-    if bounds[0] != bounds[1]:
-        prefer = 0 if bounds[0] < bounds[1] else 1
+    if below != above:
+        prefer = 0 if below < above else 1
     follow = -1
     for turn in range(2):
         way = prefer if turn == 0 else 1 - prefer
-        if made[way]:
+        if made_above if way else made_below:
             continue
-        new = _child(n, s, tree, node, chosen, way, split, bounds[way])
+        new = _child(n, s, tree, node, chosen, way, split, above if way else below)
         _store(tree, new, s.main)
         if follow < 0:
             follow = new

@@ -286,7 +286,11 @@ def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: 
         low=np.zeros(E, np.int64),
         high=np.zeros(E, np.int64),
         hint=np.zeros(E, np.int64),
+        chosen=np.zeros(E, np.int64),
         spare=np.zeros((2, k)),
+        shift=np.zeros(m),
+        score=np.zeros(E),
+        vector=np.zeros(n.ball.shape[1]),
     )
 
 

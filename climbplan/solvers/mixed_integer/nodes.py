@@ -76,7 +76,12 @@ class Search(NamedTuple):
     low: NDArray[np.int64]  # (E,) the node at hand
     high: NDArray[np.int64]
     hint: NDArray[np.int64]  # (E,) integers to try first, where HINTED
+    chosen: NDArray[np.int64]  # (E,) integers that are tried
+    # Scratch
     spare: Array  # (2, k)
+    shift: Array  # (m,)
+    score: Array  # (E,)
+    vector: Array  # (D,)
 
 
 @compiled

@@ -37,7 +37,7 @@ from climbplan.solvers.mixed_integer.branching import (
     _branch,
     _measure,
 )
-from climbplan.solvers.mixed_integer.compiling import compiled
+from climbplan.solvers.mixed_integer.compiling import compiled, constant
 from climbplan.solvers.mixed_integer.nodes import (
     AGAIN,
     BEST,
@@ -75,7 +75,7 @@ from climbplan.solvers.mixed_integer.nodes import (
 from climbplan.solvers.mixed_integer.numbers import Numbers
 
 _ITERATIONS = 400  # of one re-solve, and as many again for each column
-_CLOSE_ROUNDS = 60  # at points that may be incumbents
+_CLOSE_ROUNDS = constant(60)  # at points that may be incumbents
 _CUT_SHARE = 80  # room for tangents that a node must find, by ball
 _EVERY = 8  # nodes between guesses once there is an incumbent
 
@@ -117,6 +117,17 @@ def _guess(n: Numbers, s: Search, low: Whole, high: Whole, into: Whole) -> None:
 
 
 @compiled
+def _keep(s: Search, chosen: NDArray[np.int64], objective: float) -> None:
+    """The point at hand is the incumbent from now on."""
+    s.real[BEST] = objective
+    for j in range(len(s.w)):
+        s.best_w[j] = s.w[j]
+    for e in range(len(chosen)):
+        s.best_whole[e] = chosen[e]
+    s.whole[INCUMBENTS] += 1
+
+
+@compiled
 def _try(n: Numbers, s: Search, chosen: NDArray[np.int64], limit: int) -> bool:
     """Solve with all integers given; True if that is a better incumbent."""
     _copy_working(s.main, s.probe)
@@ -133,10 +144,7 @@ def _try(n: Numbers, s: Search, chosen: NDArray[np.int64], limit: int) -> bool:
     objective = _objective(n, s.w)
     if objective >= s.real[BEST]:
         return False
-    s.real[BEST] = objective
-    s.best_w[:] = s.w
-    s.best_whole[:] = chosen
-    s.whole[INCUMBENTS] += 1
+    _keep(s, chosen, objective)
     return True
 
 
@@ -154,10 +162,7 @@ def _leaf(n: Numbers, s: Search, chosen: NDArray[np.int64]) -> bool:
     if objective >= s.real[BEST]:
         return False
     if not rounded:
-        s.real[BEST] = objective
-        s.best_w[:] = s.w
-        s.best_whole[:] = chosen
-        s.whole[INCUMBENTS] += 1
+        _keep(s, chosen, objective)
     return rounded
 
 
@@ -235,18 +240,18 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
         _split_anyhow(n, s, tree, node)
         return -1
     s.whole[AGAIN] = 0
-    chosen = np.empty(E, np.int64)
     wanted = np.isinf(s.real[BEST]) or s.whole[NODES] % _EVERY == 1
     if leaf:
-        wanted = _leaf(n, s, chosen)
+        wanted = _leaf(n, s, s.chosen)
     elif s.whole[HINTED]:
         s.whole[HINTED] = 0
-        chosen[:] = s.hint
+        for e in range(E):
+            s.chosen[e] = s.hint[e]
         wanted = True
     elif wanted:
-        _guess(n, s, s.low, s.high, chosen)
+        _guess(n, s, s.low, s.high, s.chosen)
     if wanted:
-        _try(n, s, chosen, limit)
+        _try(n, s, s.chosen, limit)
         _apply(n, s, s.low, s.high)
     if leaf or tree.bound[node] >= _cutoff(s):
         _close(s, tree, node, tree.bound[node])

@@ -171,3 +171,10 @@ def test_rows_that_rounding_takes_for_independent_do_not_pile_up() -> None:
     )
     found = solve_mixed_integer(walled_cart_pole().instance({"start": start}), 1e-3)
     assert found.status == "optimal"
+
+
+@pytest.mark.parametrize("seed", [674, 876, 1087, 1400])
+def test_rows_that_contradict_each_other_by_little_are_no_incumbent(seed: int) -> None:
+    """Both can be active with multipliers of 1e15, and neither be met; SCIP calls these empty."""
+    answer = TreeMemory(1e-5, 1e-6).solve(random_program(seed).at({}), 60.0)
+    assert answer.status == "infeasible"

@@ -21,8 +21,10 @@ from climbplan.solvers.mixed_integer.compiling import compiled
 SOLVED, EMPTY, CUT_OFF, STUCK = 0, 1, 2, 3
 
 _SINGULAR = 1e-13  # squared distance of a unit row from the span of the others, taken for none
+_NOTHING = 0.1  # share of a row's tolerance that does not make a program empty
 _DUAL = 1e-12  # multipliers this far below zero are rounding
 _REFINED = 1e-11  # residual of active rows above which multipliers are corrected
+_MET = 1e-7  # residual of active rows from which they are not met
 _GROWTH = 1e-13  # relative
 _STALLED = 10  # rows without growth after which tolerances are let out tenfold
 _LOOSEST = 100.0
@@ -278,6 +280,15 @@ def _keep_ray(w: Working, row: int, side: float, a: Array) -> None:
 
 
 @compiled
+def _slope(rows: Rows, w: Working) -> float:
+    """What each step along the ray adds to the dual value."""
+    slope = 0.0
+    for i in range(w.ray_count[0]):
+        slope -= w.ray[i] * _edge(rows, w.ray_row[i], w.ray_side[i])
+    return slope
+
+
+@compiled
 def _most_violated(rows: Rows, w: Working, loose: float) -> tuple[int, float]:
     """The row that is violated most, -1 if none is, and its side."""
     worst, chosen, side = 0.0, -1, 1.0
@@ -350,6 +361,7 @@ def _solve(rows: Rows, w: Working, cutoff: float, limit: int) -> int:
                 _refactor(rows, w)
                 fresh = True
                 continue
+            off = again
         # The dual value grows with every row; where it does not, rows are parallel but for rounding
         if half > highest + _GROWTH * abs(highest):
             highest, stalled = half, 0
@@ -359,7 +371,14 @@ def _solve(rows: Rows, w: Working, cutoff: float, limit: int) -> int:
                 loose *= 10.0
         new, side = _most_violated(rows, w, loose)
         if new < 0:
-            return SOLVED
+            # Rows that contradict each other by little can be active together, and none be met
+            if off <= _MET:
+                return SOLVED
+            if fresh:
+                return STUCK
+            _refactor(rows, w)
+            fresh = True
+            continue
         entered = 0.0  # multiplier of the new row so far
         while True:
             n = w.count[0]
@@ -367,6 +386,7 @@ def _solve(rows: Rows, w: Working, cutoff: float, limit: int) -> int:
             # Rounding may take a row or two too many for independent; there is no room for more
             if pivot > _SINGULAR and n < len(w.row) - 1:
                 _append(w, new, side, entered, pivot)
+                fresh = False
                 break
             a = spare
             for i in range(n):
@@ -380,13 +400,24 @@ def _solve(rows: Rows, w: Working, cutoff: float, limit: int) -> int:
                         step, block = room, i
             if block < 0:
                 _keep_ray(w, new, side, a)
-                return EMPTY
+                if _slope(rows, w) > _NOTHING * rows.tolerance[new]:
+                    return EMPTY
+                # Neither empty nor independent: the row says what active ones say already
+                if not fresh:
+                    _refactor(rows, w)
+                    fresh = True
+                elif loose < _LOOSEST:
+                    loose *= 10.0
+                else:
+                    return STUCK
+                break
             for i in range(n):
                 w.multiplier[i] -= step * a[i]
                 if rows.lower[w.row[i]] < rows.upper[w.row[i]]:
                     w.multiplier[i] = max(w.multiplier[i], 0.0)
             entered += step
             _remove(w, block)
+            fresh = False
     return STUCK
 
 

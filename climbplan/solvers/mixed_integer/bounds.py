@@ -302,10 +302,10 @@ def _relax(n: Numbers, s: Search, limit: int) -> tuple[int, float]:
         bound = max(bound, here)
         if found == EMPTY:
             bound = max(bound, _proved_empty(s, s.main) - _reach(n, s))
-            return found, np.inf if bound > n.ceiling else bound
+            break
         allowed = _LOSS * s.real[GAP] * max(abs(bound), LEAST_OBJECTIVE)
         if found == STUCK or last or bound >= _cutoff(s) or (loss <= allowed and found == SOLVED):
             break
         _recenter(n, s)
         _apply(n, s, low, high)
-    return found, bound
+    return found, np.inf if bound > n.ceiling else bound

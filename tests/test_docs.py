@@ -38,7 +38,14 @@ def clone(folder: Path) -> Path:
     return folder
 
 
-SLOW = ("dataset_to_strategy", "compare_payloads", "own_terrain", "walk_and_simulate")
+SLOW = (
+    "dataset_to_strategy",
+    "compare_payloads",
+    "own_terrain",
+    "walk_and_simulate",
+    "your_terrain",
+    "your_robot",
+)
 
 
 @pytest.mark.parametrize(

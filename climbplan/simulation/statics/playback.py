@@ -186,7 +186,7 @@ def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Grou
 
 
 def _samples(plan: ClimbPlan, speed: float, most: float) -> Index:
-    """Samples at which steps end: at most so long apart [s], and both sides of changes of contact."""
+    """Samples at which steps end: so long apart at most [s], both sides of changes of contact."""
     time = plan.trajectory.time
     states = np.hstack([plan.trajectory.contact, standing(plan)])
     change = np.flatnonzero((states[1:] != states[:-1]).any(axis=1))

@@ -77,7 +77,7 @@ def test_a_toe_that_hardly_gives_way_is_held_as_one_that_does_not(knee: float) -
 
 @pytest.mark.parametrize("knee", [-0.2, -0.02, 0.0])
 def test_a_straight_limb_has_a_force_that_changes_steadily(knee: float) -> None:
-    place = toe(np.array([0.08, 0.22, knee])) + [1e-4, 0.0, 2e-4]
+    place = toe(np.array([0.08, 0.22, knee])) + np.array([1e-4, 0.0, 2e-4])
     start = np.array([0.08, 0.22, knee])
     force, slope = held(place, SOFTEST, start)
     step = 1e-7
@@ -86,5 +86,3 @@ def test_a_straight_limb_has_a_force_that_changes_steadily(knee: float) -> None:
         change = (held(moved, SOFTEST, start)[0] - force) / step
         np.testing.assert_allclose(change, slope[:, a], rtol=2e-2, atol=2e-3 / SOFTEST)
     assert np.linalg.eigvalsh((slope + slope.T) / 2).max() <= 1.0001 / SOFTEST
-
-

@@ -132,6 +132,7 @@ class _Player:
             assert self.regulator is not None
             self.odometry = JointOdometry(plan, self.start.toes, self.regulator.tables)
         self._late: deque[Array] = deque()  # corrections on their way to the motors
+        self._found = np.zeros_like(plan.trajectory.joint_command[0])  # those it starts with
         self._noise = np.random.default_rng(conditions.noise_seed)
         self.command = plan.trajectory.joint_command
         self.carrying = np.zeros_like(self.command)
@@ -151,8 +152,9 @@ class _Player:
     ) -> Run:
         moving, conditions = self.plan.trajectory, self.conditions
         self._stand()
-        found = 0.0 if self.regulator is None else self.regulator.told(0)
-        self._hold(self.command[0] + found, SETTLE)
+        if self.regulator is not None:
+            self._found = self.regulator.told(0).copy()
+        self._hold(self.command[0] + self._found, SETTLE)
         planned = rotation_world_body(moving.rpy)
         wrench = self._loads()
         at = instant_samples(self.plan)
@@ -227,7 +229,7 @@ class _Player:
         self._late.append(correction)
         late = round(self.conditions.delay / seconds)
         if len(self._late) <= late:
-            return np.zeros_like(correction)
+            return self._found
         while len(self._late) > late + 1:
             self._late.popleft()
         return self._late[0]

@@ -1,25 +1,27 @@
 """`risk:` of a spec: plans are judged in uncertain worlds and planned again where they fell.
 
-A plan is played by the quasi-static engine in LOOKED worlds, the same for all plans of a run. Each
-round in which falls began is asked for STEP times the margins of pressure and friction
-(`margins.rounds`), and the climb is planned again, at most TIMES times and as long as that helps.
-The plan that fell least is then judged in fresh worlds, which nothing was chosen by: in as many as
-it takes to show the promise, or in LOOKED where it is out of reach. All counts are of work: the
-same spec and seed give the same plan.
+A plan is played by the quasi-static engine in LOOKED worlds, the same for all plans of a search.
+What fell it is asked for more (`more.py`), and the climb is planned again, at most TIMES times and
+as long as that helps. The plan that fell least is then judged in fresh worlds, which nothing was
+chosen by: in as many as it takes to show the promise, or in LOOKED where it is out of reach. Where
+these show that it falls too often, they become the worlds of another search, and what that finds is
+judged in fresh ones again, JUDGED times at most: the interval of each says how sure one judgement
+is, and a plan passes by chance in any of JUDGED with JUDGED times that probability at most. All
+counts are of work: the same spec and seed give the same plan.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import Promise, interval_of
 from climbplan.errors import NoPlanFound
 from climbplan.progress import Progress
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.risk.more import More, as_stated, more
 from climbplan.simulation.worlds.judging import Engine, Judged, causes, judge_plan
 from climbplan.spec.climb.margins import MarginsSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
@@ -27,9 +29,8 @@ from climbplan.spec.climb.uncertainty import UncertaintySpec
 ENGINE: Engine = "statics"
 LOOKED = 300  # worlds in which plans are compared
 TIMES = 5  # plans are made again
-STEP = 1.5  # factor on margins of a round in which falls began
+JUDGED = 3  # times that fresh worlds are played at most
 PATIENCE = 2  # plans in a row that fall no less
-FEW = 0.02  # part of the falls from which a round counts
 SHOWN = 10.0  # worlds in one over the risk that the last judgement plays
 FEWEST, MOST = 300, 30_000
 _SURE = 0.5  # times the risk that falls may be for nothing more to be asked for
@@ -81,33 +82,93 @@ def plan_with_risk(
     if risk is None:
         return first
     seed = loaded.spec.seed
-    factors = dict(loaded.spec.margins.rounds)
-    best, fell = first, _judged(first, LOOKED, seed, ways)
-    tried = [_told(factors, fell)]
-    now, idle = fell, 0
-    for _ in range(TIMES):
-        if fell.falls <= _SURE * risk * LOOKED or not loaded.spec.margins.asked:
+    search = _Search(loaded, plan, again, ways, risk)
+    found = _Tried(first, as_stated(loaded.spec.margins), _judged(first, LOOKED, seed, ways))
+    search.note(found)
+    fresh = found.judged
+    for time in range(1, JUDGED + 1):
+        enough = int(_SURE * risk * LOOKED) if time == 1 else _allowed(risk, fresh)
+        best = search.less(found, enough)
+        hopeless = len(best.judged.outcomes) * _HOPE * risk < best.judged.falls
+        if time > 1 and (best.plan is found.plan or hopeless):
+            break  # nothing falls less; its judgement stands
+        worlds = LOOKED
+        if not hopeless:
+            worlds = min(max(FEWEST, round(SHOWN / risk)), MOST)
+        fresh = _judged(best.plan, worlds, (seed + time * _FRESH) % 2**32, ways)
+        found = replace(best, judged=fresh)
+        search.note(found, judged=True)
+        if hopeless or interval_of(fresh.falls, worlds)[1] <= risk:
             break
-        factors = _more(factors, now, best)
-        words = "{" + ", ".join(f"{k}: {v:.4g}" for k, v in sorted(factors.items())) + "}"
-        try:
-            found = plan(again(loaded, [f"margins.rounds={words}"]))
-        except NoPlanFound as error:
-            tried.append(f"margins.rounds {words}: {error.message.splitlines()[0]}")
-            break
-        now = _judged(found, LOOKED, seed, ways)
-        tried.append(_told(factors, now))
-        idle = 0 if now.falls < fell.falls else idle + 1
-        if now.falls < fell.falls:
-            best, fell = found, now
-        if idle == PATIENCE:
-            break
-    worlds = LOOKED
-    if fell.falls <= _HOPE * risk * LOOKED:
-        worlds = min(max(FEWEST, round(SHOWN / risk)), MOST)
-    fresh = _judged(best, worlds, (seed + _FRESH) % 2**32, ways)
-    promise = _promise(best, risk, fresh, tuple(tried))
-    return replace(best, promise=promise, summary=(*best.summary, _line(promise)))
+    promise = _promise(found.plan, risk, fresh, tuple(search.tried))
+    return replace(found.plan, promise=promise, summary=(*found.plan.summary, _line(promise)))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A plan, the margins that it was asked for, and how it did."""
+
+    plan: ClimbPlan
+    asked: More
+    judged: Judged
+
+
+class _Search(Generic[L]):
+    """Plans made again, with what is said of each."""
+
+    def __init__(
+        self,
+        loaded: L,
+        plan: Callable[[L], ClimbPlan],
+        again: Callable[[L, list[str]], L],
+        ways: Ways,
+        risk: float,
+    ) -> None:
+        self._loaded, self._plan, self._again = loaded, plan, again
+        self._ways, self._risk = ways, risk
+        self.tried: list[str] = []
+
+    def note(self, found: _Tried, judged: bool = False) -> None:
+        """Say how a plan did."""
+        word = "judged in fresh worlds: " if judged else ""
+        fell = f"{found.judged.falls} of {len(found.judged.outcomes)} worlds fall"
+        self.tried.append(f"{word}margins {found.asked.words}: {fell}")
+
+    def less(self, start: _Tried, enough: int) -> _Tried:
+        """The plan that falls least in the worlds of one to start with, at most `enough` times."""
+        best, now, idle = start, start, 0
+        if not self._loaded.spec.margins.asked:
+            return start
+        for _ in range(TIMES):
+            if best.judged.falls <= enough:
+                break
+            asked = more(now.asked, now.judged, now.plan)
+            try:
+                found = self._plan(self._again(self._loaded, asked.overrides))
+            except NoPlanFound as error:
+                line = error.message.splitlines()[0]
+                self.tried.append(f"margins {asked.words}: {line}")
+                break
+            worlds, seed = len(start.judged.outcomes), start.judged.seed
+            now = _Tried(found, asked, _judged(found, worlds, seed, self._ways))
+            self.note(now)
+            idle = 0 if now.judged.falls < best.judged.falls else idle + 1
+            if now.judged.falls < best.judged.falls:
+                best = now
+            if idle == PATIENCE:
+                break
+        return best
+
+
+def _allowed(risk: float, judged: Judged) -> int:
+    """The most falls in as many worlds as were judged that a promise can have, less a margin.
+
+    Half of the most, for as many in fresh worlds are less than the most nearly always.
+    """
+    worlds, most = len(judged.outcomes), 0
+    while interval_of(most + 1, worlds)[1] <= risk:
+        most += 1
+    return most // 2
 
 
 def _judged(plan: ClimbPlan, worlds: int, seed: int, ways: Ways) -> Judged:
@@ -115,23 +176,6 @@ def _judged(plan: ClimbPlan, worlds: int, seed: int, ways: Ways) -> Judged:
         plan, Conditions(), ENGINE, worlds, seed, ways.workers,
         lambda part: ways.report("risk", part),
     )  # fmt: skip
-
-
-def _more(factors: dict[int, float], judged: Judged, plan: ClimbPlan) -> dict[int, float]:
-    """More of the margins in rounds in which falls began, the one before the first instant 1."""
-    rounds = Counter(
-        int(plan.instants.round[max(o.instant, 0)]) for o in judged.outcomes if o.fallen
-    )
-    out = dict(factors)
-    for number, many in rounds.items():
-        if many > FEW * judged.falls:
-            out[number] = STEP * out.get(number, 1.0)
-    return out
-
-
-def _told(factors: dict[int, float], judged: Judged) -> str:
-    asked = ", ".join(f"round {k} x {v:.3g}" for k, v in sorted(factors.items()))
-    return f"margins {asked or 'as stated'}: {judged.falls} of {len(judged.outcomes)} worlds fall"
 
 
 def _promise(plan: ClimbPlan, risk: float, judged: Judged, tried: tuple[str, ...]) -> Promise:

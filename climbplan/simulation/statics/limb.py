@@ -14,6 +14,7 @@ from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.small_algebra import (
     _both_sides,
+    _dot,
     _inverse,
     _times,
     _transposed_times,
@@ -25,6 +26,11 @@ _TURNED = 0.15  # [rad] of a joint in one step of the inverse kinematics at most
 _REACHED = 3e-5  # [m] after which one more step, which squares it, is the last
 _TRIES = 12
 _SQUASHED = 1e-7  # [m^3] determinant below which a limb counts as singular
+_STRAIGHT = 0.02  # of the cube of a limb's length, determinant below which its toe gives way
+SOFTEST = 5e-6  # [m/N] of the toe of a straight limb: 0.15 mm at 30 N
+_STILL = 5e-5  # [rad] after which one more step, which squares it, is the last
+_CURVED = 0.02  # [rad] of a step below which the arcs of limbs count
+_SPRUNG = 25  # tries with a toe that gives way
 
 
 @compiled
@@ -127,6 +133,8 @@ def _held(
 
     False if the place is not reached.
     """
+    if springs.soft[limb] > 0.0:
+        return _sprung_toe(zero, limb, place, springs, angles, force, slope, pad)
     columns, axes, inverse, middle = pad.m[0], pad.m[1], pad.m[2], pad.m[3]
     half_way = pad.m[4]
     toe, missing, turned, torque, firm = pad.v[0], pad.v[1], pad.v[2], pad.v[3], pad.v[4]
@@ -148,14 +156,27 @@ def _held(
             break
     if not done:
         return False
+    _bent(limb, angles, springs, torque, firm)
+    _times(inverse, torque, force)
+    _arcs(columns, axes, force, firm, middle)
+    _both_sides(inverse, middle, half_way, slope)
+    return True
+
+
+@compiled
+def _bent(limb: int, angles: Array, springs: Springs, torque: Array, firm: Array) -> None:
+    """Torques (3,) of joints at angles (3,) less the links' weight, and their stiffness (3,)."""
     for j in range(3):
         bend = angles[j] - springs.command[limb, j]
         half, loose = springs.half[limb, j], springs.loose[limb, j]
         torque[j] = _pushes(bend, half, loose, springs.stiffness[limb, j])
         firm[j] = springs.stiffness[limb, j] if abs(bend) > half else loose
         torque[j] -= springs.weight[limb, j]
-    _times(inverse, torque, force)
-    # k - f . d2p / dtheta_i dtheta_j = axis_i x column_j for i <= j
+
+
+@compiled
+def _arcs(columns: Array, axes: Array, force: Array, firm: Array, middle: Array) -> None:
+    """middle (3, 3) = k - f . d2p / dtheta_i dtheta_j, the latter axis_i x column_j for i <= j."""
     f0, f1, f2 = force[0], force[1], force[2]
     for j in range(3):
         c0, c1, c2 = columns[j, 0], columns[j, 1], columns[j, 2]
@@ -165,5 +186,85 @@ def _held(
             lost = axes[i, 0] * t0 + axes[i, 1] * t1 + axes[i, 2] * t2
             middle[i, j] = middle[j, i] = -lost
         middle[j, j] = firm[j] - (axes[j, 0] * t0 + axes[j, 1] * t1 + axes[j, 2] * t2)
-    _both_sides(inverse, middle, half_way, slope)
-    return True
+
+
+@compiled
+def _softness(zero: Array, angles: Array, pad: Pad) -> float:
+    """Compliance of a limb's toe at angles (3,) [m/N]: 0 but where the limb is nearly straight."""
+    _chain(zero, angles, pad.m[0], pad.m[1], pad.v[0])
+    length, volume = 0.0, 0.0
+    for j in range(3):
+        piece = 0.0
+        for a in range(3):
+            piece += (zero[4 + j, a] - zero[3 + j, a]) ** 2
+        length += np.sqrt(piece)
+    c = pad.m[0]
+    volume += c[0, 0] * (c[1, 1] * c[2, 2] - c[1, 2] * c[2, 1])
+    volume += c[0, 1] * (c[1, 2] * c[2, 0] - c[1, 0] * c[2, 2])
+    volume += c[0, 2] * (c[1, 0] * c[2, 1] - c[1, 1] * c[2, 0])
+    part = max(0.0, 1.0 - abs(volume) / (_STRAIGHT * length**3))
+    return float(SOFTEST * part * part)
+
+
+@compiled
+def _sprung_toe(
+    zero: Array,
+    limb: int,
+    place: Array,
+    springs: Springs,
+    angles: Array,
+    force: Array,
+    slope: Array,
+    pad: Pad,
+) -> bool:
+    """As `_held`, of a toe that gives way: the joints' torques balance (place - p) / c.
+
+    J^T (place - p) / c = k play(theta - command) - weight, by Newton's method in the angles; with
+    H = k - f . d2p, df/dplace = (I - J (J^T J + c H)^-1 J^T) / c. False if they find no balance.
+    """
+    soft = springs.soft[limb]
+    columns, axes, inverse, middle = pad.m[0], pad.m[1], pad.m[2], pad.m[3]
+    toe, torque, firm, off, turned = pad.v[0], pad.v[3], pad.v[4], pad.v[1], pad.v[2]
+    last = 1.0
+    for _ in range(_SPRUNG):
+        _chain(zero, angles, columns, axes, toe)
+        for i in range(3):
+            force[i] = (place[i] - toe[i]) / soft
+        _bent(limb, angles, springs, torque, firm)
+        curved = last < _CURVED
+        if curved:
+            _arcs(columns, axes, force, firm, middle)
+        else:
+            middle[:] = 0.0
+            for j in range(3):
+                middle[j, j] = firm[j]
+        for i in range(3):
+            off[i] = _dot(columns[i], force) - torque[i]
+            for j in range(3):
+                middle[i, j] = soft * middle[i, j] + _dot(columns[i], columns[j])
+        _inverse(middle, inverse)
+        _times(inverse, off, turned)
+        last = 0.0
+        for j in range(3):
+            turned[j] *= soft
+            last = max(last, abs(turned[j]))
+        part = 1.0 if last <= _TURNED else _TURNED / last
+        for j in range(3):
+            angles[j] += part * turned[j]
+        if curved and last < _STILL:
+            _transposed_times(columns, turned, off)
+            for i in range(3):
+                force[i] -= off[i] / soft
+                for j in range(3):
+                    torque[j] = columns[0, j] * inverse[0, i]
+                    torque[j] += columns[1, j] * inverse[1, i] + columns[2, j] * inverse[2, i]
+                for j in range(3):
+                    pad.m[4][i, j] = torque[j]  # row i of (J^T J + c H)^-1 J^T
+            for i in range(3):
+                for j in range(3):
+                    held = 0.0
+                    for k in range(3):
+                        held += columns[k, i] * pad.m[4][k, j]
+                    slope[i, j] = ((1.0 if i == j else 0.0) - held) / soft
+            return True
+    return False

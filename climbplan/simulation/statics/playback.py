@@ -45,6 +45,8 @@ from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
 SPAN = 0.25  # [s] of a step at most, simulated time
+_SPAN_LATE = 0.1  # [s] with a regulator that is late
+_DRAWS = 4096  # errors of sensors that are drawn for a run
 _REGULATORS = {
     "nothing": NO_REGULATOR, "attitude": BY_ATTITUDE, "joints": BY_JOINTS, "pose": BY_POSE
 }  # fmt: skip
@@ -66,7 +68,7 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     """
     robot, moving = plan.robot, plan.trajectory
     zero = _zero(plan)
-    sample = _samples(plan, conditions.speed)
+    sample = _samples(plan, conditions.speed, _SPAN_LATE if conditions.delay > 0 else SPAN)
     instant = sample_instants(plan)
     angles = true_angles(plan, instant)
     weight = -limb_weight_torques(plan, conditions)
@@ -156,7 +158,16 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
         toes=np.ascontiguousarray(start.toes),
         angles=np.ascontiguousarray(start.angles),
         regulator=_REGULATORS[conditions.regulator],
+        delay=conditions.delay,
+        noise=_noise(robot.limb_count, conditions),
     )
+
+
+def _noise(limbs: int, conditions: Conditions) -> Array:
+    """(D, N, 3) errors of the joints' sensors [rad], which a run takes in turn; D = 0 of none."""
+    size = _DRAWS if conditions.joint_noise > 0 else 0
+    rng = np.random.default_rng(conditions.noise_seed)
+    return rng.normal(0.0, conditions.joint_noise, (size, limbs, 3))
 
 
 def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Ground:
@@ -174,8 +185,8 @@ def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Grou
     )
 
 
-def _samples(plan: ClimbPlan, speed: float) -> Index:
-    """Samples at which steps end: at most SPAN apart, and both sides of changes of contact."""
+def _samples(plan: ClimbPlan, speed: float, most: float) -> Index:
+    """Samples at which steps end: so long apart at most [s], both sides of changes of contact."""
     time = plan.trajectory.time
     states = np.hstack([plan.trajectory.contact, standing(plan)])
     change = np.flatnonzero((states[1:] != states[:-1]).any(axis=1))
@@ -183,7 +194,7 @@ def _samples(plan: ClimbPlan, speed: float) -> Index:
     forced = forced[forced < len(time)]
     found = [forced[:1]]
     for first, last in pairwise(forced.tolist()):
-        pieces = max(1, int(np.ceil((time[last] - time[first]) / speed / SPAN - 1e-9)))
+        pieces = max(1, int(np.ceil((time[last] - time[first]) / speed / most - 1e-9)))
         pieces = min(pieces, int(last - first))
         found.append(np.rint(np.linspace(first, last, pieces + 1)[1:]).astype(np.int64))
     return np.concatenate(found)

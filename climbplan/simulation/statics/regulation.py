@@ -19,20 +19,74 @@ from climbplan.simulation.statics.small_algebra import (
 )
 from climbplan.simulation.statics.tuples import Known, Pad, Playback
 
+CONTROL = 0.01  # [s] between readings of the regulator, as `replay.py` has it
 _FEWEST = 3  # standing toes that tell a pose
 _FITS = 4  # Gauss-Newton steps of the rotation, from the last pose
+
+
+@compiled
+def _read(rotor: Array, noise: Array, span: float, known: Known) -> None:
+    """What sensors tell of joints (N, 3) over a step of span [s], in place.
+
+    Corrections integrate one reading every CONTROL, so that a step's count for their mean. Where a
+    toe is put down one reading tells.
+    """
+    once, reading = known.once, known.reading
+    many = np.sqrt(CONTROL / span)
+    for i in range(len(rotor)):
+        for j in range(3):
+            once[i, j] = reading[i, j] = rotor[i, j]
+            if len(noise):
+                reading[i, j] += many * noise[known.draws[0] % len(noise), i, j]
+                once[i, j] += noise[(known.draws[0] + 1) % len(noise), i, j]
+    known.draws[0] += 2
+
+
+@compiled
+def _keep(time: float, known: Known) -> None:
+    """Remember what offsets are at a time [s]."""
+    k = known.kept[0] % len(known.when)
+    known.when[k] = time
+    for i in range(len(known.offset)):
+        for a in range(3):
+            known.past[k, i, a] = known.offset[i, a]
+    known.kept[0] += 1
+
+
+@compiled
+def _arrived(time: float, now: float, known: Known) -> None:
+    """Leave in `late` what offsets were at a time [s] not after now, between what is kept.
+
+    known.offset: what they are now.
+    """
+    after, later = now, known.offset
+    for back in range(1, min(known.kept[0], len(known.when)) + 1):
+        k = (known.kept[0] - back) % len(known.when)
+        if known.when[k] <= time:
+            share = (time - known.when[k]) / max(after - known.when[k], 1e-12)
+            for i in range(len(later)):
+                for a in range(3):
+                    before = known.past[k, i, a]
+                    known.late[i, a] = before + share * (later[i, a] - before)
+            return
+        after, later = known.when[k], known.past[k]
+    for i in range(len(later)):
+        for a in range(3):
+            known.late[i, a] = later[i, a]
 
 
 @compiled
 def _estimate(
     plan: Playback,
     s: int,
-    angles: Array,
     known: Known,
     pad: Pad,
 ) -> None:
-    """Pose by joint angles (N, 3) from toes believed to stand where they stood, in place."""
-    toes, stood, com, rotation = known.toes, known.stood, known.com, known.rotation
+    """Pose by what sensors tell, from toes believed to stand where they stood, in place."""
+    angles, toes, stood = (
+        known.reading, known.toes, known.stood,
+    )  # fmt: skip
+    com, rotation = known.com, known.rotation
     local = known.local
     count = 0
     for i in range(len(angles)):
@@ -42,7 +96,8 @@ def _estimate(
         _fitted(plan.trusted[s], stood, local, toes, com, rotation, pad)
     for i in range(len(angles)):
         if plan.trusted[s, i] and not stood[i]:
-            _times(rotation, local[i], pad.v[0])
+            _chain(plan.zero[i], known.once[i], pad.m[0], pad.m[1], pad.v[1])
+            _times(rotation, pad.v[1], pad.v[0])
             for a in range(3):
                 toes[i, a] = com[a] + pad.v[0][a]
         stood[i] = plan.trusted[s, i]
@@ -112,14 +167,13 @@ def _regulated(
     com: Array,
     rotation: Array,
     known: Known,
-    command: Array,
     pad: Pad,
 ) -> None:
-    """Integrate departures of pose and forces over a span [s], add the correction to commands.
+    """Integrate departures of pose and forces over a span [s] into offsets.
 
     part: of the way from step s - 1 to s at which the pose is. known.lag: (N, 3) of joints behind
     what they were last told, less what carries the links; becomes what toes lack of their
-    deflections. command: (N, 3).
+    deflections.
     """
     before = max(s - 1, 0)
     lag, offset = known.lag, known.offset
@@ -135,7 +189,7 @@ def _regulated(
         turned[a] = 0.0
         for b in range(3):
             turned[a] += (wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]) / 2
-    n = len(command)
+    n = len(lag)
     for i in range(n):
         for j in range(3):
             most = plan.most[i, j]
@@ -158,7 +212,6 @@ def _regulated(
             for a in range(3):
                 offset[i, a] -= RATE * span * (shift[a] + moved[a])
         _shortened(offset[i], MOST_OFFSET)
-    _moved(plan, before, offset, command, pad)
 
 
 @compiled

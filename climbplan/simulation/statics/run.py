@@ -9,8 +9,16 @@ from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS
 from climbplan.simulation.statics.corner import _runs_into
-from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes
-from climbplan.simulation.statics.regulation import _estimate, _moved, _placed, _regulated
+from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes, _softness
+from climbplan.simulation.statics.regulation import (
+    _arrived,
+    _estimate,
+    _keep,
+    _moved,
+    _placed,
+    _read,
+    _regulated,
+)
 from climbplan.simulation.statics.small_algebra import _dot, _times
 from climbplan.simulation.statics.step import _settled
 from climbplan.simulation.statics.surfaces import BESIDE, TUBE, _beyond, _landed, _onto
@@ -38,6 +46,7 @@ _SHORT = 0.005  # [s] of a step in which a toe may land, whatever the command do
 _SWIFT = 0.05  # [s] of a step that counts as short
 _SLIDING = 0.03  # [s] of a step while a toe slides, which goes another way as it goes on
 _SNAP = 2e-3  # [s] of a step in which toes may snap
+_KEPT = 2048  # offsets that are remembered for a regulator that is late
 FINEST = 1.0 / 512  # part of a step below which it is not divided
 
 # What a run tells of itself: columns of its row
@@ -63,7 +72,9 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     body = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
     kept = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
     half = machine.play / (2 * (1 - LOOSE))
-    springs = Springs(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), half, np.zeros((n, 3)))
+    springs = Springs(
+        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), half, np.zeros((n, 3)), np.zeros(n)
+    )
     stand = Stand(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
         machine.toes.copy(), np.zeros(n, np.int64), np.full((n, 2), -1),
@@ -80,7 +91,9 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     known = Known(
         machine.toes.copy(), plan.trusted[0].copy(), plan.com[0].copy(), plan.rotation[0].copy(),
         machine.toes - plan.toes, machine.toes - plan.toes, plan.command[0].copy(),
-        plan.command[0].copy(), np.zeros((n, 3)), np.zeros((n, 3)),
+        plan.command[0].copy(), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)),
+        np.zeros((n, 3)), np.zeros(1, np.int64), np.zeros((n, 3)), np.zeros(_KEPT),
+        np.zeros((_KEPT if machine.delay > 0.0 else 0, n, 3)), np.zeros(1, np.int64),
     )  # fmt: skip
     feet = Feet(machine.toes.copy(), np.zeros(n))
     row = np.zeros(COLUMNS)
@@ -116,7 +129,9 @@ def _played(
     pad: Pad,
 ) -> None:
     """The steps of `play`, which brings the room that they need."""
-    fine = 1.0
+    fine, clock = 1.0, 0.0
+    if machine.delay > 0.0:
+        _keep(clock, known)
     for index in range(-SETTLE, len(plan.span)):
         s = max(index, 0)
         whole = SETTLE_SPAN if index <= 0 else plan.span[s]
@@ -134,8 +149,10 @@ def _played(
             span = part * whole
             stand.swift[0] = 1 if span < _SWIFT else 0
             stand.coarse[0] = 1 if span > _SHORT else 0
-            _commanded(plan, machine, s, done, part, span, index > 0, body, motors, known, pad)
-            _sprung(machine, span, springs, touch, motors)
+            _commanded(
+                plan, machine, s, done, part, span, index > 0, clock, body, motors, known, pad
+            )
+            _sprung(plan, machine, span, springs, touch, motors, pad)
             _put(body, kept)
             good = _settled(
                 body, span, load, plan.zero, stand, ground, springs, touch, pad, span < _SNAP
@@ -151,6 +168,9 @@ def _played(
                 return
             _copied(known.sent, known.told)
             _copied(known.offset, known.before)
+            if machine.delay > 0.0 and index > 0:
+                clock += span
+                _keep(clock, known)
             done += part
             fine = min(1.0, 2 * part) if done < 1.0 - 1e-9 else min(1.0, 2 * fine)
             for a in range(6):
@@ -208,12 +228,16 @@ def _commanded(
     part: float,
     span: float,
     moves: bool,
+    clock: float,
     body: Body,
     motors: Motors,
     known: Known,
     pad: Pad,
 ) -> None:
-    """What motors are told at the end of part of a step: plan, missed footholds, regulator."""
+    """What motors are told at the end of part of a step: plan, missed footholds, regulator.
+
+    clock: time since the motion began at its start [s].
+    """
     before, share = max(s - 1, 0), done + part
     wanted = motors.wanted
     for i in range(len(wanted)):
@@ -228,24 +252,39 @@ def _commanded(
         _moved(plan, s, known.offset, wanted, pad)
         _copied(wanted, known.sent)
         return
+    _read(motors.rotor, machine.noise, span, known)
     for i in range(len(wanted)):
         for j in range(3):
             carrying = plan.carrying[before, i, j]
-            known.lag[i, j] = motors.rotor[i, j] - known.told[i, j] + carrying
+            known.lag[i, j] = known.reading[i, j] - known.told[i, j] + carrying
     if machine.regulator == BY_JOINTS:
-        _estimate(plan, before, motors.rotor, known, pad)
-        _regulated(plan, s, done, span, True, known.com, known.rotation, known, wanted, pad)
+        _estimate(plan, before, known, pad)
+        _regulated(plan, s, done, span, True, known.com, known.rotation, known, pad)
     else:
         place = machine.regulator == BY_POSE
-        _regulated(plan, s, done, span, place, body.com, body.rotation, known, wanted, pad)
+        _regulated(plan, s, done, span, place, body.com, body.rotation, known, pad)
+    if machine.delay > 0.0:
+        _arrived(clock + span - machine.delay, clock + span, known)
+        _moved(plan, before, known.late, wanted, pad)
+    else:
+        _moved(plan, before, known.offset, wanted, pad)
     _copied(wanted, known.sent)
 
 
 @compiled
-def _sprung(machine: Machine, span: float, springs: Springs, touch: Touch, motors: Motors) -> None:
+def _sprung(
+    plan: Playback,
+    machine: Machine,
+    span: float,
+    springs: Springs,
+    touch: Touch,
+    motors: Motors,
+    pad: Pad,
+) -> None:
     """Motors as the springs of a step of span [s]."""
     rotor, wanted = motors.rotor, motors.wanted
     for i in range(len(wanted)):
+        springs.soft[i] = _softness(plan.zero[i], motors.angles[i], pad)
         touch.saturated[i] = 0
         for j in range(3):
             k, c = machine.stiffness[i, j], machine.damping[i, j] / span

@@ -26,6 +26,7 @@ class Springs(NamedTuple):
     stiffness: Array  # (N, 3) [N m/rad]
     half: Array  # (N, 3) of the play, to either side [rad]
     loose: Array  # (N, 3) stiffness within the play [N m/rad]
+    soft: Array  # (N,) compliance of toes in this step, 0 but of nearly straight limbs [m/N]
 
 
 class Stand(NamedTuple):
@@ -76,6 +77,13 @@ class Known(NamedTuple):
     sent: Array  # (N, 3) and of this one
     lag: Array  # (N, 3) room: of joints behind what they were told, and toes by it
     local: Array  # (N, 3) room: toes from the body [m]
+    reading: Array  # (N, 3) angles that sensors tell over a step, on average [rad]
+    once: Array  # (N, 3) and once [rad]
+    draws: Array  # (1,) errors of sensors drawn so far
+    late: Array  # (N, 3) offsets that have reached the motors [m]
+    when: Array  # (H,) at which offsets were what they were, the last H, around in a ring [s]
+    past: Array  # (H, N, 3) what they were [m]
+    kept: Array  # (1,) how many were
 
 
 class Feet(NamedTuple):
@@ -157,3 +165,5 @@ class Machine(NamedTuple):
     toes: Array  # (N, 3) where it is set up [m]
     angles: Array  # (N, 3) there [rad]
     regulator: int  # NO_REGULATOR, BY_ATTITUDE, ...
+    delay: float  # [s] that its corrections come late
+    noise: Array  # (D, N, 3) errors of single readings of joints, in turn; D = 0: exact [rad]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from scipy.special import ndtr
@@ -106,8 +107,9 @@ def layout_of(plan: ClimbPlan, uncertainty: Uncertainty) -> Layout:
 
 
 def conditions_of(base: Conditions, layout: Layout, numbers: Array) -> Conditions:
-    """Conditions in the world of D standard normal numbers."""
-    return replace(base, world=layout.world(numbers))
+    """Conditions in the world of D standard normal numbers, whose sensors err as in no other."""
+    noise = crc32(np.ascontiguousarray(numbers, "<f8").tobytes(), base.noise_seed % 2**32)
+    return replace(base, world=layout.world(numbers), noise_seed=noise)
 
 
 def numbers_of(seed: int, index: int, size: int) -> Array:

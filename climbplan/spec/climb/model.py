@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.force import ForcePlannerSpec
 from climbplan.spec.climb.margins import Margins, MarginsSpec
+from climbplan.spec.climb.stated_margins import margins_stated
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
 from climbplan.spec.robots.gripper import GripSpec
@@ -284,7 +285,8 @@ class ClimbSpec(SpecModel):
     margins: Margins = Field(
         default=MarginsSpec(),
         description="what a plan keeps in hand, as far as terrain and motors allow it, so that it "
-        "stands in physics; `none`: bounds of `force` alone, as published",
+        "stands in physics; what `uncertainty` states may ask for more; `none`: bounds of `force` "
+        "alone, as published",
     )
     gripper: GripSpec = GripSpec()
     """How grippers are used, by robots that have them."""
@@ -304,3 +306,10 @@ class ClimbSpec(SpecModel):
     """Methods, solvers and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
     study: StudySpec | None = Field(default=None, description="grid of runs beside the plan")
+
+    @model_validator(mode="after")
+    def _margins_for_uncertainty(self) -> Self:
+        margins = margins_stated(self.margins, self.uncertainty)
+        if margins is not self.margins:
+            object.__setattr__(self, "margins", margins)
+        return self

@@ -22,6 +22,7 @@ from climbplan.spec.climb.model import (
     TrajectorySpec,
     WrenchSpec,
 )
+from climbplan.spec.climb.stated_margins import margins_stated
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
 
@@ -211,7 +212,8 @@ class TransitionSpec(SpecModel):
     margins: Margins = Field(
         default=MarginsSpec(),
         description="what a plan keeps in hand, as far as terrain and motors allow it, so that it "
-        "stands in physics; `none`: bounds of `force` alone, as published",
+        "stands in physics; what `uncertainty` states may ask for more; `none`: bounds of `force` "
+        "alone, as published",
     )
     search: SearchSpec = SearchSpec()
     """The search over stance sets."""
@@ -233,6 +235,13 @@ class TransitionSpec(SpecModel):
     solver: TransitionSolverSpec = TransitionSolverSpec()
     """Method and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
+
+    @model_validator(mode="after")
+    def _margins_for_uncertainty(self) -> Self:
+        margins = margins_stated(self.margins, self.uncertainty)
+        if margins is not self.margins:
+            object.__setattr__(self, "margins", margins)
+        return self
 
     @property
     def last_goal(self) -> GoalSpec:

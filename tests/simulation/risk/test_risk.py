@@ -17,8 +17,12 @@ from climbplan.climb.planner import plan_climb
 from climbplan.errors import PlanFileError, SpecError
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.risk import planning
+from climbplan.simulation.risk.more import as_stated, more
 from climbplan.simulation.risk.planning import Ways, plan_with_risk
-from climbplan.simulation.worlds.judging import judge_plan
+from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
+from climbplan.simulation.worlds.stated import uncertainty_of
+from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
+from climbplan.spec.climb.margins import MarginsSpec
 from climbplan.spec.loading import LoadedClimb, load_text
 
 SPEC = """
@@ -82,7 +86,7 @@ def test_where_it_fell_it_is_planned_with_more_and_says_what_is_missing(
     promise = plan.promise
     assert promise is not None
     assert times > 1
-    assert len(promise.tried) == times
+    assert sum("fresh" not in words for words in promise.tried) == times
     assert "round 1 x" in promise.tried[1]
     assert not promise.met
     assert promise.fells
@@ -93,6 +97,62 @@ def test_where_it_fell_it_is_planned_with_more_and_says_what_is_missing(
     verification = verification_of(plan)
     assert verification.passed
     assert any("asked at most 5.00%" in words for words in verification.fragile)
+
+
+def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few(monkeypatch)
+    judged: list[tuple[int, int]] = []
+
+    def judge(
+        plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, *rest: object
+    ) -> Judged:
+        """Falls in 12 of many worlds, of plans that are not asked for more than stated."""
+        judged.append((worlds, seed))
+        layout = layout_of(plan, uncertainty_of(plan))
+        falls = 12 if worlds > 40 and "margins" not in plan.spec_text else 0
+        ends = [Outcome(k < falls, 1.0, "", 0, 0) for k in range(worlds)]
+        return Judged("statics", seed, layout, tuple(ends))
+
+    monkeypatch.setattr(planning, "judge_plan", judge)
+    plan, times = made(["risk=0.1"])
+    promise = plan.promise
+    assert promise is not None
+    assert times == 2
+    assert promise.met
+    looked, first, again, last = judged
+    assert looked[0] == 40
+    assert first[0] == again[0] == last[0] == 100
+    assert first[1] == again[1]  # compared in the worlds that it fell in
+    assert len({looked[1], first[1], last[1]}) == 3  # and judged in worlds of their own
+    assert promise.seed == last[1]
+    assert [words.startswith("judged in fresh worlds") for words in promise.tried] == [
+        False, True, False, True,
+    ]  # fmt: skip
+
+
+def test_more_is_asked_for_by_what_tells_falls_apart() -> None:
+    plan = plan_climb(load_text(SPEC, "short", []))
+    layout = layout_of(plan, uncertainty_of(plan))
+    stated = as_stated(MarginsSpec())
+
+    def fallen(name: str) -> Judged:
+        """Worlds that fall by the first number of a quantity."""
+        part = dict(layout.parts)[name]
+        numbers = [numbers_of(0, k, layout.size)[part.start] for k in range(200)]
+        ends = [Outcome(bool(n < -1), 1.0, "", 0, 0) for n in numbers]
+        return Judged("statics", 0, layout, tuple(ends))
+
+    slippery, elsewhere = (more(stated, fallen(n), plan) for n in ("friction", "surface"))
+    assert slippery.slip > stated.slip
+    assert slippery.depth == stated.depth
+    assert elsewhere.depth > stated.depth
+    assert elsewhere.slip == stated.slip
+    assert slippery.rounds[1] > 1
+    spec = load_text(SPEC, "short", slippery.overrides).spec
+    assert spec.margins.slip == pytest.approx(slippery.slip)
+    assert spec.margins.rounds == slippery.rounds
 
 
 def test_files_keep_the_promise_and_verify_recomputes_its_interval(

@@ -44,3 +44,40 @@ def test_at_the_start_it_presses_as_planned(planned: Planned) -> None:
     assert path[0, :3] == pytest.approx(plan.rounds.com[0], abs=1e-4)
     total = path[0, 3 + 3 * n :].reshape(n, 3).sum(axis=0)
     assert total == pytest.approx([0.0, 0.0, plan.robot.weight], abs=0.1)
+
+
+def test_a_late_regulator_goes_where_a_late_one_goes_in_mujoco(planned: Planned) -> None:
+    plan = planned()
+    at: dict[float, np.ndarray] = {}
+    for delay in (0.0, 0.3):
+        conditions = Conditions(delay=delay, payload=0.5)
+        steps = prepare(plan, conditions)
+        path = np.zeros((len(steps.sample), 3 + 6 * plan.robot.limb_count))
+        assert not played(plan, steps, conditions, path)[FELL]
+        off = path[:, :3] - simulate(plan, conditions).com[steps.sample]
+        assert np.median(np.linalg.norm(off, axis=1)) < 1.5e-3
+        times = plan.trajectory.time
+        at[delay] = np.array([np.interp(times, times[steps.sample], path[:, a]) for a in range(3)])
+    assert np.abs(at[0.3] - at[0.0]).max() > 2e-4  # the payload is corrected later
+
+
+def test_poor_sensors_scatter_the_body_as_in_mujoco(planned: Planned) -> None:
+    plan = planned()
+    steps = prepare(plan, Conditions())
+    end = plan.trajectory.time[-1]
+    quasi, full = [], []
+    for seed in range(4):
+        conditions = Conditions(joint_noise=np.radians(0.1), noise_seed=seed)
+        path = np.zeros((len(steps.sample), 3 + 6 * plan.robot.limb_count))
+        played(plan, steps, conditions, path)
+        again = path.copy()
+        played(plan, steps, conditions, again)
+        np.testing.assert_array_equal(again, path)
+        run = simulate(plan, conditions)
+        assert run.time[-1] == end
+        planned_com = plan.trajectory.com[steps.sample]
+        quasi.append(path[:, :3] - planned_com)
+        full.append(run.com[steps.sample] - planned_com)
+    ours, theirs = (np.std(np.array(x), axis=0).mean() for x in (quasi, full))
+    assert ours > 1e-4  # [m]: differ from seed to seed
+    assert 0.5 < ours / theirs < 2.0

@@ -1,0 +1,77 @@
+"""What a plan that falls too often is asked for next: margins where and by what it fell.
+
+Each round in which falls began is asked for STEP times the margins of pressure and friction
+(`margins.rounds`). Where friction tells worlds that fall from worlds that stand, surfaces may lack
+more of it (`margins.slip`); where the place of surfaces or play does, commands lie deeper
+(`margins.depth`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.simulation.worlds.judging import Judged
+from climbplan.spec.climb.margins import MarginsSpec
+
+STEP = 1.5  # factor on margins of a round in which falls began
+FEW = 0.02  # part of the falls from which a round counts
+_TELLS = 3.0  # standard errors by which a quantity differs where it fells
+_SLIP, _MOST_SLIP = 0.1, 0.6  # added to the share of friction that may lack, and the most
+_DEPTH, _MOST_DEPTH = 2e-3, 0.02  # [m] likewise
+_PLACES = ("surface_mm", "surface_tilt_deg", "backlash_deg")
+
+
+@dataclass(frozen=True)
+class More:
+    """Margins asked for."""
+
+    rounds: dict[int, float]
+    slip: float
+    depth: float  # [m]
+    stated: MarginsSpec
+
+    @property
+    def overrides(self) -> list[str]:
+        """Of a spec."""
+        words = ", ".join(f"{k}: {v:.4g}" for k, v in sorted(self.rounds.items()))
+        out = [f"margins.rounds={{{words}}}"]
+        if self.slip != self.stated.slip:
+            out.append(f"margins.slip={self.slip:.4g}")
+        if self.depth != self.stated.depth:
+            out.append(f"margins.depth={self.depth:.4g}")
+        return out
+
+    @property
+    def words(self) -> str:
+        """In a line."""
+        out = [f"round {k} x {v:.3g}" for k, v in sorted(self.rounds.items())]
+        if self.slip != self.stated.slip:
+            out.append(f"slip {self.slip:.0%}")
+        if self.depth != self.stated.depth:
+            out.append(f"depth {1e3 * self.depth:.0f} mm")
+        return ", ".join(out) or "as stated"
+
+
+def as_stated(margins: MarginsSpec) -> More:
+    """What a spec asks for by itself."""
+    return More(dict(margins.rounds), margins.slip, margins.depth, margins)
+
+
+def more(asked: More, judged: Judged, plan: ClimbPlan) -> More:
+    """More of it by how a plan fell; falls before the first instant count for round 1."""
+    began = Counter(
+        int(plan.instants.round[max(o.instant, 0)]) for o in judged.outcomes if o.fallen
+    )
+    rounds = dict(asked.rounds)
+    for number, many in began.items():
+        if many > FEW * judged.falls:
+            rounds[number] = STEP * rounds.get(number, 1.0)
+    slip, depth = asked.slip, asked.depth
+    told = [key for key, off in judged.parameters if abs(off) >= _TELLS]
+    if "friction" in told and slip > 0:
+        slip = max(slip, min(slip + _SLIP, _MOST_SLIP))
+    if any(key in _PLACES for key in told) and depth > 0:
+        depth = max(depth, min(depth + _DEPTH, _MOST_DEPTH))
+    return replace(asked, rounds=rounds, slip=slip, depth=depth)

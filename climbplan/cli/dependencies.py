@@ -53,6 +53,7 @@ PARTS = (
     Part("joblib", "joblib", "joblib", "parallel studies (--jobs)"),
     Part("matplotlib", "matplotlib", "matplotlib", "figures"),
     Part("plotly", "plotly", "plotly", "interactive report"),
+    Part("Jinja2", "jinja2", "jinja2", "pages of reports"),
     Part(
         "Gurobi",
         "gurobipy",

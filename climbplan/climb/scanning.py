@@ -67,7 +67,7 @@ def scanned(loaded: Loaded) -> Loaded:
         _as_spec(n, r, scan) for n, r in enumerate(reached, start=1)
     ]
     _log.info(
-        "scan      %d contact regions within reach, %.3g m2",
+        "scan      %d contact regions within reach, %.3g m^2",
         len(reached),
         sum(r.area for r in reached),
         extra={"note": True},

@@ -33,7 +33,9 @@ LIMITS = {
     "robot.spec": Limit(1e-9, "", "the robot is the one that the spec names (relative)"),
     "terrain.spec": Limit(1e-9, "", "the terrain is the one that the spec makes (relative)"),
     "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
-    "force.inward": Limit(1e-6, "m", "commands of toes in contact are inside their surfaces"),
+    "force.inward": Limit(
+        1e-6, "m", "joints bend towards the surfaces that toes stand on, to first order"
+    ),
     "gait.sequence": Limit(1e-6, "m", "instants follow from the rounds and the gait"),
     "steps.com": Limit(1e-6, "m", "body steps within their bounds"),
     "steps.toe": Limit(1e-6, "m", "toe steps within their bounds"),

@@ -1,10 +1,9 @@
-"""What the HTML pages of all kinds of plan are made of."""
+"""What pages of all kinds of plan are made of, as values; page/parts.html has their markup."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import html
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -13,16 +12,13 @@ from typing import Any
 from climbplan.reports import palette
 
 Rows = Iterable[tuple[str, str]]
+# Checks of the file itself, its data and its spec: told after what the robot does
+_OF_THE_FILE = ("file.", "robot.", "terrain.", "limits.")
 
 
 def read_part(name: str) -> str:
     """The text of a file in page/."""
     return files("climbplan.reports").joinpath("page").joinpath(name).read_text(encoding="utf-8")
-
-
-def escape(value: object) -> str:
-    """Text as markup shows it."""
-    return html.escape(str(value), quote=True)
 
 
 def policy(scripts: Iterable[str]) -> str:
@@ -43,62 +39,85 @@ class Card:
     value: str
     detail: str = ""
 
-    def html(self) -> str:
-        """The card as markup."""
-        detail = f"<small>{escape(self.detail)}</small>" if self.detail else ""
-        return f"<div><dt>{escape(self.label)}</dt><dd>{escape(self.value)}{detail}</dd></div>"
+
+@dataclass(frozen=True)
+class Table:
+    """A table with a row of names above rows of cells."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, head: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
+        """A table of any iterables; columns in which nothing stands are left out."""
+        names, cells = tuple(head), tuple(tuple(row) for row in rows)
+        kept = [k for k in range(len(names)) if not cells or any(row[k] for row in cells)]
+        return cls(
+            tuple(names[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in cells)
+        )
 
 
-def pairs(rows: Rows) -> str:
-    """Table rows of a name and a value."""
-    return "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
+@dataclass(frozen=True)
+class CheckRow:
+    """One check as the page shows it."""
+
+    mark: str  # "failed", "not judged" or "passed"
+    name: str
+    meaning: str
+    residual: str  # with unit
+    limit: str  # with unit
+    margin: str  # and where it is least
+
+    @property
+    def of_the_file(self) -> bool:
+        """Whether it is about the file, its data and its spec, not about what the robot does."""
+        return self.name.startswith(_OF_THE_FILE)
+
+
+def check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> list[CheckRow]:
+    """Verification, failed checks first, those of the file last. meanings: of checks by name."""
+    rows = [_check_row(check, meanings) for check in report["verification"]]
+    order = ("failed", "not judged", "passed")
+    return sorted(rows, key=lambda row: (order.index(row.mark), row.of_the_file))
+
+
+def _check_row(check: Mapping[str, Any], meanings: Mapping[str, str]) -> CheckRow:
+    unit = f" {check['unit']}" if check["unit"] else ""
+    return CheckRow(
+        mark=check["result"],
+        name=check["name"],
+        meaning=meanings.get(check["name"], ""),
+        residual=_shown(check["residual"]) + unit,
+        limit=_shown(check["limit"]) + unit,
+        margin=" · ".join(part for part in (check["margin"], check["worst_at"]) if part),
+    )
 
 
 def _shown(number: float | None) -> str:
     return "not finite" if number is None else f"{number:.2e}" if number else "0"
 
 
-def check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> str:
-    """Verification as table rows, failed ones first. meanings: of the checks, by name."""
-    rows = []
-    order = ("failed", "not judged", "passed")
-    for check in sorted(report["verification"], key=lambda check: order.index(check["result"])):
-        mark = check["result"]
-        known = meanings.get(check["name"], "")
-        meaning = f"<small>{escape(known)}</small>" if known else ""
-        unit = f" {check['unit']}" if check["unit"] else ""
-        where = " · ".join(part for part in (check["margin"], check["worst_at"]) if part)
-        rows.append(
-            f'<tr class="{mark.replace(" ", "-")}"><td><span class="mark">{mark}</span></td>'
-            f"<th>{escape(check['name'])}{meaning}</th>"
-            f"<td>{escape(_shown(check['residual']) + unit)}</td>"
-            f"<td>{escape(_shown(check['limit']) + unit)}</td>"
-            f"<td>{escape(where)}</td></tr>"
-        )
-    return "".join(rows)
-
-
-def sequence_section(report: Mapping[str, Any]) -> str:
-    """All contact sequences that a search found, as a table; nothing where there was none."""
+def sequence_rows(report: Mapping[str, Any]) -> Table | None:
+    """All contact sequences that a search found; None where there was none."""
     found = report.get("sequences")
     if not found:
-        return ""
+        return None
 
     def factor(value: float | None) -> str:
         return "no load" if value is None else f"{value:.2f}"
 
-    rows = "".join(
-        f"<tr><th>{escape(row['name'])}</th><td>{row['cost']:.5f}</td>"
-        f"<td>{factor(row['safety_torque'])}</td><td>{factor(row['safety_friction'])}</td>"
-        f"<td>{escape(row['outcome'])}</td></tr>"
-        for row in found
-    )
-    return (
-        "<h3>Contact sequences found</h3>"
-        f"<p class='note'>{len(found)} of so many rounds; safety factors are the largest each "
-        "allows on the poses searched.</p>"
-        "<div class='scroll'><table><thead><tr><th>sequence</th><th>cost</th><th>Sτ</th>"
-        f"<th>Sμ</th><th></th></tr></thead><tbody>{rows}</tbody></table></div>"
+    return Table.of(
+        ("sequence", "cost", "Sτ", "Sμ", "outcome"),
+        (
+            (
+                row["name"],
+                f"{row['cost']:.5f}",
+                factor(row["safety_torque"]),
+                factor(row["safety_friction"]),
+                row["outcome"],
+            )
+            for row in found
+        ),
     )
 
 
@@ -109,35 +128,10 @@ def verdict(report: Mapping[str, Any]) -> str:
     told = [check["name"] for check in checks if check["passed"] and not check["judged"]]
     if not failed and told:
         judged = len(checks) - len(told)
-        return escape(f"All {judged} checks passed that are judged; not judged: {', '.join(told)}.")
+        return f"All {judged} checks passed that are judged; not judged: {', '.join(told)}."
     if not failed:
-        return escape(f"All {len(checks)} checks passed.")
-    return escape(f"{len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
-
-
-def implausible_list(report: Mapping[str, Any]) -> str:
-    """Data and deflections that no such robot has, above everything else."""
-    words = "".join(f"<li>{escape(text)}</li>" for text in report.get("implausible", ()))
-    if not words:
-        return ""
-    return (
-        '<div class="notice implausible" role="alert"><b>Implausible: is the data meant so?</b>'
-        f"<ul>{words}</ul></div>\n"
-    )
-
-
-def left_out_list(report: Mapping[str, Any]) -> str:
-    """What the badge leaves out, and which margins are not kept."""
-    return _listed("This leaves out:", report.get("leaves_out", ())) + _listed(
-        "Fragile: not all margins could be kept.", report.get("fragile", ())
-    )
-
-
-def _listed(title: str, texts: Iterable[str]) -> str:
-    words = "".join(f"<li>{escape(text)}</li>" for text in texts)
-    if not words:
-        return ""
-    return f'<p class="left-out">{title}</p><ul class="left-out">{words}</ul>\n'
+        return f"All {len(checks)} checks passed."
+    return f"{len(failed)} of {len(checks)} checks failed: {', '.join(failed)}."
 
 
 def plain_words(value: object) -> str:
@@ -151,13 +145,9 @@ def plain_words(value: object) -> str:
     return str(value)
 
 
-def figures(images: Mapping[str, bytes]) -> str:
-    """Pictures as data, with their names as captions."""
-    return "".join(
-        f'<figure><img alt="{escape(name)}" src="data:image/png;base64,'
-        f'{base64.b64encode(image).decode()}"></figure>'
-        for name, image in images.items()
-    )
+def data_address(image: bytes, kind: str = "png") -> str:
+    """A picture as the address of itself."""
+    return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
 
 
 def style() -> str:

@@ -1,39 +1,54 @@
-"""The HTML pages of all kinds: templates in page/, and the parts that they share in page/parts/.
+"""The HTML pages of all kinds: Jinja2 templates in page/, each a child of base.html.
 
 A page is its template with fields; what most pages show comes as fields from the functions here.
+Fields are values: every text is escaped by the template, and nothing here writes markup.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from string import Template
+from functools import cache
+from types import MappingProxyType
 from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from climbplan.reports.page_parts import (
     Card,
     Rows,
     check_rows,
-    escape,
-    figures,
-    implausible_list,
-    left_out_list,
-    pairs,
+    data_address,
     plain_words,
     policy,
-    read_part,
     style,
     verdict,
 )
+from climbplan.reports.unit_words import written
 
-Fields = dict[str, str]  # markup by field
-_SHARED = ("head", "main", "summary", "checks", "run", "spec", "foot")
+Fields = dict[str, Any]  # by name, as templates use them
+NOTHING: Mapping[str, Markup] = MappingProxyType({})
 
 
-def fill(template: str, **fields: str) -> str:
-    """The page: a template of page/ with the shared parts that it names, and its fields."""
-    shared = {name: read_part(f"parts/{name}.html").removesuffix("\n") for name in _SHARED}
-    return Template(Template(read_part(template)).safe_substitute(shared)).substitute(fields)
+@cache
+def _templates() -> Environment:
+    """The templates of page/. A field that a template names and nobody gives is an error."""
+    environment = Environment(
+        loader=PackageLoader("climbplan.reports", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["written"] = written
+    return environment
+
+
+def fill(template: str, **fields: Any) -> str:
+    """The page: a template of page/ with its fields."""
+    return _templates().get_template(template).render(fields)
 
 
 def frame_fields(
@@ -44,29 +59,31 @@ def frame_fields(
     cards: Iterable[Card],
     images: Mapping[str, bytes],
     scripts: Sequence[str] = (),
-    data: str = "",
+    data: Mapping[str, Markup] = NOTHING,
     colour: str = "",
-    above: str = "",
-    below: str = "",
 ) -> Fields:
     """Fields of head, summary and foot, and the pictures.
 
     kicker: words above the title. good: colour of the first badge and of the verdict; colour: of
-    the badge alone. images: PNG files by name. scripts: run as they are; data: element before them
-    that is not run. above, below: markup before the title and after the badges.
+    the badge alone. images: PNG files by name. scripts: run as they are; data: what they
+    read, as `data_element` gives it.
     """
     verdict_colour = "good" if good else "bad"
     return {
-        "policy": policy(scripts),
-        "style": style(),
-        "title": escape(title),
-        "kicker": " · ".join(escape(word) for word in ("climbplan", *kicker)),
-        "above": above,
-        "badges": _badges(badges, colour or verdict_colour) + below,
-        "badge_class": verdict_colour,
-        "cards": "".join(card.html() for card in cards),
-        "figures": figures(images),
-        "scripts": data + "".join(f"<script>{script}</script>\n" for script in scripts),
+        "policy": Markup(policy(scripts)),  # its quotation marks are single, the attribute's double
+        "style": Markup(style()),
+        "title": title,
+        "kicker": ("climbplan", *kicker),
+        "badges": tuple(badges),
+        "badge_colour": colour or verdict_colour,
+        "verdict_colour": verdict_colour,
+        "implausible": (),
+        "leaves_out": (),
+        "fragile": (),
+        "cards": tuple(cards),
+        "images": {name: data_address(image) for name, image in images.items()},
+        "data": data,
+        "scripts": tuple(Markup(script) for script in scripts),
     }
 
 
@@ -77,7 +94,7 @@ def report_fields(
     images: Mapping[str, bytes],
     status: str,
     scripts: Sequence[str] = (),
-    data: str = "",
+    data: Mapping[str, Markup] = NOTHING,
 ) -> Fields:
     """As `frame_fields`, of a report; its badges say what it is verified in, and its status."""
     plain = "verified" if report["verified"] else "not verified"
@@ -91,20 +108,12 @@ def report_fields(
             status,
         ),
         colour="part" if report["verified"] and report.get("verified_in") else "",
-        above=implausible_list(report),
-        below=left_out_list(report),
         good=report["verified"],
         cards=cards,
         images=images,
         scripts=scripts,
         data=data,
-    )
-
-
-def data_element(identifier: str, value: object) -> str:
-    """JSON for scripts, which cannot end the element that it stands in."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return f'<script type="application/json" id="{identifier}">{text}</script>\n'
+    ) | {name: tuple(report.get(name, ())) for name in ("implausible", "leaves_out", "fragile")}
 
 
 def run_fields(
@@ -112,24 +121,25 @@ def run_fields(
     tables: Mapping[str, Rows],
     spec_of: str = "this plan was made from",
 ) -> Fields:
-    """Fields of run and spec. tables: of the run beside its times, by caption."""
+    """Fields of run and spec.
+
+    tables: of the run beside its times, by caption; those without rows are not shown.
+    """
     times = [(stage, f"{plain_words(spent)} s") for stage, spent in report["timings"].items()]
-    shown = {"Time by stage": times, **tables}
+    shown = {caption: tuple(rows) for caption, rows in {"Time by stage": times, **tables}.items()}
     return {
-        "run_tables": "\n".join(
-            f"<table><caption>{escape(caption)}</caption><tbody>{pairs(rows)}</tbody></table>"
-            for caption, rows in shown.items()
-        ),
-        "spec_of": escape(spec_of),
-        "spec_text": escape(report["spec"]),
+        "run_tables": {caption: rows for caption, rows in shown.items() if rows},
+        "spec_of": spec_of,
+        "spec_text": report["spec"],
     }
 
 
 def plan_tables(report: Mapping[str, Any], origin: Rows) -> dict[str, Rows]:
-    """The run's tables of a plan."""
+    """The run's tables of a plan; sizes that count nothing are left out."""
+    sizes = [(name, plain_words(size)) for name, size in report["sizes"].items()]
     return {
         "Solvers": _words(report["solvers"]),
-        "Sizes": [(name, plain_words(size)) for name, size in report["sizes"].items()],
+        "Sizes": [(name, words) for name, words in sizes if words],
         "Plan": origin,
     }
 
@@ -153,32 +163,19 @@ def verification_fields(
     note: str = "Everything is recomputed from the plan file alone.",
 ) -> Fields:
     """Fields of summary and checks. meanings: of the checks, by name."""
-    warnings = "".join(f"<li>{escape(text)}</li>" for text in report.get("warnings", ()))
     return {
         "verdict": verdict(report),
-        "warnings": f'<ul class="warnings">{warnings}</ul>' if warnings else "",
-        "check_rows": check_rows(report, meanings),
-        "checks_note": escape(note),
+        "warnings": tuple(report.get("warnings", ())),
+        "checks": check_rows(report, meanings),
+        "checks_note": note,
     }
 
 
-def number_table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table with a row of names above rows of cells."""
-    names = "".join(f"<th>{escape(name)}</th>" for name in head)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
-    )
-    return f'<table class="numbers"><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>'
+def data_element(identifier: str, value: object) -> dict[str, Markup]:
+    """JSON for scripts by the element that holds it, which the text cannot end."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return {identifier: Markup(text.replace("<", "\\u003c"))}
 
 
 def _words(values: Mapping[str, object]) -> Rows:
     return [(name, str(value)) for name, value in values.items()]
-
-
-def _badges(words: Sequence[str], colour: str) -> str:
-    """A line of badges, the first one coloured; nothing without words."""
-    if not words:
-        return ""
-    first, *others = (escape(word) for word in words)
-    plain = "".join(f'<span class="badge">{word}</span>' for word in others)
-    return f'<p class="badges"><span class="badge {colour}">{first}</span>{plain}</p>\n'

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from climbplan.reports.page_parts import Card, escape
+from climbplan.reports.page_parts import Card, Table
 from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.robot_picture import robot_picture
 from climbplan.reports.sheet import png
@@ -50,19 +50,11 @@ def robot_page(proposal: Proposal, brace: Posture | None, told: Sequence[tuple[s
     return fill(
         "robot.html",
         **fields,
-        verdict=escape(verdict),
-        notes="\n".join(f"<li><b>{mark}</b> {escape(text)}</li>" for mark, text in notes),
-        joints=_table(_JOINTS, _joint_rows(proposal)),
-        links=_table(("carried by", "mass [kg]", "links"), _link_rows(proposal)),
+        verdict=verdict,
+        notes=notes,
+        joints=Table.of(_JOINTS, _joint_rows(proposal)),
+        links=Table.of(("carried by", "mass [kg]", "links"), _link_rows(proposal)),
     )
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
-    )
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _joint_rows(proposal: Proposal) -> list[list[str]]:
@@ -73,10 +65,14 @@ def _joint_rows(proposal: Proposal) -> list[list[str]]:
             if not joint:
                 continue
             low, high = np.rad2deg(robot.joint_lower[n, j]), np.rad2deg(robot.joint_upper[n, j])
-            numbers = (robot.max_torque, robot.max_joint_speed, robot.joint_stiffness)
+            numbers = (
+                robot.max_torque[n, j],
+                robot.max_joint_speed[n, j],
+                proposal.motors.joints[joint].stiffness,
+            )
             rows.append(
                 [leg, joint, f"{low:.0f} to {high:.0f}", f"{proposal.standing[joint]:.0f}"]
-                + [f"{values[n, j]:g}" for values in numbers]
+                + [f"{value:g}" for value in numbers]
             )
     return rows
 

@@ -39,8 +39,8 @@ class FittedScan:
     def headline(self) -> str:
         """What was found, in a line."""
         return (
-            f"{len(self.raw.triangles)} triangles of {self.area:.3g} m2, "
-            f"{len(self.regions)} contact regions of {self.found_area:.3g} m2 within "
+            f"{len(self.raw.triangles)} triangles of {self.area:.3g} m^2, "
+            f"{len(self.regions)} contact regions of {self.found_area:.3g} m^2 within "
             f"{1e3 * self.scan.flatness:g} mm"
         )
 

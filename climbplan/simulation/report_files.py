@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from climbplan.reports.page_parts import Card, escape, pairs
+from climbplan.reports.page_parts import Card, data_address
 from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.report_files import write_files
 from climbplan.reports.sheet import png
@@ -81,10 +80,6 @@ def write_simulation(told: Told, directory: Path) -> None:
 
 
 def _page(told: Told, images: Mapping[str, bytes]) -> str:
-    film = ""
-    if told.film is not None:
-        data = base64.b64encode(told.film).decode()
-        film = f'<p><img alt="the run as a film" src="data:image/gif;base64,{data}"></p>'
     return fill(
         "simulation.html",
         **frame_fields(
@@ -95,11 +90,9 @@ def _page(told: Told, images: Mapping[str, bytes]) -> str:
             cards=told.cards,
             images=images,
         ),
-        headline=escape(told.headline),
-        notes="".join(f"<p class='note'>{escape(note)}</p>" for note in told.notes),
-        events=pairs(told.events) or "<tr><td>none</td></tr>",
-        film=film,
-        conditions=pairs(
-            (k, str(v)) for k, v in told.report["conditions"].items() if k != "losses"
-        ),
+        verdict=told.headline,
+        notes=told.notes,
+        events=told.events,
+        film=data_address(told.film, "gif") if told.film is not None else "",
+        conditions=[(k, str(v)) for k, v in told.report["conditions"].items() if k != "losses"],
     )

@@ -109,8 +109,16 @@ class Browser:
         self._call("Page.navigate", url=address)
         self._until("Page.loadEventFired")
 
-    def emulate(self, *, width: int, height: int, dark: bool = False, phone: bool = False) -> None:
-        """Window size, colour scheme and touch."""
+    def emulate(
+        self,
+        *,
+        width: int,
+        height: int,
+        dark: bool = False,
+        phone: bool = False,
+        paper: bool = False,
+    ) -> None:
+        """Window size, colour scheme and touch; or how it is laid out for paper."""
         self._call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -119,7 +127,8 @@ class Browser:
             mobile=phone,
         )
         feature = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self._call("Emulation.setEmulatedMedia", features=[feature])
+        media = "print" if paper else ""
+        self._call("Emulation.setEmulatedMedia", media=media, features=[feature])
 
     def evaluate(self, expression: str) -> Any:
         """The JSON value of an expression; RuntimeError if it throws."""
@@ -140,6 +149,11 @@ class Browser:
         """A PNG of what is seen, or of the whole page."""
         answer = self._call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(answer["data"]))
+
+    def print_pdf(self, path: Path) -> None:
+        """The page as it is printed."""
+        printed = self._call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
+        path.write_bytes(base64.b64decode(printed["data"]))
 
     def _call(self, method: str, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)

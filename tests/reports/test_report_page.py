@@ -254,3 +254,63 @@ def test_the_page_fits_its_window(pages: dict[str, Path], browser: Browser) -> N
         browser.wait_for(f"{paper} === '{shown}'", 5)
         browser.wait_for(f"{SPILLING} === 0", 5)
     assert browser.console == []
+
+
+@needs_browser
+def test_charts_of_few_instants_show_them_all(pages: dict[str, Path], browser: Browser) -> None:
+    settled(browser, pages["six"])
+    above = """[...document.querySelectorAll('#safety-charts .chart')].map((c) =>
+      c.data[2].y.filter((v) => v > c.layout.yaxis.range[1]).length)"""
+    assert browser.evaluate(above) == [0, 0]
+
+
+@needs_browser
+def test_a_dark_page_prints_in_the_colours_of_paper(
+    pages: dict[str, Path], browser: Browser
+) -> None:
+    browser.emulate(width=1280, height=900, dark=True)
+    settled(browser, pages["six"])
+    ink = "getComputedStyle(document.documentElement).getPropertyValue('--ink').trim()"
+    axis = "document.querySelector('.chart').layout.font.color"
+    drawn = "getComputedStyle(document.querySelector('img.drawn')).filter"
+    assert browser.evaluate(axis) == browser.evaluate(ink) == "#e6ebf1"
+    assert browser.evaluate(drawn).startswith("invert")
+    browser.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert browser.evaluate(axis) == browser.evaluate(ink) == "#1f2933"
+    browser.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert browser.evaluate(axis) == "#e6ebf1"
+    browser.emulate(width=1280, height=900, dark=True, paper=True)
+    assert browser.evaluate(drawn) == "none"
+
+
+@needs_browser
+def test_the_page_fits_on_paper(pages: dict[str, Path], browser: Browser, tmp_path: Path) -> None:
+    """A4 without its margins is 688 pixels wide: charts two abreast, words in every column."""
+    browser.emulate(width=1280, height=900)
+    settled(browser, pages["tall"])
+    browser.emulate(width=688, height=1017, paper=True)
+    assert browser.evaluate("document.documentElement.scrollWidth") <= 688
+    edges = "(e) => Math.round(e.getBoundingClientRect().left)"
+    columns = f"new Set([...document.querySelectorAll('#torque-charts > div')].map({edges})).size"
+    assert browser.evaluate(columns) == 2
+    spilling = """[...document.querySelectorAll('#torque-charts .main-svg')].filter((s) =>
+      s.getBoundingClientRect().right > 689).length"""
+    assert browser.evaluate(spilling) == 0
+    widths = "[...document.querySelectorAll('.checks thead th')].map((c) => c.clientWidth)"
+    assert min(browser.evaluate(widths)) > 55
+    broken = "[...document.querySelectorAll('%s')].filter((e) => getComputedStyle(e).breakInside"
+    for kept in (".charts > div", "tr", "figure", ".note"):
+        assert browser.evaluate(f"{broken % kept} !== 'avoid').length") == 0
+    browser.print_pdf(tmp_path / "page.pdf")
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+
+
+@needs_browser
+def test_checks_are_read_on_a_phone(pages: dict[str, Path], browser: Browser) -> None:
+    browser.emulate(width=390, height=844, phone=True)
+    settled(browser, pages["six"])
+    heights = "[...document.querySelectorAll('.checks tr')].map((r) => r.clientHeight)"
+    assert max(browser.evaluate(heights)) < 180  # no column of single letters
+    lost = """[...document.querySelectorAll('.checks td')].filter((c) =>
+      c.textContent && c.getBoundingClientRect().right > innerWidth).length"""
+    assert browser.evaluate(lost) == 0

@@ -17,7 +17,9 @@ from climbplan.plans.check import Check, judge_worst, unjudged
 def inward_check(subject: Subject, asked: float | None) -> Check:
     """Depth of commands by n . J (angles - commands) >= asked [m].
 
-    Commands outside are told but not judged where the spec asks nothing.
+    This is to first order, as plans are asked for it; beside it stands how deep the commanded toes
+    really are, which is what reports call the depth of commands. Commands outside are told but not
+    judged where the spec asks nothing.
     """
     instants, forces = subject.plan.instants, subject.plan.forces
     bent = instants.joint_angles - forces.joint_command
@@ -25,7 +27,10 @@ def inward_check(subject: Subject, asked: float | None) -> Check:
     depth = np.einsum("kni,kni->kn", moved, instants.normal)
     standing = np.where(instants.contact, depth, np.inf)
     outside = int((standing < 0).sum())
-    margin = f"{1e3 * standing.min(initial=np.inf):.1f} mm inside at least"
+    into = np.einsum("kni,kni->kn", instants.toes - forces.toe_command, instants.normal)
+    real = np.where(instants.contact, into, np.inf)
+    linear, commanded = _millimetres(standing), _millimetres(real)
+    margin = f"{linear} inside at least to first order, {commanded} as commanded"
     if outside:
         margin += f", {outside} of {int(instants.contact.sum())} commands outside"
     residual = np.where(instants.contact, (asked or 0.0) - depth, -np.inf)
@@ -34,3 +39,8 @@ def inward_check(subject: Subject, asked: float | None) -> Check:
         return check
     # Nothing is left out of the plan: what friction has to hold is judged by the static checks.
     return unjudged(check, "force.least_depth is not asked")
+
+
+def _millimetres(depth: np.ndarray) -> str:
+    """The least of depths [m] in words, without "-0.0"."""
+    return f"{round(1e3 * float(depth.min(initial=np.inf)), 1) + 0.0:.1f} mm"

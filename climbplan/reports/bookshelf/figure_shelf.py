@@ -41,7 +41,12 @@ def scene_gallery(plan: ShelfPlan, scenes: list[int]) -> Figure:
     """Before and after of these scenes, on one page."""
     items = [_pictured(plan, k, f"scene {k}") for k in scenes]
     lost = not plan.solutions.placed[scenes].all()
-    what = "scenes without a placement, and the costliest" if lost else "the costliest scenes"
+    if lost:
+        what = "scenes without a placement, and the costliest"
+    elif (plan.solutions.objective[scenes] > TRIVIAL).any():
+        what = f"the costliest scenes, above {TRIVIAL:g} mm²"
+    else:
+        what = f"no scene costs more than {TRIVIAL:g} mm²; some of them"
     name = plain(plan.title or plan.name).replace(r"\$", "$")
     return gallery(items, plan.shelf, COLUMNS, f"{name}: {what}")
 

@@ -110,9 +110,14 @@ def _books(plan: ShelfPlan) -> list[dict[str, Any]]:
 
 
 def gallery_pages(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
-    """Pages of the costliest scenes, after those without a placement, by figure name."""
+    """Pages of scenes, by figure name: without a placement, then the costliest.
+
+    Scenes that need next to no movement (`TRIVIAL`) are shown only where no other is.
+    """
     missing = [int(k) for k in np.flatnonzero(~plan.solutions.placed)]
-    shown = (missing[: PER_PAGE // 2] + costliest(plan))[:LISTED]
+    listed = costliest(plan)
+    costly = [k for k in listed if plan.solutions.objective[k] > TRIVIAL]
+    shown = (missing[: PER_PAGE // 2] + costly)[:LISTED] or listed[:PER_PAGE]
     pages = [shown[k : k + PER_PAGE] for k in range(0, len(shown), PER_PAGE)]
     draw = FigureOf("climbplan.reports.bookshelf.figure_shelf:scene_gallery")
     return {f"gallery_{n}": partial(draw, scenes=page) for n, page in enumerate(pages, start=1)}

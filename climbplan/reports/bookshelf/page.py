@@ -9,10 +9,9 @@ from typing import Any
 
 from climbplan.bookshelf.check.plan_checks import LIMITS, MEANINGS
 from climbplan.bookshelf.plan import ShelfPlan
-from climbplan.reports.page_parts import Card, escape
+from climbplan.reports.page_parts import Card, Table
 from climbplan.reports.page_template import (
     fill,
-    number_table,
     origin_rows,
     plan_tables,
     report_fields,
@@ -22,13 +21,12 @@ from climbplan.reports.page_template import (
 
 
 @dataclass(frozen=True)
-class _Table:
+class _Listed:
     """The page's own table: of books for one scene, of scenes for many."""
 
     title: str
     note: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    table: Table
 
 
 def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
@@ -44,9 +42,9 @@ def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, byt
         **report_fields(report, "bookshelf", _cards(report), images, report["status"]),
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),
-        table_title=escape(table.title),
-        table_note=escape(table.note),
-        table=number_table(table.head, table.rows),
+        table_title=table.title,
+        table_note=table.note,
+        table=table.table,
     )
 
 
@@ -76,12 +74,12 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Shelf", f"{width:.1f} mm", f"{1e3 * shelf['height']:.0f} mm clear height")
 
 
-def _books(report: Mapping[str, Any]) -> _Table:
-    return _Table(
+def _books(report: Mapping[str, Any]) -> _Listed:
+    head = ("Book", "Height x width", "Before: x, y, angle", "After: x, y, angle", "Moved", "State")
+    return _Listed(
         "Books",
         "Lengths in mm, angles in degrees, > 0 to the left; x from the middle of the shelf.",
-        ("Book", "Height x width", "Before: x, y, angle", "After: x, y, angle", "Moved", "State"),
-        tuple(_book_rows(report["books"])),
+        Table.of(head, _book_rows(report["books"])),
     )
 
 
@@ -102,23 +100,26 @@ def _book_rows(books: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
         )
 
 
-def _scenes(report: Mapping[str, Any]) -> _Table:
-    listed = [*report["without_placement"], *report["costliest"]]
-    return _Table(
+def _scenes(report: Mapping[str, Any]) -> _Listed:
+    least = report["cost"]["nontrivial_above"]
+    costly = [scene for scene in report["costliest"] if scene["objective"] > least]
+    head = ("Scene", "Status", "Cost [mm^2]", "Bound [mm^2]", "Time [ms]", "Remark")
+    return _Listed(
         "Scenes",
-        "Those without a placement, then the costliest; all are in the plan file.",
-        ("Scene", "Status", "Cost [mm²]", "Bound [mm²]", "Time [ms]", "Remark"),
-        tuple(
-            (
-                str(scene["scene"]),
-                scene["status"],
-                "" if scene["objective"] is None else f"{scene['objective']:.3f}",
-                "" if scene["bound"] is None else f"{scene['bound']:.3f}",
-                f"{1e3 * scene['time']:.2f}",
-                scene["message"],
-            )
-            for scene in listed
-        ),
+        f"Those without a placement, then the costliest above {least:g} mm^2; all are in the plan "
+        "file.",
+        Table.of(head, map(_scene_cells, [*report["without_placement"], *costly])),
+    )
+
+
+def _scene_cells(scene: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        str(scene["scene"]),
+        scene["status"],
+        "" if scene["objective"] is None else f"{scene['objective']:.3f}",
+        "" if scene["bound"] is None else f"{scene['bound']:.3f}",
+        f"{1e3 * scene['time']:.2f}",
+        scene["message"],
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.plans.check import LIMITS
 from climbplan.reports.climb.page_data import page_data
-from climbplan.reports.page_parts import Card, read_part, sequence_section
+from climbplan.reports.page_parts import Card, read_part, sequence_rows
 from climbplan.reports.page_template import (
     data_element,
     fill,
@@ -62,7 +62,8 @@ def _cards(report: Mapping[str, Any]) -> Iterable[Card]:
     )
     yield Card("Payload", "unknown" if payload is None else f"{payload:g} kg")
     yield Card("Body sag", millimetres(report["sag"]), "below the planned pose")
-    yield Card("Penetration", millimetres(report["penetration"]), "of toe commands into the walls")
+    depth = millimetres(report["penetration"])
+    yield Card("Depth of commands", depth, "of commanded toes inside their surfaces")
     yield Card("Cost", f"{report['objective']:.4g}", _bound(report))
 
 
@@ -91,8 +92,8 @@ def build_page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, 
         ),
         **verification_fields(report, {name: limit.meaning for name, limit in LIMITS.items()}),
         **run_fields(report, plan_tables(report, origin)),
-        sequences=sequence_section(report),
-        study="" if plan.study is not None else "hidden",
+        sequences=sequence_rows(report),
+        has_study=plan.study is not None,
     )
 
 

@@ -11,15 +11,16 @@ import numpy as np
 
 from climbplan.bookshelf.check.plan_checks import LIMITS
 from climbplan.bookshelf.check.plan_checks import MEANINGS as PLACEMENTS
+from climbplan.bookshelf.dataset_frame import KIND
+from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_file import FORMAT, FORMAT_VERSION
 from climbplan.plans.dataset_statistics import statistics
 from climbplan.plans.verification import Verification
 from climbplan.reports.fits.figure_dataset import figure_functions
-from climbplan.reports.page_parts import Card, Rows, escape
+from climbplan.reports.page_parts import Card, Rows, Table
 from climbplan.reports.page_template import (
     fill,
-    number_table,
     origin_rows,
     report_fields,
     run_fields,
@@ -56,8 +57,10 @@ def report_dict(data: Dataset, verification: Verification) -> dict[str, Any]:
         **statistics(data),
         "without_answer": [_row(data, int(k)) for k in np.flatnonzero(~data.feasible)[:_LISTED]],
         "costliest": [_row(data, k) for k in _costliest(data)],
+        "trivial": TRIVIAL if data.frame.kind == KIND else None,
         "units": {
             "cost.*": data.frame.objective_unit,
+            "trivial": data.frame.objective_unit,
             "time.*": "s",
             "timings.*": "s",
             "costliest.*.objective": data.frame.objective_unit,
@@ -89,7 +92,10 @@ def _page(
     origin = origin_rows(report, {name: report[name.lower()] for name in _ORIGIN})
     unit = report["units"]["cost.*"]
     head = ("Row", "Status", f"Cost{f' [{unit}]' if unit else ''}", "Time [ms]", "Remark")
-    listed = [*report["without_answer"], *report["costliest"]]
+    least = report["trivial"]
+    costly = [row for row in report["costliest"] if least is None or row["objective"] > least]
+    listed = [*report["without_answer"], *costly]
+    above = "" if least is None else f" above {least:g} {unit}"
     tables: dict[str, Rows] = {
         "Solvers": [(name, str(version)) for name, version in report["solvers"].items()],
         "Reasons of rows without an answer": [
@@ -102,9 +108,9 @@ def _page(
         **report_fields(report, "dataset", _cards(report), images, report["status"]),
         **verification_fields(report, known, "Everything is computed again from the stored rows."),
         **run_fields(report, tables, "this dataset was made from"),
-        pictures_note=escape("Outcomes, times and costs of all rows; then the costliest."),
-        table_note=escape("Those without an answer, then the costliest; all are in the file."),
-        table=number_table(head, (_cells(entry) for entry in listed)),
+        pictures_note="Outcomes, times and costs of all rows; then the costliest.",
+        table_note=f"Those without an answer, then the costliest{above}; all are in the file.",
+        table=Table.of(head, map(_cells, listed)),
     )
 
 

@@ -11,8 +11,8 @@ import climbplan
 from climbplan.climb.envelopes.file import FORMAT, FORMAT_VERSION, drawn
 from climbplan.climb.envelopes.run import EnvelopeRun
 from climbplan.reports.fits.figure_envelopes import boxes, fitness
-from climbplan.reports.page_parts import Card, escape, plain_words
-from climbplan.reports.page_template import fill, frame_fields, number_table, run_fields
+from climbplan.reports.page_parts import Card, Table, plain_words
+from climbplan.reports.page_template import fill, frame_fields, run_fields
 from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
 from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
@@ -95,14 +95,14 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         **run_fields(
             report, {"Terrains": sizes, "Fit": origin}, "these envelopes were fitted from"
         ),
-        table_note=escape(
+        table_note=(
             f"On {counts['feasible_count']} feasible and {counts['infeasible_count']} infeasible "
             "held-out terrains. P1 to P2: share of the feasible ones. The theorem's conditions: "
             "(1) share of feasible terrains with a point of P in the box; (2) share of infeasible "
             "ones without a point of P but for its bilinear rows there; (3) share of P1's points "
             "whose toes carry balanced forces."
         ),
-        table=number_table(_HEAD, _rows(report)),
+        table=Table.of(_HEAD, _rows(report)),
     )
 
 

@@ -25,6 +25,7 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
+from climbplan.reports.unit_words import written
 
 COLORS = {
     "optimal": "#4DA37F",
@@ -64,7 +65,7 @@ def statistics(data: Dataset) -> Figure:
     middle.set_xlabel("solver's time of a row [ms]")
     panel_title(middle, "Time", f"median {np.median(time):.3g} ms, worst {time.max():.3g} ms")
     cost = data.objective
-    unit = f" [{data.frame.objective_unit}]" if data.frame.objective_unit else ""
+    unit = f" [{written(data.frame.objective_unit)}]" if data.frame.objective_unit else ""
     least = float(cost[data.feasible].min()) if data.feasible.any() else 0.0
     shown = np.maximum(cost, 1e-3) if least >= 0 else cost
     _stacked(right, data, shown, data.feasible, logarithmic=least >= 0)

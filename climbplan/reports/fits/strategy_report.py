@@ -10,10 +10,9 @@ from climbplan.learning.evaluation import FIRST
 from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
 from climbplan.program.instance import Index
 from climbplan.reports.fits.figure_strategy import ranks, spaces
-from climbplan.reports.page_parts import Card, escape, plain_words
+from climbplan.reports.page_parts import Card, Table, plain_words
 from climbplan.reports.page_template import (
     fill,
-    number_table,
     origin_rows,
     report_fields,
     run_fields,
@@ -75,9 +74,9 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         "strategy.html",
         **report_fields(report, "strategy", _cards(fit), images, report["kind"]),
         **run_fields(report, {"Sizes": sizes, "Model": origin}, "this model was trained from"),
-        verdict=escape(told),
-        rank_note=escape(_note(fit)),
-        table=number_table(_HEAD, _rows(evaluation) if evaluation else ()),
+        verdict=told,
+        rank_note=_note(fit),
+        table=Table.of(_HEAD, _rows(evaluation) if evaluation else ()),
     )
 
 

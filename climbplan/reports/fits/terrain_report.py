@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from climbplan.reports import palette
-from climbplan.reports.page_parts import Card, escape, pairs
-from climbplan.reports.page_template import fill, frame_fields, number_table
+from climbplan.reports.page_parts import Card, Table
+from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.sheet import heading, new_figure, plain, png
+from climbplan.reports.unit_words import written
 from climbplan.scan.study import FittedScan
 from climbplan.spec.yaml_source import write_yaml
 
@@ -75,7 +76,7 @@ def write_report(fitted: FittedScan, report: dict[str, Any], directory: Path, pa
 
 def _figure(fitted: FittedScan, name: str) -> Figure:
     figure = new_figure(4.6, entries=0)
-    heading(figure, plain(name), fitted.headline)
+    heading(figure, plain(name), written(fitted.headline))
     corners = fitted.raw.corners
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     largest = np.argsort(-np.linalg.norm(doubled, axis=1), kind="stable")[:_DRAWN]
@@ -103,6 +104,8 @@ def _figure(fitted: FittedScan, name: str) -> Figure:
         ax.tick_params(labelsize=7)
         ax.set_xlabel("x [m]", fontsize=8)
         ax.set_ylabel("y [m]", fontsize=8)
+        if elevation > 80:
+            ax.set_zticks([])  # seen from above they stand on one another
     return figure
 
 
@@ -117,8 +120,8 @@ def _page(fitted: FittedScan, report: dict[str, Any], images: dict[str, bytes]) 
         (
             f"scan {n}",
             f"{1e4 * r.area:.1f}",
-            ", ".join(f"{v:.3f}" for v in r.middle),
-            ", ".join(f"{v:.2f}" for v in r.normal),
+            ", ".join(f"{v:.3f}" for v in np.round(r.middle, 3) + 0.0),  # + 0.0: no "-0.000"
+            ", ".join(f"{v:.2f}" for v in np.round(r.normal, 2) + 0.0),
             r.label,
         )
         for n, r in enumerate(fitted.regions[:_LISTED], start=1)
@@ -135,8 +138,8 @@ def _page(fitted: FittedScan, report: dict[str, Any], images: dict[str, bytes]) 
             cards=cards,
             images=images,
         ),
-        verdict=escape(f"{fitted.headline}."),
-        table_note=escape(f"The largest {len(rows)} of {report['regions']}; all are in {RESULT}."),
-        table=number_table(head, rows),
-        notes=pairs(notes),
+        verdict=f"{fitted.headline}.",
+        table_note=f"The largest {len(rows)} of {report['regions']}; all are in {RESULT}.",
+        table=Table.of(head, rows),
+        notes=notes,
     )

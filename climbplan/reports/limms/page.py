@@ -11,7 +11,7 @@ from climbplan.limms.check.limits import LIMITS
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.scene import ground_patches
 from climbplan.reports import palette
-from climbplan.reports.page_parts import Card, escape, read_part
+from climbplan.reports.page_parts import Card, Table, read_part
 from climbplan.reports.page_template import (
     data_element,
     fill,
@@ -50,16 +50,18 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
         ),
         **verification_fields(report, {name: limit.meaning for name, limit in LIMITS.items()}),
         **run_fields(report, plan_tables(report, origin)),
-        stages="".join(
-            f"<tr><td>{escape(s['name'])}</td><td>{s['begin']:.2f}</td><td>{s['end']:.2f}</td></tr>"
-            for s in report["stages"]
+        stages=Table.of(
+            ("Stage", "From [s]", "To [s]"),
+            ((s["name"], f"{s['begin']:.2f}", f"{s['end']:.2f}") for s in report["stages"]),
         ),
-        loads="".join(
-            f"<tr><td>{escape(m['name'])}</td><td>{m['force']:.1f}</td><td>{m['torque']:.1f}</td>"
-            f"<td>{_modes(m['modes'])}</td></tr>"
-            for m in report["modules"]
+        loads=Table.of(
+            ("Module", "Force [N]", "Torque [N m]", "Modes"),
+            (
+                (m["name"], f"{m['force']:.1f}", f"{m['torque']:.1f}", _modes(m["modes"]))
+                for m in report["modules"]
+            ),
         ),
-        loads_note=escape(
+        loads_note=(
             f"Largest values from the box's forces alone; limits {limits['force']:.0f} N and "
             f"{limits['torque']:.0f} N m. Modules have no mass in the plan: held level, straight, "
             f"one needs {limits['own_weight_torque']:.1f} N m for itself."
@@ -83,7 +85,7 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
 
 def _modes(story: Sequence[tuple[str, float]]) -> str:
     """Modes with their durations, in order."""
-    return ", ".join(f"{escape(name)} {seconds:.1f} s" for name, seconds in story)
+    return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in story)
 
 
 def _replay(plan: LimmsPlan) -> dict[str, object]:

@@ -246,6 +246,14 @@ function start() {
   panel = new ForcePanel(plan, views["forces-view"]);
   paint();
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
+  // Paper is white, whatever the screen is.
+  const printing = (now) => {
+    if (!matchMedia("(prefers-color-scheme: dark)").matches) return;
+    document.documentElement.toggleAttribute("data-printing", now);
+    paint();
+  };
+  addEventListener("beforeprint", () => printing(true));
+  addEventListener("afterprint", () => printing(false));
 }
 
 start();

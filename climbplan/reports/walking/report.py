@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from climbplan.plans.verification import Verification
-from climbplan.reports.page_parts import Card, pairs, plain_words
+from climbplan.reports.page_parts import Card, plain_words
 from climbplan.reports.page_template import (
     fill,
     origin_rows,
@@ -162,8 +162,8 @@ def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),
         loop_note=_LOOP_NOTE if plan.loop is not None else "",
-        terms=pairs((k, f"{v:.4g}") for k, v in report["terms"].items()),
-        history=pairs((f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history),
+        terms=[(k, f"{v:.4g}") for k, v in report["terms"].items()],
+        history=[(f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history],
     )
 
 

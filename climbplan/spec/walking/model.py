@@ -46,8 +46,5 @@ class MpcSpec(SpecModel):
             if self.task.integrator != "mean":
                 message = "`online` runs in continuous time, which needs `integrator: mean`"
                 faults.append(Fault("task.integrator", message))
-        if self.solver.method == "micp" and self.task.integrator != "euler":
-            message = "`micp` states forward Euler steps only: `integrator: euler`"
-            faults.append(Fault("task.integrator", message))
         refuse(faults)
         return self

@@ -60,9 +60,10 @@ class WalkTaskSpec(SpecModel):
     knots: Count = quantity("", "intervals of the horizon", default=9, ge=2, le=40)
     step: Number = quantity("s", "length of an interval", default=0.08, gt=0.005, le=0.5)
     integrator: Literal["euler", "mean"] = Field(
-        default="euler",
-        description="`euler`: forward Euler between knots, as published; `mean`: moment arms "
-        "averaged over each interval in which the body moves on, which agrees with continuous time",
+        default="mean",
+        description="`mean`: moment arms averaged over each interval in which the body moves on, "
+        "which agrees with continuous time; `euler`: forward Euler between knots, as published, "
+        "which does not",
     )
     start: WalkStartSpec = WalkStartSpec()
     """Where the body starts."""
@@ -72,9 +73,9 @@ class WalkTaskSpec(SpecModel):
         "", "legs that stand in every interval at least", default=0, ge=0, le=4
     )
     whole_stance: bool = Field(
-        default=False,
+        default=True,
         description="standing toes stay in their boxes until the interval's end, while the body "
-        "moves on; as published only at knots (`micp` looks for gaits by the latter)",
+        "moves on; `false`: at knots only, as published (`micp` looks for gaits by the latter)",
     )
     lift: Number = quantity(
         "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12

@@ -46,6 +46,13 @@ class WalkReferenceSpec(SpecModel):
         return self
 
 
+class WalkGoalSpec(SpecModel):
+    """Where the body has to be at the end of the horizon."""
+
+    position: Pair = quantity("m", "x and y of the centre of mass, world frame")
+    within: Number = quantity("m", "off it at most, along x and along y", 0.1, gt=0, le=10)
+
+
 def _angle_faults(key: str, rpy: Vector) -> list[Fault]:
     return [
         Fault(key, f"expected {name} between -90 and 90 degrees, got {angle:g}")
@@ -69,6 +76,9 @@ class WalkTaskSpec(SpecModel):
     """Where the body starts."""
     reference: WalkReferenceSpec = WalkReferenceSpec()
     """What is tracked."""
+    goal: WalkGoalSpec | None = Field(
+        default=None, description="where the body has to be at the end; anywhere if left out"
+    )
     least_contacts: Count = quantity(
         "", "legs that stand in every interval at least", default=0, ge=0, le=4
     )

@@ -204,8 +204,9 @@ def bench(
 
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
-    --methods (offline, envelopes, bounds, ticks, recovery), --count, --library and --library-size,
-    `bench refusals` --count and --time-limit, `bench stands` and `bench judge` --count.
+    --methods (offline, envelopes, bounds, stones, ticks, recovery), --count, --library and
+    --library-size, `bench refusals` --count and --time-limit, `bench stands` and `bench judge`
+    --count.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, cast, get_args
 
 import h5py
+import numpy as np
 
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
@@ -12,6 +13,7 @@ from climbplan.plans.hdf5_writing import write_dataset, write_text
 from climbplan.walking.ground import Ground
 from climbplan.walking.task import (
     LEGS,
+    Goal,
     Integrator,
     Reference,
     RigidBody,
@@ -33,10 +35,17 @@ GROUND = {
     "height": Layout(("S",), "m", "world"),
     "names": Layout(("S",), kind="text"),
 }
+SHAPES = {  # of grounds that are not level rectangles, C corners
+    "slope": Layout(("S", 2), "", "rise along x and y of the world"),
+    "corners": Layout(("S", "C", 2), "m", "world"),
+}
 START = {
     "state": Layout((12,), "m, m/s, rad, rad/s", "world"),
     "toes": Layout((LEGS, 3), "m", "world"),
 }
+
+
+GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")}
 
 
 def write_task(file: h5py.File, task: WalkTask) -> None:
@@ -54,9 +63,16 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
     ground = file.create_group("ground")
     for name, layout in GROUND.items():
         write_dataset(ground, name, vars(task.ground)[name], layout)
+    if task.ground.slope.any() or task.ground.corners.size:
+        for name, layout in SHAPES.items():
+            write_dataset(ground, name, vars(task.ground)[name], layout)
     start = file.create_group("start")
     for name, layout in START.items():
         write_dataset(start, name, vars(task.start)[name], layout)
+    if task.goal.stated:
+        goal = file.create_group("goal")
+        for name, layout in GOAL.items():
+            write_dataset(goal, name, vars(task.goal)[name], layout)
     weights = file.create_group("weights")
     for name in ("velocity", "angles"):
         write_dataset(weights, name, vars(task.weights)[name], Layout((3,)))
@@ -86,6 +102,11 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
     }
     if not len(ground["height"]):
         raise reader.refuse("ground has no region")
+    count = len(ground["height"])
+    ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
+    for name, layout in SHAPES.items():
+        if reader.has(f"ground/{name}"):
+            ground[name] = reader.array(f"ground/{name}", layout)
     weights = {
         name: reader.array(f"weights/{name}", Layout((3,))) for name in ("velocity", "angles")
     }
@@ -122,4 +143,7 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         lift=reader.number("", "lift"),
         least_contacts=reader.integer("", "least_contacts"),
         whole_stance=reader.flag("", "whole_stance"),
+        goal=Goal(*(reader.array(f"goal/{name}", layout) for name, layout in GOAL.items()))
+        if reader.has("goal")
+        else Goal.anywhere(),
     )

@@ -6,13 +6,14 @@ import time
 from dataclasses import replace
 from importlib import metadata
 
-from climbplan.errors import LimitReached
+from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.progress import Progress
 from climbplan.spec.walking.loading import LoadedMpc
 from climbplan.spec.walking.solver import WalkSolverSpec
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import cost_terms
+from climbplan.walking.gaps import Gap, widest_gap
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import build_task
 from climbplan.walking.summary import summary_lines
@@ -24,6 +25,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
 
     Raises:
         SpecError: values that do not go together.
+        Infeasible: a gap on the way to the goal is wider than any attitude of the body reaches.
         LimitReached: no gait was found that holds; the message says how the best one fails.
     """
     report = report or _silent
@@ -32,19 +34,23 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
     task = build_task(spec, loaded.robot, loaded.source)
     report("solve", 0.0)
     ready = time.perf_counter()
+    gap = widest_gap(task)
+    if gap is not None and gap.proved:
+        raise Infeasible(f"no plan exists: {gap}", [_conflict(gap)], stage="footholds")
     answer = solve_task(task, spec.solver, spec.seed)
     solved = time.perf_counter()
     if answer.trajectory is None:
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
-            + (f"; {answer.cut_short}" if answer.cut_short else ""),
+            + (f"; {answer.cut_short}" if answer.cut_short else "")
+            + (f"; the widest gap on the way to the goal: {gap}" if gap is not None else ""),
             stage=spec.solver.method,
         )
     broken = failures(check_trajectory(task, answer.trajectory))
-    gap = None
+    left = None
     if answer.bound is not None and answer.objective:
-        gap = (answer.objective - answer.bound) / abs(answer.objective)
+        left = (answer.objective - answer.bound) / abs(answer.objective)
     plan = WalkPlan(
         name=loaded.name,
         title=spec.title,
@@ -70,7 +76,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         history=answer.history,
         begun=answer.begun.state if answer.begun is not None else None,
         bound=answer.bound,
-        gap=gap,
+        gap=left,
         warnings=tuple(
             told
             for told in (f"the answer breaks {broken}" if broken else "", answer.cut_short)
@@ -78,6 +84,12 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         ),
     )
     return replace(plan, summary=summary_lines(plan))
+
+
+def _conflict(gap: Gap) -> Conflict:
+    what = f"{gap.width:.2f} m without footholds, {gap.most:.2f} m of reach in any attitude"
+    names = ("contact.region", "workspace.toe", "goal.position")
+    return Conflict(f"from {gap.near} to {gap.far}", (what,), in_words=True, names=names)
 
 
 def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:

@@ -10,8 +10,10 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.robots.rigid_body import RigidBodySpec
 from climbplan.spec.walking.model import MpcSpec
-from climbplan.spec.walking.terrain import WalkTerrainSpec
+from climbplan.spec.walking.task import WalkGoalSpec
+from climbplan.spec.walking.terrain import LevelRegionSpec, WalkTerrainSpec, plane_of
 from climbplan.walking.ground import Ground
+from climbplan.walking.stones import drawn_stones
 from climbplan.walking.task import (
     ANGLES,
     POSITION,
@@ -19,6 +21,7 @@ from climbplan.walking.task import (
     STATE,
     VELOCITY,
     Array,
+    Goal,
     Reference,
     RigidBody,
     Start,
@@ -44,18 +47,50 @@ def build_body(spec: RigidBodySpec) -> RigidBody:
 
 
 def build_ground(spec: WalkTerrainSpec) -> Ground:
-    """The level regions of a spec, or flat ground."""
-    if not spec.regions:
+    """The regions and stones of a spec, or flat ground."""
+    names = [region.name for region in spec.regions]
+    outlines = [np.array(region.outline, float) for region in spec.regions]
+    slopes = [_slope(region) for region in spec.regions]
+    known = [_known_point(region) for region in spec.regions]
+    angular = any(region.corners for region in spec.regions)
+    if spec.stones is not None:
+        named, corners, raised = drawn_stones(spec.stones)
+        names += named
+        outlines += list(corners)
+        slopes += [(0.0, 0.0)] * len(named)
+        known += [(0.0, 0.0, float(height)) for height in raised]
+        angular |= spec.stones.turn_deg > 0
+    if not names:
         return Ground.flat(spec.friction)
-    x = np.array([r.x for r in spec.regions], float)
-    y = np.array([r.y for r in spec.regions], float)
-    return Ground(
-        tuple(r.name for r in spec.regions),
-        np.column_stack([x[:, 0], y[:, 0]]),
-        np.column_stack([x[:, 1], y[:, 1]]),
-        np.array([r.height for r in spec.regions], float),
+    most = max(map(len, outlines)) if angular else 0
+    points = np.array(known, float)
+    ground = Ground(
+        tuple(names),
+        np.array([outline.min(axis=0) for outline in outlines]),
+        np.array([outline.max(axis=0) for outline in outlines]),
+        points[:, 2],
         spec.friction,
+        np.array(slopes, float),
+        np.stack([_padded(outline, most) for outline in outlines]),
     )
+    rise = (ground.slope * (ground.inner - points[:, :2])).sum(axis=1)
+    return replace(ground, height=ground.height + rise)
+
+
+def _slope(region: LevelRegionSpec) -> tuple[float, float]:
+    return plane_of(region.corners) if region.corners else region.slope
+
+
+def _known_point(region: LevelRegionSpec) -> tuple[float, float, float]:
+    """A point of the plane."""
+    if region.corners:
+        return region.corners[0]
+    return (0.5 * sum(region.x), 0.5 * sum(region.y), region.height)
+
+
+def _padded(outline: Array, count: int) -> Array:
+    """So many corners (count, 2), the last one repeated; none if count is 0."""
+    return outline[np.minimum(np.arange(count), len(outline) - 1)]
 
 
 def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> WalkTask:
@@ -86,8 +121,8 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
         if name in start.toes and off > 0:
             message = f"{1e3 * off:.1f} mm off {ground.names[region]!r}, the nearest region"
             mistakes.append(SpecMistake(f"task.start.toes.{name}", message))
-        toes[leg, :2] = np.clip(toes[leg, :2], ground.lower[region], ground.upper[region])
-        toes[leg, 2] = ground.height[region]
+        toes[leg, :2] = ground.into(np.array(region), toes[leg, :2])
+        toes[leg, 2] = ground.level_at(np.array(region), toes[leg, :2])
     if mistakes:
         raise SpecError(source, mistakes)
     weights = spec.weights
@@ -109,7 +144,15 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
         lift=spec.task.lift,
         least_contacts=spec.task.least_contacts,
         whole_stance=spec.task.whole_stance,
+        goal=_goal(spec.task.goal),
     )
+
+
+def _goal(spec: WalkGoalSpec | None) -> Goal:
+    if spec is None:
+        return Goal.anywhere()
+    middle = np.array(spec.position, float)
+    return Goal(middle - spec.within, middle + spec.within)
 
 
 def _reference(spec: MpcSpec, ground: Ground, body: RigidBody, begin: Array) -> Reference:
@@ -129,7 +172,8 @@ def _reference(spec: MpcSpec, ground: Ground, body: RigidBody, begin: Array) -> 
 def _ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
     """Mean height (n,) of the ground under the feet of a body at points (n, 2)."""
     feet = xy[:, None, :] + (body.toe_center @ rotation_world_body(angles).T)[:, :2]
-    below: Array = ground.height[ground.nearest(feet)].mean(axis=-1)
+    region = ground.nearest(feet)
+    below: Array = ground.level_at(region, ground.into(region, feet)).mean(axis=-1)
     return below
 
 

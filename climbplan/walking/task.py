@@ -6,7 +6,7 @@ in the order of `RigidBody.leg_names`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -69,6 +69,29 @@ class Weights:
 
 
 @dataclass(frozen=True)
+class Goal:
+    """Where the centre of mass has to be at the last knot."""
+
+    lower: Array  # (2,) x, y [m]
+    upper: Array  # (2,)
+
+    @classmethod
+    def anywhere(cls) -> Goal:
+        """No goal."""
+        return cls(np.full(2, -np.inf), np.full(2, np.inf))
+
+    @property
+    def stated(self) -> bool:
+        """There is one."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    def missed(self, position: Array) -> Array:
+        """How far points (..., 2) are off it [m]; <= 0 inside."""
+        off: Array = np.maximum(self.lower - position, position - self.upper).max(axis=-1)
+        return off
+
+
+@dataclass(frozen=True)
 class WalkTask:
     """One problem of chapter 8.2.1."""
 
@@ -83,6 +106,7 @@ class WalkTask:
     lift: float  # [m] of a swinging toe above the ground it leaves and reaches
     least_contacts: int  # standing legs in every interval
     whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
+    goal: Goal = field(default_factory=Goal.anywhere)
 
     @property
     def weight(self) -> float:

@@ -26,7 +26,12 @@ from climbplan.walking.problem import build_task
 SPEC = WalksProblemSpec.model_validate(
     {
         "kind": "mpc",
-        "task": {"knots": 6, "integrator": "mean", "least_contacts": 2},
+        "task": {
+            "knots": 6,
+            "integrator": "mean",
+            "whole_stance": False,
+            "least_contacts": 2,
+        },
         "solver": {"qps": 30},
     }
 )

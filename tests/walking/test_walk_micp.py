@@ -205,3 +205,21 @@ def test_an_answer_that_is_off_is_named() -> None:
     assert max(value for name, value in worst.items() if name != "integrality") < 1e-6
     x[program.states[2][0].column] += 20.0  # no velocity leads there
     assert program.model.worst(x).name == "dynamics.position"
+
+
+@pytest.mark.parametrize("integrator", ["euler", "mean"])
+def test_only_euler_steps_are_bounded(integrator: str) -> None:
+    task = shorter(walk_task((1.0, 0, 0), integrator=integrator, whole_stance=True), 4)
+    first = known(task, 20)
+    answer = solve_micp(task, MicpLimits(seconds=4.0), first)
+    assert answer.trajectory is not None
+    assert answer.objective <= first.objective * (1 + 1e-9)
+    assert not failures(check_trajectory(task, answer.trajectory))
+    proved = [step.bound for step in answer.history if np.isfinite(step.bound)]
+    if integrator == "euler":
+        assert answer.bound is not None
+        assert "bound of motions within" in answer.word
+    else:
+        assert answer.bound is None
+        assert not proved
+        assert "no bound" in answer.word

@@ -14,11 +14,13 @@ from climbplan.walking.problem import build_task
 from climbplan.walking.task import Gait, WalkTask
 
 
+PUBLISHED = {"integrator": "euler", "whole_stance": False}
+
+
 def walk_task(velocity: tuple[float, float, float] = (0, 0, 0), **task: object) -> WalkTask:
-    """Forward walking at 1.8 m/s on flat ground from a velocity."""
-    spec = MpcSpec.model_validate(
-        {"kind": "mpc", "task": {"start": {"velocity": list(velocity)}, **task}}
-    )
+    """Forward walking at 1.8 m/s on flat ground from a velocity; as published if nothing else."""
+    given = {**PUBLISHED, "start": {"velocity": list(velocity)}, **task}
+    spec = MpcSpec.model_validate({"kind": "mpc", "task": given})
     return build_task(spec, load_body("scaler"))
 
 
@@ -33,6 +35,7 @@ def stairs_task() -> WalkTask:
             "kind": "mpc",
             "terrain": {"regions": regions},
             "task": {
+                **PUBLISHED,
                 "start": {"velocity": [0.6, 0, 0]},
                 "reference": {"velocity": [0.8, 0, 0]},
                 "least_contacts": 2,

@@ -12,6 +12,7 @@ from climbplan.bench.walking.offline import offline_tables
 from climbplan.bench.walking.online import tick_tables
 from climbplan.bench.walking.online_options import OnlineOptions, online_inputs
 from climbplan.bench.walking.recovery import recovery_table
+from climbplan.bench.walking.stones import stones_table
 from climbplan.errors import UsageError
 
 Section = Callable[[int, bool, TextIO], None]  # seed, quick, where to print
@@ -19,6 +20,7 @@ OFFLINE: dict[str, Section] = {
     "offline": offline_tables,
     "envelopes": accuracy_table,
     "bounds": bound_table,
+    "stones": stones_table,
 }
 ONLINE = ("ticks", "recovery")
 

@@ -83,14 +83,10 @@ def _captions(plan: WalkPlan) -> tuple[str, ...]:
 
 def _ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ...]:
     ground, shapes = plan.task.ground, []
-    near = np.array([lower[:2] - _AROUND, upper[:2] + _AROUND])
-    for name, low, high, height in zip(
-        ground.names, ground.lower, ground.upper, ground.height, strict=True
-    ):
-        (x0, y0), (x1, y1) = np.maximum(low, near[0]), np.minimum(high, near[1])
-        if x0 < x1 and y0 < y1:
-            flat = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-            corners = np.array([(x, y, height) for x, y in flat], float)
+    low, high = lower[:2] - _AROUND, upper[:2] + _AROUND
+    for region, name in enumerate(ground.names):
+        corners = ground.outline(region, low, high)
+        if len(corners):
             note = f"{name}  mu {ground.friction:g}"
             shapes.append(polygons(name, [corners], palette.SURFACE, 0.6, note))
     return tuple(shapes)

@@ -29,6 +29,7 @@ _BEGUN = palette.LIMBS[1]
 _SHOTS = 5
 _ABOUT = (-0.5, 0.5, 1.5, 2.5, 4.5)  # knots from a push at which a closed loop is shown
 _LONGEST = 0.22  # [m] arrow of the force limit
+_AROUND = 0.42  # [m] shown about the body
 _AHEAD = 0.12  # [s] that arrows of the velocity lead ahead
 
 
@@ -187,11 +188,16 @@ def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
     com, R = state[:3], rotation_world_body(state[ANGLES])
     hips = com + (task.body.toe_center * [1.0, 1.0, 0.0]) @ R.T
     ax.set_aspect("equal")
-    if y == 2:
-        for lower, upper, height in zip(
-            task.ground.lower, task.ground.upper, task.ground.height, strict=True
-        ):
-            ax.plot([lower[0], upper[0]], [height, height], color=palette.SURFACE, lw=2)
+    around = com[:2] - _AROUND, com[:2] + _AROUND
+    for region in range(task.ground.count):
+        corners = task.ground.outline(region, *around)
+        if not len(corners):
+            continue
+        if y == 2:
+            ends = corners[[corners[:, 0].argmin(), corners[:, 0].argmax()]]
+            ax.plot(ends[:, 0], ends[:, 2], color=palette.SURFACE, lw=2)
+        elif task.ground.count > 1:
+            ax.add_patch(Polygon(corners[:, :2], color=palette.SURFACE, alpha=0.25, lw=0))
     ring = hips[[0, 1, 3, 2]]
     ax.add_patch(Polygon(ring[:, [x, y]], fill=y == 1, color=palette.BODY, alpha=0.35, lw=2))
     front = hips[:2].mean(axis=0)
@@ -205,11 +211,11 @@ def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
             _arrow(ax, toes[leg, [x, y]], scale * found.force[n, leg, [x, y]], _FORCE)
     _arrow(ax, com[[x, y]], _AHEAD * state[VELOCITY][[x, y]], _VELOCITY)
     style_axes(ax)
-    ax.set_xlim(com[0] - 0.42, com[0] + 0.42)
+    ax.set_xlim(com[0] - _AROUND, com[0] + _AROUND)
     if y == 2:
         panel_title(ax, f"{task.step * n:.2f} s")
     else:
-        ax.set_ylim(com[1] - 0.42, com[1] + 0.42)
+        ax.set_ylim(com[1] - _AROUND, com[1] + _AROUND)
 
 
 def _arrow(ax: Axes, base: Array, along: Array, color: str) -> None:

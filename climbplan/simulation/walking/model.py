@@ -32,18 +32,29 @@ def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
         [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
     )
     low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
-    ground = []
-    for index, height in enumerate(task.ground.height):
-        lower = np.maximum(task.ground.lower[index], low)
-        upper = np.minimum(task.ground.upper[index], high)
-        if (upper <= lower).any():
+    meshes, ground = [], []
+    shared = (
+        f' friction="{friction:.6g} 0 0" contype="0" conaffinity="{_TOE | _BODY}"'
+        ' material="ground"/>'
+    )
+    level = not (task.ground.corners.size or task.ground.slope.any())
+    for index in range(task.ground.count):
+        corners = task.ground.outline(index, low, high)
+        if not len(corners):
             continue
-        center = [*(lower + upper) / 2, height - _THICK / 2]
-        ground.append(
-            f'<geom name="ground{index}" type="box" pos="{_numbers(center)}"'
-            f' size="{_numbers([*(upper - lower) / 2, _THICK / 2])}" friction="{friction:.6g} 0 0"'
-            f' contype="0" conaffinity="{_TOE | _BODY}" material="ground"/>'
-        )
+        if level:
+            lower, upper = corners.min(axis=0), corners.max(axis=0)
+            center = 0.5 * (lower + upper) - [0, 0, _THICK / 2]
+            half = [*(upper - lower)[:2] / 2, _THICK / 2]
+            ground.append(
+                f'<geom name="ground{index}" type="box" pos="{_numbers(center)}"'
+                f' size="{_numbers(half)}"{shared}'
+            )
+            continue
+        solid = np.concatenate([corners, corners - [0, 0, _THICK]])
+        meshes.append(f'<mesh name="ground{index}" vertex="{_numbers(solid)}"/>')
+        # The compiler moves meshes to their centres, and geoms back
+        ground.append(f'<geom name="ground{index}" type="mesh" mesh="ground{index}"{shared}')
     toes = "\n".join(_toe(leg) for leg in range(LEGS))
     return f"""
 <mujoco model="climbplan walk">
@@ -60,6 +71,7 @@ def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
 <material name="ground" texture="tiles" texrepeat="5 5" texuniform="true"/>
 <material name="body" rgba="0.16 0.23 0.35 1"/>
 <material name="toe" rgba="0.85 0.25 0.20 1"/>
+{"".join(meshes)}
 </asset>
 <worldbody>
 <light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>

@@ -41,13 +41,23 @@ class MpcSpec(SpecModel):
     def _online_can(self) -> Self:
         faults = []
         if self.solver.method == "online":
-            if self.terrain.regions:
-                faults.append(Fault("terrain.regions", "`online` walks on flat ground only"))
+            for key in ("regions", "stones"):
+                if getattr(self.terrain, key):
+                    faults.append(Fault(f"terrain.{key}", "`online` walks on flat ground only"))
+            if self.task.goal is not None:
+                faults.append(Fault("task.goal", "`online` walks on at the reference's velocity"))
             if self.task.integrator != "mean":
                 message = "`online` runs in continuous time, which needs `integrator: mean`"
                 faults.append(Fault("task.integrator", message))
-        if self.solver.method == "micp" and self.task.integrator != "euler":
-            message = "`micp` states forward Euler steps only: `integrator: euler`"
-            faults.append(Fault("task.integrator", message))
+        if self.solver.method == "micp":
+            message = "`micp` states level rectangles only: `search` and `nlp` take these"
+            regions = self.terrain.regions
+            faults += [
+                Fault(f"terrain.regions.{k}", message)
+                for k, region in enumerate(regions)
+                if region.corners or any(region.slope)
+            ]
+            if self.terrain.stones is not None and self.terrain.stones.turn_deg > 0:
+                faults.append(Fault("terrain.stones.turn_deg", message))
         refuse(faults)
         return self

@@ -46,6 +46,13 @@ class WalkReferenceSpec(SpecModel):
         return self
 
 
+class WalkGoalSpec(SpecModel):
+    """Where the body has to be at the end of the horizon."""
+
+    position: Pair = quantity("m", "x and y of the centre of mass, world frame")
+    within: Number = quantity("m", "off it at most, along x and along y", 0.1, gt=0, le=10)
+
+
 def _angle_faults(key: str, rpy: Vector) -> list[Fault]:
     return [
         Fault(key, f"expected {name} between -90 and 90 degrees, got {angle:g}")
@@ -60,21 +67,25 @@ class WalkTaskSpec(SpecModel):
     knots: Count = quantity("", "intervals of the horizon", default=9, ge=2, le=40)
     step: Number = quantity("s", "length of an interval", default=0.08, gt=0.005, le=0.5)
     integrator: Literal["euler", "mean"] = Field(
-        default="euler",
-        description="`euler`: forward Euler between knots, as published; `mean`: moment arms "
-        "averaged over each interval in which the body moves on, which agrees with continuous time",
+        default="mean",
+        description="`mean`: moment arms averaged over each interval in which the body moves on, "
+        "which agrees with continuous time; `euler`: forward Euler between knots, as published, "
+        "which does not",
     )
     start: WalkStartSpec = WalkStartSpec()
     """Where the body starts."""
     reference: WalkReferenceSpec = WalkReferenceSpec()
     """What is tracked."""
+    goal: WalkGoalSpec | None = Field(
+        default=None, description="where the body has to be at the end; anywhere if left out"
+    )
     least_contacts: Count = quantity(
         "", "legs that stand in every interval at least", default=0, ge=0, le=4
     )
     whole_stance: bool = Field(
-        default=False,
+        default=True,
         description="standing toes stay in their boxes until the interval's end, while the body "
-        "moves on; as published only at knots (`micp` looks for gaits by the latter)",
+        "moves on; `false`: at knots only, as published (`micp` looks for gaits by the latter)",
     )
     lift: Number = quantity(
         "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12

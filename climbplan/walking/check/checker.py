@@ -12,6 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.plans.check import Check, Limit, unjudged
+from climbplan.walking.check.terrain import (
+    normal_and_sideways,
+    off_region,
+    plane_height,
+    to_clear,
+)
 from climbplan.walking.check.truth import continuous_rollout, knot_step, toes_in_body
 from climbplan.walking.task import (
     ANGLE_RANGE,
@@ -35,16 +41,17 @@ LIMITS = {
     "continuous.velocity": Limit(0.05, "m/s", "and so they do in continuous time"),
     "continuous.attitude": Limit(0.05, "rad", "and so they do in continuous time"),
     "force.swing": Limit(1e-9, "N", "no force on swinging legs"),
-    "force.friction": Limit(1e-4, "N", "tangential force within mu f_z"),
+    "force.friction": Limit(1e-4, "N", "force along a region within mu times that into it"),
     "force.limit": Limit(1e-4, "N", "components of forces within their limit"),
     "contact.no_slip": Limit(1e-9, "m", "standing toes stay where they are"),
     "contact.region": Limit(1e-6, "m", "standing toes are on their regions"),
-    "swing.height": Limit(1e-6, "m", "swinging toes are lifted above the ground"),
+    "swing.height": Limit(1e-6, "m", "swinging toes are lifted above all ground on their ways"),
     "workspace.whole_stance": Limit(
         1e-4, "m", "standing toes are inside their boxes at the interval's end too"
     ),
     "workspace.toe": Limit(1e-4, "m", "toes are inside their boxes in the body frame"),
     "state.tilt": Limit(0, "rad", "roll and pitch within a right angle (Table 8.4)"),
+    "goal.position": Limit(1e-4, "m", "the body is at its goal at the end"),
     "gait.contacts": Limit(0, "", "intervals with fewer standing legs than asked for"),
 }
 LOOP_LIMITS = {
@@ -107,6 +114,9 @@ def _checks(task: WalkTask, found: WalkTrajectory, told: bool = True) -> Iterato
     yield from _feet(task, found, told)
     tilt = np.abs(state[:, 6:8]).max(axis=1)
     yield worst(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
+    if np.isfinite([*task.goal.lower, *task.goal.upper]).any():
+        end = state[-1, :2]
+        yield judge("goal.position", max(*(task.goal.lower - end), *(end - task.goal.upper)))
     missing = np.maximum(task.least_contacts - found.gait.contact[:-1].sum(axis=1), 0)
     yield worst(task, "gait.contacts", missing.astype(float))
 
@@ -124,7 +134,7 @@ def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
     yield worst(task, "contact.no_slip", slip)
-    level = task.ground.height[found.gait.region]
+    level = plane_height(task.ground, found.gait.region, toes[..., :2])
     yield worst(task, "contact.region", np.where(contact, np.abs(toes[..., 2] - level), 0.0))
     spots = toes_in_body(state, toes)
     beyond = (np.abs(spots - task.body.toe_center) - task.body.toe_half).max(axis=-1)
@@ -176,11 +186,12 @@ def _forces(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
     force, contact = found.force, found.gait.contact
     size = np.linalg.norm(force, axis=-1)
     yield worst(task, "force.swing", np.where(contact, 0.0, size))
-    sideways = np.linalg.norm(force[..., :2], axis=-1)
-    room = task.ground.friction * force[..., 2]
+    # Cones stand on their regions, as steep as these are
+    pressed, sideways = normal_and_sideways(task.ground, found.gait.region, force)
+    room = task.ground.friction * pressed
     used = np.where(size > 1e-3, sideways / np.maximum(room, 1e-9), 0.0)
     # Below zero: the leg pulls at the ground.
-    yield worst(task, "force.friction", np.maximum(sideways - room, -force[..., 2]), used)
+    yield worst(task, "force.friction", np.maximum(sideways - room, -pressed), used)
     largest = np.abs(force).max(axis=-1)
     limit = task.body.force_limit
     yield worst(task, "force.limit", largest - limit, largest / limit)
@@ -191,16 +202,13 @@ def _feet(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
     yield worst(task, "contact.no_slip", slip)
-    outside = task.ground.outside(region, toes[..., :2])
-    level = task.ground.height[region]
-    off = np.maximum(outside, np.abs(toes[..., 2] - level))
+    off = off_region(task.ground, region, toes)
     yield worst(task, "contact.region", np.where(contact, off, 0.0))
-    clear = task.ground.clearance_height(region) + task.lift
-    short = np.abs(toes[..., 2] - clear)
+    short = to_clear(task.ground, toes, contact) + task.lift - toes[..., 2]
     # Where the first toes are is given: what swings from the start is lifted from there on.
     swinging = ~contact
     swinging[0] = False
-    yield worst(task, "swing.height", np.where(swinging, short, 0.0))
+    yield worst(task, "swing.height", np.where(swinging, np.maximum(short, 0.0), 0.0))
     spots = toes_in_body(found.state, toes)
     if task.whole_stance or told:
         after = toes_in_body(found.state[1:], toes[:-1])

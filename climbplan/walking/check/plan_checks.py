@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -105,10 +105,10 @@ def _spec_values(plan: WalkPlan) -> Check:
 def _task_apart(stored: WalkTask, asked: WalkTask) -> dict[str, float]:
     """Largest difference of each part of two tasks."""
     apart = {}
-    for holder in ("body", "ground", "start", "reference", "weights"):
-        one, other = vars(vars(stored)[holder]), vars(vars(asked)[holder])
-        for name, value in one.items():
-            apart[f"{holder}.{name}"] = _difference(value, other[name])
+    for holder in ("body", "ground", "start", "reference", "weights", "goal"):
+        one, other = vars(stored)[holder], vars(asked)[holder]
+        for name in (field.name for field in fields(one)):
+            apart[f"{holder}.{name}"] = _difference(getattr(one, name), getattr(other, name))
     for name in ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance"):
         apart[name] = _difference(vars(stored)[name], vars(asked)[name])
     return apart
@@ -118,6 +118,8 @@ def _difference(one: object, other: object) -> float:
     if isinstance(one, str | tuple):
         return 0.0 if one == other else math.inf
     a, b = np.asarray(one, float), np.asarray(other, float)
+    if a.shape == b.shape and np.array_equal(a, b):  # infinite ones too
+        return 0.0
     return float(np.abs(a - b).max(initial=0.0)) if a.shape == b.shape else math.inf
 
 

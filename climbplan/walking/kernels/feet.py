@@ -43,12 +43,15 @@ def place_toes(
     height: Array,
     start: Array,
     spots: Array,
+    base: Array,
+    tilt: Array,
 ) -> Array:
     """All toes (N + 1, 4, 3): standing ones at their footholds, others under the body.
 
     center (4, 3) and half (3,): workspace boxes; foothold (N + 1, 4) as of `Footing`: of a free
     one its index, -1 where the toe is held from the start, below that swinging; state (N + 1, 12);
-    height (N + 1, 4); start (4, 3); spots (F, 2) the free footholds.
+    height (N + 1, 4) of swinging ones; start (4, 3); spots (F, 2) the free footholds; their
+    heights are base (F,) + tilt (F, 2) spots.
     """
     knots, legs = foothold.shape
     toes, R = np.empty((knots, legs, 3)), np.empty((3, 3))
@@ -60,7 +63,9 @@ def place_toes(
                 toes[n, leg] = start[leg]
             elif index >= 0:
                 toes[n, leg, 0], toes[n, leg, 1] = spots[index, 0], spots[index, 1]
-                toes[n, leg, 2] = height[n, leg]
+                toes[n, leg, 2] = base[index]
+                for k in range(2):
+                    toes[n, leg, 2] += tilt[index, k] * spots[index, k]
             else:
                 toes[n, leg] = _swinging(center[leg], half, R, state[n], height[n, leg])
     return toes

@@ -23,6 +23,7 @@ def states(
     state: Array,
     force: Array,
     spots: Array,
+    tilt: Array,
     foothold: Whole,
     contact: Flags,
     begin: Array,
@@ -35,7 +36,8 @@ def states(
     """States as offset + by z, eqs. (8.14) to (8.19) linearised about a point.
 
     after (N, 12) and jacobian (N, 36, 12) [of after by state, toes, forces]: at the point state
-    (N + 1, 12), force (N, 4, 3), spots (F, 2). Writes offset (N + 1, 12) and by (N + 1, 12, Z).
+    (N + 1, 12), force (N, 4, 3), spots (F, 2), whose heights rise by tilt (F, 2). Writes offset
+    (N + 1, 12) and by (N + 1, 12, Z).
     """
     knots, legs = force.shape[0], force.shape[1]
     width = by.shape[2]
@@ -73,6 +75,7 @@ def states(
                 if index >= 0:  # a free foothold moves the arm of its force
                     for k in range(2):
                         slope = J[12 + 3 * leg + k, i]
+                        slope += J[12 + 3 * leg + 2, i] * tilt[index, k]
                         row[foot_column + 2 * index + k] += slope * foot_unit
                         constant -= slope * spots[index, k]
             offset[n + 1, i] = constant
@@ -158,6 +161,7 @@ def stance_rows(
     state: Array,
     toes: Array,
     spots: Array,
+    tilt: Array,
     foothold: Whole,
     contact: Flags,
     offset: Array,
@@ -170,9 +174,9 @@ def stance_rows(
 ) -> int:
     """Rows that keep standing toes in their boxes at knots 1 to N, eqs. (8.20), (8.21).
 
-    whole: also those that lift at a knot, just before they do. margin: of toes that are yet to be
-    placed; nothing can be done about the others. Writes low <= rows z <= high from the first row
-    on, and returns how many.
+    whole: also those that lift at a knot, just before they do. tilt: as of `states`. margin: of
+    toes that are yet to be placed; nothing can be done about the others. Writes
+    low <= rows z <= high from the first row on, and returns how many.
     """
     knots, legs = foothold.shape
     width = by.shape[2]
@@ -201,8 +205,9 @@ def stance_rows(
                     row[c] = value
                 if index >= 0:
                     for k in range(2):
-                        row[foot_column + 2 * index + k] += R[k, i] * foot_unit
-                        here -= R[k, i] * spots[index, k]
+                        slope = R[k, i] + R[2, i] * tilt[index, k]
+                        row[foot_column + 2 * index + k] += slope * foot_unit
+                        here -= slope * spots[index, k]
                 room = half[i] - (margin if index >= 0 else 0.0)
                 low[count] = center[leg, i] - room - here
                 high[count] = center[leg, i] + room - here

@@ -2,7 +2,9 @@
 
 The cost of the mixed-integer program is not the true one: envelopes and the tube give it room. Each
 gait that it comes up with is therefore priced by the SQP on the nonlinear dynamics, and only such
-trajectories are answers. Its bound holds for every motion within the tube.
+trajectories are answers. Its bound holds for every motion within the tube, by forward Euler steps:
+that is what the program relaxes. Of a task by `mean` steps it is asked for gaits alone, and no
+bound is told.
 """
 
 from __future__ import annotations
@@ -67,16 +69,17 @@ def limits_of(solver: WalkSolverSpec) -> MicpLimits:
 
 
 def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnswer:
-    """Improve and bound a known trajectory (of `nlp` or `search`) on forward Euler.
+    """Improve a known trajectory (of `nlp` or `search`), and bound it where steps are Euler's.
 
     The known one gives the tube, the largest cost, and its contacts and pieces a partial start.
     """
     known = warm.trajectory
     if known is None:
         return WalkAnswer(None, np.inf, warm.seconds, f"nothing to start from: {warm.word}")
-    run = _Run(task, limits, known, warm.objective, time.perf_counter())
+    stated = replace(task, integrator="euler")
+    run = _Run(task, stated, limits, known, warm.objective, time.perf_counter())
     while run.left > 0 and not run.closed:
-        tube = tube_about(task, run.best.state, np.array(limits.angles), np.array(limits.spin))
+        tube = tube_about(stated, run.best.state, np.array(limits.angles), np.array(limits.spin))
         run.begin_tube()
         run.bounded(tube)
         # A much better incumbent is worth a new start: ranges depend on its cost, the tube on it.
@@ -88,12 +91,19 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
         f"{limits.spin[0]:g}, {limits.spin[1]:g}, {limits.spin[2]:g} rad/s of the start's attitude "
         f"or the reference; {run.word}"
     )
+    proves = task.integrator == stated.integrator
+    if not proves:
+        run.history = [replace(step, bound=-np.inf) for step in run.history]
+        word = (
+            "no bound: the program relaxes forward Euler steps, and its gaits are solved by "
+            f"{task.integrator} steps; {run.word}"
+        )
     return WalkAnswer(
         run.best,
         run.objective,
         run.seconds,
         word,
-        bound=min(run.bound, run.objective),
+        bound=min(run.bound, run.objective) if proves else None,
         tried=len(run.seen),
         begun=known,
         history=tuple(run.history),
@@ -102,7 +112,8 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
 
 @dataclass
 class _Run:
-    task: WalkTask
+    task: WalkTask  # whose dynamics judge gaits
+    stated: WalkTask  # whose relaxation finds them
     limits: MicpLimits
     best: WalkTrajectory
     objective: float
@@ -152,7 +163,7 @@ class _Run:
         closer = tube
         for k in range(_SHRINKS + 1):
             program = relaxation(
-                self.task,
+                self.stated,
                 closer,
                 most,
                 parts * limits.arm_pieces,

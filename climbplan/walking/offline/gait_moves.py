@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from climbplan.walking.footing import gait_of
+from climbplan.walking.ground import Ground
 from climbplan.walking.offline.gaits import MIRROR
-from climbplan.walking.task import LEGS, Flags, Gait
+from climbplan.walking.task import LEGS, Flags, Gait, Whole
 
+_BESIDE = 4  # regions that a foothold may go to in one move
 _PAIRS = ((0, 3), (1, 2), (0, 1), (2, 3))  # diagonal, then fore and hind
 
 
@@ -34,16 +36,25 @@ def contact_moves(contact: Flags) -> list[Flags]:
     return moves
 
 
-def region_moves(gait: Gait, regions: int) -> Iterator[Gait]:
-    """The same contacts with one stance phase on the region before or after."""
+def region_moves(gait: Gait, beside: Sequence[Whole]) -> Iterator[Gait]:
+    """The same contacts with one stance phase on another region; beside: those next to each."""
     for n in range(1, len(gait.contact)):
         for leg in range(LEGS):
             if gait.contact[n, leg] and not gait.contact[n - 1, leg]:
-                for region in (gait.region[n, leg] - 1, gait.region[n, leg] + 1):
-                    if 0 <= region < regions:
-                        changed = gait.region.copy()
-                        changed[n, leg] = region
-                        yield gait_of(gait.contact, changed)
+                for region in beside[gait.region[n, leg]]:
+                    changed = gait.region.copy()
+                    changed[n, leg] = region
+                    yield gait_of(gait.contact, changed)
+
+
+def regions_beside(ground: Ground) -> list[Whole]:
+    """The regions nearest to each, so many at most, nearest first."""
+    low, high = ground.lower, ground.upper
+    apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])  # (S, S, 2)
+    distance = np.linalg.norm(np.maximum(apart, 0.0), axis=-1)
+    np.fill_diagonal(distance, np.inf)
+    order = np.argsort(distance, axis=1, kind="stable")[:, : min(_BESIDE, ground.count - 1)]
+    return [row.astype(np.int64) for row in order]
 
 
 def _flipped(contact: Flags, knots: list[int], legs: list[int]) -> Flags:

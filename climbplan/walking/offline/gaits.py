@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.footing import gait_of
+from climbplan.walking.kernels.footing import stance_phases
 from climbplan.walking.offline.sqp import guessed_states
 from climbplan.walking.task import LEGS, POSITION, Array, Flags, Gait, WalkTask, Whole
 
@@ -15,6 +16,7 @@ from climbplan.walking.task import LEGS, POSITION, Array, Flags, Gait, WalkTask,
 _ALL, _NONE = (1, 1, 1, 1), (0, 0, 0, 0)
 _TROT = ((1, 0, 0, 1), (0, 1, 1, 0))
 MIRROR = [1, 0, 3, 2]
+_BEYOND = 100.0  # metres from the middle of its box that a metre outside is worth
 _ASIDE = np.array([1.0, -1.0, 1.0])
 CYCLES: dict[str, tuple[tuple[int, ...], ...]] = {
     "trot": _TROT,
@@ -29,23 +31,54 @@ CYCLES: dict[str, tuple[tuple[int, ...], ...]] = {
 
 
 def with_regions(task: WalkTask, contact: Flags, state: Array | None = None) -> Gait:
-    """A gait with these contacts (N + 1, 4), on the regions nearest to where feet would stand.
+    """A gait with these contacts (N + 1, 4), on the regions that feet would best stand on.
 
     state: (N + 1, 12) the motion to judge that by; an even one to the reference if None.
     """
-    return gait_of(contact, regions_under(task, state))
+    region = regions_under(task, state)
+    if task.ground.count > 1:
+        motion = guessed_states(task) if state is None else state
+        region = _within_reach(task, contact, motion, region)
+    return gait_of(contact, region)
 
 
 def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
     """Regions (N + 1, 4) nearest to the middle of the workspace boxes; at knot 0 to the toes."""
-    if len(task.ground.height) == 1:
+    if task.ground.count == 1:
         return np.zeros((task.knots + 1, LEGS), np.int64)
     motion = guessed_states(task) if state is None else state
-    R = rotation_world_body(motion[:, 6:9])
-    under = motion[:, None, :3] + task.body.toe_center @ np.swapaxes(R, -1, -2)
-    region = task.ground.nearest(under[..., :2])
+    region = task.ground.nearest(_under(task, motion)[..., :2])
     region[0] = task.ground.nearest(task.start.toes[:, :2])
     return region
+
+
+def _under(task: WalkTask, motion: Array) -> Array:
+    """Middles of the workspace boxes (N + 1, 4, 3), world frame."""
+    R = rotation_world_body(motion[:, 6:9])
+    middle: Array = motion[:, None, :3] + task.body.toe_center @ np.swapaxes(R, -1, -2)
+    return middle
+
+
+def _within_reach(task: WalkTask, contact: Flags, motion: Array, region: Whole) -> Whole:
+    """The same with each stance phase on the region that leaves its boxes least while it lasts.
+
+    Of several that do not leave them the one nearest to the boxes' middles.
+    """
+    ground, body = task.ground, task.body
+    every, chosen = np.arange(ground.count), region.copy()
+    middle, R = _under(task, motion), rotation_world_body(motion[:, 6:9])
+    for leg, first, last in stance_phases(contact)[1]:
+        if first == 0:
+            continue
+        during = np.arange(first, min(last + task.whole_stance, task.knots) + 1)
+        wanted = middle[during, leg, :2].mean(axis=0)
+        xy = ground.into(every, np.broadcast_to(wanted, (ground.count, 2)))
+        spots = np.column_stack([xy, ground.level_at(every, xy)])
+        seen = (spots - motion[during, None, POSITION]) @ R[during]  # (K, S, 3)
+        beyond = (np.abs(seen - body.toe_center[leg]) - body.toe_half).max(axis=(0, 2))
+        apart = np.linalg.norm(xy - wanted, axis=1)
+        chosen[first, leg] = np.argmin(_BEYOND * np.maximum(beyond, 0.0) + apart)
+    return chosen
 
 
 def cycle(name: str, knots: int, phase: int = 0) -> Flags:
@@ -68,13 +101,15 @@ def starting_gaits(
 
     brakes: knots in which they first brake with all legs.
     """
-    region, seen = regions_under(task), set()
+    seen = set()
     for brake in brakes:
         for name in names:
             for phase in range(len(CYCLES[name])):
                 contact = braked(cycle(name, task.knots, phase), brake)
-                gait = gait_of(contact, region)
-                if enough_contacts(task, contact) and gait.key not in seen:
+                if not enough_contacts(task, contact):
+                    continue
+                gait = with_regions(task, contact)
+                if gait.key not in seen:
                     seen.add(gait.key)
                     yield gait
 
@@ -91,7 +126,7 @@ def mirrored(gait: Gait) -> Gait:
 
 def mirror_even(task: WalkTask) -> bool:
     """Left and right are the same in the task: mirrored gaits do equally well."""
-    if len(task.ground.height) > 1:
+    if task.ground.rough:
         return False
     body, reference = task.body, task.reference
     toes = task.start.toes - task.start.state[POSITION]

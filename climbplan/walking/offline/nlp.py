@@ -63,7 +63,7 @@ class NlpMethod:
         task = self.task
         program = self.program
         point = np.concatenate(list(values_of(task, start, at).values()))
-        numbers = numbers_of(task, start).values()
+        numbers = numbers_of(task, start, at).values()
         answer = program.solver.solve(
             np.clip(point, program.bounds.lower, program.bounds.upper),
             np.concatenate([part.ravel(order="F") for part in numbers]),

@@ -18,7 +18,6 @@ from climbplan.program.trajectory import Trajectory
 from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step
-from climbplan.walking.footing import toe_heights
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.task import ANGLE_RANGE, LEGS, STATE, Array, Gait, WalkTask
 
@@ -43,6 +42,9 @@ class NlpShape:
     lift: float
     least_contacts: int
     regions: int
+    sides: int  # of polygons, beside rectangles
+    sloped: bool
+    goal: tuple[float, ...]  # x, y from and to; none if not stated
     whole_stance: bool
 
     @classmethod
@@ -66,7 +68,10 @@ class NlpShape:
             ),
             task.lift,
             task.least_contacts,
-            len(task.ground.height),
+            task.ground.count,
+            task.ground.corners.shape[1],
+            bool(task.ground.slope.any()),
+            (*task.goal.lower.tolist(), *task.goal.upper.tolist()) if task.goal.stated else (),
             task.whole_stance,
         )
 
@@ -114,6 +119,10 @@ class WalkNlp:
             walk.parameter("low", 2 * LEGS, N),
             walk.parameter("high", 2 * LEGS, N),
         )
+        # Rise of the regions of knots 1 to N, their planes' frames at knots 0 to N - 1, their sides
+        self.rise = walk.parameter("rise", 2 * LEGS, N) if shape.sloped else None
+        self.frame = walk.parameter("frame", 9 * LEGS, N) if shape.sloped else None
+        self.side = walk.parameter("side", 3 * shape.sides * LEGS, N) if shape.sides else None
         self.x = [start, *state]
         self.toes = [toes0, *(self._toes(n) for n in knots)]
         s, t, f = ca.SX.sym("s", STATE), ca.SX.sym("t", 12), ca.SX.sym("f", 12)
@@ -127,6 +136,7 @@ class WalkNlp:
         for n in knots:
             self._feet(n)
             self._tracking(n)
+        self._goal()
         for n in range(N):
             each = ca.reshape(self.force[n], 3, LEGS)
             apart = 2 * shape.weights[8] * (LEGS * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
@@ -146,7 +156,10 @@ class WalkNlp:
         """Heights of toes: on the ground, or lifted, eq. (8.23)."""
         c, spot, places = self.contact[n], self.spot[n - 1], []
         for i in range(LEGS):
-            z = c[i] * self.level[i, n - 1] + (1 - c[i]) * self.clear[i, n - 1]
+            level = self.level[i, n - 1]
+            if self.rise is not None:
+                level += ca.dot(self.rise[2 * i : 2 * i + 2, n - 1], spot[2 * i : 2 * i + 2])
+            z = c[i] * level + (1 - c[i]) * self.clear[i, n - 1]
             places += [spot[2 * i], spot[2 * i + 1], z]
         return ca.vertcat(*places)
 
@@ -162,13 +175,17 @@ class WalkNlp:
             c = self.contact[n][i]
             # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
             slope = shape.friction * np.cos(np.pi / FACETS)
+            along, across, pressed = fx, fy, fz
+            if self.frame is not None:
+                axes = ca.reshape(self.frame[9 * i : 9 * i + 9, n], 3, 3).T
+                along, across, pressed = ca.vertsplit(axes @ self.force[n][3 * i : 3 * i + 3])
             for k in range(FACETS):
                 angle = 2 * np.pi * (k + 0.5) / FACETS
-                tangent = np.cos(angle) * fx + np.sin(angle) * fy
-                walk.between("force.friction", tangent - slope * fz, upper=0.0, unit="N")
+                tangent = np.cos(angle) * along + np.sin(angle) * across
+                walk.between("force.friction", tangent - slope * pressed, upper=0.0, unit="N")
             # No force on lifted legs, eq. (8.23)
             walk.between("force.swing", fz - shape.force_limit * c, upper=0.0, unit="N")
-            if shape.friction > 1:  # else within the pyramid already
+            if shape.friction > 1 or shape.sloped:  # else within the pyramid already
                 for component in (fx, fy):
                     most = shape.force_limit * c
                     walk.between("force.swing", component - most, upper=0.0, unit="N")
@@ -209,6 +226,20 @@ class WalkNlp:
                     "contact.region", here - self.high[2 * i + k, n - 1] - slack, upper=0.0
                 )
 
+            for k in range(shape.sides):
+                assert self.side is not None
+                first = 3 * (shape.sides * i + k)
+                a, b, most = (self.side[first + j, n - 1] for j in range(3))
+                past = a * self.spot[n - 1][2 * i] + b * self.spot[n - 1][2 * i + 1] - most
+                free = _STRIDE * (1 - self.contact[n][i])
+                walk.between("contact.region", past - free, upper=0.0, unit="m")
+
+    def _goal(self) -> None:
+        """Where the body has to be at the end."""
+        for k in range(2 if self.shape.goal else 0):
+            low, high = self.shape.goal[k], self.shape.goal[2 + k]
+            self.stated.between("goal.position", self.x[-1][k], low, high, "m")
+
     def _tracking(self, n: int) -> None:
         """Objective, eq. (8.30)."""
         walk, x, w = self.stated, self.x, self.shape.weights
@@ -220,27 +251,49 @@ class WalkNlp:
         walk.minimise("motion", w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3]))
 
 
-def numbers_of(task: WalkTask, gait: Gait) -> dict[str, Array]:
-    """The parameters, in order of statement; regions are those of the gait."""
+def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
+    """The parameters, in order of statement; regions are those of the gait.
+
+    at: a motion of the gait, whose swinging toes say what there is to clear.
+    """
     reference, ground, region = task.reference, task.ground, gait.region[1:]
-    lifted = Gait(np.zeros_like(gait.contact), gait.region)
     spread = (task.knots, 2 * LEGS)
-    return {
+    slope = ground.slope[region]
+    level = ground.height[region] - (slope * ground.inner[region]).sum(axis=-1)
+    toes = _toes(task, gait, at)[1:]
+    here = level + (slope * toes[..., :2]).sum(axis=-1)
+    lifted = np.maximum(ground.clearance_height(gait.region)[1:], here) + task.lift
+    numbers = {
         "x0": task.start.state[:, None],
         "toes0": task.start.toes.reshape(-1, 1),
         "v_ref": reference.velocity.T,
         "a_ref": reference.euler.T,
         "h_ref": reference.height[:, None],
-        "level": ground.height[region].T,
-        "clear": toe_heights(ground, lifted, task.lift)[1:].T,
+        "level": level.T,
+        "clear": np.where(gait.contact[1:], lifted, toes[..., 2]).T,
         "low": ground.lower[region].reshape(spread).T,
         "high": ground.upper[region].reshape(spread).T,
     }
+    if ground.slope.any():
+        numbers["rise"] = slope.reshape(spread).T
+        numbers["frame"] = ground.frame[gait.region[:-1]].reshape(task.knots, -1).T
+    if ground.corners.shape[1]:
+        numbers["side"] = ground.sides[region].reshape(task.knots, -1).T
+    return numbers
+
+
+def _toes(task: WalkTask, gait: Gait, at: Iterate) -> Array:
+    """All toes (N + 1, 4, 3) of a motion of a gait, lifted above what is on their ways."""
+    program = PinnedProgram(task, gait)
+    toes = program.toes(at.state, at.spots)
+    while program.raised(toes):
+        toes = program.toes(at.state, at.spots)
+    return toes
 
 
 def values_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     """The variables of a motion of a gait, in order of statement."""
-    toes = PinnedProgram(task, gait).toes(at.state, at.spots)
+    toes = _toes(task, gait, at)
     knots = range(task.knots)
     return {
         **{f"state{n + 1}": at.state[n + 1] for n in knots},

@@ -7,10 +7,13 @@ once; the numbers of a linearisation are written by compiled code into arrays th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import daqp
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.walking.footing import Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
@@ -18,6 +21,7 @@ from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
 from climbplan.walking.kernels.step import linearised
+from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.task import LEGS, STATE, Array, Gait, Start, WalkTask
 
 FACETS = 8
@@ -25,6 +29,7 @@ FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
 _RIDGE = 1e-7  # curvature along directions that cost nothing
 _SOLVED = 1
 _SOLVED_SOFTLY = 2
+_NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
 _SOFT = 8  # rows that DAQP may break at a price
 _FAR = 1e30
@@ -63,12 +68,16 @@ class PinnedProgram:
         self.task, self.gait, self.margin = task, gait, margin
         self.start = task.start
         self.footing: Footing = footing_of(gait)
-        self.height = toe_heights(task.ground, gait, task.lift)
+        self.height = toe_heights(task.ground, gait, task.lift)  # of swinging toes: at least
+        ground, region = task.ground, self.footing.region
+        self.tilt = ground.slope[region]  # (F, 2) rise of footholds
+        self.base = ground.height[region] - (self.tilt * ground.inner[region]).sum(axis=1)
         contact = gait.contact[:-1]
         self.stand_knot, self.stand_leg = np.nonzero(contact)
         self.forces = len(self.stand_knot)
         self.foot_column = 3 * self.forces
         self.size = self.foot_column + 2 * self.footing.count
+        self.fixed = self.forces * FACETS + self.footing.count * ground.corners.shape[1]
         self.force_scale = task.weight / LEGS
         self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._after = np.empty((task.knots, STATE))
@@ -81,6 +90,7 @@ class PinnedProgram:
         )
         self._force_hessian = self._force_cost()
         self._qp = self._empty_qp()
+        self._scale: Array | None = None  # units of unknowns where rounding asks for them
         self._active: Array | None = None  # multipliers of the QP before: where to start
         self.spent = 0  # DAQP iterations of the last step
         self.softly = False  # its answer leaves the workspace where nothing else was possible
@@ -107,8 +117,28 @@ class PinnedProgram:
             self.height,
             self.start.toes,
             spots,
+            self.base,
+            self.tilt,
         )
         return toes
+
+    def raised(self, toes: Array) -> bool:
+        """Lift swinging toes (N + 1, 4, 3) above what is beneath their ways; False if they are.
+
+        Heights only grow, so that linearisations come to an end.
+        """
+        task, ground = self.task, self.task.ground
+        if not ground.rough:
+            return False
+        gait = self.gait
+        clear = swing_heights(
+            toes, gait.contact, gait.region, ground.lower, ground.upper, ground.sides,
+            ground.height, ground.slope, ground.inner,
+        )  # fmt: skip
+        wanted = np.where(gait.contact, self.height, clear + task.lift)
+        higher = bool((wanted > self.height + 1e-9).any())
+        self.height = np.maximum(self.height, wanted)
+        return higher
 
     def rolled(self, toes: Array, force: Array) -> Array:
         """States (N + 1, 12) that forces (N, 4, 3) at toes (N + 1, 4, 3) bring about."""
@@ -127,10 +157,14 @@ class PinnedProgram:
         return states
 
     def reach(self, state: Array, toes: Array) -> float:
-        """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m]."""
+        """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m].
+
+        Or the body misses its goal, if that is more.
+        """
         body, whole = self.task.body, self.task.whole_stance
         contact = self.gait.contact
-        return float(worst_beyond(body.toe_center, body.toe_half, whole, contact, state, toes))
+        worst = float(worst_beyond(body.toe_center, body.toe_half, whole, contact, state, toes))
+        return max(worst, float(self.task.goal.missed(state[-1, :2])))
 
     def cost(self, state: Array, force: Array) -> float:
         """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, 4, 3)."""
@@ -146,6 +180,8 @@ class PinnedProgram:
         body, weights, foothold = task.body, task.weights, self.footing.foothold
         contact = self.gait.contact
         toes = self.toes(at.state, at.spots)
+        if self.raised(toes):
+            toes = self.toes(at.state, at.spots)
         # Dynamics, eqs. (8.14) to (8.19), about the iterate
         linearised(
             body.mass,
@@ -166,6 +202,7 @@ class PinnedProgram:
             at.state,
             at.force,
             at.spots,
+            self.tilt,
             foothold,
             contact,
             self.start.state,
@@ -190,7 +227,7 @@ class PinnedProgram:
             qp.gradient,
         )
         # Workspace boxes, eqs. (8.20), (8.21), at knots 1 to N
-        first = self.forces * FACETS
+        first = self.fixed
         rows = qp.rows[first:]
         low, high = qp.lower[self.size + first :], qp.upper[self.size + first :]
         count = stance_rows(
@@ -201,6 +238,7 @@ class PinnedProgram:
             at.state,
             toes,
             at.spots,
+            self.tilt,
             foothold,
             contact,
             qp.offset,
@@ -211,7 +249,7 @@ class PinnedProgram:
             low,
             high,
         )
-        swing_rows(
+        count += swing_rows(
             body.toe_center,
             body.toe_half,
             body.toe_half[2] - self.margin,
@@ -224,6 +262,10 @@ class PinnedProgram:
             low[count:],
             high[count:],
         )
+        if task.goal.stated:  # of the centre of mass at the last knot
+            rows[count:] = qp.sensitivity[-1, :2]
+            low[count:] = task.goal.lower - qp.offset[-1, :2]
+            high[count:] = task.goal.upper - qp.offset[-1, :2]
         return qp
 
     def step(
@@ -260,24 +302,20 @@ class PinnedProgram:
         reach: how DAQP is to take the rows of the workspace.
         """
         sense = np.zeros(len(qp.lower), np.int32)
-        sense[self.size + self.forces * FACETS :] = reach
+        sense[self.size + self.fixed :] = reach
         if multipliers is not None:
             sense[multipliers > 0], sense[multipliers < 0] = _AT_UPPER, _AT_LOWER
-        z, _, flag, info = daqp.solve(
-            qp.hessian,
-            qp.gradient,
-            qp.rows,
-            qp.upper,
-            qp.lower,
-            sense,
-            primal_tol=1e-8,
-            iter_limit=max(most, 1),
-            eps_prox=0.0,
-        )
+        unit = np.ones(self.size) if self._scale is None else self._scale
+        z, flag, info = _daqp(qp, unit, sense, most)
+        if flag == _NOT_CONVEX and self._scale is None:
+            # Over long horizons early forces weigh a million times what footholds do: in units of
+            # their own curvature rounding leaves the Hessian what it is.
+            unit = self._scale = 1.0 / np.sqrt(np.diag(qp.hessian))
+            z, flag, info = _daqp(qp, unit, sense, most)
         self.spent += int(info["iterations"])
         solved = flag in (_SOLVED, _SOLVED_SOFTLY)
         self._active = np.array(info["lam"]) if flag == _SOLVED and reach == 0 else None
-        return np.asarray(z), _SOLVED if solved else int(flag)
+        return z, _SOLVED if solved else flag
 
     def iterate(self, qp: PinnedQp, z: Array) -> Iterate:
         """The point that unknowns stand for, its states as the QP predicts them."""
@@ -290,14 +328,17 @@ class PinnedProgram:
         standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
         leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
         friction = self.forces * FACETS
-        rows = np.zeros((friction + 3 * int(standing + leaving) + 2 * int(lifted), self.size))
-        # Friction, eq. (8.18), as a pyramid inside the cone
+        goal = 2 * int(self.task.goal.stated)
+        moving = 3 * int(standing + leaving) + 2 * int(lifted) + goal
+        rows = np.zeros((self.fixed + moving, self.size))
+        # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
         angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
         slope = self.task.ground.friction * np.cos(np.pi / FACETS)
         facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
         each = np.arange(self.forces)
         blocks = rows[:friction, : self.foot_column].reshape(self.forces, FACETS, self.forces, 3)
-        blocks[each, :, each] = facets
+        stood = self.gait.region[self.stand_knot, self.stand_leg]
+        blocks[each, :, each] = facets @ self.task.ground.frame[stood]
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         most = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region
@@ -307,6 +348,12 @@ class PinnedProgram:
         lower[self.foot_column : self.size] = (ground.lower[region] / FOOT_SCALE).ravel()
         upper[self.foot_column : self.size] = (ground.upper[region] / FOOT_SCALE).ravel()
         lower[self.size :], upper[self.size :] = -_FAR, 0.0
+        sides = ground.corners.shape[1]
+        for k in range(self.footing.count if sides else 0):
+            first, column = friction + k * sides, self.foot_column + 2 * k
+            rows[first : first + sides, column : column + 2] = ground.sides[region[k], :, :2]
+            beyond = slice(self.size + first, self.size + first + sides)
+            upper[beyond] = ground.sides[region[k], :, 2] / FOOT_SCALE
         return PinnedQp(
             np.zeros((self.size, self.size)),
             np.zeros(self.size),
@@ -326,3 +373,27 @@ class PinnedProgram:
         for k in range(3):
             hessian[k : self.foot_column : 3, k : self.foot_column : 3] = legs
         return hessian
+
+
+def _daqp(
+    qp: PinnedQp, unit: Array, sense: NDArray[np.int32], most: int
+) -> tuple[Array, int, Mapping[str, Any]]:
+    """DAQP's answer, flag and facts; unit (Z,): of unknowns."""
+    rows, hessian, gradient, upper, lower = qp.rows, qp.hessian, qp.gradient, qp.upper, qp.lower
+    if (unit != 1.0).any():
+        rows, hessian, gradient = rows * unit, hessian * np.outer(unit, unit), gradient * unit
+        upper, lower = upper.copy(), lower.copy()
+        upper[: len(unit)] /= unit
+        lower[: len(unit)] /= unit
+    z, _, flag, info = daqp.solve(
+        hessian,
+        gradient,
+        rows,
+        upper,
+        lower,
+        sense,
+        primal_tol=1e-8,
+        iter_limit=max(most, 1),
+        eps_prox=0.0,
+    )
+    return np.asarray(z) * unit, int(flag), info

@@ -16,7 +16,11 @@ import numpy as np
 from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
-from climbplan.walking.offline.gait_moves import contact_moves, region_moves
+from climbplan.walking.offline.gait_moves import (
+    contact_moves,
+    region_moves,
+    regions_beside,
+)
 from climbplan.walking.offline.gaits import CYCLES, enough_contacts, starting_gaits, with_regions
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.offline.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
@@ -68,6 +72,7 @@ class _Search:
         self.at: GaitAnswer | None = None  # where the local search is
         self.good: list[GaitAnswer] = []  # each was the best for a while
         self.history: list[Improvement] = []
+        self.beside = regions_beside(task.ground)
 
     @property
     def seconds(self) -> float:
@@ -257,11 +262,11 @@ class _Search:
             contact = moves[k]
             if enough_contacts(self.task, contact):
                 yield self.settled(gait, contact)
-        yield from region_moves(gait, len(self.task.ground.height))
+        yield from region_moves(gait, self.beside)
 
     def settled(self, gait: Gait, contact: Flags) -> Gait:
         """A gait with these contacts, on the regions under the best motion: others mislead."""
-        if len(self.task.ground.height) == 1 or self.best is None:
+        if self.task.ground.count == 1 or self.best is None:
             return gait_of(contact, gait.region)
         assert self.best.trajectory is not None
         return with_regions(self.task, contact, self.best.trajectory.state)

@@ -103,6 +103,8 @@ def rolled_out(program: PinnedProgram, at: Iterate) -> WalkTrajectory:
     toes = program.toes(at.state, at.spots)
     state = program.rolled(toes, at.force)
     toes = program.toes(state, at.spots)  # swinging ones follow the body
+    while program.raised(toes):
+        toes = program.toes(state, at.spots)
     force = np.concatenate([at.force, np.zeros((1, LEGS, 3))])
     return WalkTrajectory(state, toes, force, program.gait)
 
@@ -123,8 +125,7 @@ def guess(task: WalkTask, gait: Gait) -> Iterate:
         R = rotation_world_body(during[:, 6:9])
         under = during[:, POSITION] + R @ task.body.toe_center[footing.leg[k]]
         spots[k] = under[:, :2].mean(axis=0)
-    region = footing.region
-    spots = np.clip(spots, task.ground.lower[region], task.ground.upper[region])
+    spots = task.ground.into(footing.region, spots)
     return Iterate(state, force, spots)
 
 

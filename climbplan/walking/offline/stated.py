@@ -14,7 +14,8 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
 from climbplan.walking.check.checker import check_trajectory
-from climbplan.walking.footing import gait_of, toe_heights
+from climbplan.walking.footing import gait_of
+from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.offline.nlp import guesses
 from climbplan.walking.offline.nlp_program import (
     NlpShape,
@@ -43,7 +44,7 @@ def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str
 
     program = WalkNlp(NlpShape.of(task)).stated.program()
     problem = Problem("walk", program, start=lambda theta: start, check=check)
-    return problem, numbers_of(task, gait)
+    return problem, numbers_of(task, gait, at)
 
 
 def trajectory_of(task: WalkTask, start: Gait, values: Mapping[str, Array]) -> WalkTrajectory:
@@ -57,7 +58,13 @@ def trajectory_of(task: WalkTask, start: Gait, values: Mapping[str, Array]) -> W
     toes = np.empty((task.knots + 1, LEGS, 3))
     toes[0] = task.start.toes
     toes[1:, :, :2] = spots
-    toes[1:, :, 2] = toe_heights(task.ground, gait, task.lift)[1:]
+    ground = task.ground
+    toes[1:, :, 2] = ground.level_at(gait.region[1:], toes[1:, :, :2])
+    clear = swing_heights(
+        toes, gait.contact, gait.region, ground.lower, ground.upper, ground.sides,
+        ground.height, ground.slope, ground.inner,
+    )  # fmt: skip
+    toes[1:, :, 2] += np.where(gait.contact, 0.0, clear + task.lift - toes[..., 2])[1:]
     forces = np.zeros((task.knots + 1, LEGS, 3))
     forces[:-1] = np.where(gait.contact[:-1, :, None], force, 0.0)
     return WalkTrajectory(states, toes, forces, gait)

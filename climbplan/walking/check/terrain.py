@@ -1,0 +1,91 @@
+"""The ground as plans are judged on it: own geometry, from outlines and planes alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from climbplan.walking.ground import Ground
+from climbplan.walking.task import Array, Flags, Whole
+
+_NOWHERE = -np.inf
+
+
+def outlines(ground: Ground) -> list[Array]:
+    """Corners (C, 2) of each region, counterclockwise."""
+    if ground.corners.shape[1]:
+        return [np.asarray(corners) for corners in ground.corners]
+    (x0, y0), (x1, y1) = ground.lower.T, ground.upper.T
+    return list(np.stack([np.stack(c, -1) for c in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1))
+
+
+def plane_height(ground: Ground, region: Whole, xy: Array) -> Array:
+    """Height (...) of the planes of regions (...) at points (..., 2) [m]."""
+    known = np.array([corners.mean(axis=0) for corners in outlines(ground)])
+    away = xy - known[region]
+    rise = ground.slope[region]
+    result: Array = (
+        ground.height[region] + rise[..., 0] * away[..., 0] + rise[..., 1] * away[..., 1]
+    )
+    return result
+
+
+def off_region(ground: Ground, region: Whole, toes: Array) -> Array:
+    """How far toes (..., 3) are off the pieces of planes that are their regions (...) [m]."""
+    xy = toes[..., :2]
+    off = np.abs(toes[..., 2] - plane_height(ground, region, xy))
+    corners = np.array(outlines(ground))[region]  # (..., C, 2)
+    along = np.roll(corners, -1, axis=-2) - corners
+    away = xy[..., None, :] - corners
+    length = np.hypot(along[..., 0], along[..., 1])
+    turned = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]  # below zero: outside
+    past = np.where(length > 1e-9, -turned / np.maximum(length, 1e-9), -np.inf).max(axis=-1)
+    result: Array = np.maximum(off, past)
+    return result
+
+
+def normal_and_sideways(ground: Ground, region: Whole, force: Array) -> tuple[Array, Array]:
+    """Parts of forces (..., 3) along the normals of regions (...) and across them [N]."""
+    rise = ground.slope[region]
+    normal = np.concatenate([-rise, np.ones((*rise.shape[:-1], 1))], axis=-1)
+    normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    pressed: Array = (force * normal).sum(axis=-1)
+    across: Array = np.linalg.norm(force - pressed[..., None] * normal, axis=-1)
+    return pressed, across
+
+
+def to_clear(ground: Ground, toes: Array, contact: Flags) -> Array:
+    """Ground (N + 1, L) that swinging toes (N + 1, L, 3) have to be lifted above [m].
+
+    The highest beneath the straight ways from the knot before and to the next one, and where the
+    toe comes down: up, level across, and down is then clear. Of standing toes nothing.
+    """
+    knots, legs = contact.shape
+    needed = np.full((knots, legs), _NOWHERE)
+    ways, owners = [], []
+    for n in range(1, knots):
+        for leg in np.flatnonzero(~contact[n]):
+            after = np.flatnonzero(contact[n:, leg])
+            if len(after):
+                needed[n, leg] = toes[n + after[0], leg, 2]
+            for m in (n - 1, n + 1):
+                if m < knots:
+                    ways.append((toes[n, leg, :2], toes[m, leg, :2]))
+                    owners.append((n, leg))
+    if not ways:
+        return needed
+    lines = shapely.linestrings(np.array(ways))
+    shapes = shapely.polygons([_ring(corners) for corners in outlines(ground)])
+    line, shape = shapely.STRtree(shapes).query(lines)
+    pieces = shapely.intersection(lines[line], shapes[shape])
+    points, piece = shapely.get_coordinates(pieces, return_index=True)
+    if len(points):
+        level = plane_height(ground, shape[piece], points)
+        knot, leg_of = np.array(owners)[line[piece]].T
+        np.maximum.at(needed, (knot, leg_of), level)
+    return needed
+
+
+def _ring(corners: Array) -> Array:
+    apart = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1) > 1e-9
+    return corners[apart]

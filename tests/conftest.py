@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from ctypes.util import find_library
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
 from climbplan.spec.robots.robot import RobotSpec
+
+# Before any test loads MuJoCo, which looks at this once: pictures are drawn off screen
+if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ) and find_library("EGL"):
+    os.environ["MUJOCO_GL"] = "egl"
 
 settings.register_profile("same-every-run", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("same-every-run")

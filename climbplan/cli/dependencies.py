@@ -107,7 +107,7 @@ PARTS = (
         "MuJoCo",
         "mujoco",
         "mujoco",
-        "physics of `simulate`",
+        "physics of `simulate`, pictures of `report --film`",
         required=False,
         install="pip install 'climbplan[simulate]'",
     ),
@@ -126,6 +126,14 @@ PARTS = (
         "`export --format usd`",
         required=False,
         install="pip install 'climbplan[usd]'",
+    ),
+    Part(
+        "imageio-ffmpeg",
+        "imageio-ffmpeg",
+        "imageio_ffmpeg",
+        "`report --film FILE.mp4`",
+        required=False,
+        install="pip install 'climbplan[film]'",
     ),
     Part(
         "viser",

@@ -10,6 +10,7 @@ import typer
 from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.options import Force, Json, Plan, Quiet, Verbose
+from climbplan.errors import UsageError
 
 PAGE = "report.html"
 
@@ -21,6 +22,14 @@ def report(
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Directory [default: beside the plan]."),
     ] = None,
+    film: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also a film (.gif, .webp or .mp4) of what is planned, and a still (.png) beside "
+            "it.",
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -29,7 +38,8 @@ def report(
     """Write report.html, report.json and figures/ of a plan, and print the page's path.
 
     Beside the plan, an older report is replaced; in a directory of another plan only with
-    --force. With --json the report is printed and nothing is written.
+    --force. With --json the report is printed and nothing is written. With --film the film's path
+    is printed on a second line.
     """
     path = find_plan(plan)
     from climbplan.api.kinds import plan_kind
@@ -38,8 +48,12 @@ def report(
     from climbplan.cli.unsound import warn_of_failure
 
     kind = plan_kind(path)
-    warn_of_failure(kind, path)
+    verification = warn_of_failure(kind, path)
+    if film is not None and film.exists() and not force:
+        raise UsageError(f"{film}: already exists; --force replaces it")
     if as_json:
+        if film is not None:
+            raise UsageError("--film: nothing is written with --json")
         print_json({**kind.report_dict(path), "plan": str(path)})
         return
     beside = path.parent
@@ -48,4 +62,15 @@ def report(
     with StageProgress(context.ensure_object(Session)) as progress:
         progress.report("report", 0.0)
         place_report(target, lambda directory: kind.write_report(path, directory), force or own)
+        if film is not None:
+            from climbplan.exports.film import write_film
+
+            write_film(
+                kind.scene(path),
+                film,
+                verification.badge,
+                lambda part: progress.report("film", part),
+            )
     print_result(str(target / PAGE))
+    if film is not None:
+        print_result(str(film))

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from climbplan.api.kinds import PlanKind
 from climbplan.cli.console import warn
+from climbplan.plans.verification import Verification
 
 
-def warn_of_failure(kind: PlanKind, path: Path) -> None:
-    """Say that a plan which is to be shown or passed on does not hold.
+def warn_of_failure(kind: PlanKind, path: Path) -> Verification:
+    """Say that a plan which is to be shown or passed on does not hold; what its checks come to.
 
     Raises:
         UnsoundPlan: its numbers mean nothing, so that nothing can be shown.
@@ -18,3 +19,4 @@ def warn_of_failure(kind: PlanKind, path: Path) -> None:
     if not verification.passed:
         verification.require_sound(path)
         warn(f"{path} fails its verification: {verification.headline()}")
+    return verification

@@ -1,0 +1,258 @@
+"""Single pictures of a scene at any time, drawn off screen by MuJoCo."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation, Slerp
+
+from climbplan.errors import MissingSolver, UsageError
+from climbplan.plans.check import Array
+from climbplan.reports import palette
+from climbplan.reports.viewer.scene import Scene, Shape, between
+from climbplan.simulation.pictures import Picture
+from climbplan.simulation.replay import load_mujoco
+
+WIDTH, HEIGHT = 1280, 720  # [pixels]
+_SEEN_THROUGH = 0.25  # opacity of what stands still, at most
+_FORCE = 0.22  # share of what moves: a largest force, half of the time
+_LONGEST_FORCE = 0.4  # any
+_SAMPLES = 400  # of the way that the camera follows
+_LAG = 0.04  # of it, over which the camera's way is smoothed
+_MOST_TRIANGLES = 60_000
+_MOST_OUTLINES = 600  # edges of shapes; scans have more, and are seen without
+_WORLD = f"""<mujoco>
+<visual><global offwidth="{WIDTH}" offheight="{HEIGHT}"/>
+<quality shadowsize="0" offsamples="4"/><headlight ambient="0.45 0.45 0.45" diffuse="0.45 0.45 0.45"
+ specular="0.1 0.1 0.1"/></visual>
+<asset><texture type="skybox" builtin="gradient" rgb1="0.98 0.985 1" rgb2="0.84 0.88 0.93"
+ width="64" height="64"/></asset><worldbody>
+<light directional="true" dir="0.4 0.3 -1" diffuse="0.35 0.35 0.35" castshadow="false"/>
+</worldbody></mujoco>"""
+
+
+class Frames:
+    """Draws a scene from a camera that follows what moves in it.
+
+    A context: the graphics backend is held meanwhile. Raises MissingSolver where there is none, and
+    UsageError for scenes too large to draw.
+    """
+
+    def __init__(self, scene: Scene, headline: str = "") -> None:
+        self._scene, self._headline = scene, headline
+        mujoco = self._mujoco = load_mujoco()
+        triangles = sum(len(shape.faces) for shape in scene.shapes)
+        if triangles > _MOST_TRIANGLES:
+            raise UsageError(
+                f"{scene.title}: a terrain of {triangles} triangles, a film draws at most "
+                f"{_MOST_TRIANGLES}; a smaller `crop` of the scan has fewer"
+            )
+        middle, self._extent = _moving(scene)
+        # Repeated times are jumps, over which the camera moves on evenly
+        self._way_time = np.linspace(scene.time[0], scene.time[-1], _SAMPLES)
+        lag = _LAG * _SAMPLES
+        at = np.stack([between(middle, scene.moment(float(t))) for t in self._way_time])
+        self._way = gaussian_filter1d(at, lag, axis=0, mode="nearest")
+        model = mujoco.MjModel.from_xml_string(_WORLD)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        room = 200 + triangles + 4 * _MOST_OUTLINES + _count(scene)
+        try:
+            self._renderer = mujoco.Renderer(model, HEIGHT, WIDTH, max_geom=room)
+        except Exception as error:  # graphics libraries raise errors of many kinds
+            raise MissingSolver(
+                f"no film: {type(error).__name__}: {error}; install EGL or OSMesa (libegl1, "
+                "libosmesa6) for off-screen drawing"
+            ) from error
+        self._camera = mujoco.MjvCamera()
+        self._camera.azimuth = scene.azimuth_deg + 180.0  # it looks along this, not from there
+        self._camera.elevation = -scene.elevation_deg
+        self._camera.distance = 0.2 + 1.2 * self._extent
+        self._renderer.update_scene(data, self._camera)
+        self._model, self._data = model, data
+        self._pen = _Pen(mujoco, self._renderer.scene)
+        toward = _toward_camera(scene)
+        foremost = float((middle @ toward).max())
+        for shape in scene.shapes:
+            # What stands wholly before all that moves, as the front wall of a room, would hide it
+            if float((shape.vertices @ toward).min()) < foremost:
+                self._shape(shape)
+        self._force = _usual_force(scene)
+        self._still = self._renderer.scene.ngeom
+        self._large, self._small = (ImageFont.load_default(size) for size in (26, 19))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._renderer.close()
+
+    def at(self, time: float) -> Picture:
+        """The picture (HEIGHT, WIDTH, 3) at a time of the plan [s]."""
+        place = [np.interp(time, self._way_time, self._way[:, axis]) for axis in range(3)]
+        self._camera.lookat[:] = place
+        renderer = self._renderer
+        self._mujoco.mjv_updateCamera(self._model, self._data, self._camera, renderer.scene)
+        renderer.scene.ngeom = self._still
+        moment = self._scene.moment(time)
+        self._boxes(moment)
+        self._rods(moment)
+        self._forces(moment)
+        return self._with_words(renderer.render(), time, moment[0])
+
+    def _with_words(self, picture: Picture, time: float, sample: int) -> Picture:
+        image = Image.fromarray(picture)
+        pen = ImageDraw.Draw(image, "RGBA")
+        for band in ((0, 0, WIDTH, 88 if self._headline else 58), (0, HEIGHT - 54, WIDTH, HEIGHT)):
+            pen.rectangle(band, (255, 255, 255, 190))
+        pen.text((28, 20), self._scene.title, palette.INK, self._large)
+        if self._headline:
+            pen.text((28, 54), self._headline, palette.MUTED, self._small)
+        pen.text((28, HEIGHT - 42), self._scene.caption[sample], palette.INK, self._small)
+        clock = f"{time - self._scene.time[0]:.1f} s of {np.ptp(self._scene.time):.1f} s"
+        pen.text((WIDTH - 28, HEIGHT - 42), clock, palette.MUTED, self._small, anchor="ra")
+        return np.asarray(image)
+
+    def _shape(self, shape: Shape) -> None:
+        color = _rgba(shape.color, min(shape.opacity, _SEEN_THROUGH))
+        for corners in shape.vertices[shape.faces]:
+            self._pen.triangle(corners, color)
+        outline = _outline(shape)
+        if len(outline) <= _MOST_OUTLINES:
+            for start, end in shape.vertices[outline]:
+                self._pen.rod(0.0015 * self._extent, start, end, _rgba(palette.MUTED, 0.8))
+
+    def _boxes(self, moment: tuple[int, int, float]) -> None:
+        boxes = self._scene.boxes
+        if boxes is None:
+            return
+        before, after, share = moment
+        center = between(boxes.center, moment)
+        for k, color in enumerate(boxes.color):
+            if not boxes.size[before, k].any():
+                continue
+            turns = Rotation.from_matrix(boxes.rotation[[before, after], k])
+            turned = Slerp([0.0, 1.0], turns)(share).as_matrix()
+            self._pen.box(boxes.size[before, k] / 2, center[k], turned, _rgba(color, boxes.opacity))
+
+    def _rods(self, moment: tuple[int, int, float]) -> None:
+        rods = self._scene.rods
+        if rods is None:
+            return
+        for (start, end), radius, color in zip(
+            between(rods.ends, moment), rods.radius, rods.color, strict=True
+        ):
+            self._pen.rod(float(radius), start, end, _rgba(color))
+
+    def _forces(self, moment: tuple[int, int, float]) -> None:
+        forces = self._scene.forces
+        if forces is None:
+            return
+        point, force = between(forces.point, moment), forces.force[moment[0]]
+        for toe, newtons in zip(point, force, strict=True):
+            size = float(np.linalg.norm(newtons))
+            if size > 0:
+                length = min(_FORCE * size / self._force, _LONGEST_FORCE) * self._extent
+                # From behind the surface, which pushes: a leg that braces would hide it
+                behind = toe - length / size * newtons
+                self._pen.arrow(0.010 * self._extent, behind, toe, _rgba(palette.FORCE))
+
+
+class _Pen:
+    """Adds geoms to a scene of MuJoCo."""
+
+    def __init__(self, mujoco: Any, scene: Any) -> None:
+        self._mujoco, self._scene = mujoco, scene
+        self._kind = mujoco.mjtGeom
+
+    def box(self, half: Array, place: Array, turned: Array, color: Array) -> None:
+        self._solid(self._kind.mjGEOM_BOX, half, place, turned, color)
+
+    def triangle(self, corners: Array, color: Array) -> None:
+        along, across = corners[1] - corners[0], corners[2] - corners[0]
+        normal = np.cross(along, across)
+        length = float(np.linalg.norm(normal))
+        if length > 0:
+            frame = np.stack([along, across, normal / length], axis=1)
+            self._solid(self._kind.mjGEOM_TRIANGLE, np.ones(3), corners[0], frame, color)
+
+    def rod(self, radius: float, start: Array, end: Array, color: Array) -> None:
+        self._line(self._kind.mjGEOM_CAPSULE, radius, start, end, color)
+
+    def arrow(self, radius: float, start: Array, end: Array, color: Array) -> None:
+        # MuJoCo draws half of an arrow's length
+        self._line(self._kind.mjGEOM_ARROW, radius, start, 2 * end - start, color)
+
+    def _solid(self, kind: Any, size: Array, place: Array, frame: Array, color: Array) -> None:
+        self._mujoco.mjv_initGeom(self._next(), kind, size, place, frame.ravel(), color)
+
+    def _line(self, kind: Any, radius: float, start: Array, end: Array, color: Array) -> None:
+        geom = self._next()
+        nothing = np.zeros(3)
+        self._mujoco.mjv_initGeom(geom, kind, nothing, nothing, np.eye(3).ravel(), color)
+        self._mujoco.mjv_connector(geom, kind, radius, start, end)
+
+    def _next(self) -> Any:
+        self._scene.ngeom += 1
+        return self._scene.geoms[self._scene.ngeom - 1]
+
+
+def _rgba(color: str, opacity: float = 1.0) -> Array:
+    """Of "#rrggbb"."""
+    parts = [int(color[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+    return np.array([*parts, opacity], np.float32)
+
+
+def _count(scene: Scene) -> int:
+    """Geoms of what moves, at most."""
+    rods = 0 if scene.rods is None else len(scene.rods.radius)
+    boxes = 0 if scene.boxes is None else len(scene.boxes.color)
+    return rods + boxes + (0 if scene.forces is None else scene.forces.point.shape[1])
+
+
+def _moving(scene: Scene) -> tuple[Array, float]:
+    """The middle of what moves (F, 3), and the largest extent that it has at any time [m]."""
+    points = []
+    if scene.rods is not None:
+        points.append(scene.rods.ends.reshape(len(scene.time), -1, 3))
+    if scene.boxes is not None:
+        shown = scene.boxes.size.any(axis=-1, keepdims=True)
+        points.append(np.where(shown, scene.boxes.center, np.nan))
+    if not points:
+        middle = np.tile((scene.lower + scene.upper) / 2, (len(scene.time), 1))
+        return middle, float(np.linalg.norm(scene.upper - scene.lower))
+    moving = np.concatenate(points, axis=1)
+    low, high = np.nanmin(moving, axis=1), np.nanmax(moving, axis=1)
+    return (low + high) / 2, float(np.linalg.norm(high - low, axis=1).max())
+
+
+def _toward_camera(scene: Scene) -> Array:
+    """Unit vector (3,) to where the scene is seen from."""
+    azimuth, elevation = np.deg2rad([scene.azimuth_deg, scene.elevation_deg])
+    flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    return np.append(flat, np.sin(elevation))
+
+
+def _usual_force(scene: Scene) -> float:
+    """The largest force of a sample, in the middle of all samples that have one [N]."""
+    if scene.forces is None:
+        return 1.0
+    largest = np.linalg.norm(scene.forces.force, axis=-1).max(axis=1, initial=0.0)
+    return float(np.median(largest[largest > 0])) if largest.any() else 1.0
+
+
+def _outline(shape: Shape) -> Any:
+    """Edges (K, 2) of a shape that one triangle alone has."""
+    edges = np.sort(np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]],
+                                    shape.faces[:, [2, 0]]]), axis=1)  # fmt: skip
+    found, times = np.unique(edges, axis=0, return_counts=True)
+    return found[times == 1]

@@ -68,7 +68,7 @@ def report(
             write_film(
                 kind.scene(path),
                 film,
-                verification.badge,
+                verification.badge + (", fragile" if verification.fragile else ""),
                 lambda part: progress.report("film", part),
             )
     print_result(str(target / PAGE))

@@ -46,6 +46,7 @@ class ScipModel:
 
     def between(self, expression: Any, low: float, high: float, name: str) -> None:
         """low <= expression <= high, ends that are infinite left out."""
+        low, high = float(low), float(high)  # NumPy's own numbers compare in its way
         if np.isfinite(low) and low == high:
             self.model.addCons(expression == low, name)
         elif np.isfinite(low) and np.isfinite(high):

@@ -84,6 +84,7 @@ class Scene:
     solids: Array  # (S, 2, 3) lower and upper corners of what is not free [m]
     patches: tuple[Patch, ...]
     allow: tuple[str, ...]
+    massless: bool = True  # modules have no mass of their own
 
     @property
     def count(self) -> int:
@@ -151,6 +152,7 @@ def scene_of(loaded: LoadedLimms) -> Scene:
         solids=solids,
         patches=ground_patches(np.array(free, float), solids),
         allow=spec.task.allow,
+        massless=spec.massless,
     )
 
 

@@ -1,0 +1,145 @@
+"""Masses of modules: against Pinocchio, against plain statics, and in the checks of a plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from limms_scenes import changed, loaded
+
+from climbplan.errors import SpecError
+from climbplan.limms.check.kinematics import placed
+from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
+from climbplan.limms.check.loads import loads_of_all
+from climbplan.limms.check.newton_euler import at_rest, demand, joint_torques, total
+from climbplan.limms.check.verification import verification_of
+from climbplan.limms.modules.inertia import link_bodies
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_file import read_limms_plan
+from climbplan.limms.scene import GRAVITY, Pose
+from climbplan.spec.limms.loading import builtin_module, load_limms
+
+MODULE = builtin_module("limms")
+BODIES = link_bodies(MODULE)
+
+
+def test_links_joints_and_latches_add_up_to_the_module() -> None:
+    assert BODIES.mass.sum() == pytest.approx(MODULE.mass)
+    assert (BODIES.com >= 0).all()
+    assert (BODIES.com <= MODULE.link_lengths).all()
+    even = link_bodies(MODULE.model_copy(update={"joint_mass": 0.0, "latch_mass": 0.0}))
+    np.testing.assert_allclose(even.com, np.array(MODULE.link_lengths) / 2)
+    np.testing.assert_allclose(even.mass / even.mass.sum(), np.array(MODULE.link_lengths) / 0.986)
+
+
+@pytest.mark.parametrize("root", [0, 1])
+def test_torques_are_those_of_pinocchio(root: int) -> None:
+    pin = pytest.importorskip("pinocchio")
+    model = pin.Model()
+    joints = [pin.JointModelRZ if k in (0, 3, 5) else pin.JointModelRY for k in range(6)]
+    parent = 0
+    for k, joint in enumerate(joints):
+        height = np.array([0.0, 0.0, MODULE.link_lengths[k]])
+        parent = model.addJoint(parent, joint(), pin.SE3(np.eye(3), height), f"j{k}")
+        inertia = np.diag([BODIES.across[k + 1]] * 2 + [BODIES.along[k + 1]])
+        com = np.array([0.0, 0.0, BODIES.com[k + 1]])
+        model.appendBodyToJoint(parent, pin.Inertia(BODIES.mass[k + 1], com, inertia), pin.SE3(1))
+    data = model.createData()
+    rng = np.random.default_rng(3)
+    q, v, a = rng.uniform(-2, 2, (3, 20, 6))
+    a *= 10
+    base = Pose(np.zeros((20, 3)), np.tile(np.eye(3), (20, 1, 1)))
+    points = placed(MODULE, 0, base, q)
+    needed = demand(BODIES, points, 0, at_rest(20), v, a)
+    if root:  # the same motion, told from its last end
+        needed = demand(BODIES, points, 1, needed.ends[1], v, a)
+    wrench = rng.uniform(-30, 30, (20, 6))
+    torque = joint_torques(needed, points, wrench[:, :3], wrench[:, 3:])
+    for k in range(20):
+        pin.forwardKinematics(model, data, q[k], v[k], a[k])
+        outer = pin.StdVec_Force([pin.Force.Zero() for _ in range(7)])
+        at_tip = data.oMi[6].act(pin.SE3(np.eye(3), np.array([0, 0, MODULE.link_lengths[6]])))
+        world = pin.SE3(np.eye(3), at_tip.translation)
+        outer[6] = data.oMi[6].actInv(world.act(pin.Force(wrench[k])))
+        own = pin.rnea(model, data, q[k], v[k], a[k], outer)
+        np.testing.assert_allclose(torque[k], own, atol=1e-6)
+
+
+def test_a_module_that_is_held_level_pulls_down_and_turns_as_a_beam() -> None:
+    level = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z along world x
+    points = placed(MODULE, 0, Pose(np.zeros((1, 3)), level[None]), np.zeros((1, 6)))
+    needed = demand(BODIES, points, 0, at_rest(1), *np.zeros((2, 1, 6)))
+    force, moment = total(needed, np.zeros((1, 3)))
+    np.testing.assert_allclose(force, [[0, 0, MODULE.mass * GRAVITY]])
+    starts = np.cumsum([0, *MODULE.link_lengths[:-1]])
+    arm = BODIES.mass @ (starts + BODIES.com) * GRAVITY
+    np.testing.assert_allclose(moment, [[0, -arm, 0]], atol=1e-12)
+
+
+def test_checks_with_masses_come_last_in_their_order(throw: LimmsPlan) -> None:
+    checks = verification_of(throw).checks
+    assert {check.name for check in checks} == {*LIMITS, *MASS_LIMITS}
+    assert [check.name for check in checks][-len(MASS_LIMITS) :] == list(MASS_LIMITS)
+
+
+def test_a_plan_without_masses_tells_what_they_would_need(throw: LimmsPlan) -> None:
+    found = verification_of(throw)
+    assert found.badge == "verified in its model (massless modules)"
+    told = [check for check in found.checks if check.name in MASS_LIMITS]
+    assert not any(check.judged for check in told)
+    needs = [words for words in found.leaves_out if words.startswith("with masses")]
+    assert any("latch of A on wall holds 20 N" in words for words in needs)
+    assert any("joint" in words and "holds 31 N m" in words for words in needs)
+
+
+def test_the_same_plan_fails_where_masses_count(throw: LimmsPlan) -> None:
+    heavy = replace(throw, massless=False)
+    failed = {check.name for check in verification_of(heavy).failed}
+    assert {"load.force", "load.moment", "load.tip", "load.torque"} <= failed
+    assert "file.spec_values" in failed  # its spec says massless
+
+
+def test_loads_of_a_standing_module_are_its_weight(throw: LimmsPlan) -> None:
+    module = builtin_module("limms_quick")
+    first = next(loads_of_all(throw, module))
+    (ground,) = (k for k, c in enumerate(first.contacts) if c.kind == "ground")
+    assert first.wrench[ground, 0, 2] == pytest.approx(module.mass * GRAVITY, rel=1e-6)
+    (box,) = (k for k, c in enumerate(first.contacts) if c.kind == "box")
+    assert first.wrench[box, 0, 2] == pytest.approx(throw.box_mass[0] * GRAVITY, rel=1e-6)
+    assert first.unheld.max() < 1e-4
+
+
+def test_a_box_that_one_latch_holds_hangs_on_that_latch(throw: LimmsPlan) -> None:
+    module = builtin_module("limms_quick")
+    held = [
+        each
+        for each in loads_of_all(throw, module)
+        if throw.motion.box_mode[each.stretch.first, 0] == 3
+    ]
+    assert held
+    for each in held:
+        names = [contact.name for contact in each.contacts]
+        (on_box,) = (k for k, name in enumerate(names) if "box" in name)
+        (on_wall,) = (k for k, name in enumerate(names) if name == "latch of A on wall")
+        stored = throw.motion.force[each.stretch.first, 0].sum(axis=0)
+        np.testing.assert_allclose(-each.wrench[on_box, 0, :3], stored, atol=1e-4)
+        # The wall bears box and module: never less than their weight less what they gain falling
+        lifted = each.wrench[on_wall, :, 2].mean()
+        assert lifted > 0.5 * module.mass * GRAVITY
+
+
+def test_whether_masses_count_is_in_the_file(throw_file: Path, throw: LimmsPlan) -> None:
+    assert read_limms_plan(throw_file).massless
+    assert throw.massless
+
+
+def test_joints_and_latches_cannot_outweigh_the_module(tmp_path: Path) -> None:
+    text = Path(__file__).parents[2] / "climbplan/robots/modules/limms.yaml"
+    own = text.read_text(encoding="utf-8").replace("joint_mass: 0.45", "joint_mass: 0.75")
+    (tmp_path / "heavy.yaml").write_text(own, encoding="utf-8")
+    spec = changed(tmp_path, "limms_throw", robot="heavy.yaml")
+    with pytest.raises(SpecError, match=r"weigh 5.2 kg, more than the whole 4.14 kg"):
+        load_limms(spec)
+    assert loaded("limms_throw").spec.massless

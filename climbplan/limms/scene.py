@@ -85,6 +85,7 @@ class Scene:
     patches: tuple[Patch, ...]
     allow: tuple[str, ...]
     massless: bool = True  # modules have no mass of their own
+    pace: float = 1.0  # of ways without the box, as part of the fastest: less of it, less load
 
     @property
     def count(self) -> int:

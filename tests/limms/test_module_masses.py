@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from limms_scenes import changed, loaded
+from limms_scenes import changed, loaded, scene
 
 from climbplan.errors import SpecError
+from climbplan.limms.arms.loads import load_function
+from climbplan.limms.arms.symbols import arm_function
 from climbplan.limms.check.kinematics import placed
 from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.newton_euler import at_rest, demand, joint_torques, total
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.modules.inertia import link_bodies
+from climbplan.limms.modules.limbs import arm, root_on_anchor
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
 from climbplan.limms.scene import GRAVITY, Pose
@@ -143,3 +146,37 @@ def test_joints_and_latches_cannot_outweigh_the_module(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"weigh 5.2 kg, more than the whole 4.14 kg"):
         load_limms(spec)
     assert loaded("limms_throw").spec.massless
+
+
+@pytest.mark.parametrize("box_end", [0, 1])
+def test_loads_in_symbols_are_those_of_the_checker(box_end: int) -> None:
+    own = scene("limms_throw")
+    root = root_on_anchor(own, 0, 1 - box_end)
+    limb = replace(arm(0, 1, root, box_end), branch=(1, 1, 1))
+    centre, velocity = np.array([0.65, 0.1, 0.6]), np.array([0.3, -0.2, 0.5])
+    acceleration = np.array([2.0, 1.0, -3.0])
+    force, moment = np.array([3.0, -5.0, 12.0]), np.array([0.5, 0.2, -0.7])
+    angles_of = arm_function(own, limb)
+    reference = np.array(angles_of(centre, velocity, np.zeros(6))[0]).ravel()
+
+    def moved(time: float) -> tuple[np.ndarray, np.ndarray]:
+        at, speed = centre + velocity * time + acceleration * time**2 / 2, velocity
+        found = angles_of(at, speed + acceleration * time, reference)
+        return np.array(found[0]).ravel(), np.array(found[1]).ravel()
+
+    angles, rates = moved(0.0)
+    turns = (moved(1e-5)[1] - moved(-1e-5)[1]) / 2e-5
+    held = Pose(limb.fixed_position[None], limb.other_rotation[None])
+    points = placed(own.module, 1 - box_end, held, angles[None])
+    bodies = link_bodies(own.module)
+    needed = demand(bodies, points, 1 - box_end, at_rest(1), rates[None], turns[None])
+    fixed = limb.fixed_position[None]
+    whole_force, whole_moment = total(needed, fixed)
+    on_box = points.position[:, 7 * box_end]
+    wall_force = whole_force + force
+    wall_moment = whole_moment + moment + np.cross(on_box - fixed, force)
+    last = (-force, -moment) if box_end else (wall_force[0], wall_moment[0])
+    torque = joint_torques(needed, points, last[0][None], last[1][None])
+    told = load_function(own, limb)(centre, velocity, acceleration, reference, force, moment)
+    for symbols, numbers in zip(told, (torque, wall_force, wall_moment), strict=True):
+        np.testing.assert_allclose(np.array(symbols).ravel(), numbers[0], atol=1e-4)

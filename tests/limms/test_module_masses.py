@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from limms_scenes import changed, loaded, scene
 
-from climbplan.errors import SpecError
+from climbplan.errors import Infeasible, SpecError
 from climbplan.limms.arms.loads import load_function
 from climbplan.limms.arms.symbols import arm_function
 from climbplan.limms.check.kinematics import placed
 from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.newton_euler import at_rest, demand, joint_torques, total
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.check.verification import verification_of, verify
 from climbplan.limms.modules.inertia import link_bodies
 from climbplan.limms.modules.limbs import arm, root_on_anchor
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
+from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import GRAVITY, Pose
 from climbplan.spec.limms.loading import builtin_module, load_limms
+from climbplan.spec.limms.module import OF_MASSES
 
 MODULE = builtin_module("limms")
 BODIES = link_bodies(MODULE)
@@ -180,3 +185,39 @@ def test_loads_in_symbols_are_those_of_the_checker(box_end: int) -> None:
     told = load_function(own, limb)(centre, velocity, acceleration, reference, force, moment)
     for symbols, numbers in zip(told, (torque, wall_force, wall_moment), strict=True):
         np.testing.assert_allclose(np.array(symbols).ravel(), numbers[0], atol=1e-4)
+
+
+def test_modules_with_mass_lift_a_box_and_keep_every_limit() -> None:
+    plan = plan_limms(loaded("limms_lift_with_mass"))
+    found = verification_of(plan)
+    assert found.passed
+    assert found.badge == "verified"
+    told = {check.name: check for check in found.checks if check.name in MASS_LIMITS}
+    assert set(told) == set(MASS_LIMITS)
+    assert all(check.judged for check in told.values())
+    # With the moment that the published latch holds the same motion is refused
+    weak = replace(plan, module={**plan.module, "latch_moment": 0.7})
+    assert "load.moment" in {check.name for check in verification_of(weak).failed}
+
+
+def test_modules_that_their_contacts_do_not_hold_are_proved_too_heavy() -> None:
+    with pytest.raises(Infeasible) as refused:
+        plan_limms(loaded("limms_lift_light", "massless=false"))
+    (conflict,) = refused.value.conflicts
+    assert "a contact holds 20 N, 40.6 N needed: what each of A, B, C, D weighs" in str(conflict)
+    assert conflict.remedies[0].key == "massless"
+
+
+def test_plans_of_before_masses_are_still_verified(throw_file: Path, tmp_path: Path) -> None:
+    old = tmp_path / "old.h5"
+    shutil.copy(throw_file, old)
+    with h5py.File(old, "a") as file:
+        del file.attrs["massless"]
+        module = json.loads(file.attrs["module"])
+        for name in OF_MASSES:
+            del module[name]
+        file.attrs["module"] = json.dumps(module)
+    assert verify(old).badge == "verified in its model (massless modules)"
+    with h5py.File(old, "a") as file:
+        file.attrs["massless"] = False
+    assert verify(old).unsound is not None

@@ -19,7 +19,8 @@ def too_heavy(scene: Scene) -> tuple[Conflict, ...]:
     if scene.massless or weight <= module.max_force:
         return ()
     names = ", ".join(scene.module_names)
-    words = f"a contact holds {module.max_force:g} N, {weight:.1f} N needed: what each of {names} weighs"
+    holds = f"a contact holds {module.max_force:g} N, {weight:.1f} N needed"
+    words = f"{holds}: what each of {names} weighs"
     remedies = (Remedy("modules without mass, as published", "massless", "true"),)
     return (
         Conflict("start", (words,), remedies, in_words=True, enough=False, names=("load.force",)),

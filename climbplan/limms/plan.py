@@ -52,6 +52,7 @@ class LimmsPlan(PlanHeader):
     solids: Array  # (S, 2, 3) [m]
     module: dict[str, Any]  # fields of the module's spec
     module_names: tuple[str, ...]
+    massless: bool = True  # modules have no mass of their own
     stages: tuple[tuple[str, float, float], ...]  # name, begin, end [s]
     sequence: str
     objective: float  # [m] distance of the box from its goal at the end

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from climbplan.limms.convergence import RESIDUALS, Convergence
 from climbplan.limms.plan import LimmsPlan, Motion
@@ -140,6 +141,7 @@ def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
         },
         objects={"module": plan.module, "stages": plan.stages},
     )
+    file.attrs["massless"] = np.bool_(plan.massless)
 
 
 def _read(reader: Reader) -> LimmsPlan:
@@ -171,6 +173,8 @@ def _read(reader: Reader) -> LimmsPlan:
         module_text=reader.text("limms", "source") if own else "",
         at_odds=tuple(name for name, (copy, key) in copies.items() if module.get(key) != copy),
         module_names=reader.texts("limms/name", _MODULES),
+        # Plans of before modules had masses do not say so
+        massless=not reader.has_attribute("", "massless") or reader.flag("", "massless"),
         arrival_speed=reader.number("", "arrival_speed"),
         friction=reader.number("", "friction"),
         stages=_stages(reader),

@@ -56,6 +56,7 @@ def make_plan(
         module=scene.module.model_dump(mode="json"),
         module_text=loaded.module_text,
         module_names=scene.module_names,
+        massless=scene.massless,
         stages=stages,
         sequence=making.sequence,
         spec_text=loaded.text,
@@ -80,7 +81,7 @@ def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
     """What the model leaves out and the real thing would feel."""
     weight = scene.module.mass * GRAVITY
     found = []
-    if weight > scene.module.max_force:
+    if scene.massless and weight > scene.module.max_force:
         text = f"the motion leaves out the modules' own dynamics: a module weighs {weight:.1f} N"
         if weight > 2 * scene.module.max_force:
             text += f", twice what a contact is said to hold ({scene.module.max_force:.0f} N)"
@@ -89,7 +90,7 @@ def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
         ends = np.stack([motion.base_anchor[:, m], motion.tip_anchor[:, m]], axis=-1)
         on_box = ((ends >= 0) & (ends < scene.wall_offset)).any(axis=-1)
         alone = on_box & (motion.mode[:, m] == DRIVES) & (motion.ground_end[:, m] < 0)
-        if alone.any():
+        if scene.massless and alone.any():
             found.append(
                 f"for a while nothing but the standing box holds module {name}: whether a box of "
                 f"{scene.weight:.1f} N tips under {weight:.1f} N is not looked at"

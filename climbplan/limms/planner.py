@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.errors import LimitReached
+from climbplan.errors import Infeasible, LimitReached, NoPlanFound
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import carry_on_chains
 from climbplan.limms.attempts import Attempts
@@ -19,10 +19,11 @@ from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.modules.relatching import relatch
+from climbplan.limms.modules.weights import PACES, too_heavy
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.refusal import ruled_out
-from climbplan.limms.scene import scene_of
+from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.sequences import search
 from climbplan.limms.summary import summary_lines
@@ -41,16 +42,52 @@ def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None
         Infeasible: bounds that no plan escapes rule every mode sequence out.
         LimitReached: none of the sequences led to a plan, or not in time.
     """
+    scene = scene_of(loaded)
+    if heavy := too_heavy(scene):
+        raise Infeasible("no plan exists: modules are too heavy", heavy, stage="modes")
     if loaded.spec.solver.method == "admm":
         return plan_by_consensus(loaded, report)
+    if scene.massless:
+        return _planned(loaded, scene, report)
+    return _calmest(loaded, scene, report)
+
+
+def _calmest(loaded: LoadedLimms, scene: Scene, report: Progress) -> LimmsPlan:
+    """With masses: ways without the box slower and slower, until all that they ask for is held.
+
+    Raises as `plan_limms`; a plan that fails at every pace is the last one.
+    """
+    began = time.monotonic()
+    limit = loaded.spec.solver.time_limit
+    plan: LimmsPlan | None = None
+    for pace in PACES:
+        left = limit - (time.monotonic() - began)
+        if plan is not None and left <= 0:
+            break
+        try:
+            plan = _planned(loaded, replace(scene, pace=pace), report, left)
+        except NoPlanFound:
+            if plan is None:
+                raise
+            break  # the plan of before is written, and marked as failing
+        if verification_of(plan).passed:
+            break
+    assert plan is not None
+    return plan
+
+
+def _planned(
+    loaded: LoadedLimms, scene: Scene, report: Progress, limit: float | None = None
+) -> LimmsPlan:
+    """The plan of a scene, within `limit` [s], the spec's if it is None. Raises as `plan_limms`."""
+    limit = loaded.spec.solver.time_limit if limit is None else limit
     began = time.perf_counter()
-    scene = scene_of(loaded)
     report("modes", 0.0)
     found = search(scene)
     searched = time.perf_counter() - began
     if not found.sequences:
         raise ruled_out(scene, found.conflicts)
-    attempts = Attempts(loaded.spec.solver.time_limit)
+    attempts = Attempts(limit)
     rng = np.random.default_rng(loaded.spec.seed)
     most_steps = loaded.spec.solver.most_steps
     refused: list[tuple[PlanSoFar, str, int]] = []  # fail their verification

@@ -84,6 +84,8 @@ class Scene:
     solids: Array  # (S, 2, 3) lower and upper corners of what is not free [m]
     patches: tuple[Patch, ...]
     allow: tuple[str, ...]
+    massless: bool = True  # modules have no mass of their own
+    pace: float = 1.0  # of ways without the box, as part of the fastest: less of it, less load
 
     @property
     def count(self) -> int:
@@ -151,6 +153,7 @@ def scene_of(loaded: LoadedLimms) -> Scene:
         solids=solids,
         patches=ground_patches(np.array(free, float), solids),
         allow=spec.task.allow,
+        massless=spec.massless,
     )
 
 

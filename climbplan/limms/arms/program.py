@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from climbplan.limms.arms.answers import Cut, Ends, Outcome
+from climbplan.limms.arms.loads import load_function
 from climbplan.limms.arms.symbols import arm_function, least_margins
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import chain_function
@@ -26,6 +27,7 @@ from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
 FORCE_SHARE = 0.985  # of the limits of latches
+MASS_SHARE = 0.95  # of torques and latches with masses: knots only, and a spline between them
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further
 TURNING = 0.2  # weight of squared joint speeds against time
@@ -76,6 +78,7 @@ class _Arms:
     def __init__(self, scene: Scene, limbs: Sequence[Limb], ends: Ends) -> None:
         self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, Trajectory("arms")
         self.arms = [arm_function(scene, limb) for limb in limbs]
+        self.loads = [] if scene.massless else [load_function(scene, limb) for limb in limbs]
         self.chain = chain_function(scene.module)
         self.outputs: list[ca.MX] = []
         self.last: tuple[ca.MX, ca.MX] | None = None  # position and velocity at the end
@@ -112,6 +115,8 @@ class _Arms:
         else:
             self._latches(a)
             self._joints(guess, p, v, step, cuts, is_first)
+            if not self.scene.massless:
+                self._masses(guess, p, v, a)
         self.last = (p[-1], v[-1])
         self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
 
@@ -141,6 +146,32 @@ class _Arms:
                 name = "force.limit" if i < n else "latch.moment"
                 share_used = ca.sumsqr(both[3 * i : 3 * i + 3]) / limit**2
                 self.store.between(name, share_used, 0.0, 1.0)
+
+    def _masses(self, guess: Trace, p: list[ca.MX], v: list[ca.MX], a: list[ca.MX]) -> None:
+        """Box and arms together: joint torques, and what the latches on anchors hold.
+
+        Latches on the box share its load as `_latches` has it; the checker's sharing, among all
+        contacts, may differ where there are several.
+        """
+        scene, module = self.scene, self.scene.module
+        offsets = np.array([scene.side_offset(0, limb.side) for limb in self.limbs])
+        n = len(offsets)
+        share = ca.DM(held_forces(offsets, module.max_force, module.latch_moment))
+        mass = float(scene.box_mass[0])
+        for k in range(len(p)):
+            both = share @ (mass * (a[k] + ca.DM([0, 0, GRAVITY])))
+            for i in range(n):
+                force, moment = both[3 * i : 3 * i + 3], both[3 * (n + i) : 3 * (n + i) + 3]
+                reference = ca.DM(guess.angles[k, i])
+                found = self.loads[i](p[k], v[k], a[k], reference, force, moment)
+                torque = found[0] / module.max_torque
+                self.store.between("load.torque", torque, -MASS_SHARE, MASS_SHARE)
+                for name, value, limit in (
+                    ("load.force", found[1], module.max_force),
+                    ("load.moment", found[2], module.latch_moment),
+                ):
+                    used = ca.sumsqr(value) / limit**2
+                    self.store.between(name, used, upper=MASS_SHARE**2)
 
     def _joints(
         self,

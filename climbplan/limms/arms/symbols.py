@@ -7,6 +7,8 @@ of reach they run on smoothly: there only `margins` means anything.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
@@ -23,6 +25,25 @@ def arm_function(scene: Scene, limb: Limb) -> ca.Function:
     Margins (3): squared distance [m^2] of the wrist from the first joint's axis, cosines of elbow
     and wrist; these two are 1 where branches meet, and the elbow's is more out of reach.
     """
+    each = arm_symbols(scene, limb)
+    given = [each.centre, each.velocity, each.reference]
+    return ca.Function("arm", given, [each.angles, each.rates, each.margins])
+
+
+@dataclass(frozen=True)
+class ArmSymbols:
+    """An arm in symbols: what is given, and what follows."""
+
+    centre: ca.SX  # (3,) of the box [m]
+    velocity: ca.SX  # (3,) of the box [m/s]
+    reference: ca.SX  # (6,) angles about which angles are told [rad]
+    angles: ca.SX  # (6,) [rad]
+    rates: ca.SX  # (6,) [rad/s]
+    margins: ca.SX  # (3,) as of `arm_function`
+
+
+def arm_symbols(scene: Scene, limb: Limb) -> ArmSymbols:
+    """Angles, rates and margins of an arm as closed expressions."""
     centre, velocity = ca.SX.sym("centre", 3), ca.SX.sym("velocity", 3)
     reference = ca.SX.sym("reference", 6)
     on_box = centre + ca.DM(scene.side_offset(0, limb.side))
@@ -33,7 +54,7 @@ def arm_function(scene: Scene, limb: Limb) -> ca.Function:
         r_first, r_last = r_last, r_first
     angles, margins = _inverse(scene, limb.branch, first, last, r_first, r_last, reference)
     rates = ca.jtimes(angles, centre, velocity)
-    return ca.Function("arm", [centre, velocity, reference], [angles, rates, margins])
+    return ArmSymbols(centre, velocity, reference, angles, rates, margins)
 
 
 def _inverse(

@@ -13,6 +13,7 @@ from climbplan.limms.check.boxes import box_checks
 from climbplan.limms.check.kinematics import placed
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.logic import RULES, broken
+from climbplan.limms.check.masses import mass_checks
 from climbplan.limms.check.motion import motion_checks
 from climbplan.limms.check.spec import spec_checks
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
@@ -20,7 +21,7 @@ from climbplan.limms.scene import Pose
 from climbplan.plans.check import Check
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.spec.limms.module import OF_MASSES, ModuleSpec
 
 
 def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:
@@ -49,6 +50,7 @@ def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check
     yield _points(plan, module)
     yield from motion_checks(plan, module)
     yield from box_checks(plan, module)
+    yield from mass_checks(plan, module)
 
 
 def at_time(plan: LimmsPlan, sample: int) -> str:
@@ -65,7 +67,10 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
         module = ModuleSpec.model_validate(plan.module)
     except ValidationError as error:
         faults.append(f"module: {error.errors()[0]['msg']}")
-    faults += [f"module: no {name}" for name in ModuleSpec.model_fields if name not in plan.module]
+    missing = [name for name in ModuleSpec.model_fields if name not in plan.module]
+    if plan.massless:  # plans of before modules had masses do not say where they are
+        missing = [name for name in missing if name not in OF_MASSES]
+    faults += [f"module: no {name}" for name in missing]
     if (plan.box_size <= 0).any():
         faults.append("box/size not > 0")
     if plan.box_mass[0] <= 0:

@@ -48,10 +48,20 @@ LIMITS = {
     "goal.speed": Limit(1e-4, "m/s", "and no faster than it may arrive"),
 }
 
+# Made beside these with what modules weigh; of plans without masses they are told, not judged.
+MASS_LIMITS = {
+    "load.balance": Limit(1e-4, "N, N m", "contacts give what box and modules ask for together"),
+    "load.force": Limit(1e-4, "N", "forces of box and modules within what a contact holds"),
+    "load.moment": Limit(1e-4, "N m", "and their moments within what a latch holds"),
+    "load.ground": Limit(1e-4, "N", "ends and boxes that stand push, within the friction cone"),
+    "load.tip": Limit(1e-4, "N m", "and what stands does not tip"),
+    "load.torque": Limit(1e-4, "N m", "joint torques of box and modules within their limit"),
+}
+
 
 def judge(name: str, residual: float, worst_at: str = "", margin: str = "") -> Check:
-    """A check by its name in `LIMITS`; NaN never passes."""
-    limit = LIMITS[name]
+    """A check by its name in `LIMITS` or `MASS_LIMITS`; NaN never passes."""
+    limit = LIMITS[name] if name in LIMITS else MASS_LIMITS[name]
     residual = float(residual) + 0.0
     passed = bool(residual <= limit.value)
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at)

@@ -14,6 +14,7 @@ from climbplan.plans.check import Check, not_compared
 from climbplan.plans.differences import Difference, largest, parts_apart, same
 from climbplan.spec.limms.loading import stored_limms
 from climbplan.spec.limms.model import LimmsSpec
+from climbplan.spec.limms.module import OF_MASSES
 
 
 def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
@@ -31,13 +32,15 @@ def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
         taken = f"{stored.taken}: the modules are taken from the plan file"
         yield not_compared(judge("robot.spec", 0.0), taken, "modules as stored", taken)
     else:
-        yield _worst("robot.spec", parts_apart("module", plan.module, built))
+        unsaid = [name for name in OF_MASSES if plan.massless and name not in plan.module]
+        yield _worst("robot.spec", parts_apart("module", plan.module, built, unsaid))
     scene = scene_of(stored.loaded)
     yield _worst("file.spec_values", _values(plan, scene, stored.loaded.spec))
 
 
 def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
     motion, offset = plan.motion, scene.wall_offset
+    yield same("massless", plan.massless == spec.massless)
     yield same("seed", plan.seed == spec.seed)
     yield same("title", plan.title == spec.title)
     yield same("solver.method", plan.method == spec.solver.method)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.limms.check.checker import plan_checks
+from climbplan.limms.check.masses import MASSLESS
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_as_found
 from climbplan.limms.scene import GRAVITY
@@ -31,17 +32,19 @@ def verification_of(plan: LimmsPlan, held: HeldSpec | None = None) -> Verificati
     with np.errstate(all="ignore"):
         checks = tuple(plan_checks(plan, held))
         found = Verification(checks, against=held_against(plan, held))
-        return found if found.unsound else replace(found, beyond=(massless(plan),))
+        return found if found.unsound else replace(found, beyond=massless(plan))
 
 
-def massless(plan: LimmsPlan) -> LeftOut:
-    """What no check of a module plan looks at: modules have no mass, and weigh something."""
+def massless(plan: LimmsPlan) -> tuple[LeftOut, ...]:
+    """What checks of a plan without masses do not judge: modules weigh something."""
+    if not plan.massless:
+        return ()
     weight, held = plan.module["mass"] * GRAVITY, plan.module["max_force"]
     words = (
         f"modules have no mass: one weighs {weight:.1f} N, {weight / held:.1f} times the "
         f"{held:g} N that a contact is said to hold"
     )
-    return LeftOut("massless modules", words)
+    return (LeftOut(MASSLESS, words),)
 
 
 def verify_and_mark(path: Path) -> Verification:

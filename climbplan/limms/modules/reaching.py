@@ -87,7 +87,7 @@ def move_joints(
     path = connect(start, goal, lower, upper, free, _STEP, rng)
     if path is None:
         raise Blocked(f"{name}: no free way for module {scene.module_names[module]}")
-    time, angles, rates = _smooth(path, SPEED_SHARE * scene.module.max_joint_speed)
+    time, angles, rates = _smooth(path, scene.pace * SPEED_SHARE * scene.module.max_joint_speed)
     add_motion(world, module, rooted(world, root, root_end, angles), time, angles, rates, name)
 
 
@@ -159,7 +159,7 @@ def drive(world: PlanSoFar, module: int, goal: Array, name: str, rng: np.random.
         length = float(np.linalg.norm(last - first))
         if length < 1e-9:
             continue
-        t = samples(1.5 * length / (SPEED_SHARE * scene.module.ground_speed))
+        t = samples(1.5 * length / (scene.pace * SPEED_SHARE * scene.module.ground_speed))
         s = t / t[-1]
         times.append(times[-1][-1] + t[1:])
         places.append(first + (3 * s**2 - 2 * s**3)[1:, None] * (last - first))

@@ -83,7 +83,7 @@ def follow(
     ends = rooted(world, root, root_end, path[[0, -1]])
     free_end = 7 if root_end == 0 else 0
     rotation = ends.rotation[0, free_end]
-    most = SPEED_SHARE * scene.module.max_joint_speed
+    most = scene.pace * SPEED_SHARE * scene.module.max_joint_speed
     turning = float(np.abs(np.diff(path, axis=0)).max(axis=1).max() * (len(path) - 1))
     duration = max(1.6 * turning / most, 0.1)
     t = samples(duration)

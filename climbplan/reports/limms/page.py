@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.limms.check.limits import LIMITS
+from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.scene import ground_patches
 from climbplan.reports import palette
@@ -48,7 +48,9 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
             (read_part("limms.js"),),
             data_element("replay-data", _replay(plan)),
         ),
-        **verification_fields(report, {name: limit.meaning for name, limit in LIMITS.items()}),
+        **verification_fields(
+            report, {name: limit.meaning for name, limit in (LIMITS | MASS_LIMITS).items()}
+        ),
         **run_fields(report, plan_tables(report, origin)),
         stages=Table.of(
             ("Stage", "From [s]", "To [s]"),
@@ -63,8 +65,9 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
         ),
         loads_note=(
             f"Largest values from the box's forces alone; limits {limits['force']:.0f} N and "
-            f"{limits['torque']:.0f} N m. Modules have no mass in the plan: held level, straight, "
-            f"one needs {limits['own_weight_torque']:.1f} N m for itself."
+            f"{limits['torque']:.0f} N m. Held level, straight, a module needs "
+            f"{limits['own_weight_torque']:.1f} N m for itself. What box and modules ask for "
+            "together stands under the checks that begin with load."
         ),
     )
 

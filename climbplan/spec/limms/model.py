@@ -116,6 +116,12 @@ class LimmsSpec(SpecModel):
     robot: str = Field(
         default="limms", description="built-in module, or path of a `module` file", min_length=1
     )
+    massless: bool = Field(
+        default=True,
+        description="modules have no mass of their own, as in the published model: what they "
+        "weigh is told and not judged; false: forces, moments and torques are those of box and "
+        "modules together, and plans keep the limits of latches, ground and joints",
+    )
     terrain: SpaceSpec
     box: BoxSpec
     parked: tuple[ParkedSpec, ...] = Field(default=(), description="boxes that stay as obstacles")

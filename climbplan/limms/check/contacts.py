@@ -1,0 +1,81 @@
+"""What holds what between two events: latches, ends on the ground, the box on the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.limms.check.dense import Stretch
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.scene import Array
+from climbplan.spec.limms.module import ModuleSpec
+
+_STABLE = 1
+NOBODY = -1
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A place where a body is held by another one, or by the terrain (`other` = -1).
+
+    Bodies: modules by their number, then the box to deliver.
+    """
+
+    kind: str  # "latch", "ground" (an end that stands), "box" (the box that stands)
+    body: int
+    end: int  # of the module: 0 first, 1 last
+    other: int
+    other_end: int  # where the other one is a module
+    place: Array  # (M, 3) [m]
+    name: str  # in the robot's terms
+
+    def scale(self, module: ModuleSpec) -> Array:
+        """(6,) what a force [N] and a moment [N m] are compared to when loads are shared."""
+        moment = module.latch_moment
+        if self.kind == "ground":
+            moment = module.radius * module.max_force + module.ground_moment
+        return np.repeat([module.max_force, moment], 3)
+
+
+def contacts_of(plan: LimmsPlan, stretch: Stretch) -> list[Contact]:
+    """All contacts of a stretch."""
+    motion, first = plan.motion, stretch.first
+    count, anchors = len(plan.module_names), len(plan.anchor_names)
+    found = []
+    for m, name in enumerate(plan.module_names):
+        for end, held in enumerate((motion.base_anchor[first, m], motion.tip_anchor[first, m])):
+            place = stretch.points[m].position[:, 7 * end]
+            other, other_end = NOBODY, 0
+            if held >= anchors:
+                other, other_end = divmod(int(held) - anchors, 2)
+                what = f"latch of {name} on {plan.module_names[other]}"
+            elif held >= 0:
+                other = count if held < 4 else NOBODY
+                what = f"latch of {name} on {plan.anchor_names[held]}"
+            elif motion.ground_end[first, m] == end:
+                found.append(Contact("ground", m, end, other, 0, place, f"ground under {name}"))
+                continue
+            else:
+                continue
+            found.append(Contact("latch", m, end, other, other_end, place, what))
+    if motion.box_mode[first, 0] == _STABLE:
+        below = stretch.box[:, 0] - np.array([0.0, 0.0, plan.box_size[0, 2] / 2])
+        found.append(Contact("box", count, 0, NOBODY, 0, below, "ground under the box"))
+    return found
+
+
+def islands(bodies: int, contacts: list[Contact]) -> list[tuple[list[int], list[Contact]]]:
+    """Bodies that hold on to one another, with their contacts."""
+    label = list(range(bodies))
+    for contact in contacts:
+        if contact.other >= 0:
+            old, new = label[contact.body], label[contact.other]
+            label = [new if each == old else each for each in label]
+    return [
+        (
+            [b for b in range(bodies) if label[b] == group],
+            [c for c in contacts if label[c.body] == group],
+        )
+        for group in sorted(set(label))
+    ]

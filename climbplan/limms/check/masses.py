@@ -1,0 +1,114 @@
+"""Checks of what box and modules ask of latches, ground and joints together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from climbplan.limms.check.limits import judge
+from climbplan.limms.check.loads import StretchLoads, loads_of_all
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.scene import Array
+from climbplan.plans.check import Check, unjudged
+from climbplan.spec.limms.module import ModuleSpec
+
+MASSLESS = "massless modules"
+_NOT_JUDGED = MASSLESS
+_ROUNDING = 1e-4  # [N, N m]
+
+
+@dataclass
+class _Need:
+    """The worst of one check: by how much it is over, and what is needed where."""
+
+    over: float = -np.inf
+    where: str = ""
+    words: str = ""
+
+    def look(self, time: Array, needed: Array, limit: Array | float, what: str, unit: str) -> None:
+        """Needed (M,) against what there is (M,); NaN counts as the worst."""
+        over = needed - limit
+        k = int(np.argmax(np.where(np.isnan(over), np.inf, over)))
+        if np.isnan(over[k]) or over[k] > self.over:
+            there = float(np.broadcast_to(limit, over.shape)[k])
+            self.over, self.where = float(over[k]), f"{time[k]:.3f} s, {what}"
+            self.words = f"{what} holds {there:.3g} {unit}, {needed[k]:.3g} {unit} needed"
+
+
+@dataclass
+class Needs:
+    """What a plan with masses asks for, the worst of each check."""
+
+    found: dict[str, _Need] = field(default_factory=dict)
+
+    def of(self, name: str) -> _Need:
+        """The worst so far of one check."""
+        return self.found.setdefault(name, _Need())
+
+
+def needs_of(plan: LimmsPlan, module: ModuleSpec) -> Needs:
+    """Loads of a plan with masses beside what its hardware holds."""
+    needs = Needs()
+    for loads in loads_of_all(plan, module):
+        _unheld(loads, needs)
+        _contacts(plan, module, loads, needs)
+        _joints(plan, module, loads, needs)
+    return needs
+
+
+def mass_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
+    """All checks with masses; of a plan without them they are told and decide nothing."""
+    needs = needs_of(plan, module)
+    for name in ("load.balance", "load.force", "load.moment", "load.ground", "load.tip"):
+        yield _check(plan, name, needs.of(name))
+    yield _check(plan, "load.torque", needs.of("load.torque"))
+
+
+def _check(plan: LimmsPlan, name: str, worst: _Need) -> Check:
+    over = worst.over if worst.where else 0.0
+    check = judge(name, over, worst.where, worst.words)
+    if not plan.massless:
+        return check
+    return unjudged(check, _NOT_JUDGED, MASSLESS, f"with masses, {worst.words}")
+
+
+def _unheld(loads: StretchLoads, needs: Needs) -> None:
+    time = loads.stretch.time
+    worst = needs.of("load.balance")
+    worst.look(time, loads.unheld, 0.0, "box and modules", "")
+    worst.words = f"nothing gives {worst.over:.3g} N or N m" if worst.over > _ROUNDING else ""
+
+
+def _contacts(plan: LimmsPlan, module: ModuleSpec, loads: StretchLoads, needs: Needs) -> None:
+    time = loads.stretch.time
+    for contact, wrench in zip(loads.contacts, loads.wrench, strict=True):
+        force, moment = wrench[:, :3], wrench[:, 3:]
+        size, turn = np.linalg.norm(force, axis=1), np.linalg.norm(moment, axis=1)
+        if contact.kind != "box":
+            needs.of("load.force").look(time, size, module.max_force, contact.name, "N")
+        if contact.kind == "latch":
+            needs.of("load.moment").look(time, turn, module.latch_moment, contact.name, "N m")
+            continue
+        # Ground pushes, within its friction cone, and where the body is over it
+        aside, push = np.hypot(force[:, 0], force[:, 1]), force[:, 2]
+        needs.of("load.ground").look(time, aside, plan.friction * push, contact.name, "N")
+        tilt = np.abs(moment[:, :2])
+        if contact.kind == "ground":
+            held = module.radius * np.maximum(push, 0) + module.ground_moment
+            tilting = np.hypot(tilt[:, 0], tilt[:, 1])
+            needs.of("load.tip").look(time, tilting, held, contact.name, "N m")
+            continue
+        for axis in (0, 1):
+            held = plan.box_size[0, 1 - axis] / 2 * np.maximum(push, 0)
+            needs.of("load.tip").look(time, tilt[:, axis], held, contact.name, "N m")
+
+
+def _joints(plan: LimmsPlan, module: ModuleSpec, loads: StretchLoads, needs: Needs) -> None:
+    size = np.abs(loads.torque)
+    for m, name in enumerate(plan.module_names):
+        for joint in range(size.shape[2]):
+            what = f"joint {joint + 1} of {name}"
+            limit = module.max_torque
+            needs.of("load.torque").look(loads.stretch.time, size[:, m, joint], limit, what, "N m")

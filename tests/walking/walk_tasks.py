@@ -13,7 +13,6 @@ from climbplan.walking.offline.gaits import cycle
 from climbplan.walking.problem import build_task
 from climbplan.walking.task import Gait, WalkTask
 
-
 PUBLISHED = {"integrator": "euler", "whole_stance": False}
 
 

@@ -345,15 +345,16 @@ class PinnedProgram:
         lower, upper = np.empty(self.size + len(rows)), np.empty(self.size + len(rows))
         lower[: self.foot_column] = np.tile([-most, -most, 0.0], self.forces)
         upper[: self.foot_column] = most
-        lower[self.foot_column : self.size] = (ground.lower[region] / FOOT_SCALE).ravel()
-        upper[self.foot_column : self.size] = (ground.upper[region] / FOOT_SCALE).ravel()
+        least, largest, inside = ground.footholds
+        lower[self.foot_column : self.size] = (least[region] / FOOT_SCALE).ravel()
+        upper[self.foot_column : self.size] = (largest[region] / FOOT_SCALE).ravel()
         lower[self.size :], upper[self.size :] = -_FAR, 0.0
         sides = ground.corners.shape[1]
         for k in range(self.footing.count if sides else 0):
             first, column = friction + k * sides, self.foot_column + 2 * k
-            rows[first : first + sides, column : column + 2] = ground.sides[region[k], :, :2]
+            rows[first : first + sides, column : column + 2] = inside[region[k], :, :2]
             beyond = slice(self.size + first, self.size + first + sides)
-            upper[beyond] = ground.sides[region[k], :, 2] / FOOT_SCALE
+            upper[beyond] = inside[region[k], :, 2] / FOOT_SCALE
         return PinnedQp(
             np.zeros((self.size, self.size)),
             np.zeros(self.size),

@@ -44,7 +44,7 @@ from climbplan.walking.task import (
 RECOVERED = 0.25  # [m/s] off the reference at most
 SUDDEN = 50.0  # [m/s^2] beyond what planned forces explain: a push
 WORTH = 2  # samples of an interval that a plan between knots has to be in force for, at least
-KNOWN = 0.15  # [m/s] deviation of a velocity that is known
+KNOWN = 0.3  # [m/s] deviation of a velocity that is known
 _LONGEST_WAIT = 6  # samples for it
 _BLIND = 0.08  # [s] without a measurement that a prediction bridges
 FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell

@@ -163,7 +163,7 @@ def library_key(task: WalkTask) -> str:
     for holder in (ahead.body, ahead.ground, ahead.reference, ahead.weights):
         for field in fields(holder):
             value = getattr(holder, field.name)
-            if holder is ahead.ground and field.name in ("slope", "corners"):
+            if holder is ahead.ground and field.name in ("slope", "corners", "edge"):
                 continue  # of flat ground, where all loops walk
             digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
     rest = (task.step, task.integrator, task.lift, task.least_contacts, task.whole_stance)

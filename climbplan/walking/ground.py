@@ -27,6 +27,7 @@ class Ground:
     friction: float
     slope: Array  # (S, 2) rise along x and y
     corners: Array  # (S, C, 2) counterclockwise, the last ones repeated; C = 0: all are rectangles
+    edge: float = 0.0  # [m] from edges within which no toe is set down
 
     @classmethod
     def level(
@@ -73,6 +74,13 @@ class Ground:
         outward = np.where(length > 1e-9, outward / np.maximum(length, 1e-12), 0.0)
         bound = (outward * self.corners).sum(axis=-1, keepdims=True)
         return np.concatenate([outward, np.where(length > 1e-9, bound, 1.0)], axis=-1)
+
+    @cached_property
+    def footholds(self) -> tuple[Array, Array, Array]:
+        """`lower`, `upper` and `sides` less the strips along edges: where toes are set down."""
+        sides = self.sides.copy()
+        sides[..., 2] -= np.where(sides[..., :2].any(axis=-1), self.edge, 0.0)
+        return self.lower + self.edge, self.upper - self.edge, sides
 
     @cached_property
     def frame(self) -> Array:
@@ -133,10 +141,11 @@ class Ground:
         return chosen
 
     def into(self, region: Whole, xy: Array) -> Array:
-        """Points (..., 2) brought into their regions (...): those of polygons towards `inner`."""
-        spot: Array = np.clip(xy, self.lower[region], self.upper[region])
+        """Points (..., 2) brought to footholds of regions (...): of polygons towards `inner`."""
+        lower, upper, sides = self.footholds
+        spot: Array = np.clip(xy, lower[region], upper[region])
         if self.corners.shape[1]:
-            rows, middle = self.sides[region], self.inner[region]
+            rows, middle = sides[region], self.inner[region]
             past = (rows[..., :2] * spot[..., None, :]).sum(axis=-1) - rows[..., 2]
             room = rows[..., 2] - (rows[..., :2] * middle[..., None, :]).sum(axis=-1)
             back = np.where(past > 0, past / np.maximum(past + room, 1e-12), 0.0).max(axis=-1)

@@ -63,6 +63,8 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
     ground = file.create_group("ground")
     for name, layout in GROUND.items():
         write_dataset(ground, name, vars(task.ground)[name], layout)
+    if task.ground.edge:
+        ground.attrs["edge"] = task.ground.edge
     if task.ground.slope.any() or task.ground.corners.size:
         for name, layout in SHAPES.items():
             write_dataset(ground, name, vars(task.ground)[name], layout)
@@ -122,6 +124,7 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         ground=Ground(
             names=reader.texts("ground/names", GROUND["names"]),
             friction=reader.number("robot", "friction"),
+            edge=reader.number("ground", "edge") if reader.has_attribute("ground", "edge") else 0.0,
             **ground,
         ),
         knots=len(parts["time"]) - 1,

@@ -61,7 +61,7 @@ def build_ground(spec: WalkTerrainSpec) -> Ground:
         known += [(0.0, 0.0, float(height)) for height in raised]
         angular |= spec.stones.turn_deg > 0
     if not names:
-        return Ground.flat(spec.friction)
+        return replace(Ground.flat(spec.friction), edge=spec.edge)
     most = max(map(len, outlines)) if angular else 0
     points = np.array(known, float)
     ground = Ground(
@@ -72,6 +72,7 @@ def build_ground(spec: WalkTerrainSpec) -> Ground:
         spec.friction,
         np.array(slopes, float),
         np.stack([_padded(outline, most) for outline in outlines]),
+        spec.edge,
     )
     rise = (ground.slope * (ground.inner - points[:, :2])).sum(axis=1)
     return replace(ground, height=ground.height + rise)
@@ -121,7 +122,8 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
         if name in start.toes and off > 0:
             message = f"{1e3 * off:.1f} mm off {ground.names[region]!r}, the nearest region"
             mistakes.append(SpecMistake(f"task.start.toes.{name}", message))
-        toes[leg, :2] = ground.into(np.array(region), toes[leg, :2])
+        if name not in start.toes:
+            toes[leg, :2] = ground.into(np.array(region), toes[leg, :2])
         toes[leg, 2] = ground.level_at(np.array(region), toes[leg, :2])
     if mistakes:
         raise SpecError(source, mistakes)

@@ -107,6 +107,15 @@ class WalkTask:
     least_contacts: int  # standing legs in every interval
     whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
     goal: Goal = field(default_factory=Goal.anywhere)
+    first: float = 0.0  # [s] of the first interval where a plan begins between knots; 0: as others
+
+    @property
+    def steps(self) -> Array:
+        """Lengths of the intervals (N,) [s]."""
+        lengths = np.full(self.knots, self.step)
+        if self.first:
+            lengths[0] = self.first
+        return lengths
 
     @property
     def weight(self) -> float:

@@ -42,6 +42,8 @@ def facts_of(task: WalkTask) -> dict[str, Any]:
     if not task.ground.slope.any() and not task.ground.corners.size:
         for name in _SHAPES:  # level rectangles say nothing of slopes and corners
             del facts["ground"][name]
+    if not task.ground.edge:
+        del facts["ground"]["edge"]
     if task.goal.stated:
         facts["goal"] = [task.goal.lower.tolist(), task.goal.upper.tolist()]
     return facts
@@ -52,7 +54,7 @@ def task_of(facts: Mapping[str, Any]) -> WalkTask:
     if not all(isinstance(facts[part], Mapping) for part in _PARTS):
         raise TypeError("a part of the task is no mapping")
     count = np.size(facts["ground"]["height"])
-    plain = {"slope": np.zeros((count, 2)), "corners": np.zeros((count, 0, 2))}
+    plain = {"slope": np.zeros((count, 2)), "corners": np.zeros((count, 0, 2)), "edge": 0.0}
     facts = {**facts, "ground": {**plain, **facts["ground"]}}
     parts = {
         part: made(**{name: _read(name, value) for name, value in facts[part].items()})

@@ -39,7 +39,8 @@ def test_a_solved_gait_passes_all() -> None:
     task, found = trotting()
     checks = check_trajectory(task, found)
     assert failures(checks) == ""
-    assert [check.name for check in checks] == list(LIMITS)
+    # No goal was stated
+    assert [check.name for check in checks] == [n for n in LIMITS if n != "goal.position"]
     assert all(check.used > 0.1 for check in checks if check.name == "workspace.toe")
 
 

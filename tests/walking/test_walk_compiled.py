@@ -34,7 +34,8 @@ def test_rollout_is_that_of_the_checker() -> None:
     toes = TASK.body.toe_center + RNG.normal(0, 0.05, (6, LEGS, 3))
     force = RNG.normal(0, 15, (5, LEGS, 3))
     body = TASK.body
-    mine = rolled(body.mass, body.gravity, body.inertia, INVERSE, 0.08, 16, start, toes, force)
+    steps = np.full(5, 0.08)
+    mine = rolled(body.mass, body.gravity, body.inertia, INVERSE, steps, 16, start, toes, force)
     theirs = continuous_rollout(body, 0.08, start, toes[:-1], force, 16)
     np.testing.assert_allclose(mine, theirs, atol=1e-10)
 
@@ -105,7 +106,7 @@ def test_a_program_serves_again_from_another_start() -> None:
     other = replace(TASK, start=replace(TASK.start, state=moved))
     fresh = PinnedProgram(other, program.gait).step(at)
     program.step(at)
-    program.begin(other.start)
+    program.begin(other)
     again = program.step(at)
     assert fresh is not None
     assert again is not None

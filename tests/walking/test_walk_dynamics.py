@@ -58,7 +58,7 @@ def compiled_slopes(
     """Steps (N, 12) and slopes (N, 36, 12) by the compiled function."""
     inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
     after, slopes = np.empty((len(force), STATE)), np.full((len(force), 36, STATE), np.nan)
-    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, 0.08, mean)
+    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, np.full(len(force), 0.08), mean)
     linearised(*numbers, state, toes, force, after, slopes)
     return after, slopes
 
@@ -121,7 +121,7 @@ def test_compiled_steps_and_slopes(integrator: Integrator) -> None:
 def test_compiled_knots_are_those_of_the_checker(integrator: Integrator) -> None:
     start, toes, force = 0.2 * some_states(1)[0], some_toes(6), 0.2 * some_forces(5)
     inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
-    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, 0.08, mean)
+    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, np.full(len(force), 0.08), mean)
     found = knots_rolled(*numbers, start, toes, force)
     wanted = knot_rollout(BODY, integrator, 0.08, start, toes, force)
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8)

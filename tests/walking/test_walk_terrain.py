@@ -199,6 +199,20 @@ def test_geometry_of_regions() -> None:
     np.testing.assert_allclose(frame[2] @ [1, 0, 0.1], 0.0, atol=1e-12)
 
 
+def test_toes_keep_away_from_edges() -> None:
+    task, found = across_stones()
+    strict = replace(task, ground=replace(task.ground, edge=0.012))
+    assert "contact.region" in failed(strict, found)
+    answer = search(strict, SearchLimits(60.0, qps=60))
+    assert answer.trajectory is not None
+    assert failures(check_trajectory(strict, answer.trajectory)) == ""
+    again = task_of(facts_of(strict)).ground
+    assert again.edge == 0.012
+    wide = {"regions": [{"name": "beam", "x": [0, 2], "y": [0, 0.1]}], "edge": 0.06}
+    with pytest.raises(ValidationError, match="no room within"):
+        MpcSpec.model_validate({"kind": "mpc", "terrain": wide})
+
+
 def test_fields_of_stones_repeat_and_miss_what_they_say() -> None:
     spec = SteppingStonesSpec(x=(0, 1.2), y=(0, 1.2), missing=0.3, seed=5, rise=0.02)
     names, corners, height = drawn_stones(spec)

@@ -10,16 +10,18 @@ from typing import Any, TextIO
 import numpy as np
 
 from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, in_words
+from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.online.recovery import Study, Trial, run_study
 from climbplan.walking.online.strategies import trained
 
 _HEAD = (
     "push               walks recovered   fell  off [1]  no answer [2]  overreach [mm]  "
-    "median [ms]   99 %\n"
+    "broken [3]  median [ms]   99 %\n"
 )
 _NOTES = (
     "[1] up, but not at the reference; [2] ticks a walk after the push for which no gait held; "
-    "medians\nof the largest overreach of standing toes; ticks: processor time\n"
+    "medians\nof the largest overreach of standing toes; [3] walks with more than verification "
+    "passes,\nrecovered or not; ticks: processor time\n"
 )
 
 
@@ -71,11 +73,13 @@ def _row(words: str, walks: int, found: Sequence[Trial], stream: TextIO) -> dict
     median, most = 1e3 * np.percentile(np.concatenate([t.tick_time for t in found]), [50, 99])
     unanswered = float(np.mean([trial.unanswered for trial in found]))
     overreach = 1e3 * float(np.median([trial.overreach for trial in found]))
+    limit = LOOP_LIMITS["workspace.standing"].value
+    broken = float(np.mean([trial.overreach > limit for trial in found]))
     back, fell = endings["recovered"] / count, endings["fell"] / count
     off = endings["off the reference"] / count
     print(
         f"{words:<18} {walks:5d} {100 * back:7.0f} % {100 * fell:4.0f} % {100 * off:6.0f} %  "
-        f"{unanswered:13.1f} {overreach:15.0f} {median:12.2f} {most:6.2f}",
+        f"{unanswered:13.1f} {overreach:15.0f} {100 * broken:9.0f} % {median:12.2f} {most:6.2f}",
         file=stream,
         flush=True,
     )
@@ -89,6 +93,7 @@ def _row(words: str, walks: int, found: Sequence[Trial], stream: TextIO) -> dict
         "safe_stances": float(np.mean([trial.safe for trial in found])),
         "unanswered": unanswered,
         "overreach_mm": overreach,
+        "broken": broken,
         "median_ms": float(median),
         "most99_ms": float(most),
         "failed": [k for k, trial in enumerate(found) if not trial.recovered],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from typing import Any, TextIO
 
@@ -40,13 +41,20 @@ def run_mpc(
     # Files and assignments are looked at before anything runs for minutes.
     inputs = online_inputs(options, report) if set(chosen) & set(ONLINE) else None
     found: dict[str, Any] = {"benchmark": "mpc", "seed": options.seed, "load": os.getloadavg()[0]}
+    spent: dict[str, float] = {}
     for name in chosen:
+        begin = time.perf_counter()
         if name in OFFLINE:
             OFFLINE[name](options.seed, options.quick, stream)
         elif inputs is not None and name == "ticks":
             found[name] = tick_tables(inputs, options.seed, options.quick, stream)
         elif inputs is not None:
             found[name] = recovery_table(inputs, options, stream, report)
+        spent[name] = time.perf_counter() - begin
+    if len(chosen) > 1:
+        each = ", ".join(f"{name} {seconds:.0f}" for name, seconds in spent.items())
+        print(f"took {sum(spent.values()) / 60:.1f} minutes: {each} s", file=stream)
+    found["seconds"] = spent
     return found
 
 

@@ -103,7 +103,10 @@ def _online(plan: WalkPlan) -> dict[str, Any] | None:
     """Times, winners and warnings of the ticks."""
     if plan.loop is None:
         return None
-    loop, every = plan.loop, slice(0, max(len(plan.loop.winner) - 1, 1), SUBSTEPS)
+    loop = plan.loop
+    # A tick begins where its times change: at knots, and between them where a push was felt
+    changes = np.diff(loop.tick_time[:-1]) != 0
+    every = np.flatnonzero(np.concatenate([[True], changes]))
     winner, times = loop.winner[every], loop.tick_time[every]
     off = mean_speed(plan.trajectory, plan.task.step) - plan.task.reference.velocity[-1]
     return {

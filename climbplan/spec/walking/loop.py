@@ -67,6 +67,20 @@ class WalkLoopSpec(SpecModel):
     compensate: bool = Field(
         default=True, description="plan from the state that is predicted for after the delay"
     )
+    replan: Literal["push", "knots"] = Field(
+        default="push",
+        description="`push`: also when one is felt, as an acceleration that no planned force "
+        "explains, for the rest of the interval; `knots`: at knots only, every 80 ms",
+    )
+    dropped: Number = quantity(
+        "", "share of measurements at knots that do not arrive: predicted from the one before",
+        0.0, ge=0, le=0.9,
+    )  # fmt: skip
+    letting_go: bool = Field(
+        default=False,
+        description="a standing toe 15 mm out of its box lifts, instead of standing on until the "
+        "knot's end",
+    )
     legs: Literal["ideal", "admittance"] = Field(
         default="ideal",
         description="`ideal`: planned forces exactly; `admittance`: compliant legs, controlled",

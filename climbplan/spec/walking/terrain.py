@@ -130,9 +130,19 @@ class WalkTerrainSpec(SpecModel):
         default=None, description="a random field of stepping stones, S1, S2, ... in rows along y"
     )
 
+    edge: Number = quantity(
+        "m", "no toe is set down so near to the edge of a region or stone", 0.0, ge=0, le=0.2
+    )
+
     @model_validator(mode="after")
     def _apart(self) -> Self:
-        faults = []
+        faults = [
+            Fault(f"regions.{k}", f"has no room within {self.edge:g} m of its edges")
+            for k, region in enumerate(self.regions)
+            if not _room_within(region.outline, self.edge)
+        ]
+        if self.stones is not None and self.stones.size <= 2 * self.edge:
+            faults.append(Fault("edge", f"leaves nothing of stones of {self.stones.size:g} m"))
         for i, region in enumerate(self.regions):
             for other in self.regions[:i]:
                 if region.name == other.name:
@@ -146,6 +156,15 @@ class WalkTerrainSpec(SpecModel):
                 faults.append(Fault("stones", f"overlap region {region.name!r}"))
         refuse(faults)
         return self
+
+
+def _room_within(outline: tuple[Pair, ...], edge: float) -> bool:
+    """Whether the mean of the corners, where toes are drawn to, is that far from all sides."""
+    x, y = (sum(c[k] for c in outline) / len(outline) for k in range(2))
+    return all(
+        ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / math.hypot(bx - ax, by - ay) > edge
+        for (ax, ay), (bx, by) in zip(outline, outline[1:] + outline[:1], strict=True)
+    )
 
 
 def plane_of(corners: tuple[Vector, ...]) -> Pair:

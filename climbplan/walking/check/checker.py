@@ -202,7 +202,8 @@ def _feet(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
     yield worst(task, "contact.no_slip", slip)
-    off = off_region(task.ground, region, toes)
+    since_start = np.logical_and.accumulate(contact, axis=0)
+    off = off_region(task.ground, region, toes, since_start)
     yield worst(task, "contact.region", np.where(contact, off, 0.0))
     short = to_clear(task.ground, toes, contact) + task.lift - toes[..., 2]
     # Where the first toes are is given: what swings from the start is lifted from there on.

@@ -30,8 +30,11 @@ def plane_height(ground: Ground, region: Whole, xy: Array) -> Array:
     return result
 
 
-def off_region(ground: Ground, region: Whole, toes: Array) -> Array:
-    """How far toes (..., 3) are off the pieces of planes that are their regions (...) [m]."""
+def off_region(ground: Ground, region: Whole, toes: Array, given: Flags) -> Array:
+    """How far toes (..., 3) are off the pieces of planes that are their regions (...) [m].
+
+    given (...): toes that nobody set down, for which the strips along edges count as well.
+    """
     xy = toes[..., :2]
     off = np.abs(toes[..., 2] - plane_height(ground, region, xy))
     corners = np.array(outlines(ground))[region]  # (..., C, 2)
@@ -40,7 +43,7 @@ def off_region(ground: Ground, region: Whole, toes: Array) -> Array:
     length = np.hypot(along[..., 0], along[..., 1])
     turned = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]  # below zero: outside
     past = np.where(length > 1e-9, -turned / np.maximum(length, 1e-9), -np.inf).max(axis=-1)
-    result: Array = np.maximum(off, past)
+    result: Array = np.maximum(off, past + np.where(given, 0.0, ground.edge))
     return result
 
 

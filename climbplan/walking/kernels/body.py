@@ -64,17 +64,20 @@ def rolled(
     gravity: float,
     inertia: Array,
     inverse: Array,
-    dt: float,
+    steps: Array,
     parts: int,
     start: Array,
     toes: Array,
     force: Array,
 ) -> Array:
-    """States (N + 1, 12) at knots that forces (N, 4, 3) at toes (>= N, 4, 3) bring about."""
+    """States (N + 1, 12) at knots that forces (N, 4, 3) at toes (>= N, 4, 3) bring about.
+
+    steps (N,) [s]: of the knots.
+    """
     states = np.empty((force.shape[0] + 1, 12))
     states[0] = start
     for n in range(force.shape[0]):
         states[n + 1] = moved(
-            mass, gravity, inertia, inverse, dt, parts, states[n], toes[n], force[n]
+            mass, gravity, inertia, inverse, steps[n], parts, states[n], toes[n], force[n]
         )
     return states

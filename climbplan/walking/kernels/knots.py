@@ -15,7 +15,7 @@ def knots_rolled(
     gravity: float,
     inertia: Array,
     inverse: Array,
-    dt: float,
+    steps: Array,
     mean: bool,
     start: Array,
     toes: Array,
@@ -23,7 +23,8 @@ def knots_rolled(
 ) -> Array:
     """States (N + 1, 12) that forces (N, 4, 3) at toes (>= N, 4, 3) bring about from a start (12,).
 
-    mean: as the integrator of that name, else forward Euler; inverse: of the inertia, body frame.
+    steps (N,) [s] of the knots; mean: as the integrator of that name, else forward Euler;
+    inverse: of the inertia, body frame.
     """
     knots = force.shape[0]
     states = np.empty((knots + 1, 12))
@@ -33,7 +34,7 @@ def knots_rolled(
     states[0] = start
     for n in range(knots):
         spots[:], pushes[:] = toes[n], force[n]
-        given = (mass, gravity, inertia, inverse, states[n], spots, pushes, dt)
+        given = (mass, gravity, inertia, inverse, states[n], spots, pushes, steps[n])
         if mean:
             mean_step(given, (states[n + 1],))
         else:

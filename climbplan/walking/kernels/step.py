@@ -58,7 +58,7 @@ def linearised(
     gravity: float,
     inertia: Array,
     inverse: Array,
-    dt: float,
+    steps: Array,
     mean: bool,
     state: Array,
     toes: Array,
@@ -66,7 +66,7 @@ def linearised(
     after: Array,
     jacobian: Array,
 ) -> None:
-    """States one knot later and their slopes at N knots.
+    """States one knot later and their slopes at N knots, steps (N,) [s] apart.
 
     mean: as the integrator of that name, else forward Euler. state (>= N, 12), toes (>= N, 4, 3),
     force (N, 4, 3). Writes after (N, 12) and jacobian (N, 36, 12): by state, toes and forces, both
@@ -77,7 +77,7 @@ def linearised(
     x, spots, pushes = np.empty(12), np.empty((4, 3)), np.empty((4, 3))
     for n in range(force.shape[0]):
         x[:], spots[:], pushes[:] = state[n], toes[n], force[n]
-        given = (mass, gravity, inertia, inverse, x, spots, pushes, dt)
+        given = (mass, gravity, inertia, inverse, x, spots, pushes, steps[n])
         if mean:
             _mean_slopes(given, (after[n], jacobian[n]))
         else:

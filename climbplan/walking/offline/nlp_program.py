@@ -257,7 +257,7 @@ def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     at: a motion of the gait, whose swinging toes say what there is to clear.
     """
     reference, ground, region = task.reference, task.ground, gait.region[1:]
-    spread = (task.knots, 2 * LEGS)
+    spread, (lower, upper, sides) = (task.knots, 2 * LEGS), ground.footholds
     slope = ground.slope[region]
     level = ground.height[region] - (slope * ground.inner[region]).sum(axis=-1)
     toes = _toes(task, gait, at)[1:]
@@ -271,14 +271,14 @@ def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
         "h_ref": reference.height[:, None],
         "level": level.T,
         "clear": np.where(gait.contact[1:], lifted, toes[..., 2]).T,
-        "low": ground.lower[region].reshape(spread).T,
-        "high": ground.upper[region].reshape(spread).T,
+        "low": lower[region].reshape(spread).T,
+        "high": upper[region].reshape(spread).T,
     }
     if ground.slope.any():
         numbers["rise"] = slope.reshape(spread).T
         numbers["frame"] = ground.frame[gait.region[:-1]].reshape(task.knots, -1).T
     if ground.corners.shape[1]:
-        numbers["side"] = ground.sides[region].reshape(task.knots, -1).T
+        numbers["side"] = sides[region].reshape(task.knots, -1).T
     return numbers
 
 

@@ -22,7 +22,7 @@ from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
 from climbplan.walking.kernels.step import linearised
 from climbplan.walking.kernels.ways import swing_heights
-from climbplan.walking.task import LEGS, STATE, Array, Gait, Start, WalkTask
+from climbplan.walking.task import LEGS, STATE, Array, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
@@ -66,7 +66,7 @@ class PinnedProgram:
 
     def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
         self.task, self.gait, self.margin = task, gait, margin
-        self.start = task.start
+        self.start, self.steps = task.start, task.steps
         self.footing: Footing = footing_of(gait)
         self.height = toe_heights(task.ground, gait, task.lift)  # of swinging toes: at least
         ground, region = task.ground, self.footing.region
@@ -95,9 +95,9 @@ class PinnedProgram:
         self.spent = 0  # DAQP iterations of the last step
         self.softly = False  # its answer leaves the workspace where nothing else was possible
 
-    def begin(self, start: Start) -> None:
+    def begin(self, task: WalkTask) -> None:
         """The same gait from another start; a first guess of what will be active is kept."""
-        self.start = start
+        self.start, self.steps = task.start, task.steps
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Forces (N, 4, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
@@ -148,7 +148,7 @@ class PinnedProgram:
             body.gravity,
             body.inertia,
             self._inverse,
-            task.step,
+            self.steps,
             task.integrator == "mean",
             self.start.state,
             toes,
@@ -188,7 +188,7 @@ class PinnedProgram:
             body.gravity,
             body.inertia,
             self._inverse,
-            task.step,
+            self.steps,
             task.integrator == "mean",
             at.state,
             toes,
@@ -345,15 +345,16 @@ class PinnedProgram:
         lower, upper = np.empty(self.size + len(rows)), np.empty(self.size + len(rows))
         lower[: self.foot_column] = np.tile([-most, -most, 0.0], self.forces)
         upper[: self.foot_column] = most
-        lower[self.foot_column : self.size] = (ground.lower[region] / FOOT_SCALE).ravel()
-        upper[self.foot_column : self.size] = (ground.upper[region] / FOOT_SCALE).ravel()
+        least, largest, inside = ground.footholds
+        lower[self.foot_column : self.size] = (least[region] / FOOT_SCALE).ravel()
+        upper[self.foot_column : self.size] = (largest[region] / FOOT_SCALE).ravel()
         lower[self.size :], upper[self.size :] = -_FAR, 0.0
         sides = ground.corners.shape[1]
         for k in range(self.footing.count if sides else 0):
             first, column = friction + k * sides, self.foot_column + 2 * k
-            rows[first : first + sides, column : column + 2] = ground.sides[region[k], :, :2]
+            rows[first : first + sides, column : column + 2] = inside[region[k], :, :2]
             beyond = slice(self.size + first, self.size + first + sides)
-            upper[beyond] = ground.sides[region[k], :, 2] / FOOT_SCALE
+            upper[beyond] = inside[region[k], :, 2] / FOOT_SCALE
         return PinnedQp(
             np.zeros((self.size, self.size)),
             np.zeros(self.size),

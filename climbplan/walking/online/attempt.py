@@ -78,7 +78,7 @@ class GaitTrials:
                 self._programs.popitem(last=False)
         else:
             self._programs.move_to_end(gait.key)
-            program.begin(task.start)
+            program.begin(task)
         return program
 
     def attempt(
@@ -136,7 +136,7 @@ class GaitTrials:
             body.gravity,
             body.inertia,
             self._inverse,
-            task.step,
+            task.steps,
             PARTS,
             task.start.state,
             program.toes(at.state, at.spots),

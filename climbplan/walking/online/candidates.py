@@ -48,6 +48,12 @@ def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
     return gait, Iterate(state, force, spots)
 
 
+def motion_of(last: WalkTrajectory) -> Iterate:
+    """A plan as a point to linearise about."""
+    footing = footing_of(last.gait)
+    return Iterate(last.state, last.force[:-1], last.toes[footing.first, footing.leg, :2])
+
+
 def flat_gait(contact: Flags) -> Gait:
     """A gait on flat ground."""
     return Gait(np.array(contact, bool), np.zeros(contact.shape, np.int64))

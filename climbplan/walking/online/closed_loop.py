@@ -2,6 +2,10 @@
 
 Every 5 ms: sensors, at knots a tick of the controller, legs' forces, and a Runge-Kutta step with
 them constant. A command comes into force after the delay that computing and actuating it take.
+
+A push is felt as an acceleration that no planned force explains. A tick then follows as soon as
+the velocity is known again, where enough of the interval is left: the first interval of its plan is
+the rest of it, in which legs in the air go on, to other places, and legs that stand stay or lift.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,7 +27,7 @@ from climbplan.walking.online.legs import Phase, Stance, phase_of, standing
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise, Perception
 from climbplan.walking.online.plant import LegForces
-from climbplan.walking.online.tick import Command, OnlineController
+from climbplan.walking.online.tick import KEPT, Command, OnlineController
 from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import (
     LEGS,
@@ -34,9 +38,15 @@ from climbplan.walking.task import (
     Gait,
     WalkTask,
     WalkTrajectory,
+    Whole,
 )
 
 RECOVERED = 0.25  # [m/s] off the reference at most
+SUDDEN = 50.0  # [m/s^2] beyond what planned forces explain: a push
+WORTH = 2  # samples of an interval that a plan between knots has to be in force for, at least
+KNOWN = 0.3  # [m/s] deviation of a velocity that is known
+_LONGEST_WAIT = 6  # samples for it
+_BLIND = 0.08  # [s] without a measurement that a prediction bridges
 FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell
 
 
@@ -67,6 +77,9 @@ class LoopWorld:
     admittance: AdmittanceGains | None = None  # None: legs give the planned force exactly
     estimation: SensorQuality | None = None  # None: the true state with `noise`
     lost: Sequence[Lost] = ()
+    at_push: bool = True  # plan anew when a push is felt; else at the next knot
+    letting_go: bool = False  # a toe at the edge of what its leg reaches lifts, instead of on
+    dropped: float = 0.0  # share of measurements at knots that do not arrive
 
 
 @dataclass(frozen=True)
@@ -80,6 +93,7 @@ class Loop:
     overreach: float  # [m] furthest that a standing toe was out of its box within a knot
     told: Array  # (ticks, 12) the state that the controller was told
     true: Array  # (ticks, 12) and what it was when the plan from it came into force
+    at: Whole  # (ticks,) samples of the ticks
     cut_short: bool = False  # the deadline came before the end
 
     @property
@@ -119,6 +133,22 @@ def collected_before() -> Iterator[None]:
         gc.unfreeze()
 
 
+@dataclass(frozen=True)
+class _Coming:
+    """A command's first interval on its way."""
+
+    sample: int  # that it begins at
+    phase: Phase
+    told: Array  # (12,) the state that it was planned from
+    between: bool  # the rest of an interval that is in force, not one of its own
+
+    def after(self, stance: Stance, task: WalkTask, state: Array) -> Stance:
+        """The stance that follows one, in a state (12,)."""
+        if self.between:
+            return stance.redirected(self.phase)
+        return stance.followed(task, state, self.phase)
+
+
 class _Run:
     """A run between two samples."""
 
@@ -131,7 +161,13 @@ class _Run:
         self.state: Array = start.start.state.copy()
         self.stance = standing(self.task, start.start.toes.copy())
         self.begun = 0  # sample at which the phase began
-        self.queue: list[tuple[int, Phase]] = []  # phases to come
+        self.queue: list[_Coming] = []
+        self.log: dict[int, _Coming] = {}  # all, by the samples that they begin at
+        self.next_tick = 0
+        self.felt: int | None = None  # sample of a push that no plan knows of yet
+        self.measured: tuple[int, Array, Stance] | None = None  # what was told last
+        self.drops = np.random.default_rng([seed, 1])
+        self.at: list[int] = []
         self.due = sorted(world.pushes, key=lambda push: push.time)
         self.legs = LegForces(self.task, world.admittance, self.dt)
         self.legs.begin(self.state, self.stance)
@@ -153,15 +189,18 @@ class _Run:
         samples = SUBSTEPS * max(1, math.ceil(duration / self.task.step - 1e-9))
         fell, cut_short = None, False
         for sample in range(samples):
-            if sample % SUBSTEPS == 0:
+            if self.ready(sample):
+                self.interrupt(sample)
+            if sample == self.next_tick:
                 if sample and time.monotonic() > deadline:
                     cut_short = True
                     break
-                self.tick(sample)
+                self.tick(sample, sample + self.world.delay)
+                self.next_tick = sample + SUBSTEPS
                 if report is not None:
                     report(min((sample + SUBSTEPS) / samples, 1.0))
-            if self.queue and self.queue[0][0] == sample:
-                self.begin(sample, self.queue.pop(0)[1])
+            if self.queue and self.queue[0].sample == sample:
+                self.begin(self.queue.pop(0))
             self.step(sample)
             if fallen(self.state):
                 fell = (sample + 1) * self.dt
@@ -173,32 +212,72 @@ class _Run:
         gait = Gait(contacts.astype(bool), np.zeros(contacts.shape, np.int64))
         walk = WalkTrajectory(states, feet, forces, gait)
         true = np.array(self.true).reshape(-1, STATE)
-        told = np.array(self.told).reshape(-1, STATE)[: len(true)]
-        commands = tuple(self.commands)
-        return Loop(walk, jumps, commands, fell, self.overreach, told, true, cut_short)
+        told = np.array(self.told).reshape(-1, STATE)
+        commands, at = tuple(self.commands), np.array(self.at, np.int64)
+        return Loop(walk, jumps, commands, fell, self.overreach, told, true, at, cut_short)
 
-    def tick(self, sample: int) -> None:
-        """Measure, look ahead over the delay, plan, and queue the plan."""
-        delay = self.world.delay
+    def ready(self, sample: int) -> bool:
+        """A push was felt, and the velocity is known again."""
+        if self.felt is None:
+            return False
+        sure = self.perception.speed_error < KNOWN
+        return sure or sample - self.felt >= _LONGEST_WAIT
+
+    def interrupt(self, sample: int) -> None:
+        """A tick between knots, if its plan can do anything before the next plan does."""
+        self.felt = None
+        begin = sample + self.world.delay
+        end = self.next_tick + self.world.delay  # of the interval that is in force by then
+        if sample < self.next_tick and end - begin >= self.world.delay + WORTH:
+            self.tick(sample, begin, end - begin)
+
+    def tick(self, sample: int, begin: int, left: int = 0) -> None:
+        """Measure, look ahead to when the plan begins, plan, and queue the plan.
+
+        left: samples until the next knot, if it begins between knots.
+        """
         state, toes = self.perception.state_and_toes(self.state, self.stance)
-        stance = self.stance.thought(toes)
-        if self.world.compensate:
-            state, stance = self.ahead(state, stance, sample, sample + delay)
-        unfelt = tuple(int(leg) for leg in np.flatnonzero(stance.phase.contact & self.lost(sample)))
+        stance, since = self.stance.thought(toes), sample
+        dropped = not left and self.world.dropped > 0
+        if dropped and self.drops.random() < self.world.dropped and self.measured is not None:
+            since, state, stance = self.measured
+        else:
+            self.measured = since, state, stance
+        if self.world.compensate or since < sample:
+            then = begin if self.world.compensate else sample
+            state, stance = self.ahead(state, stance, since, then)
+        plan = stance.phase.plan
+        wanted = stance.phase.contact if plan is None else plan.gait.contact[0]
+        unfelt = tuple(int(leg) for leg in np.flatnonzero(wanted & self.lost(sample)))
         # The plan begins when the phase that is in force by then ends: legs in the air come down.
-        ended = stance.followed(self.task, state, stance.phase)
-        situation = Situation(state, ended.toes, ended.before, ended.stood, unfelt=unfelt)
+        ended = stance if left else stance.followed(self.task, state, stance.phase)
+        airborne = ~stance.phase.contact if left else np.zeros(LEGS, bool)
+        age = max(0.0, (sample - since) * self.dt - _BLIND)
+        situation = Situation(
+            state,
+            ended.toes,
+            ended.before,
+            ended.stood,
+            age=age,
+            unfelt=unfelt,
+            left=left * self.dt,
+            airborne=airborne,
+        )
         command = self.controller.tick(situation)
         self.commands.append(command)
-        self.told.append(state)
-        self.queue.append((sample + delay, phase_of(command.trajectory)))
+        self.at.append(sample)
+        if command.winner == KEPT:
+            return
+        coming = _Coming(begin, phase_of(command.trajectory), state, between=left > 0)
+        self.queue.append(coming)
+        self.log[begin] = coming
 
     def ahead(self, state: Array, stance: Stance, now: int, then: int) -> tuple[Array, Stance]:
         """State and stance at a later sample, under the phases that are in force until then."""
-        body, coming = self.task.body, dict(self.queue)
+        body = self.task.body
         for sample in range(now, then):
-            if sample in coming:
-                stance = stance.followed(self.task, state, coming[sample])
+            if sample in self.log:
+                stance = self.log[sample].after(stance, self.task, state)
             state = moved(
                 body.mass,
                 body.gravity,
@@ -210,13 +289,18 @@ class _Run:
                 stance.toes,
                 stance.phase.force,
             )
+            if self.world.letting_go and (legs := stance.beyond(self.task, state)).any():
+                stance = stance.lifted(legs)
         return state, stance
 
-    def begin(self, sample: int, phase: Phase) -> None:
+    def begin(self, coming: _Coming) -> None:
         """A command comes into force: as planned, seen from where the body is."""
         self.true.append(self.state.copy())
-        self.stance = self.stance.followed(self.task, self.state, phase.seen_from(self.state))
-        self.begun = sample
+        self.told.append(coming.told)
+        seen = replace(coming, phase=coming.phase.seen_from(self.state))
+        self.stance = seen.after(self.stance, self.task, self.state)
+        if not coming.between:
+            self.begun = coming.sample
         self.legs.begin(self.state, self.stance)
 
     def step(self, sample: int) -> None:
@@ -229,8 +313,7 @@ class _Run:
         self.state[VELOCITY] += jump
         contact = self.stance.phase.contact & ~self.lost(sample)
         force = self.legs.force(self.state, self.stance, contact)
-        share = min((sample - self.begun) / SUBSTEPS, 1.0)
-        shown = self.stance.shown(share, task.lift)
+        shown = self.shown(sample)
         self.rows.append((self.state.copy(), shown, force, contact, jump))
         self.state = moved(
             body.mass,
@@ -243,12 +326,22 @@ class _Run:
             self.stance.toes,
             force,
         )
+        if self.world.letting_go and (legs := self.stance.beyond(task, self.state)).any():
+            self.stance = self.stance.lifted(legs)
+            contact = contact & ~legs
         self.overreach = max(
             self.overreach,
             worst_standing(body.toe_center, body.toe_half, self.state, self.stance.toes, contact),
         )
-        later = self.stance.shown(min(share + 1 / SUBSTEPS, 1.0), task.lift)
-        self.perception.feel(before, self.state, later, contact, self.dt)
+        self.perception.feel(before, self.state, self.shown(sample + 1), contact, self.dt)
+        planned = force.sum(axis=0) / body.mass - [0.0, 0.0, body.gravity]
+        felt = self.perception.acceleration(before, self.state, self.dt) - planned
+        if self.world.at_push and np.linalg.norm(felt) > SUDDEN:
+            self.felt = sample
+
+    def shown(self, sample: int) -> Array:
+        """Toes (4, 3) as they are."""
+        return self.stance.shown(min((sample - self.begun) / SUBSTEPS, 1.0), self.task.lift)
 
     def lost(self, sample: int) -> Flags:
         """(4,) legs that make no contact."""

@@ -144,6 +144,14 @@ class ContactFilter:
         toes: Array = np.where(self.standing[:, None], self.d, free)
         return toes
 
+    @property
+    def speed_error(self) -> float:
+        """Standard deviation of the worst component of the velocity [m/s]."""
+        by = np.hstack([-skew(self.v), np.eye(3)])  # of errors of turn and velocity
+        rows = np.r_[TURN, VELOCITY]
+        spread = by @ self.P[np.ix_(rows, rows)] @ by.T
+        return float(np.sqrt(np.diag(spread).max()))
+
     def _noise(self, sensed: Sensed, dt: float) -> Array:
         quality, R = self.quality, self.R
         accel = quality.accel

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.task import ANGLES, LEGS, POSITION, Array, Flags, WalkTask, WalkTrajectory
 
 _LANDING_MARGIN = 0.01  # [m]
+EDGE = 0.015  # [m] out of its box that a standing toe comes to before its leg lets go
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,31 @@ class Stance:
         toes = np.where(self.phase.contact[:, None], self.toes, down)
         return Stance(toes, self.toes, self.phase.contact, phase)
 
+    def redirected(self, phase: Phase) -> Stance:
+        """Another plan for the rest of a phase: who stands may lift, who swings goes on."""
+        contact = self.phase.contact & phase.contact
+        return replace(self, phase=replace(phase, contact=contact))
+
+    def lifted(self, legs: Flags) -> Stance:
+        """Some standing legs (4,) leave the ground, and come down no farther than they reach."""
+        phase = self.phase
+        return replace(
+            self,
+            phase=replace(
+                phase,
+                contact=phase.contact & ~legs,
+                force=np.where(legs[:, None], 0.0, phase.force),
+                landing=np.where(legs[:, None], self.toes, phase.landing),
+            ),
+        )
+
+    def beyond(self, task: WalkTask, state: Array) -> Flags:
+        """(4,) standing legs that are at the edge of what they reach in a state (12,)."""
+        body = task.body
+        off = np.abs(toes_in_body(state, self.toes) - body.toe_center) - body.toe_half
+        found: Flags = self.phase.contact & (off.max(axis=1) > EDGE)
+        return found
+
     def shown(self, share: float, lift: float) -> Array:
         """Toes (4, 3) on the way: swinging ones straight on, lifted as half a sine."""
         toes = self.toes.copy()
@@ -61,10 +88,12 @@ class Stance:
     def thought(self, toes: Array) -> Stance:
         """The same as the controller knows it: toes as measured, the phase as it was planned.
 
-        Its world may have drifted away from the true one.
+        Its world may have drifted away from the true one. Which legs stand is felt.
         """
-        plan = self.phase.plan
-        return replace(self, toes=toes, phase=self.phase if plan is None else phase_of(plan))
+        if self.phase.plan is None:
+            return replace(self, toes=toes)
+        phase, stands = phase_of(self.phase.plan), self.phase.contact
+        return replace(self, toes=toes, phase=phase).lifted(phase.contact & ~stands)
 
 
 def phase_of(plan: WalkTrajectory) -> Phase:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class Situation:
     contact_before: Flags  # (4,) from one knot earlier until now
     age: float = 0.0  # [s] since it was measured, beyond what was predicted since
     unfelt: tuple[int, ...] = ()  # legs that were to stand and feel no ground
+    left: float = 0.0  # [s] until the next knot, where a plan is to begin between knots
+    airborne: Flags = field(default_factory=lambda: np.zeros(LEGS, bool))  # then: until that knot
 
 
 def fault_of(situation: Situation, body: RigidBody) -> str:

@@ -66,6 +66,22 @@ class Perception:
             self._filter.predict(self._sensed, dt)
             self._filter.correct(self._sensed)
 
+    def acceleration(self, before: Array, after: Array, dt: float) -> Array:
+        """Of the body (3,) over the last sample, world frame: as felt, or the true one [m/s^2]."""
+        if self._filter is None or self._sensed is None:
+            true: Array = (after[VELOCITY] - before[VELOCITY]) / dt
+            return true
+        found = self._filter
+        felt: Array = found.R @ (self._sensed.accel - found.accel_bias) + found.gravity
+        return felt
+
+    @property
+    def speed_error(self) -> float:
+        """Standard deviation of the velocity that is told, of its worst component [m/s]."""
+        if self._filter is None:
+            return 0.0
+        return self._filter.speed_error
+
     def state_and_toes(self, state: Array, stance: Stance) -> tuple[Array, Array]:
         """The state (12,), and where legs stand (4, 3); heights are above the ground."""
         if self._filter is None or self._sensed is None:

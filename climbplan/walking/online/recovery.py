@@ -93,7 +93,9 @@ def one_trial(study: Study, k: int) -> Trial:
 def judged(loop: Loop, task: WalkTask, at: float) -> Trial:
     """How a walk that was pushed at a time ended."""
     after = [
-        command for n, command in enumerate(loop.commands) if n * task.step >= at - 0.5 * task.step
+        command
+        for sample, command in zip(loop.at, loop.commands, strict=True)
+        if sample * task.step / SUBSTEPS >= at - 0.5 * task.step
     ]
     sample = round(at * SUBSTEPS / task.step)
     speed = loop.trajectory.state[sample:, VELOCITY]

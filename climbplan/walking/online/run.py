@@ -113,6 +113,9 @@ def world_of(spec: WalkLoopSpec, task: WalkTask) -> LoopWorld:
         compensate=spec.compensate,
         admittance=AdmittanceGains(**gains.model_dump()) if spec.legs == "admittance" else None,
         estimation=SensorQuality(**sensors.model_dump()) if spec.estimation == "ekf" else None,
+        at_push=spec.replan == "push",
+        dropped=spec.dropped,
+        letting_go=spec.letting_go,
         lost=[Lost(lost.time, names.index(lost.leg)) for lost in spec.lost_contacts],
     )
 
@@ -160,7 +163,7 @@ def library_key(task: WalkTask) -> str:
     for holder in (ahead.body, ahead.ground, ahead.reference, ahead.weights):
         for field in fields(holder):
             value = getattr(holder, field.name)
-            if holder is ahead.ground and field.name in ("slope", "corners"):
+            if holder is ahead.ground and field.name in ("slope", "corners", "edge"):
                 continue  # of flat ground, where all loops walk
             digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
     rest = (task.step, task.integrator, task.lift, task.least_contacts, task.whole_stance)
@@ -185,12 +188,12 @@ def _plan(
     spec, found = loaded.spec, loop.trajectory
     samples = len(found.state)
     whole = sampled_task(task, samples - 1)
-    tick = np.minimum(np.arange(samples) // SUBSTEPS, loop.ticks - 1)
+    tick = np.searchsorted(loop.at, np.arange(samples), side="right") - 1
     commands = loop.commands
     terms = cost_terms(whole, found.state, found.force)
     warned = [
-        f"{k * task.step:.2f} s: {command.warning}"
-        for k, command in enumerate(commands)
+        f"{sample * whole.step:.2f} s: {command.warning}"
+        for sample, command in zip(loop.at, commands, strict=True)
         if command.warning
     ]
     back = recovered(loop, task)
@@ -198,7 +201,7 @@ def _plan(
     if loop.fell is not None:
         told = [f"the robot fell after {loop.fell:.2f} s"]
     if loop.cut_short:
-        walked = f"{loop.ticks * task.step:.2f} of {spec.loop.duration:g} s"
+        walked = f"{(samples - 1) * whole.step:.2f} of {spec.loop.duration:g} s"
         told = [f"solver.time_limit of {spec.solver.time_limit:g} s ended the walk after {walked}"]
     if warned:
         told.append(f"{len(warned)} of {len(commands)} ticks with a warning, first {warned[0]}")

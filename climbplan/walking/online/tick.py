@@ -19,7 +19,13 @@ from climbplan.walking.kernels.body import PARTS, moved
 from climbplan.walking.offline.gaits import cycle
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.attempt import Attempt, Budget, GaitTrials
-from climbplan.walking.online.candidates import continued, flat_gait, reachable, usable
+from climbplan.walking.online.candidates import (
+    continued,
+    flat_gait,
+    motion_of,
+    reachable,
+    usable,
+)
 from climbplan.walking.online.features import features_of
 from climbplan.walking.online.legs import landed
 from climbplan.walking.online.library import SECTION, Library
@@ -45,6 +51,7 @@ _MADE_BEFORE = 200  # programs of gaits
 _BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
 Form = Literal["pinned", "published"]
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
+KEPT = -4  # no winner: between knots the plan before goes on
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,7 @@ class Command:
     """What the robot is to do from now on."""
 
     trajectory: WalkTrajectory
-    winner: int  # section of the library, or LAST, FALLBACK, SAFE
+    winner: int  # section of the library, or LAST, FALLBACK, SAFE, KEPT
     tried: int
     tick_time: float  # [s] of processor time of this thread
     solve_time: float  # [s] of it in QPs and their checks
@@ -113,8 +120,9 @@ class OnlineController:
         self._doubted[list(situation.unfelt)] = _DOUBTED
         if fault := fault_of(situation, self.task.body):
             return self._safe(choice, fault, self._expected)
-        task = replace(self.task, start=Start(situation.state, situation.toes))
-        able = reachable(task) & (self._doubted == 0)
+        start = Start(situation.state, situation.toes)
+        task = replace(self.task, start=start, first=situation.left)
+        able = reachable(task) & (self._doubted == 0) & ~situation.airborne
         seen: set[bytes] = set()
         for candidate in self._candidates(task, situation, choice):
             gait = usable(task, candidate.gait, able)
@@ -142,6 +150,9 @@ class OnlineController:
             ]
             words.append(f"{', '.join(legs)} without contact")
         taken = choice.best
+        if taken is None and situation.left and self._last is not None:
+            words.append(f"none of {choice.tried} gaits holds, the plan before goes on")
+            return choice.command(self._last, KEPT, ", and ".join(words))
         if taken is None:
             words.append(f"none of {choice.tried} gaits holds")
             if choice.nearest is None or (choice.nearest[0] >= _BEARABLE and not self._published):
@@ -173,7 +184,13 @@ class OnlineController:
         """The plan before, sections of the library, and where none of them holds named gaits."""
         first: list[_Candidate] = []
         if self._last is not None and not self._published:
-            first.append(_Candidate(LAST, *continued(self._last)))
+            # Between knots the plan before is still in its first interval
+            last = (
+                (self._last.gait, motion_of(self._last))
+                if situation.left
+                else continued(self._last)
+            )
+            first.append(_Candidate(LAST, *last))
             yield first[-1]
         features = features_of(situation, float(task.reference.height[0]))
         base = np.array([*situation.state[:2], 0.0])

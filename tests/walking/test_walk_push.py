@@ -1,0 +1,148 @@
+"""Plans between knots where a push is felt, measurements that are dropped, toes at their edge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from walk_tasks import named, shorter, walk_task
+
+from climbplan.spec.walking.model import MpcSpec
+from climbplan.walking.check.truth import knot_step
+from climbplan.walking.offline.sqp import solve_gait
+from climbplan.walking.online.closed_loop import Loop, LoopWorld, Push, recovered, run_loop
+from climbplan.walking.online.estimation import SensorQuality
+from climbplan.walking.online.legs import EDGE, Phase, Stance, standing
+from climbplan.walking.online.library import Library, build_library
+from climbplan.walking.online.run import world_of
+from climbplan.walking.online.tick import OnlineController, OnlineSettings
+from climbplan.walking.problem import SUBSTEPS
+from climbplan.walking.task import LEGS, VELOCITY
+
+TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return build_library(TASK, 3, 0, gaits=0)
+
+
+def walked(library: Library, world: LoopWorld, duration: float = 1.4, seed: int = 0) -> Loop:
+    controller = OnlineController(TASK, library, OnlineSettings())
+    return run_loop(controller, TASK, duration, world, seed)
+
+
+@pytest.mark.parametrize("delay", [1, 4, 6])
+def test_a_push_is_planned_for_before_the_next_knot(library: Library, delay: int) -> None:
+    push = Push(0.81, np.array([-0.5, 0.2, 0]))  # 10 ms after a knot
+    world = LoopWorld(pushes=[push], delay=delay)
+    loop = walked(library, world)
+    between = loop.at[loop.at % SUBSTEPS != 0]
+    np.testing.assert_array_equal(between, [163])  # the sample after it
+    assert loop.at[-1] % SUBSTEPS == 0  # knots stay where they were
+    assert recovered(loop, TASK)
+    # What was predicted for the beginning of each plan came true, but for one in flight
+    aware = np.arange(len(loop.true)) != (np.flatnonzero(loop.at == 160)[0] if delay > 1 else -1)
+    np.testing.assert_allclose(loop.told[aware], loop.true[aware], atol=1e-3)
+    later = walked(library, replace(world, at_push=False))
+    assert (later.at % SUBSTEPS == 0).all()
+    first = next(s for s in range(163, 200) if off(loop, later, s) > 1e-6)
+    assert first == 163 + delay
+
+
+def off(one: Loop, other: Loop, sample: int) -> float:
+    return float(np.abs(one.trajectory.force[sample] - other.trajectory.force[sample]).max())
+
+
+def test_a_push_too_late_in_an_interval_waits_for_the_knot(library: Library) -> None:
+    world = LoopWorld(pushes=[Push(0.865, np.array([-0.5, 0, 0]))], delay=4)
+    loop = walked(library, world)
+    assert (loop.at % SUBSTEPS == 0).all()
+
+
+def test_nobody_stands_that_swings_until_the_next_knot(library: Library) -> None:
+    world = LoopWorld(pushes=[Push(0.81, np.array([-0.8, 0, 0]))], delay=1)
+    loop = walked(library, world)
+    contact = loop.trajectory.gait.contact
+    assert not (contact[162:177] & ~contact[161]).any()
+
+
+def test_a_shorter_first_interval_is_rolled_out_as_such() -> None:
+    task = replace(shorter(TASK, 5), first=0.03)
+    np.testing.assert_allclose(task.steps, [0.03, 0.08, 0.08, 0.08, 0.08])
+    found = solve_gait(task, named("trot", task), None, 20).trajectory
+    assert found is not None
+    for n, dt in enumerate(task.steps):
+        after = knot_step(task.body, "mean", dt, found.state[n], found.toes[n], found.force[n])
+        np.testing.assert_allclose(found.state[n + 1], after, atol=1e-8)
+
+
+def test_an_estimator_that_is_hit_beyond_its_range_is_waited_for(library: Library) -> None:
+    quality = SensorQuality()
+    push = Push(0.81, np.array([-1.5, 0, 0]))  # 300 m/s^2: the accelerometer says 157
+    loop = walked(library, LoopWorld(pushes=[push], delay=1, estimation=quality), 1.0)
+    between = loop.at[loop.at % SUBSTEPS != 0]
+    assert len(between) == 1
+    assert 163 < between[0] <= 169
+
+
+def test_dropped_measurements_are_bridged(library: Library) -> None:
+    push = Push(0.805, np.array([-0.3, 0, 0]))
+    world = LoopWorld(dropped=0.3, delay=2)
+    loop = walked(library, world, 1.6)
+    # Nothing disturbs: what is predicted from older measurements comes true
+    np.testing.assert_allclose(loop.told, loop.true, atol=1e-5)
+    pushed = walked(library, replace(world, dropped=0.5, pushes=[push], at_push=False), 1.6, seed=3)
+    known = np.abs(pushed.told - pushed.true)[:, VELOCITY].max(axis=1)
+    assert (known > 0.25).sum() >= 1  # a plan that did not know of the push
+    assert known[-1] < 1e-4
+    assert pushed.fell is None
+    again = walked(library, replace(world, dropped=0.5, pushes=[push], at_push=False), 1.6, seed=3)
+    np.testing.assert_array_equal(again.trajectory.state, pushed.trajectory.state)
+
+
+def test_toes_at_the_edge_let_go() -> None:
+    state = TASK.start.state.copy()
+    stance = standing(TASK, TASK.start.toes.copy())
+    assert not stance.beyond(TASK, state).any()
+    state[0] += TASK.body.toe_half[0] + EDGE - 1e-3
+    assert not stance.beyond(TASK, state).any()
+    state[0] += 2e-3
+    legs = stance.beyond(TASK, state)
+    assert legs.all()
+    legs[2:] = False
+    let_go = stance.lifted(legs)
+    np.testing.assert_array_equal(let_go.phase.contact, ~legs)
+    assert (let_go.phase.force[:2] == 0).all()
+    down = let_go.followed(TASK, state, stance.phase)
+    reached = down.toes[:2, 0] - state[0] - TASK.body.toe_center[:2, 0]
+    assert (np.abs(reached) < TASK.body.toe_half[0]).all()
+
+
+def test_letting_go_keeps_toes_within_what_verification_allows(library: Library) -> None:
+    world = LoopWorld(pushes=[Push(0.81, np.array([-2.8, 0, 0]))], delay=4)
+    far = walked(library, world)
+    near = walked(library, replace(world, letting_go=True))
+    assert far.overreach > 0.02
+    assert near.overreach <= EDGE + 1e-9
+
+
+def test_a_stance_is_redirected_until_its_knot() -> None:
+    stance = standing(TASK, TASK.start.toes.copy())
+    stance = replace(stance, phase=replace(stance.phase, contact=np.array([1, 1, 0, 0], bool)))
+    wanted = np.array([1, 0, 1, 0], bool)
+    phase = Phase(wanted, np.ones((LEGS, 3)), TASK.start.toes + 0.1)
+    after: Stance = stance.redirected(phase)
+    np.testing.assert_array_equal(after.phase.contact, [True, False, False, False])
+    np.testing.assert_array_equal(after.phase.landing, phase.landing)
+    np.testing.assert_array_equal(after.toes, stance.toes)
+
+
+def test_what_a_spec_says_of_pushes() -> None:
+    loop = {"replan": "knots", "dropped": 0.1, "letting_go": True}
+    spec = MpcSpec.model_validate({"kind": "mpc", "solver": {"method": "online"}, "loop": loop})
+    world = world_of(spec.loop, TASK)
+    assert (world.at_push, world.dropped, world.letting_go) == (False, 0.1, True)
+    plain = world_of(MpcSpec.model_validate({"kind": "mpc"}).loop, TASK)
+    assert (plain.at_push, plain.dropped, plain.letting_go) == (True, 0.0, False)

@@ -3,7 +3,8 @@
 Each round in which falls began is asked for STEP times the margins of pressure and friction
 (`margins.rounds`). Where friction tells worlds that fall from worlds that stand, surfaces may lack
 more of it (`margins.slip`); where the place of surfaces or play does, commands lie deeper
-(`margins.depth`).
+(`margins.depth`). Where no margins help, which terrain and motors allow, another order of the limbs
+may: one that lifts a corner before the limbs beside it have found a wall has nothing to press with.
 """
 
 from __future__ import annotations
@@ -31,12 +32,17 @@ class More:
     slip: float
     depth: float  # [m]
     stated: MarginsSpec
+    gait: tuple[str, ...] = ()  # order in which limbs move, of climbs that leave it open
 
     @property
     def overrides(self) -> list[str]:
         """Of a spec."""
-        words = ", ".join(f"{k}: {v:.4g}" for k, v in sorted(self.rounds.items()))
-        out = [f"margins.rounds={{{words}}}"]
+        out = []
+        if self.rounds:
+            words = ", ".join(f"{k}: {v:.4g}" for k, v in sorted(self.rounds.items()))
+            out.append(f"margins.rounds={{{words}}}")
+        if self.gait:
+            out.append(f"task.gait=[{', '.join(self.gait)}]")
         if self.slip != self.stated.slip:
             out.append(f"margins.slip={self.slip:.4g}")
         if self.depth != self.stated.depth:
@@ -46,7 +52,8 @@ class More:
     @property
     def words(self) -> str:
         """In a line."""
-        out = [f"round {k} x {v:.3g}" for k, v in sorted(self.rounds.items())]
+        out = [f"gait {' '.join(self.gait)}"] if self.gait else []
+        out += [f"round {k} x {v:.3g}" for k, v in sorted(self.rounds.items())]
         if self.slip != self.stated.slip:
             out.append(f"slip {self.slip:.0%}")
         if self.depth != self.stated.depth:
@@ -75,3 +82,17 @@ def more(asked: More, judged: Judged, plan: ClimbPlan) -> More:
     if any(key in _PLACES for key in told) and depth > 0:
         depth = max(depth, min(depth + _DEPTH, _MOST_DEPTH))
     return replace(asked, rounds=rounds, slip=slip, depth=depth)
+
+
+def gaits(limbs: tuple[str, ...], given: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Orders to try instead of a given one: opposite limbs after one another, from each in turn.
+
+    limbs: around the body, as robots list them, so that half of their number on is opposite.
+    """
+    count, half = len(limbs), len(limbs) // 2
+    out: list[tuple[str, ...]] = []
+    for first in range(half if count % 2 == 0 else 0):
+        pairs = [first, *(k for k in range(half) if k != first)]
+        out.append(tuple(limbs[k + side] for k in pairs for side in (0, half)))
+    out.append(tuple(reversed(given)))
+    return [one for one in out if one != given]

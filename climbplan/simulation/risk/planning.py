@@ -2,12 +2,13 @@
 
 A plan is played by the quasi-static engine in LOOKED worlds, the same for all plans of a search.
 What fell it is asked for more (`more.py`), and the climb is planned again, at most TIMES times and
-as long as that helps. The plan that fell least is then judged in fresh worlds, which nothing was
-chosen by: in as many as it takes to show the promise, or in LOOKED where it is out of reach. Where
-these show that it falls too often, they become the worlds of another search, and what that finds is
-judged in fresh ones again, JUDGED times at most: the interval of each says how sure one judgement
-is, and a plan passes by chance in any of JUDGED with JUDGED times that probability at most. All
-counts are of work: the same spec and seed give the same plan.
+as long as that helps; where that does not suffice, limbs move in other orders. The plan that fell
+least is then judged in fresh worlds, which nothing was chosen by: in as many as it takes to show
+the promise, or in LOOKED where it is out of reach. Where these show that it falls too often, they
+become the worlds of another search, and what that finds is judged in fresh ones again, JUDGED times
+at most: the interval of each says how sure one judgement is, and a plan passes by chance in any of
+JUDGED with JUDGED times that probability at most. All counts are of work: the same spec and seed
+give the same plan.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from climbplan.climb.plan.promise import Promise, interval_of
 from climbplan.errors import NoPlanFound
 from climbplan.progress import Progress
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.risk.more import More, as_stated, more
+from climbplan.simulation.risk.more import More, as_stated, gaits, more
 from climbplan.simulation.worlds.judging import Engine, Judged, causes, judge_plan
 from climbplan.spec.climb.margins import MarginsSpec
+from climbplan.spec.climb.model import TaskSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
 
 ENGINE: Engine = "statics"
@@ -44,6 +46,8 @@ class _RiskSpec(Protocol):
     def risk(self) -> float | None: ...
     @property
     def margins(self) -> MarginsSpec: ...
+    @property
+    def task(self) -> object: ...
     @property
     def uncertainty(self) -> UncertaintySpec: ...
     @property
@@ -157,6 +161,28 @@ class _Search(Generic[L]):
                 best = now
             if idle == PATIENCE:
                 break
+        return self._in_other_orders(best, enough)
+
+    def _in_other_orders(self, best: _Tried, enough: int) -> _Tried:
+        """That, or the plan of another gait which falls less, where a climb leaves it open."""
+        task = self._loaded.spec.task
+        limbs = best.plan.robot.limb_names
+        left_open = isinstance(task, TaskSpec) and task.gait is None and not best.asked.gait
+        for gait in gaits(tuple(limbs), tuple(limbs)) if left_open else ():
+            if best.judged.falls <= enough:
+                break
+            asked = replace(as_stated(self._loaded.spec.margins), gait=gait)
+            try:
+                found = self._plan(self._again(self._loaded, asked.overrides))
+            except NoPlanFound as error:
+                line = error.message.splitlines()[0]
+                self.tried.append(f"margins {asked.words}: {line}")
+                continue
+            worlds, seed = len(best.judged.outcomes), best.judged.seed
+            now = _Tried(found, asked, _judged(found, worlds, seed, self._ways))
+            self.note(now)
+            if now.judged.falls < best.judged.falls:
+                best = now
         return best
 
 

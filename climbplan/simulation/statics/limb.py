@@ -142,6 +142,7 @@ def _held(
     for _ in range(_TRIES):
         _chain(zero, angles, columns, axes, toe)
         volume = _inverse(columns, inverse)
+        springs.volume[limb] = volume
         if not abs(volume) > _SQUASHED:
             return False
         for i in range(3):
@@ -189,21 +190,28 @@ def _arcs(columns: Array, axes: Array, force: Array, firm: Array, middle: Array)
 
 
 @compiled
-def _softness(zero: Array, angles: Array, pad: Pad) -> float:
-    """Compliance of a limb's toe at angles (3,) [m/N]: 0 but where the limb is nearly straight."""
-    _chain(zero, angles, pad.m[0], pad.m[1], pad.v[0])
-    length, volume = 0.0, 0.0
+def _softness(zero: Array, volume: float) -> float:
+    """Compliance of a limb's toe [m/N]: 0 but where the limb is nearly straight.
+
+    volume: determinant of its Jacobian [m^3].
+    """
+    length = 0.0
     for j in range(3):
         piece = 0.0
         for a in range(3):
             piece += (zero[4 + j, a] - zero[3 + j, a]) ** 2
         length += np.sqrt(piece)
-    c = pad.m[0]
-    volume += c[0, 0] * (c[1, 1] * c[2, 2] - c[1, 2] * c[2, 1])
-    volume += c[0, 1] * (c[1, 2] * c[2, 0] - c[1, 0] * c[2, 2])
-    volume += c[0, 2] * (c[1, 0] * c[2, 1] - c[1, 1] * c[2, 0])
     part = max(0.0, 1.0 - abs(volume) / (_STRAIGHT * length**3))
     return float(SOFTEST * part * part)
+
+
+@compiled
+def _volume(c: Array) -> float:
+    """Determinant of a Jacobian's columns (3, 3)."""
+    volume = c[0, 0] * (c[1, 1] * c[2, 2] - c[1, 2] * c[2, 1])
+    volume += c[0, 1] * (c[1, 2] * c[2, 0] - c[1, 0] * c[2, 2])
+    volume += c[0, 2] * (c[1, 0] * c[2, 1] - c[1, 1] * c[2, 0])
+    return float(volume)
 
 
 @compiled
@@ -252,6 +260,7 @@ def _sprung_toe(
         for j in range(3):
             angles[j] += part * turned[j]
         if curved and last < _STILL:
+            springs.volume[limb] = _volume(columns)
             _transposed_times(columns, turned, off)
             for i in range(3):
                 force[i] -= off[i] / soft

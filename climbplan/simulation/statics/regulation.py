@@ -21,7 +21,8 @@ from climbplan.simulation.statics.tuples import Known, Pad, Playback
 
 CONTROL = 0.01  # [s] between readings of the regulator, as `replay.py` has it
 _FEWEST = 3  # standing toes that tell a pose
-_FITS = 4  # Gauss-Newton steps of the rotation, from the last pose
+_FITS = 4  # Gauss-Newton steps of the rotation, from the last pose, at most
+_FITTED = 1e-6  # [rad] of a step that is the last: the next would be a millionth of it
 
 
 @compiled
@@ -152,6 +153,8 @@ def _fitted(
         _inverse(normal, inverse)
         _times(inverse, total, turn)
         _turn(rotation, turn)
+        if turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2 < _FITTED**2:
+            break
     _times(rotation, middle, own)
     for a in range(3):
         com[a] = there[a] - own[a]

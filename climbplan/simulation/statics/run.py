@@ -9,7 +9,14 @@ from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS
 from climbplan.simulation.statics.corner import _runs_into
-from climbplan.simulation.statics.limb import LOOSE, _chain, _free_angles, _pushes, _softness
+from climbplan.simulation.statics.limb import (
+    LOOSE,
+    _chain,
+    _free_angles,
+    _pushes,
+    _softness,
+    _volume,
+)
 from climbplan.simulation.statics.regulation import (
     _arrived,
     _estimate,
@@ -73,8 +80,12 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     kept = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
     half = machine.play / (2 * (1 - LOOSE))
     springs = Springs(
-        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), half, np.zeros((n, 3)), np.zeros(n)
-    )
+        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), half, np.zeros((n, 3)), np.zeros(n),
+        np.zeros(n),
+    )  # fmt: skip
+    for i in range(n):
+        _chain(plan.zero[i], machine.angles[i], pad.m[0], pad.m[1], pad.v[0])
+        springs.volume[i] = _volume(pad.m[0])
     stand = Stand(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
         machine.toes.copy(), np.zeros(n, np.int64), np.full((n, 2), -1),
@@ -152,7 +163,7 @@ def _played(
             _commanded(
                 plan, machine, s, done, part, span, index > 0, clock, body, motors, known, pad
             )
-            _sprung(plan, machine, span, springs, touch, motors, pad)
+            _sprung(plan, machine, span, springs, touch, motors)
             _put(body, kept)
             good = _settled(
                 body, span, load, plan.zero, stand, ground, springs, touch, pad, span < _SNAP
@@ -279,12 +290,11 @@ def _sprung(
     springs: Springs,
     touch: Touch,
     motors: Motors,
-    pad: Pad,
 ) -> None:
     """Motors as the springs of a step of span [s]."""
     rotor, wanted = motors.rotor, motors.wanted
     for i in range(len(wanted)):
-        springs.soft[i] = _softness(plan.zero[i], motors.angles[i], pad)
+        springs.soft[i] = _softness(plan.zero[i], springs.volume[i])
         touch.saturated[i] = 0
         for j in range(3):
             k, c = machine.stiffness[i, j], machine.damping[i, j] / span
@@ -355,6 +365,7 @@ def _finish(
             # Where the toe of a limb without force is
             _free_angles(i, springs, touch.angles[i])
             _chain(plan.zero[i], touch.angles[i], pad.m[0], pad.m[1], pad.v[0])
+            springs.volume[i] = _volume(pad.m[0])
             _times(body.rotation, pad.v[0], place)
             for a in range(3):
                 place[a] += body.com[a]

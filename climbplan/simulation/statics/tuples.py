@@ -26,6 +26,7 @@ class Springs(NamedTuple):
     stiffness: Array  # (N, 3) [N m/rad]
     half: Array  # (N, 3) of the play, to either side [rad]
     loose: Array  # (N, 3) stiffness within the play [N m/rad]
+    volume: Array  # (N,) determinant of each limb's Jacobian where it was last looked at [m^3]
     soft: Array  # (N,) compliance of toes in this step, 0 but of nearly straight limbs [m/N]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.limb import SOFTEST, _chain, _held, _softness
+from climbplan.simulation.statics.limb import SOFTEST, _chain, _held, _softness, _volume
 from climbplan.simulation.statics.tuples import Pad, Springs
 
 STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
@@ -22,7 +22,8 @@ def chain(zero: Array, angles: Array, columns: Array, axes: Array, out: Array) -
 @compiled
 def softness(zero: Array, angles: Array, pad: Pad) -> float:
     """`_softness`."""
-    return _softness(zero, angles, pad)
+    _chain(zero, angles, pad.m[0], pad.m[1], pad.v[0])
+    return _softness(zero, _volume(pad.m[0]))
 
 
 @compiled
@@ -47,7 +48,8 @@ def held(place: Array, soft: float, start: Array) -> tuple[Array, Array]:
     """Force and slope of a toe at a place."""
     springs = Springs(
         command=COMMAND[None].copy(), weight=np.zeros((1, 3)), stiffness=np.full((1, 3), STIFF),
-        half=np.zeros((1, 3)), loose=np.full((1, 3), STIFF), soft=np.array([soft]),
+        half=np.zeros((1, 3)), loose=np.full((1, 3), STIFF), volume=np.zeros(1),
+        soft=np.array([soft]),
     )  # fmt: skip
     force, slope, angles = np.zeros(3), np.zeros((3, 3)), start.copy()
     assert hold(limb(), place, springs, angles, force, slope, pad())

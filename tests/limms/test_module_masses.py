@@ -148,7 +148,7 @@ def test_joints_and_latches_cannot_outweigh_the_module(tmp_path: Path) -> None:
     own = text.read_text(encoding="utf-8").replace("joint_mass: 0.45", "joint_mass: 0.75")
     (tmp_path / "heavy.yaml").write_text(own, encoding="utf-8")
     spec = changed(tmp_path, "limms_throw", robot="heavy.yaml")
-    with pytest.raises(SpecError, match=r"weigh 5.2 kg, more than the whole 4.14 kg"):
+    with pytest.raises(SpecError, match=r"weigh 5.2 kg, the whole module 4.14 kg"):
         load_limms(spec)
     assert loaded("limms_throw").spec.massless
 
@@ -221,3 +221,12 @@ def test_plans_of_before_masses_are_still_verified(throw_file: Path, tmp_path: P
     with h5py.File(old, "a") as file:
         file.attrs["massless"] = False
     assert verify(old).unsound is not None
+
+
+def test_absurd_places_are_held_by_nothing(throw: LimmsPlan) -> None:
+    far = throw.motion.joint_position.copy()
+    far[:, :, :] *= 1e40
+    lost = replace(throw, motion=replace(throw.motion, joint_position=far))
+    checks = {check.name: check for check in verification_of(replace(lost, massless=False)).checks}
+    assert not checks["load.balance"].passed
+    assert "nothing gives" in checks["load.balance"].margin

@@ -15,7 +15,7 @@ _STABLE = 1
 NOBODY = -1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contact:
     """A place where a body is held by another one, or by the terrain (`other` = -1).
 

@@ -92,7 +92,10 @@ def _share(
     weighted = balance * scale**2
     normal = weighted @ np.swapaxes(balance, 1, 2)
     normal += _SLACK * np.eye(size)
-    dual = np.linalg.solve(normal, needed[..., None])
+    try:
+        dual = np.linalg.solve(normal, needed[..., None])
+    except np.linalg.LinAlgError:  # absurd places: nothing of it is held
+        dual = np.full_like(needed[..., None], np.nan)
     answer = (np.swapaxes(weighted, 1, 2) @ dual)[..., 0]
     left = needed - (balance @ answer[..., None])[..., 0]
     by_contact = np.moveaxis(answer.reshape(samples, len(contacts), 6), 1, 0)
@@ -180,7 +183,7 @@ def _driven(plan: LimmsPlan, stretch: Stretch, m: int, end: int) -> EndMotion:
     span = slice(stretch.first, stretch.last + 1)
     time, path = plan.motion.time[span], plan.motion.joint_position[span, m, 7 * end]
     still = at_rest(len(stretch.time))
-    if np.ptp(path, axis=0).max() < 1e-12:
+    if len(time) < 3 or np.ptp(path, axis=0).max() < 1e-12:
         return still
     slope = np.diff(path, axis=0) / np.diff(time)[:, None]
     middle = (time[1:] + time[:-1]) / 2

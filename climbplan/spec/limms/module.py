@@ -65,7 +65,7 @@ class ModuleSpec(SpecModel):
             ]
         )
         parts = JOINTS * self.joint_mass + ENDS * self.latch_mass
-        if parts > self.mass:
-            fault = f"joints and latches weigh {parts:g} kg, more than the whole {self.mass:g} kg"
+        if parts >= self.mass:
+            fault = f"joints and latches weigh {parts:g} kg, the whole module {self.mass:g} kg"
             refuse([Fault("joint_mass", fault)])
         return self

@@ -18,7 +18,9 @@ class LoopRecord:
     tick_time: Array  # (T,) [s]
     solve_time: Array  # (T,) [s]
     candidates_tried: Whole  # (T,)
-    winner: Whole  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3 none
+    winner: (
+        Whole  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3, -4 none
+    )
     warnings: tuple[str, ...]  # of ticks, each with its time
 
 

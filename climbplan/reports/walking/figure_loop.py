@@ -19,7 +19,7 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.walking.online.tick import FALLBACK, LAST, SAFE
+from climbplan.walking.online.tick import FALLBACK, KEPT, LAST, SAFE
 from climbplan.walking.plan import LoopRecord, WalkPlan
 from climbplan.walking.task import LEGS, VELOCITY, Array
 
@@ -31,6 +31,7 @@ _WINNERS = {  # of ticks: word, colour
     _NEIGHBOUR: ("neighbour", palette.MUTED),
     FALLBACK: ("named gait", palette.INK),
     SAFE: ("safe stance", palette.FAILURE),
+    KEPT: ("plan kept", palette.TRACE),  # between knots
 }
 
 

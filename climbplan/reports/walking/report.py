@@ -125,6 +125,7 @@ def _online(plan: WalkPlan) -> dict[str, Any] | None:
             "neighbours": int((winner >= 0).sum()),
             "named gaits": int((winner == -2).sum()),
             "safe stance": int((winner == -3).sum()),
+            "plan kept": int((winner == -4).sum()),
         },
         "pushes": [
             {"time": float(plan.task.step * n), "velocity": loop.push[n].tolist()}

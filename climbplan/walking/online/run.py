@@ -212,6 +212,8 @@ def _plan(
     robot = f"{task.body.name} {task.body.mass:g} kg, {loop.ticks} ticks"
     chosen = {"plan before": won == -1, "neighbours": won >= 0}
     chosen |= {"named gaits": won == -2, "safe stance": won == -3}
+    if (won == -4).any():
+        chosen["plan kept"] = won == -4
     shares = ", ".join(f"{name} {count.sum()}" for name, count in chosen.items())
     range_ = f"forward speed from {speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s"
     reach = f"largest overreach {1e3 * loop.overreach:.0f} mm"

@@ -17,7 +17,7 @@ from climbplan.climb.planner import plan_climb
 from climbplan.errors import PlanFileError, SpecError
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.risk import planning
-from climbplan.simulation.risk.more import as_stated, more
+from climbplan.simulation.risk.more import as_stated, gaits, more
 from climbplan.simulation.risk.planning import Ways, plan_with_risk
 from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
 from climbplan.simulation.worlds.stated import uncertainty_of
@@ -153,6 +153,36 @@ def test_more_is_asked_for_by_what_tells_falls_apart() -> None:
     spec = load_text(SPEC, "short", slippery.overrides).spec
     assert spec.margins.slip == pytest.approx(slippery.slip)
     assert spec.margins.rounds == slippery.rounds
+
+
+def test_where_margins_do_not_help_limbs_move_in_other_orders(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few(monkeypatch)
+
+    def judge(
+        plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, *rest: object
+    ) -> Judged:
+        """All stand whose middle limbs move first."""
+        falls = 0 if "RM, LM" in plan.spec_text.replace("'", "").split("gait")[-1][:12] else worlds
+        ends = [Outcome(k < falls, 1.0, "", 0, 0) for k in range(worlds)]
+        layout = layout_of(plan, uncertainty_of(plan))
+        return Judged("statics", seed, layout, tuple(ends))
+
+    monkeypatch.setattr(planning, "judge_plan", judge)
+    plan, _ = made(["risk=0.1"])
+    assert plan.promise is not None
+    assert any("gait RM LM RF LR RR LF" in words for words in plan.promise.tried)
+    assert plan.promise.falls == 0
+
+
+def test_orders_put_opposite_limbs_after_one_another() -> None:
+    limbs = ("RF", "RM", "RR", "LR", "LM", "LF")
+    found = gaits(limbs, limbs)
+    assert ("RM", "LM", "RF", "LR", "RR", "LF") in found
+    assert limbs not in found
+    assert len(set(found)) == len(found) == 4
+    assert all(sorted(one) == sorted(limbs) for one in found)
 
 
 def test_files_keep_the_promise_and_verify_recomputes_its_interval(

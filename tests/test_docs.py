@@ -39,6 +39,7 @@ def clone(folder: Path) -> Path:
 
 
 SLOW = (
+    "plan_to_robot",
     "dataset_to_strategy",
     "compare_payloads",
     "own_terrain",
@@ -172,6 +173,20 @@ def test_gallery_pictures_are_small_and_one_for_each_scene() -> None:
     assert set(pictures) == scenes
     assert max(pictures.values()) <= 60_000
     assert sum(pictures.values()) < 1_500_000
+
+
+def test_pictures_of_pages_are_small_and_as_many_as_are_shown() -> None:
+    sys.path.insert(0, str(DOCS / "_ext"))
+    try:
+        from page_pictures import LOOKS, PAGES, picture, pictures_page
+    finally:
+        sys.path.pop(0)
+    kept = {path.name: path.stat().st_size for path in (DOCS / "pages").iterdir()}
+    assert set(kept) == {picture(page.name, look) for page in PAGES for look in LOOKS}
+    assert sum(kept.values()) < 3_000_000
+    assert "generated/pages" in (DOCS / "index.md").read_text()
+    shown = re.findall(r"\(\.\./pages/(.*?)\)", pictures_page(DOCS / "pages"))
+    assert sorted(shown) == sorted(kept)
 
 
 @pytest.mark.skipif(

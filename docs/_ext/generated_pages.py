@@ -11,6 +11,7 @@ from typing import Any
 
 from code_tables import api_page, checks_page, solvers_page
 from gallery_page import gallery_page
+from page_pictures import pictures_page
 from room_pages import room_pages
 from spec_keys import keys_page
 from sphinx.application import Sphinx
@@ -27,6 +28,7 @@ def pages(docs: Path) -> dict[str, str]:
         "checks.md": checks_page(),
         "solvers.md": solvers_page(),
         "gallery.md": gallery_page(root / "specs", docs / "gallery"),
+        "pages.md": pictures_page(docs / "pages"),
         **{f"keys/{kind}.md": keys_page(kind, json_schema(kind)) for kind in KINDS},
         **{f"rooms/{name}": text for name, text in room_pages(root).items()},
     }

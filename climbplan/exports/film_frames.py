@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.plans.check import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Scene, Shape, between
+from climbplan.reports.viewer.scene import Scene, Shape, between, outline
 from climbplan.simulation.pictures import Picture
 from climbplan.simulation.replay import load_mujoco
 
@@ -126,9 +126,9 @@ class Frames:
         color = _rgba(shape.color, min(shape.opacity, _SEEN_THROUGH))
         for corners in shape.vertices[shape.faces]:
             self._pen.triangle(corners, color)
-        outline = _outline(shape)
-        if len(outline) <= _MOST_OUTLINES:
-            for start, end in shape.vertices[outline]:
+        edges = outline(shape)
+        if len(edges) <= _MOST_OUTLINES:
+            for start, end in shape.vertices[edges]:
                 self._pen.rod(0.0015 * self._extent, start, end, _rgba(palette.MUTED, 0.8))
 
     def _boxes(self, moment: tuple[int, int, float]) -> None:
@@ -248,11 +248,3 @@ def _usual_force(scene: Scene) -> float:
         return 1.0
     largest = np.linalg.norm(scene.forces.force, axis=-1).max(axis=1, initial=0.0)
     return float(np.median(largest[largest > 0])) if largest.any() else 1.0
-
-
-def _outline(shape: Shape) -> Any:
-    """Edges (K, 2) of a shape that one triangle alone has."""
-    edges = np.sort(np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]],
-                                    shape.faces[:, [2, 0]]]), axis=1)  # fmt: skip
-    found, times = np.unique(edges, axis=0, return_counts=True)
-    return found[times == 1]

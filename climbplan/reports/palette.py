@@ -24,10 +24,19 @@ BODY = "#4A5A6B"
 FAILURE = "#C0392B"  # limits at which the robot slips or overloads
 REQUIRED = "#475569"  # margins asked for
 FORCE = "#123C8C"
+FORCE_ON_PAGES = "#3F74D9"  # seen on white and on dark pages
 TRACE = "#9AA5B1"
 CONE = "#C0392B"
 CONE_SHRUNK = "#E08E79"
 LABELS = ("#4DA37F", "#E0A03A", "#8C5FA8")  # feasible, force-, kinematics-infeasible
+
+
+def ink_on(color: str) -> str:
+    """The colour of text on "#rrggbb": dark, or white where that has more contrast (WCAG 2)."""
+    channels = [int(color[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+    return INK if luminance > 0.18 else "#FFFFFF"
 
 
 def limb_color(limb: int) -> str:

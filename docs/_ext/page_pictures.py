@@ -66,6 +66,22 @@ PAGES = (
         "strategy", "A strategy.", ("fit-strategy specs/strategy_bookshelf.yaml --out strategy",)
     ),
     ReportPage(
+        "envelopes",
+        "Envelopes of bilinear terms, learned from random terrains.",
+        ("fit-envelopes specs/envelopes_ground3.yaml --out envelopes",),
+    ),
+    ReportPage(
+        "robot",
+        "A robot from its URDF, as it was proposed.",
+        ("new robot robot --package example-robot-data:a1",),
+        page="robot/a1.html",
+    ),
+    ReportPage(
+        "simulation",
+        "The first climb in MuJoCo.",
+        ("plan-climb specs/climb_steps.yaml --out climb", "simulate climb --out simulation"),
+    ),
+    ReportPage(
         "terrain",
         "A scan, here a corner of two plates.",
         ("fit-terrain corner.stl --out terrain",),

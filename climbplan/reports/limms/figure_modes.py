@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.reports import palette
+from climbplan.reports.limms.time_axis import TimeScale
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
 
 BOX_COLORS = {1: "#C9D2DC", 2: "#56B4E9", 3: "#E69F00", 4: "#009E73"}
@@ -25,6 +26,7 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
     heading(figure, plain(plan.title or plan.name), plain(plan.sequence))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=[0.5 * (count + 1) + 0.3, 1.6])
     names = ["box", *plan.module_names]
+    scale = TimeScale(plan)
     for row in range(len(names)):
         mode = motion.box_mode[:, 0] if row == 0 else motion.mode[:, row - 1]
         colors = BOX_COLORS if row == 0 else MODULE_COLORS
@@ -33,7 +35,7 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
             color = colors.get(int(mode[first]), palette.FAILURE)
             top.barh(row, end - begin, left=begin, height=0.72, color=color, linewidth=0)
         if row:
-            _latches(plan, row - 1, row, top)
+            _latches(plan, row - 1, row, top, scale)
 
     top.set_yticks(range(len(names)), [plain(name, 12) for name in names])
     top.invert_yaxis()
@@ -48,11 +50,12 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
             linewidth=1.4,
         )
         below.axhline(plan.goal[0, axis], color=palette.LIMBS[axis], linewidth=0.7, linestyle=":")
-    below.set_xlabel("time [s]")
+    below.set_xlabel(scale.label)
     below.set_ylabel("box [m]")
     below.legend(frameon=False, fontsize=8, ncols=3, loc="upper left")
     panel_title(below, "Centre of the box", "dots: goal")
     style_axes(below)
+    scale.apply((top, below))
     handles = [Patch(color=c) for c in (*BOX_COLORS.values(), *MODULE_COLORS.values())]
     labels = [*(f"box {n}" for n in BOX_MODES.values()), *MODULE_MODES.values()]
     foot_legend(figure, handles, labels)
@@ -64,11 +67,10 @@ def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     return [(a, b - 1) for a, b in itertools.pairwise(edges)]
 
 
-def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes) -> None:
+def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes, scale: TimeScale) -> None:
     """Names of the anchors, in the bar."""
     motion = plan.motion
     both = motion.base_anchor[:, module] * 100_000 + motion.tip_anchor[:, module]
-    whole = motion.time[-1] - motion.time[0]
     for first, last in _runs(both):
         held = [
             _anchor_name(plan, int(a))
@@ -76,9 +78,15 @@ def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes) -> None:
             if a >= 0
         ]
         begin, end = motion.time[first], motion.time[last]
-        if held and end - begin > 0.05 * whole:
+        shown = float(np.diff(scale.place(np.array([begin, end])))[0])
+        if held and shown > 0.05:
             text = plain(" + ".join(held), 28)
-            ax.text((begin + end) / 2, row, text, ha="center", va="center", fontsize=7.5)
+            color = palette.ink_on(
+                MODULE_COLORS.get(int(motion.mode[first, module]), palette.FAILURE)
+            )
+            ax.text(
+                (begin + end) / 2, row, text, ha="center", va="center", fontsize=7.5, color=color
+            )
 
 
 def _anchor_name(plan: LimmsPlan, anchor: int) -> str:

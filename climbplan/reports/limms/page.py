@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
-from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.scene import ground_patches
-from climbplan.reports import palette
+from climbplan.limms.plan import LimmsPlan
 from climbplan.reports.page_parts import Card, Table, read_part
 from climbplan.reports.page_template import (
     data_element,
@@ -21,13 +17,8 @@ from climbplan.reports.page_template import (
     run_fields,
     verification_fields,
 )
-from climbplan.reports.replay import key_frames
-from climbplan.spec.kinds import validate
-from climbplan.spec.limms.model import LimmsSpec
-from climbplan.spec.limms.space import free_blocks
-from climbplan.spec.yaml_source import parse_yaml
-
-_TOLERANCE = 2e-3  # [m] by which the replay may be off between its frames
+from climbplan.reports.scene_replay import scene_replay
+from climbplan.reports.viewer.limms_scene import scene_of_modules
 
 
 def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
@@ -45,8 +36,8 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
             _cards(report),
             images,
             report["status"],
-            (read_part("limms.js"),),
-            data_element("replay-data", _replay(plan)),
+            (read_part("replay.js"),),
+            data_element("replay-data", scene_replay(scene_of_modules(plan))),
         ),
         **verification_fields(
             report, {name: limit.meaning for name, limit in (LIMITS | MASS_LIMITS).items()}
@@ -89,45 +80,3 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
 def _modes(story: Sequence[tuple[str, float]]) -> str:
     """Modes with their durations, in order."""
     return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in story)
-
-
-def _replay(plan: LimmsPlan) -> dict[str, object]:
-    """Frames and scene as JSON-ready values, rounded to 0.1 mm."""
-    motion = plan.motion
-    count = len(motion.time)
-    values = np.column_stack([motion.box_position[:, 0], motion.joint_position.reshape(count, -1)])
-    forced = np.zeros(count, bool)
-    events = np.flatnonzero(np.diff(motion.time) <= 0)
-    forced[events] = forced[events + 1] = True
-    frames = key_frames(motion.time, values, forced, _TOLERANCE)
-    spec, _ = validate(parse_yaml(plan.spec_text, "spec"), LimmsSpec)
-    regions = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions]) if spec else []
-    free = np.array(regions, float).reshape(-1, 2, 3)
-    ground = ground_patches(free, plan.solids) if len(free) else ()
-    half = plan.box_size / 2
-    fixed = motion.anchor_position[0, 4 * len(plan.box_size) :]
-    everything = np.vstack([motion.joint_position.reshape(-1, 3), plan.goal, fixed])
-    return {
-        "time": motion.time[frames].round(4).tolist(),
-        "box": motion.box_position[frames, 0].round(4).tolist(),
-        "joints": motion.joint_position[frames].round(4).tolist(),
-        "boxMode": motion.box_mode[frames, 0].tolist(),
-        "mode": motion.mode[frames].tolist(),
-        "boxModes": {str(k): v for k, v in BOX_MODES.items()},
-        "modes": {str(k): v for k, v in MODULE_MODES.items()},
-        "names": list(plan.module_names),
-        "colors": [palette.limb_color(m) for m in range(len(plan.module_names))],
-        "radius": plan.module["radius"],
-        "size": plan.box_size[0].tolist(),
-        "goal": plan.goal[0].tolist(),
-        "anchors": fixed.round(4).tolist(),
-        "parked": [
-            [(c - h).tolist(), (c + h).tolist()]
-            for c, h in zip(motion.box_position[0, 1:], half[1:], strict=True)
-        ],
-        "regions": free.tolist(),
-        "ground": [[[*p.lower.tolist(), p.height], [*p.upper.tolist(), p.height]] for p in ground],
-        "stages": [list(stage) for stage in plan.stages],
-        "lower": everything.min(axis=0).tolist(),
-        "upper": everything.max(axis=0).tolist(),
-    }

@@ -32,7 +32,11 @@ def limms_scene(path: FilePath) -> Scene:
 
     Raises PlanFileError for a damaged file.
     """
-    plan = read_limms_plan(path)
+    return scene_of_modules(read_limms_plan(path))
+
+
+def scene_of_modules(plan: LimmsPlan) -> Scene:
+    """The scene of a plan that was read."""
     motion = plan.motion
     count, modules = motion.joint_position.shape[:2]
     values = np.concatenate(

@@ -124,6 +124,25 @@ def polygons(name: str, corners: list[Array], color: str, opacity: float, note: 
     return Shape(name, np.concatenate(corners), faces, color, opacity, note)
 
 
+def outline(shape: Shape) -> Index:
+    """Edges (K, 2) of a shape that one of its triangles alone has, or that two meet at an angle."""
+    corners = shape.vertices[shape.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    # Shapes may hold a corner once for each of their faces: those at one place are one
+    _, same = np.unique(shape.vertices.round(6), axis=0, return_inverse=True)
+    own = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
+    edges, first, which = np.unique(
+        np.sort(same.reshape(-1)[own], axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    total = np.zeros((len(edges), 3))
+    np.add.at(total, which.reshape(-1), np.tile(normal, (3, 1)))
+    count = np.bincount(which.reshape(-1), minlength=len(edges))
+    flat = (count == 2) & (np.linalg.norm(total, axis=1) > 2 - 1e-6)
+    found: Index = own[first[~flat]].astype(np.int64)
+    return found
+
+
 _CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 

@@ -24,7 +24,11 @@ def walk_scene(path: FilePath) -> Scene:
 
     Raises PlanFileError for a damaged file.
     """
-    plan = read_walk_plan(path)
+    return scene_of_walk(read_walk_plan(path))
+
+
+def scene_of_walk(plan: WalkPlan) -> Scene:
+    """The scene of a plan that was read."""
     task, found = plan.task, plan.trajectory
     count = len(found.state)
     rotation = rotation_world_body(found.state[:, ANGLES])

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from climbplan.plans.verification import Verification
-from climbplan.reports.page_parts import Card, plain_words
+from climbplan.reports.page_parts import Card, plain_words, read_part
 from climbplan.reports.page_template import (
+    data_element,
     fill,
     origin_rows,
     plan_tables,
@@ -19,6 +20,8 @@ from climbplan.reports.page_template import (
 )
 from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
+from climbplan.reports.scene_replay import scene_replay
+from climbplan.reports.viewer.walking_scene import scene_of_walk
 from climbplan.walking.check.checker import LIMITS, LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.walking.check.verification import verify
@@ -162,7 +165,15 @@ def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]
     history = report["history"][-12:]
     return fill(
         "walking.html",
-        **report_fields(report, "mpc", _cards(report), images, report["status"]),
+        **report_fields(
+            report,
+            "mpc",
+            _cards(report),
+            images,
+            report["status"],
+            (read_part("replay.js"),),
+            data_element("replay-data", scene_replay(scene_of_walk(plan))),
+        ),
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),
         loop_note=_LOOP_NOTE if plan.loop is not None else "",

@@ -1,0 +1,152 @@
+"""Replays of walks and modules, and axes of time that begin where something happens."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from headless_chromium import Browser, chromium_path
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+import climbplan
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_file import read_limms_plan
+from climbplan.reports.limms.figure_modes import mode_timeline
+from climbplan.reports.limms.time_axis import TimeScale
+from climbplan.reports.palette import ink_on
+from climbplan.reports.scene_replay import beginning, scene_replay
+from climbplan.reports.viewer.limms_scene import limms_scene, scene_of_modules
+from climbplan.reports.viewer.scene import block, outline, polygons
+from climbplan.reports.viewer.walking_scene import walk_scene
+
+SPECS = Path(__file__).parents[2] / "specs"
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A walk and a throw, with their pages."""
+    found = {}
+    for name, spec in (
+        ("walk", climbplan.load(SPECS / "mpc_forward.yaml", set={"task.knots": 6})),
+        ("throw", climbplan.load(SPECS / "limms_throw.yaml")),
+    ):
+        found[name] = tmp_path_factory.mktemp(name)
+        plan = climbplan.plan(spec)
+        plan.save(found[name] / "plan.h5")
+        plan.report(found[name])
+    return found
+
+
+def replay_of(page: Path) -> dict[str, Any]:
+    text = (page / "report.html").read_text(encoding="utf-8")
+    start = text.index('id="replay-data">') + len('id="replay-data">')
+    found: dict[str, Any] = json.loads(text[start : text.index("</script>", start)])
+    return found
+
+
+def later(plan: LimmsPlan, seconds: float) -> LimmsPlan:
+    """The same motion after some time in which nothing moves."""
+    time = plan.motion.time.copy()
+    time[1:] += seconds
+    stages = tuple((name, begin + seconds, end + seconds) for name, begin, end in plan.stages)
+    return replace(plan, motion=replace(plan.motion, time=time), stages=stages)
+
+
+def test_pages_hold_every_sample_of_their_scene(folders: dict[str, Path]) -> None:
+    walk = walk_scene(folders["walk"] / "plan.h5")
+    data = replay_of(folders["walk"])
+    assert walk.rods is not None
+    assert walk.forces is not None
+    assert np.allclose(data["time"], walk.time, atol=1e-4)
+    assert np.allclose(data["rods"]["ends"], walk.rods.ends, atol=1e-4)
+    assert data["start"] == walk.time[0] or data["start"] < walk.time[-1]
+    arrows, force = np.array(data["forces"]["arrow"]), walk.forces.force
+    # Along the force, and as long as it is large
+    pushes = np.linalg.norm(force, axis=-1) > 1
+    assert pushes.any()
+    ratio = np.linalg.norm(arrows[pushes], axis=-1) / np.linalg.norm(force[pushes], axis=-1)
+    assert np.ptp(ratio) < 0.02 * ratio.mean()
+    assert (np.sum(arrows[pushes] * force[pushes], axis=-1) > 0).all()
+    throw = limms_scene(folders["throw"] / "plan.h5")
+    assert replay_of(folders["throw"]) == json.loads(json.dumps(scene_replay(throw)))
+
+
+def test_modules_are_shown_from_shortly_before_the_box_moves(folders: dict[str, Path]) -> None:
+    plan = read_limms_plan(folders["throw"] / "plan.h5")
+    here, waited = (scene_of_modules(one) for one in (plan, later(plan, 60.0)))
+    assert beginning(waited) == pytest.approx(beginning(here) + 60.0, abs=0.2)
+    assert beginning(replace(here, boxes=None)) == here.time[0]
+    box = plan.motion.box_position[:, 0]
+    start = np.interp(beginning(here) + 1.0, plan.motion.time, box[:, 2])
+    assert abs(start - box[0, 2]) < 0.02
+
+
+def test_long_driving_is_pressed_together(folders: dict[str, Path]) -> None:
+    plan = read_limms_plan(folders["throw"] / "plan.h5")
+    waited = later(plan, 60.0)
+    scale = TimeScale(waited)
+    assert scale.label == f"time [s]; the first {scale.begin - scale.start:.1f} s pressed together"
+    assert scale.begin > 60.0
+    places = scale.place(np.array([scale.start, scale.begin, scale.end]))
+    assert places == pytest.approx([0.0, 0.2, 1.0])
+    times = np.linspace(-5.0, 80.0, 41)
+    assert scale._time_at(scale.place(times)) == pytest.approx(times)
+    figure = mode_timeline(waited)
+    assert [panel.get_xscale() for panel in figure.axes[:2]] == ["function", "function"]
+    assert figure.axes[1].get_xlabel() == scale.label
+
+
+def test_text_on_bars_is_seen(folders: dict[str, Path]) -> None:
+    figure: Figure = mode_timeline(read_limms_plan(folders["throw"] / "plan.h5"))
+    texts = [text for text in figure.axes[0].texts if text.get_text()]
+    assert texts
+    for text in texts:
+        middle = text.get_position()
+        (bar,) = (
+            patch
+            for patch in figure.axes[0].patches
+            if patch.get_x() <= middle[0] <= patch.get_x() + patch.get_width()  # type: ignore[attr-defined]
+            and abs(patch.get_y() + patch.get_height() / 2 - middle[1]) < 0.1  # type: ignore[attr-defined]
+        )
+        assert to_hex(text.get_color()).upper() == ink_on(to_hex(bar.get_facecolor()))
+    assert ink_on("#0072B2") == "#FFFFFF"
+    assert ink_on("#F0B48A") != "#FFFFFF"
+
+
+def test_outlines_are_edges_that_are_seen() -> None:
+    cube = block("cube", np.zeros(3), np.ones(3), "#000000", 1.0)
+    edges = cube.vertices[outline(cube)]
+    assert len(edges) == 12
+    assert np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1) == pytest.approx(1.0)
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    assert len(outline(polygons("square", [square], "#000000", 1.0))) == 4
+
+
+PIXELS = """(() => {
+  const c = document.getElementById('replay');
+  const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+  return d.reduce((n, v, i) => n + (i % 4 === 3 && v > 0), 0);
+})()"""
+
+
+@pytest.mark.skipif(chromium_path() is None, reason="no Chromium found: page not run")
+@pytest.mark.parametrize("name", ["walk", "throw"])
+def test_replays_are_drawn_and_advance(folders: dict[str, Path], name: str) -> None:
+    program = chromium_path()
+    assert program is not None
+    with Browser(program) as browser:
+        browser.open(folders[name] / "report.html")
+        browser.wait_for(f"{PIXELS} > 10_000")
+        assert browser.evaluate("document.getElementById('replay-label').textContent") != ""
+        before = browser.evaluate("document.getElementById('replay').toDataURL()")
+        browser.evaluate("document.getElementById('replay-play').click()")
+        browser.wait_for(
+            "Number(document.getElementById('replay-time').value) > "
+            f"{replay_of(folders[name])['start'] + 0.1}"
+        )
+        assert browser.evaluate("document.getElementById('replay').toDataURL()") != before

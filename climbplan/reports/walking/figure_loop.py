@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
@@ -138,6 +139,7 @@ def _step_lengths(ax: Axes, plan: WalkPlan, window: tuple[float, float]) -> None
                     fontsize=8,
                     fontweight="bold" if back else "normal",
                     color=_PUSH if back else palette.INK,
+                    path_effects=[withStroke(linewidth=2.0, foreground="white")],  # on dark bars
                 )
             last = spot
 

@@ -64,6 +64,7 @@ def test_tutorial_runs_and_prints_what_it_shows(page: Path, tmp_path: Path) -> N
     assert not missing_lines(text, done.stdout), done.stdout
 
 
+@pytest.mark.slow
 def test_commands_that_drive_a_robot(tmp_path: Path) -> None:
     for library in ("rosbags", "mcap"):
         pytest.importorskip(library)

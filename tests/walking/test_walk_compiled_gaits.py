@@ -90,7 +90,8 @@ def test_moves_change_something() -> None:
     moves = contact_moves(gait.contact)
     assert all((moved != gait.contact).any() for moved in moves)
     assert all(moved.shape == gait.contact.shape for moved in moves)
-    assert not list(region_moves(gait, 1))
-    others = list(region_moves(gait_of(gait.contact, np.ones(gait.contact.shape, int)), 3))
+    assert not list(region_moves(gait, [np.zeros(0, int)]))
+    beside = [np.array(regions) for regions in ([1], [0, 2], [1])]
+    others = list(region_moves(gait_of(gait.contact, np.ones(gait.contact.shape, int)), beside))
     assert {int(other.region.min()) for other in others} == {0, 1}
     assert {int(other.region.max()) for other in others} == {1, 2}

@@ -60,6 +60,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "TIMES", 2)
 
 
+@pytest.mark.slow
 def test_a_plan_that_stands_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     few(monkeypatch)
     plan, times = made(SURE)

@@ -7,12 +7,12 @@ from typing import Any, Self
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.plans.check import Array
 from climbplan.reports import palette
+from climbplan.reports.viewer.camera import followed, moving
 from climbplan.reports.viewer.scene import Scene, Shape, between, outline
 from climbplan.simulation.pictures import Picture
 from climbplan.simulation.replay import load_mujoco
@@ -21,8 +21,6 @@ WIDTH, HEIGHT = 1280, 720  # [pixels]
 _SEEN_THROUGH = 0.25  # opacity of what stands still, at most
 _FORCE = 0.22  # share of what moves: a largest force, half of the time
 _LONGEST_FORCE = 0.4  # any
-_SAMPLES = 400  # of the way that the camera follows
-_LAG = 0.04  # of it, over which the camera's way is smoothed
 _MOST_TRIANGLES = 60_000
 _MOST_OUTLINES = 600  # edges of shapes; scans have more, and are seen without
 _WORLD = f"""<mujoco>
@@ -51,12 +49,7 @@ class Frames:
                 f"{scene.title}: a terrain of {triangles} triangles, a film draws at most "
                 f"{_MOST_TRIANGLES}; a smaller `crop` of the scan has fewer"
             )
-        middle, self._extent = _moving(scene)
-        # Repeated times are jumps, over which the camera moves on evenly
-        self._way_time = np.linspace(scene.time[0], scene.time[-1], _SAMPLES)
-        lag = _LAG * _SAMPLES
-        at = np.stack([between(middle, scene.moment(float(t))) for t in self._way_time])
-        self._way = gaussian_filter1d(at, lag, axis=0, mode="nearest")
+        self._middle, self._extent = moving(scene)
         model = mujoco.MjModel.from_xml_string(_WORLD)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -76,7 +69,7 @@ class Frames:
         self._model, self._data = model, data
         self._pen = _Pen(mujoco, self._renderer.scene)
         toward = _toward_camera(scene)
-        foremost = float((middle @ toward).max())
+        foremost = float((self._middle @ toward).max())
         for shape in scene.shapes:
             # What stands wholly before all that moves, as the front wall of a room, would hide it
             if float((shape.vertices @ toward).min()) < foremost:
@@ -98,8 +91,7 @@ class Frames:
 
     def at(self, time: float) -> Picture:
         """The picture (HEIGHT, WIDTH, 3) at a time of the plan [s]."""
-        place = [np.interp(time, self._way_time, self._way[:, axis]) for axis in range(3)]
-        self._camera.lookat[:] = place
+        self._camera.lookat[:] = followed(self._scene, self._middle, np.array([time]))[0]
         renderer = self._renderer
         self._mujoco.mjv_updateCamera(self._model, self._data, self._camera, renderer.scene)
         renderer.scene.ngeom = self._still
@@ -217,22 +209,6 @@ def _count(scene: Scene) -> int:
     rods = 0 if scene.rods is None else len(scene.rods.radius)
     boxes = 0 if scene.boxes is None else len(scene.boxes.color)
     return rods + boxes + (0 if scene.forces is None else scene.forces.point.shape[1])
-
-
-def _moving(scene: Scene) -> tuple[Array, float]:
-    """The middle of what moves (F, 3), and the largest extent that it has at any time [m]."""
-    points = []
-    if scene.rods is not None:
-        points.append(scene.rods.ends.reshape(len(scene.time), -1, 3))
-    if scene.boxes is not None:
-        shown = scene.boxes.size.any(axis=-1, keepdims=True)
-        points.append(np.where(shown, scene.boxes.center, np.nan))
-    if not points:
-        middle = np.tile((scene.lower + scene.upper) / 2, (len(scene.time), 1))
-        return middle, float(np.linalg.norm(scene.upper - scene.lower))
-    moving = np.concatenate(points, axis=1)
-    low, high = np.nanmin(moving, axis=1), np.nanmax(moving, axis=1)
-    return (low + high) / 2, float(np.linalg.norm(high - low, axis=1).max())
 
 
 def _toward_camera(scene: Scene) -> Array:

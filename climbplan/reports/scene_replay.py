@@ -7,21 +7,23 @@ from typing import Any
 import numpy as np
 
 from climbplan.reports import palette
+from climbplan.reports.viewer.camera import followed, moving
 from climbplan.reports.viewer.scene import Array, Scene, outline
 
-_LONGEST_FORCE = 0.25  # share of the scene's size
+_LONGEST_FORCE = 0.5  # share of what moves
 _BEFORE = 1.0  # [s] before a box first moves
 _MOVED = 1e-3  # [m]
 
 
 def scene_replay(scene: Scene) -> dict[str, Any]:
     """Plain values, rounded to 0.1 mm; forces as arrows [m] that end at their points."""
+    middle, extent = moving(scene)
     data: dict[str, Any] = {
         "time": scene.time.round(4).tolist(),
         "start": round(beginning(scene), 3),
         "caption": list(scene.caption),
-        "lower": scene.lower.tolist(),
-        "upper": scene.upper.tolist(),
+        "middle": _short(followed(scene, middle, scene.time)),  # (F, 3) what the camera follows
+        "extent": extent,  # [m] of what moves
         "azimuth": scene.azimuth_deg,
         "elevation": scene.elevation_deg,
         "shapes": [
@@ -53,8 +55,7 @@ def scene_replay(scene: Scene) -> dict[str, Any]:
     if scene.forces is not None:
         forces = scene.forces
         largest = float(np.linalg.norm(forces.force, axis=-1).max(initial=0.0))
-        size = float(np.linalg.norm(scene.upper - scene.lower))
-        scale = _LONGEST_FORCE * size / largest if largest > 0 else 0.0
+        scale = _LONGEST_FORCE * extent / largest if largest > 0 else 0.0
         data["forces"] = {
             "point": _short(forces.point),
             "arrow": _short(scale * forces.force),

@@ -20,8 +20,6 @@ const axes = () => {
   ];
 };
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const middle = [0, 1, 2].map((i) => (scene.lower[i] + scene.upper[i]) / 2);
-const extent = Math.max(...[0, 1, 2].map((i) => scene.upper[i] - scene.lower[i]));
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 const faded = (color, opacity) => color + Math.round(255 * opacity).toString(16).padStart(2, "0");
 
@@ -55,7 +53,8 @@ function draw() {
   const c = canvas.getContext("2d");
   c.scale(ratio, ratio);
   c.clearRect(0, 0, width, height);
-  const view = axes(), scale = zoom * 0.8 * Math.min(width, height * 1.3) / extent;
+  const view = axes(), scale = zoom * 0.6 * Math.min(width, height * 1.3) / scene.extent;
+  const now = moment(Number(slider.value)), middle = now.of(scene.middle);
   const at = (p) => {
     const q = p.map((v, i) => v - middle[i]);
     return [width / 2 + scale * dot(view[0], q), height / 2 - scale * dot(view[1], q)];
@@ -72,7 +71,6 @@ function draw() {
     c.strokeStyle = color; c.lineWidth = wide; c.lineCap = "round";
     c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke();
   };
-  const now = moment(Number(slider.value));
   const things = [];
   if (scene.boxes) {
     const centre = now.of(scene.boxes.center), turned = now.of(scene.boxes.rotation);

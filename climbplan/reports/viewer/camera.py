@@ -1,0 +1,38 @@
+"""Where to look at a scene from, so that what moves is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from climbplan.reports.viewer.scene import Array, Scene, between
+
+_SAMPLES = 400  # of the way that a camera follows
+_LAG = 0.04  # of it, over which the way is smoothed
+
+
+def moving(scene: Scene) -> tuple[Array, float]:
+    """The middle of what moves (F, 3), and the largest extent that it has at any time [m]."""
+    points = []
+    if scene.rods is not None:
+        points.append(scene.rods.ends.reshape(len(scene.time), -1, 3))
+    if scene.boxes is not None:
+        shown = scene.boxes.size.any(axis=-1, keepdims=True)
+        points.append(np.where(shown, scene.boxes.center, np.nan))
+    if not points:
+        middle = np.tile((scene.lower + scene.upper) / 2, (len(scene.time), 1))
+        return middle, float(np.linalg.norm(scene.upper - scene.lower))
+    everything = np.concatenate(points, axis=1)
+    low, high = np.nanmin(everything, axis=1), np.nanmax(everything, axis=1)
+    return (low + high) / 2, float(np.linalg.norm(high - low, axis=1).max())
+
+
+def followed(scene: Scene, middle: Array, time: Array) -> Array:
+    """Where a camera looks at times (T,) that follows the middle of what moves: (T, 3), smooth.
+
+    Repeated times are jumps, over which it moves on evenly.
+    """
+    even = np.linspace(scene.time[0], scene.time[-1], _SAMPLES)
+    at = np.stack([between(middle, scene.moment(float(t))) for t in even])
+    smooth = gaussian_filter1d(at, _LAG * _SAMPLES, axis=0, mode="nearest")
+    return np.stack([np.interp(time, even, smooth[:, axis]) for axis in range(3)], axis=-1)

@@ -7,6 +7,7 @@ in the order of `RigidBody.leg_names`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -109,7 +110,7 @@ class WalkTask:
     goal: Goal = field(default_factory=Goal.anywhere)
     first: float = 0.0  # [s] of the first interval where a plan begins between knots; 0: as others
 
-    @property
+    @cached_property
     def steps(self) -> Array:
         """Lengths of the intervals (N,) [s]."""
         lengths = np.full(self.knots, self.step)
@@ -130,7 +131,7 @@ class Gait:
     contact: Flags  # (N + 1, 4) the leg stands from this knot to the next
     region: Whole  # (N + 1, 4) where it stands, or is to stand next
 
-    @property
+    @cached_property
     def key(self) -> bytes:
         """Equal for equal integers."""
         return np.packbits(self.contact).tobytes() + self.region.astype(np.int16).tobytes()

@@ -220,8 +220,10 @@ def test_a_foot_that_slips_is_taken_anew() -> None:
         assert np.linalg.norm(filter_.v) < 0.05
 
 
-def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs() -> None:
-    quality = SensorQuality()
+@pytest.mark.parametrize("toe_rate", [0.0, QUALITY.toe_rate])
+def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs(toe_rate: float) -> None:
+    """By where toes are within 200 ms; by joint velocities with the next sample."""
+    quality = SensorQuality(toe_rate=toe_rate)
     rng = np.random.default_rng(2)
     sensors = SimulatedSensors(quality, GRAVITY, rng)
     state = np.zeros(12)
@@ -237,8 +239,26 @@ def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs() -> None:
         filter_.predict(sensed, DT)
         filter_.correct(sensed)
         if k == 20:
-            assert abs(filter_.v[0] + 1.5) > 0.2  # half of it was beyond the range
+            off = abs(filter_.v[0] + 1.5)
+            assert off < 0.2 if toe_rate else off > 0.2  # half of it was beyond the range
+            assert (filter_.speed_error < 0.1) == (toe_rate > 0)
     assert abs(filter_.v[0] + 1.5) < 0.1
+
+
+def test_a_leg_that_slides_does_not_tell_of_the_velocity() -> None:
+    state = np.zeros(12)
+    state[2] = 0.2
+    sensors = SimulatedSensors(QUALITY, GRAVITY, np.random.default_rng(3))
+    filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY)
+    toes = state[:3] + HIPS
+    for k in range(60):
+        sensed = sensors.sample(state, state, toes, np.ones(4, bool), DT)
+        assert sensed.toe_rate is not None
+        if k == 40:
+            sensed.toe_rate[1, 0] += 3.0  # of the leg alone, within less than a sample's way
+        filter_.predict(sensed, DT)
+        filter_.correct(sensed)
+        assert k < 40 or np.linalg.norm(filter_.v) < 0.06
 
 
 def test_exponential_and_logarithm() -> None:

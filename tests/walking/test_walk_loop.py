@@ -17,13 +17,14 @@ from climbplan.spec.walking.loading import load_mpc
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs, limited
+from climbplan.walking.online.choice import SAFE, Command
 from climbplan.walking.online.closed_loop import Loop, LoopWorld, Lost, Push, recovered, run_loop
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.library import Library, build_library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.run import world_of
-from climbplan.walking.online.tick import SAFE, Command, OnlineController, OnlineSettings
+from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.problem import sampled_task
 from climbplan.walking.task import LEGS, VELOCITY
 
@@ -172,7 +173,7 @@ def test_a_deadline_keeps_what_was_walked(library: Library) -> None:
     assert loop.cut_short
     assert loop.fell is None
     assert 1 <= loop.ticks < 600 / TASK.step
-    assert len(loop.trajectory.state) == 16 * loop.ticks + 1
+    assert len(loop.trajectory.state) - 1 > loop.at[-1]
     assert not walked(library, LoopWorld(), 0.3).cut_short
     with pytest.raises(LimitReached, match="0 of 5 walks"):
         build_library(TASK, 5, 0, deadline=time.monotonic() - 1.0)

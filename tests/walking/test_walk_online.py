@@ -12,6 +12,7 @@ from walk_tasks import walk_task
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.kernels.body import moved
+from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.closed_loop import LoopWorld, Push, recovered, run_loop
 from climbplan.walking.online.library import (
     Library,
@@ -25,7 +26,7 @@ from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.run import library_key
 from climbplan.walking.online.safe_stance import safe_stance
 from climbplan.walking.online.strategies import Neighbours, StrategyName, trained
-from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings, horizon_of
+from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
 from climbplan.walking.problem import sampled_task
 from climbplan.walking.task import VELOCITY, Start, WalkTask
 

@@ -13,9 +13,10 @@ from climbplan.walking.check.checker import LIMITS
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
 from climbplan.walking.online.attempt import Budget, GaitTrials
+from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.library import build_library
 from climbplan.walking.online.measurement import Situation
-from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings
+from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.published.program import PublishedProgram
 from climbplan.walking.published.rows import ChangingRows
 from climbplan.walking.task import Integrator, Start

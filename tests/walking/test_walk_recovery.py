@@ -75,3 +75,18 @@ def test_tables_and_figures() -> None:
         replace(options, assignments=(pushes,), library_size=1), lambda stage, share: None
     )
     assert [in_words(push) for push in chosen.pushes] == ["aside 0.5, up 1 m/s"]
+
+
+def test_pushes_beside_what_is_asked() -> None:
+    options = OnlineOptions(quick=True, count=1, library_size=3)
+    stream = io.StringIO()
+    found = run_mpc(options, "pushes", stream, lambda stage, share: None)["pushes"]
+    text = stream.getvalue()
+    assert "estimated state, ideal legs, delay 20 ms" in text
+    assert [row["asked"] for row in found] == [0.99, 0.99, 0.95, 0.99, 0.9]
+    assert found[2]["push"] == "back 2.8 m/s"
+    line = text.splitlines()[-5]
+    assert line.startswith("back 1 m/s             3    99 %")
+    assert f"{found[0]['median_ms']:.2f}, {found[0]['most99_ms']:.2f} ms" in line
+    assert all(row["broken"] == 0 for row in found)  # none stood too far out of its box
+    assert all(row["refused"] == row["fell"] for row in found)

@@ -8,11 +8,12 @@ from typing import Any, TextIO
 import numpy as np
 
 from climbplan.bench.walking.online_options import OnlineInputs
+from climbplan.walking.online.choice import SAFE, Command
 from climbplan.walking.online.closed_loop import LoopWorld, Push, collected_before, run_loop
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.recovery import WITHIN
-from climbplan.walking.online.tick import SAFE, Command, OnlineController, OnlineSettings
+from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.task import WalkTask
 

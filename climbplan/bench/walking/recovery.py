@@ -75,6 +75,7 @@ def _row(words: str, walks: int, found: Sequence[Trial], stream: TextIO) -> dict
     overreach = 1e3 * float(np.median([trial.overreach for trial in found]))
     limit = LOOP_LIMITS["workspace.standing"].value
     broken = float(np.mean([trial.overreach > limit for trial in found]))
+    refused = np.mean([trial.overreach > limit or trial.fell is not None for trial in found])
     back, fell = endings["recovered"] / count, endings["fell"] / count
     off = endings["off the reference"] / count
     print(
@@ -94,6 +95,7 @@ def _row(words: str, walks: int, found: Sequence[Trial], stream: TextIO) -> dict
         "unanswered": unanswered,
         "overreach_mm": overreach,
         "broken": broken,
+        "refused": float(refused),
         "median_ms": float(median),
         "most99_ms": float(most),
         "failed": [k for k, trial in enumerate(found) if not trial.recovered],

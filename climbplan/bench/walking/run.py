@@ -12,6 +12,7 @@ from climbplan.bench.walking.envelope_accuracy import accuracy_table
 from climbplan.bench.walking.offline import offline_tables
 from climbplan.bench.walking.online import tick_tables
 from climbplan.bench.walking.online_options import OnlineOptions, online_inputs
+from climbplan.bench.walking.pushes import push_table
 from climbplan.bench.walking.recovery import recovery_table
 from climbplan.bench.walking.stones import stones_table
 from climbplan.errors import UsageError
@@ -23,7 +24,7 @@ OFFLINE: dict[str, Section] = {
     "bounds": bound_table,
     "stones": stones_table,
 }
-ONLINE = ("ticks", "recovery")
+ONLINE = ("ticks", "recovery", "pushes")
 
 
 def run_mpc(
@@ -48,6 +49,8 @@ def run_mpc(
             OFFLINE[name](options.seed, options.quick, stream)
         elif inputs is not None and name == "ticks":
             found[name] = tick_tables(inputs, options.seed, options.quick, stream)
+        elif inputs is not None and name == "pushes":
+            found[name] = push_table(inputs, options, stream, report)
         elif inputs is not None:
             found[name] = recovery_table(inputs, options, stream, report)
         spent[name] = time.perf_counter() - begin

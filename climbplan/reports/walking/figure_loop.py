@@ -20,7 +20,7 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.walking.online.tick import FALLBACK, KEPT, LAST, SAFE
+from climbplan.walking.online.choice import FALLBACK, KEPT, LAST, SAFE
 from climbplan.walking.plan import LoopRecord, WalkPlan
 from climbplan.walking.task import LEGS, VELOCITY, Array
 

@@ -45,6 +45,9 @@ class SensorsSpec(SpecModel):
     gyro: Number = quantity("rad/s", "gyroscope, each sample", default=0.01, gt=0)
     accel: Number = quantity("m/s^2", "accelerometer, each sample", default=0.1, gt=0)
     toe: Number = quantity("m", "toes in the body, by encoders", default=0.005, gt=0)
+    toe_rate: Number = quantity(
+        "m/s", "velocities of toes in the body, by joint velocities; 0: not measured", 0.1, ge=0
+    )
 
 
 class LostContactSpec(SpecModel):
@@ -77,9 +80,9 @@ class WalkLoopSpec(SpecModel):
         0.0, ge=0, le=0.9,
     )  # fmt: skip
     letting_go: bool = Field(
-        default=False,
-        description="a standing toe 15 mm out of its box lifts, instead of standing on until the "
-        "knot's end",
+        default=True,
+        description="a standing toe 19 mm out of its box lifts and the others brace, instead of "
+        "standing on until the knot's end, which verification does not pass",
     )
     legs: Literal["ideal", "admittance"] = Field(
         default="ideal",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.walking.kernels.body import PARTS, rolled
-from climbplan.walking.kernels.feet import worst_beyond
+from climbplan.walking.kernels.feet import worst_between, worst_beyond
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess
 from climbplan.walking.published.program import PublishedProgram
@@ -21,6 +21,7 @@ from climbplan.walking.task import ANGLES, LEGS, VELOCITY, Array, Gait, WalkTask
 
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]
+SWUNG_SLACK = 0.015  # [m] likewise between knots, where legs let go a little farther out
 ASSEMBLY = 60  # DAQP iterations that take as long as a QP's assembly and check
 _MOST_STEPS = 500  # DAQP iterations of a QP
 _KEPT = 256  # programs of gaits
@@ -149,10 +150,25 @@ class GaitTrials:
         reach = worst_beyond(
             body.toe_center, body.toe_half, task.whole_stance, program.gait.contact, state, toes
         )
+        swung = worst_between(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            self._inverse,
+            body.toe_center,
+            body.toe_half,
+            task.steps,
+            PARTS,
+            state,
+            toes,
+            at.force,
+            program.gait.contact,
+        )
         excess = max(
             float(off[:, VELOCITY].max()) / SPEED_SLACK,
             float(off[:, ANGLES].max()) / ANGLE_SLACK,
             reach / REACH_SLACK,
+            swung / SWUNG_SLACK,
         )
         force = np.concatenate([at.force, np.zeros((1, LEGS, 3))])
         return Attempt(WalkTrajectory(state, toes, force, program.gait), excess - 1.0)

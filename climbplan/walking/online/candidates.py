@@ -4,20 +4,44 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.footing import footing_of, gait_of
+from climbplan.walking.kernels.feet import each_beyond
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.attempt import REACH_SLACK
-from climbplan.walking.task import POSITION, Flags, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task import (
+    POSITION,
+    VELOCITY,
+    Array,
+    Flags,
+    Gait,
+    RigidBody,
+    WalkTask,
+    WalkTrajectory,
+)
+
+_QUICKEST = 8.0  # [m/s^2] that forces within friction change the velocity by
 
 
 def reachable(task: WalkTask) -> Flags:
-    """(4,) legs whose toes are in their boxes right now."""
-    body = task.body
-    spots = toes_in_body(task.start.state, task.start.toes)
-    beyond = (np.abs(spots - body.toe_center) - body.toe_half).max(axis=1)
-    inside: Flags = beyond <= REACH_SLACK
-    return inside
+    """(4,) legs whose toes are in their boxes right now, and may be until the first interval ends.
+
+    The latter where standing toes have to: the body moves on, whatever forces do within that time.
+    """
+    body, start = task.body, task.start
+    able: Flags = _beyond(body, start.state, start.toes) <= REACH_SLACK
+    if task.whole_stance:
+        dt = float(task.steps[0])
+        later = start.state.copy()
+        later[POSITION] += dt * start.state[VELOCITY]
+        room = REACH_SLACK + 0.5 * _QUICKEST * dt**2
+        able &= _beyond(body, later, start.toes) <= room
+    return able
+
+
+def _beyond(body: RigidBody, state: Array, toes: Array) -> Array:
+    """(4,) how far toes (4, 3) are out of their boxes in a state (12,) [m]."""
+    beyond: Array = each_beyond(body.toe_center, body.toe_half, state, toes)
+    return beyond
 
 
 def usable(task: WalkTask, gait: Gait, able: Flags) -> Gait | None:

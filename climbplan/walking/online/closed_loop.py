@@ -22,12 +22,13 @@ import numpy as np
 from climbplan.walking.kernels.body import moved
 from climbplan.walking.kernels.feet import worst_standing
 from climbplan.walking.online.admittance import AdmittanceGains
+from climbplan.walking.online.choice import KEPT, Command
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.legs import Phase, Stance, phase_of, standing
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise, Perception
 from climbplan.walking.online.plant import LegForces
-from climbplan.walking.online.tick import KEPT, Command, OnlineController
+from climbplan.walking.online.tick import OnlineController
 from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import (
     LEGS,
@@ -43,6 +44,7 @@ from climbplan.walking.task import (
 
 RECOVERED = 0.25  # [m/s] off the reference at most
 SUDDEN = 50.0  # [m/s^2] beyond what planned forces explain: a push
+EARLY = 8  # samples of a shorter interval, where no plan holds
 WORTH = 2  # samples of an interval that a plan between knots has to be in force for, at least
 KNOWN = 0.3  # [m/s] deviation of a velocity that is known
 _LONGEST_WAIT = 6  # samples for it
@@ -78,7 +80,7 @@ class LoopWorld:
     estimation: SensorQuality | None = None  # None: the true state with `noise`
     lost: Sequence[Lost] = ()
     at_push: bool = True  # plan anew when a push is felt; else at the next knot
-    letting_go: bool = False  # a toe at the edge of what its leg reaches lifts, instead of on
+    letting_go: bool = True  # a toe at the edge of what its leg reaches lifts, instead of on
     dropped: float = 0.0  # share of measurements at knots that do not arrive
 
 
@@ -141,6 +143,7 @@ class _Coming:
     phase: Phase
     told: Array  # (12,) the state that it was planned from
     between: bool  # the rest of an interval that is in force, not one of its own
+    end: int  # sample at which it ends
 
     def after(self, stance: Stance, task: WalkTask, state: Array) -> Stance:
         """The stance that follows one, in a state (12,)."""
@@ -160,7 +163,7 @@ class _Run:
         self.inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self.state: Array = start.start.state.copy()
         self.stance = standing(self.task, start.start.toes.copy())
-        self.begun = 0  # sample at which the phase began
+        self.begun, self.ends = 0, SUBSTEPS  # samples of the phase: its first, the next one's first
         self.queue: list[_Coming] = []
         self.log: dict[int, _Coming] = {}  # all, by the samples that they begin at
         self.next_tick = 0
@@ -195,8 +198,8 @@ class _Run:
                 if sample and time.monotonic() > deadline:
                     cut_short = True
                     break
-                self.tick(sample, sample + self.world.delay)
                 self.next_tick = sample + SUBSTEPS
+                self.tick(sample, sample + self.world.delay)
                 if report is not None:
                     report(min((sample + SUBSTEPS) / samples, 1.0))
             if self.queue and self.queue[0].sample == sample:
@@ -216,6 +219,11 @@ class _Run:
         commands, at = tuple(self.commands), np.array(self.at, np.int64)
         return Loop(walk, jumps, commands, fell, self.overreach, told, true, at, cut_short)
 
+    @property
+    def coming_between(self) -> bool:
+        """A plan for the rest of the interval is on its way."""
+        return any(coming.between for coming in self.queue)
+
     def ready(self, sample: int) -> bool:
         """A push was felt, and the velocity is known again."""
         if self.felt is None:
@@ -228,7 +236,7 @@ class _Run:
         self.felt = None
         begin = sample + self.world.delay
         end = self.next_tick + self.world.delay  # of the interval that is in force by then
-        if sample < self.next_tick and end - begin >= self.world.delay + WORTH:
+        if sample < self.next_tick and end - begin >= WORTH:
             self.tick(sample, begin, end - begin)
 
     def tick(self, sample: int, begin: int, left: int = 0) -> None:
@@ -261,6 +269,7 @@ class _Run:
             age=age,
             unfelt=unfelt,
             left=left * self.dt,
+            shorter=EARLY * self.dt if self.world.at_push and (left or SUBSTEPS) > EARLY else 0.0,
             airborne=airborne,
         )
         command = self.controller.tick(situation)
@@ -268,7 +277,10 @@ class _Run:
         self.at.append(sample)
         if command.winner == KEPT:
             return
-        coming = _Coming(begin, phase_of(command.trajectory), state, between=left > 0)
+        if command.first:
+            self.next_tick = begin + round(command.first / self.dt) - self.world.delay
+        end = self.next_tick + self.world.delay
+        coming = _Coming(begin, phase_of(command.trajectory), state, left > 0, end)
         self.queue.append(coming)
         self.log[begin] = coming
 
@@ -289,8 +301,8 @@ class _Run:
                 stance.toes,
                 stance.phase.force,
             )
-            if self.world.letting_go and (legs := stance.beyond(self.task, state)).any():
-                stance = stance.lifted(legs)
+            if self.world.letting_go:
+                stance = stance.let_go(self.task, state)
         return state, stance
 
     def begin(self, coming: _Coming) -> None:
@@ -299,6 +311,7 @@ class _Run:
         self.told.append(coming.told)
         seen = replace(coming, phase=coming.phase.seen_from(self.state))
         self.stance = seen.after(self.stance, self.task, self.state)
+        self.ends = coming.end
         if not coming.between:
             self.begun = coming.sample
         self.legs.begin(self.state, self.stance)
@@ -326,9 +339,11 @@ class _Run:
             self.stance.toes,
             force,
         )
-        if self.world.letting_go and (legs := self.stance.beyond(task, self.state)).any():
-            self.stance = self.stance.lifted(legs)
-            contact = contact & ~legs
+        if self.world.letting_go:
+            held, self.stance = self.stance, self.stance.let_go(task, self.state)
+            contact = contact & self.stance.phase.contact
+            if self.stance is not held and self.world.at_push and not self.coming_between:
+                self.felt = sample
         self.overreach = max(
             self.overreach,
             worst_standing(body.toe_center, body.toe_half, self.state, self.stance.toes, contact),
@@ -341,7 +356,8 @@ class _Run:
 
     def shown(self, sample: int) -> Array:
         """Toes (4, 3) as they are."""
-        return self.stance.shown(min((sample - self.begun) / SUBSTEPS, 1.0), self.task.lift)
+        share = (sample - self.begun) / (self.ends - self.begun)
+        return self.stance.shown(min(share, 1.0), self.task.lift)
 
     def lost(self, sample: int) -> Flags:
         """(4,) legs that make no contact."""

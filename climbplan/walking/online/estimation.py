@@ -35,6 +35,7 @@ class SensorQuality:
     gyro: float = 0.01  # [rad/s] of each sample
     accel: float = 0.1  # [m/s^2] of each sample
     toe: float = 0.005  # [m] of each coordinate of a toe in the body, from the encoders
+    toe_rate: float = 0.1  # [m/s] of each coordinate of a toe's velocity in the body; 0: not there
     gyro_drift: float = 1e-3  # [rad/s / sqrt s] random walk of the bias
     accel_drift: float = 1e-3  # [m/s^2 / sqrt s]
     slip: float = 0.01  # [m / sqrt s] of standing toes
@@ -50,6 +51,7 @@ class Sensed:
     toes: Array  # (4, 3) in the body frame, from joint angles [m]
     contact: Flags  # (4,) felt
     rate: Array  # (3,) angular velocity now, body frame, for whoever needs it at once [rad/s]
+    toe_rate: Array | None = None  # (4, 3) of toes in the body frame now, from joint rates [m/s]
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,8 @@ class ContactFilter:
         old = _legs(self.standing & seen)
         if old:
             self._update(old, sensed.toes[old])
+            if sensed.toe_rate is not None and self.quality.toe_rate > 0:
+                self._still(sensed.toes[old], sensed.toe_rate[old], sensed.rate)
         for leg in _legs(seen & ~self.standing):
             self._stand(leg, sensed.toes[leg])
 
@@ -189,8 +193,32 @@ class ContactFilter:
             rows = slice(3 * k, 3 * k + 3)
             H[rows, POSITION], H[rows, foot(leg)] = np.eye(3), -np.eye(3)
         variance = self.quality.toe**2
+        self._learn(innovation, H, variance)
+
+    def _still(self, toes: Array, rates: Array, rate: Array) -> None:
+        """Standing toes (L, 3) do not move: R^ (s' + w x s) + v^ = xi_v + noise.
+
+        A push that the accelerometer has no range for shows here with the next sample. rates (L, 3)
+        of toes in the body; rate (3,) of the body, whose bias counts by the toes' distances. Legs
+        that move as none that stands would are left out: they slip.
+        """
+        spin = rate - self.gyro_bias
+        innovation = (rates + np.cross(spin, toes)) @ self.R.T + self.v
+        variance = self.quality.toe_rate**2
+        spread = self.P[VELOCITY, VELOCITY] + variance * np.eye(3)
+        off = np.einsum("li,ij,lj->l", innovation, np.linalg.inv(spread), innovation)
+        still = np.flatnonzero(off <= _SLIPPED)
+        H = np.zeros((3 * len(still), SIZE))
+        for k, leg in enumerate(still):
+            rows = slice(3 * k, 3 * k + 3)
+            H[rows, VELOCITY], H[rows, GYRO_BIAS] = np.eye(3), self.R @ skew(toes[leg])
+        if len(still):
+            self._learn(innovation[still].ravel(), H, variance)
+
+    def _learn(self, innovation: Array, H: Array, variance: float) -> None:
+        """Kalman's update (Joseph's form) by innovation = H xi + noise of one variance each."""
         PH = self.P @ H.T
-        innovated = H @ PH + variance * np.eye(3 * count)
+        innovated = H @ PH + variance * np.eye(len(H))
         gain: Array = np.linalg.solve(innovated, PH.T).T.astype(float)
         left = np.eye(SIZE) - gain @ H
         self.P = left @ self.P @ left.T + variance * gain @ gain.T

@@ -8,10 +8,20 @@ import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.truth import toes_in_body
-from climbplan.walking.task import ANGLES, LEGS, POSITION, Array, Flags, WalkTask, WalkTrajectory
+from climbplan.walking.online.safe_stance import braced_forces
+from climbplan.walking.task import (
+    ANGLES,
+    LEGS,
+    POSITION,
+    VELOCITY,
+    Array,
+    Flags,
+    WalkTask,
+    WalkTrajectory,
+)
 
 _LANDING_MARGIN = 0.01  # [m]
-EDGE = 0.015  # [m] out of its box that a standing toe comes to before its leg lets go
+EDGE = 0.019  # [m] out of its box that a standing toe comes to before its leg lets go
 
 
 @dataclass(frozen=True)
@@ -56,15 +66,29 @@ class Stance:
         contact = self.phase.contact & phase.contact
         return replace(self, phase=replace(phase, contact=contact))
 
-    def lifted(self, legs: Flags) -> Stance:
-        """Some standing legs (4,) leave the ground, and come down no farther than they reach."""
+    def let_go(self, task: WalkTask, state: Array) -> Stance:
+        """Legs at the edge of what they reach in a state (12,) leave the ground; others brace.
+
+        Forces that are planned for all of them would turn the body over without these.
+        """
+        legs = self.beyond(task, state)
+        if not legs.any():
+            return self
+        force = braced_forces(task, state, self.toes, self.phase.contact & ~legs)
+        return self.lifted(legs, force)
+
+    def lifted(self, legs: Flags, force: Array) -> Stance:
+        """Some standing legs (4,) leave the ground, and come down no farther than they reach.
+
+        force (4, 3): of the others from now on.
+        """
         phase = self.phase
         return replace(
             self,
             phase=replace(
                 phase,
                 contact=phase.contact & ~legs,
-                force=np.where(legs[:, None], 0.0, phase.force),
+                force=np.where(legs[:, None], 0.0, force),
                 landing=np.where(legs[:, None], self.toes, phase.landing),
             ),
         )
@@ -92,8 +116,9 @@ class Stance:
         """
         if self.phase.plan is None:
             return replace(self, toes=toes)
-        phase, stands = phase_of(self.phase.plan), self.phase.contact
-        return replace(self, toes=toes, phase=phase).lifted(phase.contact & ~stands)
+        phase, let_go = phase_of(self.phase.plan), self.phase
+        stance, gone = replace(self, toes=toes, phase=phase), phase.contact & ~let_go.contact
+        return stance.lifted(gone, let_go.force) if gone.any() else stance
 
 
 def phase_of(plan: WalkTrajectory) -> Phase:
@@ -110,11 +135,18 @@ def standing(task: WalkTask, toes: Array) -> Stance:
 
 
 def landed(task: WalkTask, state: Array, landing: Array) -> Array:
-    """Where swinging toes (4, 3) come down: where planned, or as near as legs reach by then."""
+    """Where swinging toes (4, 3) come down: where planned, or as near as legs reach by then.
+
+    Reach them they have to until the interval ends, as fast as the body moves over them.
+    """
     body, R = task.body, rotation_world_body(state[ANGLES])
     spots = (landing - state[POSITION]) @ R
     half = body.toe_half[:2] - _LANDING_MARGIN
+    passed = (task.step * state[VELOCITY] @ R)[:2]
+    room = np.minimum(np.abs(passed), body.toe_half[:2] + half)
     center = body.toe_center[:, :2]
-    spots[:, :2] = np.clip(spots[:, :2], center - half, center + half)
+    low = center - np.where(passed > 0, body.toe_half[:2] - room, half)
+    high = center + np.where(passed < 0, body.toe_half[:2] - room, half)
+    spots[:, :2] = np.clip(spots[:, :2], low, high)
     result: Array = (state[POSITION] + spots @ R.T) * [1.0, 1.0, 0.0]
     return result

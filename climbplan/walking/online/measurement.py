@@ -34,6 +34,7 @@ class Situation:
     age: float = 0.0  # [s] since it was measured, beyond what was predicted since
     unfelt: tuple[int, ...] = ()  # legs that were to stand and feel no ground
     left: float = 0.0  # [s] until the next knot, where a plan is to begin between knots
+    shorter: float = 0.0  # [s] of a first interval that may be taken where no plan holds; 0: none
     airborne: Flags = field(default_factory=lambda: np.zeros(LEGS, bool))  # then: until that knot
 
 

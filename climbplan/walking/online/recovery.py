@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from joblib import Parallel, delayed
 
+from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.closed_loop import (
     Loop,
     LoopWorld,
@@ -19,7 +20,7 @@ from climbplan.walking.online.closed_loop import (
 )
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.strategies import Ranking
-from climbplan.walking.online.tick import SAFE, OnlineController, OnlineSettings
+from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import VELOCITY, Array, WalkTask
 

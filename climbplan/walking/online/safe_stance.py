@@ -52,7 +52,7 @@ def safe_stance(task: WalkTask) -> WalkTrajectory:
     under = (ahead + task.body.toe_center @ R.T) * [1.0, 1.0, 0.0]
     toes[1:, ~stands] = under[~stands]
     force = np.zeros((task.knots + 1, LEGS, 3))
-    force[:-1] = _forces(task, stands)
+    force[:-1] = braced_forces(task, start.state, start.toes, stands)
     contact = np.ones((task.knots + 1, LEGS), bool)
     contact[0] = stands
     force[1:-1, ~stands] = 0.0
@@ -67,7 +67,7 @@ def _standing(task: WalkTask) -> Flags:
     moved = task.start.state.copy()
     beyond = np.zeros(LEGS)
     for share in (0.0, 1.0):
-        moved[POSITION] = task.start.state[POSITION] + share * task.step * moved[VELOCITY]
+        moved[POSITION] = task.start.state[POSITION] + share * task.steps[0] * moved[VELOCITY]
         off = np.abs(toes_in_body(moved, task.start.toes) - task.body.toe_center)
         beyond = np.maximum(beyond, (off - task.body.toe_half).max(axis=1))
     reached: Flags = beyond <= _SLACK
@@ -76,12 +76,15 @@ def _standing(task: WalkTask) -> Flags:
     return reached
 
 
-def _forces(task: WalkTask, stands: Flags) -> Array:
-    """(4, 3) contact forces, world frame."""
-    body, state = task.body, task.start.state
+def braced_forces(task: WalkTask, state: Array, toes: Array, stands: Flags) -> Array:
+    """(4, 3) contact forces of the legs that stand, world frame; one leg gives next to none."""
+    body = task.body
+    force = np.zeros((LEGS, 3))
     legs = np.flatnonzero(stands)
+    if not len(legs):
+        return force
     # The body moves on while they act: arms are those half-way through the knot.
-    arms = task.start.toes[legs] - state[POSITION] - 0.5 * task.step * state[VELOCITY]
+    arms = toes[legs] - state[POSITION] - 0.5 * task.steps[0] * state[VELOCITY]
     weight = body.mass * body.gravity
     R = rotation_world_body(state[ANGLES])
     inertia = R @ body.inertia @ R.T
@@ -108,6 +111,5 @@ def _forces(task: WalkTask, stands: Flags) -> Array:
     lower = np.concatenate([np.tile([-most, -most, 0.0], len(legs)), np.full(len(rows), -1e30)])
     z, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower)
     share = np.asarray(z) if flag == _SOLVED else even
-    force = np.zeros((LEGS, 3))
     force[legs] = weight * share.reshape(-1, 3)
     return force

@@ -42,4 +42,13 @@ class SimulatedSensors:
         accel = np.clip(accel, -quality.accel_range, quality.accel_range)
         seen = (toes - after[POSITION]) @ R_after + quality.toe * rng.normal(size=(LEGS, 3))
         rate = after[SPIN] @ R_after + self.gyro_bias + quality.gyro * rng.normal(size=3)
-        return Sensed(gyro, accel, seen, contact.copy(), rate)
+        return Sensed(gyro, accel, seen, contact.copy(), rate, self._rates(after, toes, R_after))
+
+    def _rates(self, after: Array, toes: Array, R: Array) -> Array | None:
+        """Velocities (4, 3) in the body of toes that stay where they are; None without sensors."""
+        deviation = self.quality.toe_rate
+        if deviation == 0:
+            return None
+        here = (toes - after[POSITION]) @ R
+        rates: Array = -after[VELOCITY] @ R - np.cross(after[SPIN] @ R, here)
+        return rates + deviation * self._rng.normal(size=(LEGS, 3))

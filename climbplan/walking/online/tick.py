@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -26,6 +26,7 @@ from climbplan.walking.online.candidates import (
     reachable,
     usable,
 )
+from climbplan.walking.online.choice import FALLBACK, KEPT, LAST, SAFE, Choice, Command
 from climbplan.walking.online.features import features_of
 from climbplan.walking.online.legs import landed
 from climbplan.walking.online.library import SECTION, Library
@@ -33,9 +34,12 @@ from climbplan.walking.online.measurement import Situation, fault_of
 from climbplan.walking.online.safe_stance import safe_stance
 from climbplan.walking.online.strategies import Neighbours, Ranking
 from climbplan.walking.task import (
+    ANGLES,
     LEGS,
     POSITION,
+    VELOCITY,
     Array,
+    Flags,
     Gait,
     Start,
     WalkTask,
@@ -43,15 +47,16 @@ from climbplan.walking.task import (
 )
 
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
-_ELASTIC_QPS = 6
+_ELASTIC_QPS = 4
 _SECOND_LOOKS = 2  # candidates
 _FALLBACK_SHARE = 0.6  # of a tick's effort that is kept for named gaits
 _DOUBTED = 6  # ticks for which a leg that felt no ground is not stood on
+_LOOK_ROUND = 3  # ticks
+_NEAR_SPEED, _NEAR_ANGLES = 0.15, 0.06  # [m/s], [rad] from what was expected: as planned
+_AT_REFERENCE = 0.1  # [m/s]
 _MADE_BEFORE = 200  # programs of gaits
 _BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
 Form = Literal["pinned", "published"]
-LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
-KEPT = -4  # no winner: between knots the plan before goes on
 
 
 @dataclass(frozen=True)
@@ -68,25 +73,12 @@ class OnlineSettings:
 
 
 @dataclass(frozen=True)
-class Command:
-    """What the robot is to do from now on."""
-
-    trajectory: WalkTrajectory
-    winner: int  # section of the library, or LAST, FALLBACK, SAFE, KEPT
-    tried: int
-    tick_time: float  # [s] of processor time of this thread
-    solve_time: float  # [s] of it in QPs and their checks
-    warning: str = ""
-    qps: int = 0
-    holds: bool = False  # on the nonlinear dynamics
-
-
-@dataclass(frozen=True)
 class _Candidate:
     winner: int
     gait: Gait
     at: Iterate | None  # what to linearise about; None for an even motion
     elastic: bool = False  # the workspace may be left, at a price
+    short: bool = False  # the first interval is `Situation.shorter`
 
 
 class OnlineController:
@@ -109,37 +101,50 @@ class OnlineController:
         self._trials = GaitTrials(self.task, settings.margin, settings.beside)
         self._last: WalkTrajectory | None = None
         self._expected = task.start  # at the next tick, if nothing is measured then
+        self._since = 0  # ticks since others than the plan before were looked at
         self._doubted = np.zeros(LEGS, np.int64)  # ticks for which a leg is not stood on
         self._inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self._warm_up()
 
     def tick(self, situation: Situation) -> Command:
         """A checked plan from a situation; a safe stance with a warning if there is none."""
-        choice = _Choice(Budget(self.settings.effort))
+        choice = Choice(Budget(self.settings.effort))
         self._doubted = np.maximum(self._doubted - 1, 0)
         self._doubted[list(situation.unfelt)] = _DOUBTED
         if fault := fault_of(situation, self.task.body):
             return self._safe(choice, fault, self._expected)
         start = Start(situation.state, situation.toes)
         task = replace(self.task, start=start, first=situation.left)
-        able = reachable(task) & (self._doubted == 0) & ~situation.airborne
-        seen: set[bytes] = set()
-        for candidate in self._candidates(task, situation, choice):
-            gait = usable(task, candidate.gait, able)
+        soon = replace(task, first=situation.shorter)
+        firm = (self._doubted == 0) & ~situation.airborne
+        able, able_soon = reachable(task) & firm, reachable(soon) & firm
+        # Where the body walks as asked, and as planned, others are looked at now and then only.
+        self._since += 1
+        wanted = float(np.abs(start.state[VELOCITY] - task.reference.velocity[0]).max())
+        steady = wanted < _AT_REFERENCE and _near(self._expected, start)
+        steady = steady and self._since < _LOOK_ROUND and not self._published
+        enough = 1 if steady else self.settings.enough
+        if not steady:
+            self._since = 0
+        seen: set[tuple[bytes, bool]] = set()
+        for candidate in self._candidates(task, situation, choice, able):
+            gait = usable(task, candidate.gait, able_soon if candidate.short else able)
             # The published form has other integers, its regions, for the same gait.
             again = candidate.elastic or self._published
-            if gait is None or (gait.key in seen and not again):
+            known = gait is None or (gait.key, candidate.short) in seen
+            if gait is None or (known and not again):
                 continue
-            seen.add(gait.key)
+            seen.add((gait.key, candidate.short))
+            this = soon if candidate.short else task
             choice.tried += 1
             before = time.perf_counter()
-            found = self._attempt(task, gait, candidate, choice.budget)
+            found = self._attempt(this, gait, candidate, choice.budget)
             choice.solving += time.perf_counter() - before
             if found is not None:
-                choice.weigh(task, found, candidate.winner)
+                choice.weigh(this, found, candidate.winner)
                 if self._published:
                     break  # what solves is taken, as published
-            if choice.held >= self.settings.enough or (choice.held and candidate.elastic):
+            if choice.held >= enough or (choice.held and candidate.elastic):
                 break
         words = [] if len(self.library) else ["the library is empty"]
         if self._doubted.any():
@@ -152,16 +157,16 @@ class OnlineController:
         taken = choice.best
         if taken is None and situation.left and self._last is not None:
             words.append(f"none of {choice.tried} gaits holds, the plan before goes on")
-            return choice.command(self._last, KEPT, ", and ".join(words))
+            return choice.command(self._last, KEPT, 0.0, ", and ".join(words))
         if taken is None:
             words.append(f"none of {choice.tried} gaits holds")
             if choice.nearest is None or (choice.nearest[0] >= _BEARABLE and not self._published):
-                return self._safe(choice, ", and ".join(words), task.start)
+                return self._safe(choice, ", and ".join(words), task.start, situation.shorter)
             taken = choice.nearest
             words[-1] += ", the nearest is taken"
         self._last = taken[1]
         self._expected = _after(task, taken[1], taken[1].state[1])
-        return choice.command(taken[1], taken[2], ", and ".join(words))
+        return choice.command(*taken[1:], ", and ".join(words))
 
     @property
     def _published(self) -> bool:
@@ -174,15 +179,18 @@ class OnlineController:
         for row in gaits[np.argsort(-count)[:_MADE_BEFORE]]:
             self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
         named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None, elastic=True)
+        reachable(self.task)
         found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
         if found is not None:
             objective(self.task, found.trajectory.state, found.trajectory.force)
 
     def _candidates(
-        self, task: WalkTask, situation: Situation, choice: _Choice
+        self, task: WalkTask, situation: Situation, choice: Choice, able: Flags
     ) -> Iterator[_Candidate]:
         """The plan before, sections of the library, and where none of them holds named gaits."""
         first: list[_Candidate] = []
+        early = situation.shorter > 0
+        falls = early and able.sum() < task.least_contacts
         if self._last is not None and not self._published:
             # Between knots the plan before is still in its first interval
             last = (
@@ -191,7 +199,7 @@ class OnlineController:
                 else continued(self._last)
             )
             first.append(_Candidate(LAST, *last))
-            yield first[-1]
+            yield replace(first[-1], short=falls)
         features = features_of(situation, float(task.reference.height[0]))
         base = np.array([*situation.state[:2], 0.0])
         named = len(self.library) and not self._published
@@ -201,14 +209,16 @@ class OnlineController:
                 break
             gait = flat_gait(self.library.contact[index])
             first.append(_Candidate(int(index), gait, self._section(int(index), gait, base)))
-            yield first[-1]
+            yield replace(first[-1], short=falls)
         if choice.held or self._published:
             return
-        # What is nearly right may leave the workspace a little; gaits by name are further off.
+        # What is nearly right may leave the workspace a little, legs come down earlier, and the
+        # next plan begins then; gaits by name are further off.
         for candidate in first[:_SECOND_LOOKS]:
-            yield replace(candidate, elastic=True)
+            yield replace(candidate, elastic=True, short=early)
         for name, phase in _FALLBACKS:
-            yield _Candidate(FALLBACK, flat_gait(cycle(name, SECTION, phase)), None, elastic=True)
+            gait = flat_gait(cycle(name, SECTION, phase))
+            yield _Candidate(FALLBACK, gait, None, elastic=True, short=early)
 
     def _section(self, index: int, gait: Gait, base: Array) -> Iterate:
         """A section of the library as a point to linearise about, moved to where the body is."""
@@ -229,10 +239,13 @@ class OnlineController:
         iterations = _ELASTIC_QPS if elastic else self.settings.iterations
         return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
 
-    def _safe(self, choice: _Choice, word: str, start: Start) -> Command:
-        """Legs down, against motion and tilt, of the measured state or the expected one."""
+    def _safe(self, choice: Choice, word: str, start: Start, first: float = 0.0) -> Command:
+        """Legs down, against motion and tilt, of the measured state or the expected one.
+
+        first: as of `Command`.
+        """
         self._last = None
-        task = replace(self.task, start=start)
+        task = replace(self.task, start=start, first=first)
         walk, body = safe_stance(task), task.body
         # Without a measurement the stance goes on from where it leads: a brake must come to an end.
         after = moved(
@@ -240,7 +253,7 @@ class OnlineController:
             body.gravity,
             body.inertia,
             self._inverse,
-            task.step,
+            float(task.steps[0]),
             PARTS,
             start.state,
             start.toes,
@@ -248,44 +261,13 @@ class OnlineController:
         )
         if np.isfinite(after).all():
             self._expected = _after(task, walk, after)
-        return choice.command(walk, SAFE, f"safe stance: {word}")
+        return choice.command(walk, SAFE, first, f"safe stance: {word}")
 
 
-@dataclass
-class _Choice:
-    """What a tick found so far.
-
-    best: (cost, walk, winner) of what holds; nearest: (excess, walk, winner) of what misses.
-    """
-
-    budget: Budget
-    best: tuple[float, WalkTrajectory, int] | None = None
-    nearest: tuple[float, WalkTrajectory, int] | None = None
-    tried: int = 0
-    held: int = 0
-    solving: float = 0.0  # [s] by the clock
-    begin: float = field(default_factory=time.thread_time)
-    clock: float = field(default_factory=time.perf_counter)
-
-    def weigh(self, task: WalkTask, found: Attempt, winner: int) -> None:
-        """Take it if it is the cheapest that holds, or the nearest miss."""
-        walk = found.trajectory
-        if found.holds:
-            self.held += 1
-            cost = objective(task, walk.state, walk.force)
-            if self.best is None or cost < self.best[0]:
-                self.best = (cost, walk, winner)
-        elif self.nearest is None or found.excess < self.nearest[0]:
-            self.nearest = (found.excess, walk, winner)
-
-    def command(self, walk: WalkTrajectory, winner: int, warning: str) -> Command:
-        """The command with what it took."""
-        spent = time.thread_time() - self.begin
-        # Asking for processor time takes as long as half a QP: once a tick, shares by the clock.
-        share = self.solving / max(time.perf_counter() - self.clock, 1e-9)
-        solving = min(share, 1.0) * spent
-        held = self.best is not None
-        return Command(walk, winner, self.tried, spent, solving, warning, self.budget.qps, held)
+def _near(expected: Start, start: Start) -> bool:
+    """Whether a measured start is as expected."""
+    off = np.abs(start.state - expected.state)
+    return bool(off[VELOCITY].max() < _NEAR_SPEED and off[ANGLES].max() < _NEAR_ANGLES)
 
 
 def _after(task: WalkTask, walk: WalkTrajectory, state: Array) -> Start:

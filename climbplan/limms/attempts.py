@@ -1,4 +1,8 @@
-"""What planning has tried, how it went, and how long it may go on."""
+"""What planning has tried, how it went, and how long it may go on.
+
+A budget of work ends it: programs solved and courses of events begun, so that the same seed finds
+the same plan on any machine. The clock is a cap, and a plan that it cut short says so.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-import numpy as np
-
 from climbplan.errors import LimitReached
 from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.legs.solver import LegOutcome
+from climbplan.limms.work import Work
 
 T = TypeVar("T")
 
@@ -21,9 +24,9 @@ class Attempts:
     """What was tried and how it went, for the report and for messages."""
 
     limit: float  # [s] of the whole planning, from now on
-    programs: int = 0
-    solver_seconds: float = 0.0
-    build_seconds: float = 0.0
+    most: int  # programs and courses of events, together
+    work: Work = field(default_factory=Work)
+    begun: int = 0  # courses of events
     variables: int = 0
     constraints: int = 0
     notes: list[str] = field(default_factory=list)
@@ -33,58 +36,78 @@ class Attempts:
     def __post_init__(self) -> None:
         self.end = time.monotonic() + self.limit
 
+    @property
+    def over(self) -> bool:
+        """Whether the clock has passed the limit: an answer from now on may be what it cut off."""
+        return time.monotonic() > self.end
+
+    @property
+    def spare(self) -> int:
+        """What is left of the budget."""
+        return self.most - self.work.programs - self.begun
+
     def begin(self, what: str) -> None:
-        """From now on `what` is being tried.
+        """From now on `what` is being tried, which counts as one program.
 
         Raises:
-            LimitReached: there is no time for it.
+            LimitReached: there is no budget or time for it.
         """
         self.left()
         self.under_way = what
+        self.begun += 1
 
-    def left(self, most: float = np.inf) -> float:
-        """Seconds left for what comes next, `most` at most.
+    def left(self) -> None:
+        """Go on only if there is budget and time left.
 
         Raises:
-            LimitReached: none are left.
+            LimitReached: there is none.
         """
-        seconds = self.end - time.monotonic()
-        if seconds <= 0:
-            ended = f"; `solver.time_limit` ended {self.under_way}" if self.under_way else ""
-            raise LimitReached(
-                f"no plan found within {self.limit:g} s. {self.story()}{ended}", stage="motion"
-            )
-        return min(seconds, most)
+        if self.spare > 0 and not self.over:
+            return
+        key = "`solver.programs`" if self.spare <= 0 else "`solver.time_limit`"
+        ended = f"; {key} ended {self.under_way}" if self.under_way else ""
+        raise LimitReached(f"no plan found {self.bounds()}. {self.story()}{ended}", stage="motion")
 
-    def until(self, deadline: float) -> float:
-        """A deadline by `time.monotonic`, the whole planning's if that is earlier."""
-        return min(deadline, self.end)
+    def bounds(self) -> str:
+        """What ended the search, in words."""
+        if self.spare <= 0:
+            return f"with {self.most} programs and courses of events"
+        return f"within {self.limit:g} s"
 
-    def in_time(self, choices: Iterable[T], what: str, deadline: float) -> Iterator[T]:
-        """Choices of `what` one by one, as long as there is time.
+    def choices(self, choices: Iterable[T], what: str) -> Iterator[T]:
+        """Choices of branches for `what` one by one.
 
         Raises:
-            LimitReached: the whole planning's time is over.
+            LimitReached: budget or time of the whole planning are over.
         """
         for number, choice in enumerate(choices):
             self.begin(f"{what}, choice {number + 1} of branches")
-            if time.monotonic() > deadline:
-                self.notes.append(f"{what}: {number} choices of branches, then its time was over")
-                return
             yield choice
+
+    def part(self, most: int) -> Attempts:
+        """The budget of a part of the planning, with the same end; `add` what it took."""
+        part = Attempts(self.limit, min(most, self.spare))
+        part.end = self.end
+        return part
+
+    def add(self, part: Attempts) -> None:
+        """What a part of the planning took and told."""
+        self.work += part.work
+        self.begun += part.begun
+        self.notes += part.notes
+        self.variables = part.variables or self.variables
+        self.constraints = part.constraints or self.constraints
 
     def story(self) -> str:
         """What was tried, in words."""
         tried = "; ".join(note for note in dict.fromkeys(self.notes) if note)
-        programs = f" ({self.programs} programs, {self.solver_seconds:.1f} s)"
+        programs = f" ({self.work.programs} programs, {self.work.seconds:.1f} s)"
         story = f"Tried: {tried}" if tried else "Nothing was tried to its end"
-        return story + (programs if self.programs else "")
+        return story + (programs if self.work.programs else "")
 
     def count(self, outcome: Outcome | LegOutcome, what: str) -> None:
-        """One more program."""
-        self.programs += 1
-        self.solver_seconds += outcome.seconds
-        self.build_seconds += outcome.build_seconds
+        """Programs that were solved for one answer."""
+        self.work += outcome.work
         self.variables, self.constraints = outcome.variables, outcome.constraints
         if not outcome.solved:
             self.notes.append(f"{what}: {outcome.message}")

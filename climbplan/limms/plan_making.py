@@ -38,12 +38,14 @@ def make_plan(
     )
     goal = scene.box_start.copy()
     goal[0] = scene.goal
-    seconds = making.seconds | {"build": attempts.build_seconds, "solve": attempts.solver_seconds}
+    work = attempts.work
+    seconds = making.seconds | {"build": work.build_seconds, "solve": work.seconds}
+    cut_short = attempts.over
     return LimmsPlan(
         name=loaded.name,
         title=loaded.spec.title,
         method=making.method,
-        status="feasible",
+        status="limit" if cut_short else "feasible",
         motion=motion,
         anchor_names=scene.anchor_names,
         anchor_normal=np.vstack([*([SIDE_NORMALS] * scene.boxes), scene.wall_normal]),
@@ -68,12 +70,21 @@ def make_plan(
         sizes={
             "modules": scene.count,
             **making.sizes,
-            "programs": attempts.programs,
+            "programs": work.programs,
+            "ipopt_iterations": work.iterations,
             "variables": attempts.variables,
             "constraints": attempts.constraints,
         },
-        warnings=_warnings(scene, motion),
+        warnings=((cut_short_warning(attempts.limit),) if cut_short else ())
+        + _warnings(scene, motion),
         convergence=making.convergence,
+    )
+
+
+def cut_short_warning(limit: float) -> str:
+    """That the clock decided, `limit` [s]."""
+    return (
+        f"`solver.time_limit` ({limit:g} s) ended the search: with more time it may end elsewhere"
     )
 
 

@@ -21,7 +21,7 @@ from climbplan.limms.legs.walking import walk
 from climbplan.limms.modules.relatching import relatch
 from climbplan.limms.modules.weights import PACES, too_heavy
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_making import Making, make_plan
+from climbplan.limms.plan_making import Making, cut_short_warning, make_plan
 from climbplan.limms.refusal import ruled_out
 from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.sequences import Sequence as Modes
@@ -47,47 +47,49 @@ def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None
         raise Infeasible("no plan exists: modules are too heavy", heavy, stage="modes")
     if loaded.spec.solver.method == "admm":
         return plan_by_consensus(loaded, report)
+    solver = loaded.spec.solver
+    attempts = Attempts(solver.time_limit, solver.programs)
     if scene.massless:
-        return _planned(loaded, scene, report)
-    return _calmest(loaded, scene, report)
+        return _planned(loaded, scene, report, attempts)
+    return _calmest(loaded, scene, report, attempts)
 
 
-def _calmest(loaded: LoadedLimms, scene: Scene, report: Progress) -> LimmsPlan:
+def _calmest(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
     """With masses: ways without the box slower and slower, until all that they ask for is held.
 
     Raises as `plan_limms`; a plan that fails at every pace is the last one.
     """
-    began = time.monotonic()
-    limit = loaded.spec.solver.time_limit
     plan: LimmsPlan | None = None
     for pace in PACES:
-        left = limit - (time.monotonic() - began)
-        if plan is not None and left <= 0:
-            break
         try:
-            plan = _planned(loaded, replace(scene, pace=pace), report, left)
+            plan = _planned(loaded, replace(scene, pace=pace), report, attempts)
         except NoPlanFound:
             if plan is None:
                 raise
-            break  # the plan of before is written, and marked as failing
+            # The plan of before is written, and marked as failing
+            return _cut_short(plan, attempts) if attempts.over else plan
         if verification_of(plan).passed:
             break
     assert plan is not None
     return plan
 
 
-def _planned(
-    loaded: LoadedLimms, scene: Scene, report: Progress, limit: float | None = None
-) -> LimmsPlan:
-    """The plan of a scene, within `limit` [s], the spec's if it is None. Raises as `plan_limms`."""
-    limit = loaded.spec.solver.time_limit if limit is None else limit
+def _cut_short(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
+    """A plan that time ran out to better."""
+    if plan.status == "limit":
+        return plan
+    warnings = (cut_short_warning(attempts.limit), *plan.warnings)
+    return replace(plan, status="limit", warnings=warnings)
+
+
+def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
+    """The plan of a scene within what is left. Raises as `plan_limms`."""
     began = time.perf_counter()
     report("modes", 0.0)
     found = search(scene)
     searched = time.perf_counter() - began
     if not found.sequences:
         raise ruled_out(scene, found.conflicts)
-    attempts = Attempts(limit)
     rng = np.random.default_rng(loaded.spec.seed)
     most_steps = loaded.spec.solver.most_steps
     refused: list[tuple[PlanSoFar, str, int]] = []  # fail their verification
@@ -113,12 +115,12 @@ def _planned(
 
         if sequence.kind == "quadruped":
             # Between samples feet slip and legs touch the box: only the check knows
-            return walk(scene, attempts, attempts.end, most_steps, rng, fault=fault)
+            return walk(scene, attempts, most_steps, rng, fault=fault)
         if sequence.kind == "relatch":
-            return relatch(scene, sequence, attempts, attempts.end, rng)
+            return relatch(scene, sequence, attempts, rng)
         if any(connection.links > 1 for connection in sequence.connections):
-            return carry_on_chains(scene, sequence, attempts, attempts.end, rng)
-        return carry(scene, sequence, attempts, attempts.end, rng)
+            return carry_on_chains(scene, sequence, attempts, rng)
+        return carry(scene, sequence, attempts, rng)
 
     try:
         for number, sequence in enumerate(found.sequences):

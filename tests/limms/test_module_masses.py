@@ -100,6 +100,16 @@ def test_a_plan_without_masses_tells_what_they_would_need(throw: LimmsPlan) -> N
     needs = [words for words in found.leaves_out if words.startswith("with masses")]
     assert any("latch of A on wall holds 20 N" in words for words in needs)
     assert any("joint" in words and "holds 31 N m" in words for words in needs)
+    # The same in numbers, as `verify --json` prints them
+    by_name = {check.name: check.as_dict() for check in found.checks}
+    assert by_name["load.force"]["holds"] == 20
+    assert by_name["load.moment"]["holds"] == pytest.approx(0.7)
+    for name in ("load.force", "load.moment", "load.tip", "load.torque"):
+        told_of = by_name[name]
+        over = told_of["needed"] - told_of["holds"]
+        assert told_of["residual"] == pytest.approx(over)
+        assert f"{told_of['needed']:.3g} " in told_of["margin"]
+    assert "needed" not in by_name["force.limit"]
 
 
 def test_the_same_plan_fails_where_masses_count(throw: LimmsPlan) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from climbplan.limms.scene import Array
 from climbplan.limms.statement import Trace
+from climbplan.limms.work import Work
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,9 @@ class Outcome:
     traces: tuple[Trace, ...]
     violation: float
     objective: float
-    seconds: float
-    build_seconds: float
     variables: int
     constraints: int
+    work: Work  # of all programs that were solved for it
     optimal: bool = False  # solved, and the solver says that nothing near is better
 
 

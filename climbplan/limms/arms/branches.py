@@ -36,18 +36,14 @@ def solved_branches(
     task: HeldTask,
     name: str,
     attempts: Attempts,
-    deadline: float,
 ) -> Iterator[tuple[Sequence[Limb], Outcome]]:
-    """Branches by which arms at the box (`limbs`) bring it to its goal.
-
-    deadline: `time.monotonic` [s] at which other ways have their turn.
-    """
+    """Branches by which arms at the box (`limbs`) bring it to its goal."""
     choices = path_choices(scene, limbs, task)
     if not all(choices):
         attempts.notes.append(f"{name}: out of reach at the start")
         return
-    for combo in attempts.in_time(combinations(choices, most=_MOST), name, deadline):
-        outcome = plan_held(scene, combo, task, attempts.until(deadline))
+    for combo in attempts.choices(combinations(choices, most=_MOST), name):
+        outcome = plan_held(scene, combo, task, attempts.end)
         attempts.count(outcome, name)
         if outcome.solved:
             yield combo, outcome

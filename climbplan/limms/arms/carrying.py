@@ -28,14 +28,10 @@ def carry(
     scene: Scene,
     modes: Modes,
     attempts: Attempts,
-    deadline: float,
     rng: np.random.Generator,
     given: tuple[int, ...] | None = None,
 ) -> PlanSoFar | None:
-    """A plan in which arms carry or throw the box, or None; given: the arms' modules.
-
-    deadline: `time.monotonic` [s] at which other ways have their turn.
-    """
+    """A plan in which arms carry or throw the box, or None; given: the arms' modules."""
     task = delivery(scene, attempts, modes.kind == "throw", scene.arrival_speed)
     if task is None:
         return None
@@ -45,7 +41,7 @@ def carry(
             for module, connection in zip(owners, modes.connections, strict=True)
         ]
         name = modes.named(scene)
-        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts, deadline):
+        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts):
             with noted(attempts, name):
                 return whole_carried(scene, chosen, modes.connections, outcome, rng)
     return None

@@ -44,14 +44,10 @@ def carry_on_chains(
     scene: Scene,
     modes: Modes,
     attempts: Attempts,
-    deadline: float,
     rng: np.random.Generator,
     given: tuple[Chain, ...] | None = None,
 ) -> PlanSoFar | None:
-    """A plan in which chains of modules carry the box, or None; given: their modules.
-
-    deadline: `time.monotonic` [s] at which other ways have their turn.
-    """
+    """A plan in which chains of modules carry the box, or None; given: their modules."""
     task = delivery(scene, attempts)
     if task is None:
         return None
@@ -69,7 +65,7 @@ def carry_on_chains(
                 attempts.notes.append(f"{modes.named(scene)}: {error}")
                 continue
             name = modes.named(scene)
-            for arms, outcome in solved_branches(scene, limbs, task, name, attempts, deadline):
+            for arms, outcome in solved_branches(scene, limbs, task, name, attempts):
                 with noted(attempts, name):
                     return _whole(ready, arms, outcome.traces, rng)
     return None

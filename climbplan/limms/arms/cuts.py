@@ -36,13 +36,8 @@ def solve_clear(scene: Scene, limbs: Sequence[Limb], solve: Solve) -> Outcome:
         if not fresh:
             break
         cuts += fresh
-        spent, built = outcome.seconds, outcome.build_seconds
-        outcome = solve(outcome.traces, cuts)
-        outcome = replace(
-            outcome,
-            seconds=outcome.seconds + spent,
-            build_seconds=outcome.build_seconds + built,
-        )
+        again = solve(outcome.traces, cuts)
+        outcome = replace(again, work=outcome.work + again.work)
     return outcome
 
 

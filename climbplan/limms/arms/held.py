@@ -13,10 +13,11 @@ from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.arms.program import solve_arms
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb, Trace
+from climbplan.limms.work import Work
 
 TRIES = 3  # guesses of a throw
-SECONDS = 20.0  # of the processor for the programs of one choice of branches
-LEAST = 0.1  # [s] that a program gets at least
+ITERATIONS = 600  # of IPOPT, for all programs of one choice of branches
+MOST = 100  # for one of them
 
 
 def plan_held(
@@ -29,12 +30,11 @@ def plan_held(
     """Solve the program of one held stage, from guess after guess until one leads to an optimum.
 
     deadline: `time.monotonic` [s] at which no program goes on; before it, all of them together
-    have `SECONDS` of the processor. given: the only guess to begin from. The outcome is the first
-    optimum, else the best answer, else the last try; its times are those of all.
+    have `ITERATIONS`. given: the only guess to begin from. The outcome is the first optimum, else
+    the best answer, else the last try; its work is that of all.
     """
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
-    spare = time.process_time() + SECONDS
-    spent, built = 0.0, 0.0
+    spent = Work()
     best: Outcome | None = None
     some = TRIES if task.throw else 1
     for first in [list(given)] if given else guesses_for(scene, limbs, task)[:some]:
@@ -42,18 +42,19 @@ def plan_held(
         def once(
             guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first
         ) -> Outcome:
-            seconds = max(spare - time.process_time(), LEAST)
-            until = max(deadline, time.monotonic() + LEAST)
-            return solve_arms(scene, limbs, guess or first, ends, cuts, seconds, until)
+            nonlocal spent
+            most = min(MOST, max(ITERATIONS - spent.iterations, 1))
+            outcome = solve_arms(scene, limbs, guess or first, ends, cuts, deadline, most)
+            spent += outcome.work
+            return outcome
 
         outcome = solve_clear(scene, limbs, once)
-        spent, built = spent + outcome.seconds, built + outcome.build_seconds
         if best is None or _rank(outcome) < _rank(best):
             best = outcome
-        if outcome.optimal or time.monotonic() > deadline:
+        if outcome.optimal or spent.iterations >= ITERATIONS or time.monotonic() > deadline:
             break
     assert best is not None
-    return replace(best, seconds=spent, build_seconds=built)
+    return replace(best, work=spent)
 
 
 def _rank(outcome: Outcome) -> tuple[bool, bool, float]:

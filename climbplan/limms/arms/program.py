@@ -22,6 +22,7 @@ from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.modules.limbs import limb_frames
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
+from climbplan.limms.work import work_of
 from climbplan.program.trajectory import Trajectory
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
@@ -50,24 +51,24 @@ def solve_arms(
     guess: Sequence[Trace],
     ends: Ends,
     cuts: Sequence[Cut] = (),
-    cpu_limit: float = 30.0,
     deadline: float = np.inf,
     iterations: int = 100,
 ) -> Outcome:
     """Build and solve the program of some phases from a guess; `guess` carries the phases.
 
-    cpu_limit: seconds of the processor; deadline: by `time.monotonic` [s].
+    deadline: `time.monotonic` [s] at which IPOPT stops where it is.
     """
     began = time.perf_counter()
     parts = _Arms(scene, limbs, ends)
     for number, trace in enumerate(guess):
         parts.phase(trace, [cut for cut in cuts if cut.phase == number])
     parts.finish()
-    limits = {"max_iter": iterations, "max_cpu_time": cpu_limit}
-    answer = solve_trajectory(parts.store, parts.outputs, {**_SETTINGS, **limits}, began, deadline)
+    settings = {**_SETTINGS, "max_iter": iterations}
+    answer = solve_trajectory(parts.store, parts.outputs, settings, began, deadline)
     return Outcome(
         traces=_traces(scene, limbs, answer.values, guess),
         optimal=answer.optimal,
+        work=work_of(answer),
         **answer.figures(),
     )
 

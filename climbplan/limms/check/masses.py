@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class _Need:
     over: float = -np.inf
     where: str = ""
     words: str = ""
+    holds: float | None = None  # where it is worst
+    needed: float | None = None
 
     def look(self, time: Array, needed: Array, limit: Array | float, what: str, unit: str) -> None:
         """Needed (M,) against what there is (M,); NaN counts as the worst."""
@@ -35,6 +37,7 @@ class _Need:
             there = float(np.broadcast_to(limit, over.shape)[k])
             self.over, self.where = float(over[k]), f"{time[k]:.3f} s, {what}"
             self.words = f"{what} holds {there:.3g} {unit}, {needed[k]:.3g} {unit} needed"
+            self.holds, self.needed = there, float(needed[k])
 
 
 @dataclass
@@ -69,6 +72,7 @@ def mass_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
 def _check(plan: LimmsPlan, name: str, worst: _Need) -> Check:
     over = worst.over if worst.where else 0.0
     check = judge(name, over, worst.where, worst.words)
+    check = replace(check, holds=worst.holds, needed=worst.needed)
     if not plan.massless:
         return check
     return unjudged(check, _NOT_JUDGED, MASSLESS, f"with masses, {worst.words}")

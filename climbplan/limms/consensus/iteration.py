@@ -17,8 +17,8 @@ from climbplan.program.residuals import BlockResidual
 
 GOOD = (0.01, 0.01, 0.1)  # [m], [m], [rad] mean residuals to reach
 LATCHED = 1e-4  # [m] by which latches of an iterate may be off
-FREE_SECONDS = 10.0  # [s] of a mixed-integer block with free integers beside a consensus
-LINEAR_SECONDS = 20.0  # [s] of one with frozen integers
+FREE = 150  # looks of HiGHS in a mixed-integer block with free integers beside a consensus
+LINEAR = 40_000  # iterations of the simplex method in one with frozen integers
 _FRAMES = np.array([0, 0, 1, 2, 2, 3, 3, 3])  # straight link along the z axis of each frame
 
 
@@ -121,7 +121,7 @@ def agree(
 
     The integers are frozen after `freeze_after` iterations, if the block reaches the goal with
     them: a poor incumbent would be polished far from it. Ends early where the blocks agree to a
-    tenth of what is asked for.
+    tenth of what is asked for. deadline: `time.monotonic` [s], a cap.
     """
     setting = block.setting
     weight, found = parameters.weight, first
@@ -162,7 +162,7 @@ def agree(
         if best is None or iterate.rank() < best.rank():
             best = iterate
         report((number + 1) / parameters.iterations)
-        if _agreed(residual) or time.perf_counter() > deadline:
+        if _agreed(residual) or time.monotonic() > deadline:
             break
         # eq. (6.12c), and the dual shrinks as the weights grow
         dual = dual.moved(found.copy, 1.0).moved(bent.copy, -1.0).scaled(1 / parameters.growth)
@@ -172,8 +172,7 @@ def agree(
             block.freeze(found.x)
             frozen = True
         block.pull(bent.copy.moved(dual, -1.0), weight)
-        left = deadline - time.perf_counter()
-        again = block.solve(min(left, LINEAR_SECONDS if frozen else FREE_SECONDS), found.x)
+        again = block.solve(LINEAR if frozen else FREE, deadline, found.x)
         if again.copy is None:
             break
         found = again

@@ -90,12 +90,12 @@ class KnotPrograms:
         planes: Sequence[Plane],
         blocks: Array,
         rests: bool,
-        seconds: float = np.inf,
+        deadline: float = np.inf,
     ) -> Solved:
         """The nearest poses to the targets.
 
         blocks: (L, 4, 2, 3) free block of each link; rests: whether the box is where it starts.
-        seconds: until IPOPT stops where it is.
+        deadline: `time.monotonic` [s] at which IPOPT stops where it is.
         """
         began = time.perf_counter()
         key = tuple((h.root, h.parent, h.ends[h.root].kind == ON_MODULE) for h in hands)
@@ -129,8 +129,7 @@ class KnotPrograms:
         low = np.concatenate([g_lower, cut_lower])
         high = np.concatenate([g_upper, np.full(CUTS, np.inf)])
         bounds = Bounds(lower, upper, low, high)
-        until = time.monotonic() + seconds
-        answer = program.solve(np.clip(x0, lower, upper), parameters, bounds, until)
+        answer = program.solve(np.clip(x0, lower, upper), parameters, bounds, deadline)
         x, g = answer.v, answer.rows
         violation = float(np.max(np.maximum(low - g, g - high), initial=0.0))
         points = np.asarray(points_of(x, parameters)).ravel().reshape(L, POINTS, 3)
@@ -256,7 +255,6 @@ class KnotPrograms:
             "acceptable_tol": 1e-3,
             "acceptable_iter": 4,
             "mu_strategy": "adaptive",
-            "max_cpu_time": 5.0,
         }
         program = IpoptProgram("knot", {"x": x, "p": p, "f": cost, "g": g}, settings)
         return program, ca.Function("points", [x, p], [every])

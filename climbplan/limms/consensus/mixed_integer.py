@@ -28,7 +28,9 @@ REACHED = 20.0  # cost of a plan that reaches it, more than all else together
 WAY = 0.1  # [1/m] of ways of modules
 LATCH = 0.02  # of a latched module in an interval
 NEAR_GOAL = 1e-3  # [m] an answer worth keeping the integers of
-SMOOTHING_SECONDS = 10.0
+SMOOTHING = 20_000  # iterations of the simplex method, integers frozen
+_PATIENCE = 1.0  # [s] with a heuristic of HiGHS after Ctrl-C
+_UNBOUNDED = 2**31 - 1
 EFFORT = 0.02  # [s^2/m] of accelerations of the box
 RESTS = 0.1  # of an interval in which the box has not been picked up
 UNITS = {  # of rows; those of choices have none
@@ -176,15 +178,16 @@ class MixedInteger:
         names = self.rows.names
         return np.flatnonzero(names.block == names.names.index(name)).astype(np.int32)
 
-    def first(self, seconds: float) -> Found:
+    def first(self, looks: int, deadline: float = np.inf) -> Found:
         """A point that reaches the goal, or the proof that there is none; no consensus yet.
 
-        With a proof, the point that comes nearest of those seen.
+        looks: how often HiGHS may look up; deadline: `time.monotonic` [s], a cap. With a proof, the
+        point that comes nearest of those seen.
         """
         self._solver.setOptionValue("objective_target", REACHED)
-        found = self.solve(seconds / 2)
+        found = self.solve(looks // 2, deadline)
         if found.missed > NEAR_GOAL and found.status != "infeasible":
-            again = self._at_goal(seconds / 2)
+            again = self._at_goal(looks // 2, deadline)
             spent = found.seconds + again.seconds
             if again.x is not None:
                 found = replace(again, seconds=spent)
@@ -194,35 +197,40 @@ class MixedInteger:
             return found
         # The first point at hand is restless: with its integers, the smoothest
         self.freeze(found.x)
-        smooth = self.solve(SMOOTHING_SECONDS)
+        smooth = self.solve(SMOOTHING, deadline)
         self._release()
         if smooth.x is None:
             return found
         return replace(smooth, status=found.status, seconds=found.seconds + smooth.seconds)
 
-    def _at_goal(self, seconds: float) -> Found:
+    def _at_goal(self, looks: int, deadline: float) -> Found:
         """Any point that reaches the goal, or the proof that there is none: nothing else costs."""
         every = np.arange(len(self._cost), dtype=np.int32)
         self._solver.changeColsCost(len(every), every, np.zeros(len(every)))
         for column in self.columns.missed:
             self._solver.changeColBounds(int(column), 0.0, NEAR_GOAL / 2)
-        found = self.solve(seconds)
+        found = self.solve(looks, deadline)
         self._solver.changeColsCost(len(every), every, self._cost)
         for column in self.columns.missed:
             self._solver.changeColBounds(int(column), 0.0, np.inf)
         return found
 
-    def solve(self, seconds: float, start: Array | None = None) -> Found:
-        """The block's best point within a time limit; `start`: a point to begin from."""
+    def solve(self, most: int, deadline: float = np.inf, start: Array | None = None) -> Found:
+        """The block's best point within its work; `start`: a point to begin from.
+
+        most: how often HiGHS may look up; with frozen integers, iterations of the simplex method.
+        deadline: `time.monotonic` [s] at which it stops where it is.
+        """
         began = time.perf_counter()
-        self._solver.setOptionValue(
-            "time_limit", float(self._solver.getRunTime() + max(seconds, 0.1))
-        )
+        left = max(deadline - time.monotonic(), 0.1)
+        self._solver.setOptionValue("time_limit", float(self._solver.getRunTime() + left))
+        iterations = most if self._frozen else _UNBOUNDED
+        self._solver.setOptionValue("simplex_iteration_limit", iterations)
         if start is not None and not self._frozen:
             solution = highspy.HighsSolution()
             solution.col_value = list(start)
             self._solver.setSolution(solution)
-        run_highs(self._solver)
+        run_highs(self._solver, most if not self._frozen else np.inf, _PATIENCE)
         status = self._solver.getModelStatus()
         solution = self._solver.getSolution()
         info = self._solver.getInfo()

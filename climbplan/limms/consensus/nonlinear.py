@@ -44,7 +44,10 @@ class Nonlinear:
         self.solves = 0
 
     def solve(self, target: Copy, modes: Modes, deadline: float) -> Bent:
-        """The nearest kinematics to a target, with the modes as chosen."""
+        """The nearest kinematics to a target, with the modes as chosen.
+
+        deadline: `time.monotonic` [s], after which no knot is begun: the violation is infinite.
+        """
         began = time.perf_counter()
         built = self.programs.build_seconds
         setting = self.setting
@@ -54,7 +57,7 @@ class Nonlinear:
         box[0], points[0] = setting.scene.box_start[0], start_points(setting)
         worst, deep = 0.0, 0.0
         for knot in range(1, K):
-            if time.perf_counter() > deadline:
+            if time.monotonic() > deadline:
                 box[knot:], points[knot:] = target.box[knot:], target.points[knot:]
                 worst = np.inf
                 break
@@ -109,7 +112,7 @@ class Nonlinear:
                 planes,
                 blocks,
                 rests,
-                deadline - time.perf_counter(),
+                deadline,
             )
             self.solves += 1
             placed = placed_at(setting, hands, solved.pose)

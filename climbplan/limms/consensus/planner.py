@@ -31,9 +31,7 @@ from climbplan.progress import Progress
 from climbplan.spec.limms.loading import LoadedLimms
 
 METHOD = "admm"
-SLICES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [s] of the first block, behaviours in turn
-LEAST = 0.5  # [s] below which none is begun
-REFINED = 60.0  # [s] of one refinement
+SLICES = (150, 300, 600, 1200, 2400)  # looks of HiGHS in the first block, behaviours in turn
 
 
 @dataclass
@@ -42,7 +40,6 @@ class Run:
 
     agreements: list[Agreement] = field(default_factory=list)
     first_seconds: list[float] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
 
 
 def plan_by_consensus(
@@ -56,7 +53,6 @@ def plan_by_consensus(
     """
     began = time.perf_counter()
     solver = loaded.spec.solver
-    deadline = began + solver.time_limit
     scene = scene_of(loaded)
     report("modes", 0.0)
     bounds = search(scene)
@@ -67,33 +63,34 @@ def plan_by_consensus(
     parameters = Parameters(
         solver.admm.iterations, solver.admm.growth, solver.admm.weight, solver.admm.freeze_after
     )
-    run, attempts = Run(), Attempts(solver.time_limit)
+    run, attempts = Run(), Attempts(solver.time_limit, solver.programs)
     rng = np.random.default_rng(loaded.spec.seed)
-    while time.perf_counter() < deadline:
-        found = first_integers(scene, block, run, deadline)
-        if found is None:
-            break
-        agreement = agree(
-            block, nonlinear, found, parameters, deadline, lambda share: report("consensus", share)
-        )
-        if agreement is not None:
-            run.agreements.append(agreement)
-            report("refine", 0.0)
-            left = min(deadline - time.perf_counter(), REFINED)
-            if left <= LEAST:
-                run.notes.append("no time was left for the refinement")
-                break
-            world = refine(scene, agreement.best, attempts, left, rng)
-            if world is not None:
-                seconds = {"total": time.perf_counter() - began}
-                return _plan(loaded, scene, block, nonlinear, run, attempts, world, seconds)
-        assert found.x is not None
-        block.forbid(found.x)
-    raise _refusal(run, attempts, solver.time_limit)
+    end = attempts.end
+    try:
+        while (found := first_integers(scene, block, run, end)) is not None:
+            agreement = agree(
+                block, nonlinear, found, parameters, end, lambda share: report("consensus", share)
+            )
+            if agreement is not None:
+                run.agreements.append(agreement)
+                report("refine", 0.0)
+                attempts.begin(sequence_of(agreement.best.modes).named(scene))
+                world = refine(scene, agreement.best, attempts, rng)
+                if world is not None:
+                    seconds = {"total": time.perf_counter() - began}
+                    return _plan(loaded, scene, block, nonlinear, run, attempts, world, seconds)
+            attempts.begin("the next choice of modes")
+            assert found.x is not None
+            block.forbid(found.x)
+    except LimitReached as error:
+        raise _refusal(run, attempts) from error
+    raise _refusal(run, attempts)
 
 
 def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float) -> Found | None:
-    """A first answer that reaches the goal, arms first, leaps last; None if time is up.
+    """A first answer that reaches the goal, arms first, leaps last; None if its work is done.
+
+    deadline: `time.monotonic` [s], after which nothing is begun.
 
     Raises:
         Infeasible: the block's bound proves that no answer reaches the goal.
@@ -101,13 +98,12 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
     kinds = block.kinds
     distance = float(np.linalg.norm(scene.goal - scene.box_start[0]))
     nearest = dict.fromkeys(kinds, distance)
-    for seconds in SLICES:
+    for looks in SLICES:
         for kind in tuple(kinds):
-            left = deadline - time.perf_counter()
-            if left <= 0:
+            if time.monotonic() > deadline:
                 return None
             block.choose(kind)
-            found = block.first(min(seconds, left))
+            found = block.first(looks, deadline)
             run.first_seconds.append(found.seconds)
             if found.missed <= NEAR_GOAL:
                 return found
@@ -126,16 +122,18 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
     )
 
 
-def _refusal(run: Run, attempts: Attempts, limit: float) -> LimitReached:
-    """What was reached within the limit."""
-    notes = list(dict.fromkeys([*run.notes, *attempts.notes]))
+def _refusal(run: Run, attempts: Attempts) -> LimitReached:
+    """What was reached within time and work."""
+    notes = list(dict.fromkeys(attempts.notes))
+    ended = attempts.over or attempts.spare <= 0
+    bounds = attempts.bounds() if ended else "with the work that the mixed-integer block has"
     if not run.agreements:
-        text = f"no modes that reach the goal were found within {limit:g} s"
+        text = f"no modes that reach the goal were found {bounds}"
         return LimitReached("; ".join([text, *notes]), stage="consensus")
     best = min(run.agreements, key=lambda a: a.best.rank()).best
     r = best.residual
     text = (
-        f"no plan within {limit:g} s: {len(run.agreements)} choices of modes tried, blocks at best "
+        f"no plan {bounds}: {len(run.agreements)} choices of modes tried, blocks at best "
         f"{1e3 * r.box[0]:.1f} mm (box), {1e3 * r.points[0]:.1f} mm (modules), "
         f"{r.axes[0]:.3f} rad apart in the mean, but the refinement failed"
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
+from climbplan.errors import LimitReached
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import Chain, carry_on_chains
 from climbplan.limms.attempts import Attempts
@@ -18,6 +17,8 @@ from climbplan.limms.legs.walking import walk
 from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence
 from climbplan.limms.timeline import PlanSoFar
+
+REFINED = 60  # programs and courses of events of one refinement
 
 
 def chains_of(modes: Modes) -> tuple[Chain, ...]:
@@ -45,25 +46,42 @@ def sequence_of(modes: Modes) -> Sequence:
 
 
 def refine(
-    scene: Scene, best: Iterate, attempts: Attempts, left: float, rng: np.random.Generator
+    scene: Scene, best: Iterate, attempts: Attempts, rng: np.random.Generator
 ) -> PlanSoFar | None:
     """A plan with the mode sequence kept, or None; `attempts` says why not.
 
-    Arms that carry begin where the blocks agreed, and where that fails as in method `modes`. A
+    Raises:
+        LimitReached: budget or time of the whole planning are over.
+    """
+    part = attempts.part(REFINED)
+    try:
+        return _refined(scene, best, part, rng)
+    except LimitReached as error:
+        part.notes.append(f"{sequence_of(best.modes).named(scene)}: its share of the work was over")
+        if part.over or part.most >= attempts.spare:
+            raise error
+        return None
+    finally:
+        attempts.add(part)
+
+
+def _refined(
+    scene: Scene, best: Iterate, attempts: Attempts, rng: np.random.Generator
+) -> PlanSoFar | None:
+    """Arms that carry begin where the blocks agreed, and where that fails as in method `modes`. A
     throw begins as there at once: between the knots of its fastest intervals nothing is known.
     """
     modes = best.modes
     sequence = sequence_of(modes)
-    deadline = time.monotonic() + left
     if sequence.kind == "quadruped":
         gait = "leap" if (modes.box == LEAPS).any() else "stand"
-        return walk(scene, attempts, deadline, 1, rng, gait)
+        return walk(scene, attempts, 1, rng, gait)
     chains = chains_of(modes)
     if any(len(chain.modules) > 1 for chain in chains):
-        return carry_on_chains(scene, sequence, attempts, deadline, rng, chains)
+        return carry_on_chains(scene, sequence, attempts, rng, chains)
     if sequence.kind == "arms":
-        world = carry_on(scene, sequence, chains, best, attempts, deadline, rng)
-        if world is not None or time.monotonic() > deadline:
+        world = carry_on(scene, sequence, chains, best, attempts, rng)
+        if world is not None:
             return world
     owners = tuple(chain.modules[0] for chain in chains)
-    return carry(scene, sequence, attempts, deadline, rng, owners)
+    return carry(scene, sequence, attempts, rng, owners)

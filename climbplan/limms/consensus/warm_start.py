@@ -32,7 +32,6 @@ def carry_on(
     chains: Sequence[Chain],
     best: Iterate,
     attempts: Attempts,
-    deadline: float,
     rng: np.random.Generator,
 ) -> PlanSoFar | None:
     """A plan in which single arms carry the box as the best iterate does, or None."""
@@ -53,7 +52,7 @@ def carry_on(
         for chain in chains
     ]
     guess = traces_along(scene, limbs, task, _pieces(task, path))
-    outcome = plan_held(scene, limbs, task, attempts.until(deadline), guess)
+    outcome = plan_held(scene, limbs, task, attempts.end, guess)
     name = f"{modes.named(scene)}, from the best iterate"
     attempts.count(outcome, name)
     if not outcome.solved:

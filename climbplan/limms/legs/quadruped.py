@@ -20,6 +20,7 @@ from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, L
 from climbplan.limms.modules.limbs import leg
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
+from climbplan.limms.work import Work
 
 ROUNDS = 8
 FINER = 4  # than a plan's samples: what is looked at between knots
@@ -63,13 +64,13 @@ def solve_sound(
     samples: list[LegSample] = []
     cuts: list[LegCut | BoxCut] = []
     guess: Sequence[LegTrace] = start.guess
-    spent = built = 0.0
+    spent = Work()
     outcome = None
     for number in range(ROUNDS):
         effort = Effort(deadline, iterations, warm=number > 0)
         outcome = solve_legs(scene, start.limbs, guess, ends, samples, cuts, effort)
-        spent, built = spent + outcome.seconds, built + outcome.build_seconds
-        outcome = replace(outcome, seconds=spent, build_seconds=built)
+        spent += outcome.work
+        outcome = replace(outcome, work=spent)
         if not outcome.solved:
             return outcome
         words: list[str] = []

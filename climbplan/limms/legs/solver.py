@@ -11,6 +11,7 @@ from climbplan.limms.legs.program import LegProgram
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
 from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
+from climbplan.limms.work import Work, work_of
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 
@@ -23,10 +24,9 @@ class LegOutcome:
     traces: tuple[LegTrace, ...]
     violation: float
     objective: float
-    seconds: float
-    build_seconds: float
     variables: int
     constraints: int
+    work: Work  # of all programs that were solved for it
 
 
 @dataclass(frozen=True)
@@ -78,4 +78,6 @@ def solve_legs(
         effort.deadline,
         expand=True,
     )
-    return LegOutcome(traces=program.traces(answer.values, guess), **answer.figures())
+    return LegOutcome(
+        traces=program.traces(answer.values, guess), work=work_of(answer), **answer.figures()
+    )

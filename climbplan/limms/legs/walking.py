@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations
@@ -26,7 +25,6 @@ from climbplan.limms.timeline import PlanSoFar
 def walk(
     scene: Scene,
     attempts: Attempts,
-    deadline: float,
     most_steps: int,
     rng: np.random.Generator,
     only: str = "",
@@ -34,11 +32,11 @@ def walk(
 ) -> PlanSoFar | None:
     """A plan in which four modules are legs of the box, or None.
 
-    deadline: `time.monotonic` [s]; only: name of the gait to try, all if empty; fault: what is
-    wrong with a plan, in words, empty if nothing: the search goes on with the next start then.
+    only: name of the gait to try, all if empty; fault: what is wrong with a plan, in words, empty
+    if nothing: the search goes on with the next start then.
 
     Raises:
-        LimitReached: the whole planning's time is over.
+        LimitReached: budget or time of the whole planning are over.
     """
     way = ways(centre_blocks(scene), scene.box_start[0], scene.goal)
     if way is None:
@@ -51,11 +49,10 @@ def walk(
         if only and gait.name != only:
             continue
         count = 0
-        for start in starts(scene, gait, way, rng, deadline):
+        for start in starts(scene, gait, way, rng, attempts.end):
             count += 1
-            if attempts.left(deadline - time.monotonic()) <= 0:
-                return None
-            outcome = solve_sound(scene, start, ends, deadline)
+            attempts.begin(f"quadruped, {gait.name}")
+            outcome = solve_sound(scene, start, ends, attempts.end)
             attempts.count(outcome, f"quadruped, {gait.name}")
             if not outcome.solved:
                 continue
@@ -85,7 +82,7 @@ def _whole(
 
     Raises:
         Blocked: a way to the box is not free.
-        LimitReached: the whole planning's time is over.
+        LimitReached: budget or time of the whole planning are over.
     """
     feet = traces[0].before
     angles = leg_motion(scene, limbs, traces[0]).angles[0]

@@ -34,12 +34,9 @@ from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, 
 
 
 def relatch(
-    scene: Scene, modes: Modes, attempts: Attempts, deadline: float, rng: np.random.Generator
+    scene: Scene, modes: Modes, attempts: Attempts, rng: np.random.Generator
 ) -> PlanSoFar | None:
-    """A plan in which a module comes to its anchor over the box and then carries it, or None.
-
-    deadline: `time.monotonic` [s] at which other ways have their turn.
-    """
+    """A plan in which a module comes to its anchor over the box and then carries it, or None."""
     connection = modes.connections[0]
     task = delivery(scene, attempts)
     if task is None:
@@ -55,7 +52,7 @@ def relatch(
         root = root_on_anchor(scene, connection.root, 1 - box_end)
         limb = arm(module, connection.side, root, box_end)
         name = modes.named(scene)
-        for arms, outcome in solved_branches(scene, [limb], task, name, attempts, deadline):
+        for arms, outcome in solved_branches(scene, [limb], task, name, attempts):
             with noted(attempts, name):
                 return _from_box(world, arms[0], connection, outcome, rng)
     return None

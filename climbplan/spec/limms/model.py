@@ -104,7 +104,16 @@ class LimmsSolverSpec(SpecModel):
     )
     admm: ConsensusSpec = ConsensusSpec()
     """Method `admm`."""
-    time_limit: Number = quantity("s", "time limit", default=90.0, gt=0)
+    programs: Count = quantity(
+        "",
+        "nonlinear programs that may be solved, of at most 150 iterations each; whatever else is "
+        "tried counts as one, too: with the seed they decide what is found, on any machine",
+        default=200,
+        ge=1,
+    )
+    time_limit: Number = quantity(
+        "s", "a cap of the search, which says if it ended it", default=600.0, gt=0
+    )
     most_steps: Count = quantity("", "steps of a quadruped at most", default=16, ge=0, le=60)
 
 

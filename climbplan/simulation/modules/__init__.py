@@ -1,0 +1,1 @@
+"""Plans of modules replayed in MuJoCo."""

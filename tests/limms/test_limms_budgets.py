@@ -1,0 +1,90 @@
+"""What planning finds depends on its budget of work and its seed, never on the clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from limms_scenes import loaded, scene
+
+from climbplan.errors import LimitReached
+from climbplan.limms.arms.carrying import carry
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.consensus.mixed_integer import MixedInteger
+from climbplan.limms.consensus.setting import setting_of
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_making import Making, make_plan
+from climbplan.limms.planner import plan_limms
+from climbplan.limms.sequences import search
+
+
+def _racing(clock: Callable[[], float], factor: float) -> Callable[[], float]:
+    """A clock that runs `factor` times as fast, as on a machine that much slower."""
+    begin = clock()
+    return lambda: begin + factor * (clock() - begin)
+
+
+@pytest.mark.parametrize("method", ["modes", "admm"])
+def test_a_slow_machine_finds_the_same_plan(
+    method: str, throw: LimmsPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = loaded("limms_throw", f"solver.method={method}", "solver.time_limit=1e6")
+    quiet = throw if method == "modes" else plan_limms(spec)
+    for name in ("monotonic", "perf_counter", "process_time"):
+        monkeypatch.setattr(time, name, _racing(getattr(time, name), 2000.0))
+    slow = plan_limms(spec)
+    assert slow.timings["total"] > 100 > quiet.timings["total"]
+    assert slow.status == quiet.status == "feasible"
+    assert slow.sizes == quiet.sizes
+    for name in ("time", "box_position", "joint_angles", "force"):
+        assert np.array_equal(getattr(slow.motion, name), getattr(quiet.motion, name))
+
+
+def test_the_budget_of_programs_ends_the_search() -> None:
+    with pytest.raises(LimitReached, match=r"with 1 programs.*`solver\.programs` ended throw"):
+        plan_limms(loaded("limms_throw", "solver.programs=1"))
+
+
+def test_parts_take_from_the_whole() -> None:
+    whole = Attempts(60.0, 10)
+    whole.begin("one")
+    part = whole.part(3)
+    assert part.end == whole.end
+    for number in range(3):
+        part.begin(f"choice {number}")
+    with pytest.raises(LimitReached, match="with 3 programs"):
+        part.left()
+    whole.add(part)
+    assert whole.spare == 6
+    assert whole.part(100).most == 6
+
+
+def test_a_plan_that_the_clock_cut_short_says_so() -> None:
+    spec = loaded("limms_throw")
+    own = scene("limms_throw")
+    (modes,) = search(own).sequences
+    attempts = Attempts(60.0, 100)
+    world = carry(own, modes, attempts, np.random.default_rng(0))
+    assert world is not None
+    making = Making("modes", modes.named(own), {}, {}, {})
+    whole = make_plan(spec, own, world, attempts, making)
+    attempts.end = time.monotonic()
+    cut = make_plan(spec, own, world, attempts, making)
+    assert (whole.status, cut.status) == ("feasible", "limit")
+    assert "`solver.time_limit` (60 s) ended the search" in cut.warnings[0]
+    assert cut.warnings[1:] == whole.warnings
+
+
+def test_first_integers_are_those_of_the_work_they_got() -> None:
+    setting = setting_of(scene("limms_lift_light"), 8)
+    found = []
+    for _ in range(2):
+        block = MixedInteger(setting)
+        block.choose("arms")
+        found.append(block.solve(20))
+    assert found[0].status == found[1].status == "limit"
+    assert found[0].x is None or found[1].x is not None
+    if found[0].x is not None and found[1].x is not None:
+        assert np.array_equal(found[0].x, found[1].x)

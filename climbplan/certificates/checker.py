@@ -58,6 +58,13 @@ def check(instance: Instance, certificate: Certificate) -> Verdict:
         )
     fault = _gap_in_cover(instance, rows, certificate, box)
     if fault:
+        # The box came to lie within the one given; further sweeps may exclude what no leaf has
+        nowhere = np.full(instance.size, np.inf)
+        box = implied_box(instance, rows, nowhere, -nowhere, TOLERANCE)
+        if box.empty:
+            return Verdict(np.inf, TOLERANCE, (), -1)
+        fault = _gap_in_cover(instance, rows, certificate, box)
+    if fault:
         return _nothing(fault)
     leaves = proved(instance, rows, certificate, TOLERANCE)
     weakest = int(np.argmin(leaves.bound))

@@ -9,7 +9,7 @@ import typer
 
 from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_result, standard_output, warn
-from climbplan.cli.options import Force, Plan, Quiet, Verbose
+from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
@@ -21,7 +21,10 @@ FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
 
 def export(
     context: typer.Context,
-    plan: Plan,
+    plan: Annotated[
+        Path | None,
+        typer.Argument(metavar="PLAN", help="Plan file, or the output directory it is in."),
+    ] = None,
     out: Annotated[
         str | None,
         typer.Option(
@@ -59,6 +62,33 @@ def export(
             help="Tell torques apart: commands are the angles, whatever the gains are.",
         ),
     ] = False,
+    instances: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Instead of a plan: write the public set of contact problems there, as .mps and "
+            ".nl files with a table and a checker.",
+            rich_help_panel="export --instances",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="Of the set [0: the one whose best values are known].",
+            rich_help_panel="export --instances",
+        ),
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Instances of each family and class [9: 216 in all].",
+            rich_help_panel="export --instances",
+        ),
+    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
@@ -69,6 +99,16 @@ def export(
     places of all books (placements.csv), of a walk its samples (walk.csv). With another format, a
     rate or gains: the motion with velocities, accelerations and torques.
     """
+    motion = (rate, gains, feedforward)
+    if instances is not None:
+        if plan is not None or out is not None or format_ != "csv" or any(motion):
+            raise UsageError("--instances DIR: no plan and no option of motions goes with it")
+        print_result(str(_instances(context, instances, seed, count, force)))
+        return
+    if plan is None:
+        raise UsageError("a PLAN is missing, or --instances DIR for the set of problems")
+    if seed is not None or count is not None:
+        raise UsageError("--seed and --count go with --instances")
     path = find_plan(plan)
     from climbplan.api.kinds import plan_kind
     from climbplan.cli.unsound import warn_of_failure
@@ -89,6 +129,24 @@ def export(
     _require_free(target, force)
     kind.export_csv(path, target)
     print_result(str(target))
+
+
+def _instances(
+    context: typer.Context, target: Path, seed: int | None, count: int | None, force: bool
+) -> Path:
+    from climbplan.bench.instances.families import COUNT
+    from climbplan.bench.instances.writing import KNOWN_SEED, write_set
+    from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.progress import StageProgress
+
+    session = context.ensure_object(Session)
+    drawn = KNOWN_SEED if seed is None else seed
+    each = COUNT if count is None else count
+    with OutputDirectory(target, force) as output, StageProgress(session) as progress:
+        number = write_set(output.path, drawn, each, progress.report)
+        output.publish()
+    session.note(f"{number} instances, seed {drawn}; instances.csv lists them")
+    return target
 
 
 def _regulator(

@@ -40,13 +40,20 @@ class Compiler(Protocol):
 
 
 def compiler(
-    room: Path, sources: str, generated_from: bytes = b"", *, borrows: bool = False
+    room: Path,
+    sources: str,
+    generated_from: bytes = b"",
+    *,
+    borrows: bool = False,
+    lets_go: bool = False,
 ) -> Compiler:
     """The decorator of a room's functions; `sources`: glob of the room's files that have such ones.
 
     borrows: functions whose names begin with an underscore make no arrays and return none, and so
     need not count references to those that they are given, nor to rows of them: atomic additions
     that in functions of small vectors take more time than all else.
+
+    lets_go: functions let go of Python while they run, so that other threads can stop them.
 
     generated_from: as of `generated.generated_from`, of statements elsewhere that they call.
 
@@ -62,6 +69,7 @@ def compiler(
             "cache": place is not None,
             "error_model": "numpy",  # division by zero gives infinity, as in NumPy
             "no_cfunc_wrapper": True,
+            "nogil": lets_go,
             "no_cpython_wrapper": function.__name__.startswith("_"),
         }
         if borrows and function.__name__.startswith("_"):

@@ -48,3 +48,30 @@ def test_a_tree_search_is_stopped() -> None:
     assert time.process_time() - begin < 5.0
     assert solver.getModelStatus() == highspy.HighsModelStatus.kInterrupt
     press.join()
+
+
+def test_a_tree_search_ends_with_its_looks_at_the_same_place() -> None:
+    ends = []
+    for _ in range(2):
+        solver = highs(300.0)
+        solver.passModel(market_split(4))
+        run_highs(solver, looks=60)
+        assert solver.getModelStatus() == highspy.HighsModelStatus.kInterrupt
+        info = solver.getInfo()
+        ends.append((info.mip_node_count, info.simplex_iteration_count, info.mip_dual_bound))
+    assert ends[0] == ends[1]
+
+
+def test_a_search_that_does_not_look_up_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = highs(300.0)
+    solver.passModel(market_split(5))
+    woken = threading.Event()
+    monkeypatch.setattr(solver, "run", lambda: woken.wait(30.0))  # as within a heuristic
+    press = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    press.start()
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_highs(solver, patience=0.2)
+    assert time.monotonic() - begin < 10.0
+    woken.set()
+    press.join()

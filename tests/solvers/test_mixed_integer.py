@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from random_programs import random_program
+from scipy import sparse
 
 from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.errors import UsageError
 from climbplan.program import Program
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, Rows, solve_rows, working
 from climbplan.solvers.mixed_integer.memory import shifted
 from climbplan.solvers.mixed_integer.method import TreeMemory, solve_mixed_integer
@@ -63,7 +67,7 @@ def test_active_set_agrees_with_daqp_and_proves_what_is_empty() -> None:
         )
         rows = Rows(
             M, np.ascontiguousarray(M.T), lower, upper, np.ones(m, np.uint8), np.full(m, 1e-10),
-            np.array([m]),
+            np.array([m]), np.zeros(1, np.uint8),
         )  # fmt: skip
         w = working(m, k)
         status = solve_rows(rows, w, np.inf, 5000)
@@ -130,6 +134,44 @@ def test_a_limit_of_nodes_leaves_a_valid_bound() -> None:
         part = solve_mixed_integer(instance, 1e-6, tolerance=1e-6, nodes=nodes)
         assert part.nodes <= nodes
         assert part.bound <= whole.objective + 1e-9 * abs(whole.objective)
+
+
+def _heavy() -> Instance:
+    """Dense enough that its root alone takes many times as long as the limits of tests."""
+    rng = np.random.default_rng(3)
+    n, m = 700, 2200
+    p = Program("heavy")
+    x = p.continuous("x", (n,), -1.0, 1.0)
+    p.binary("z", (6,))
+    p.minimise("cost", np.sum((x - rng.normal(size=n)) ** 2))
+    A, most = rng.normal(size=(m, n + 6)), rng.uniform(0.1, 1.0, m)
+    return replace(
+        p.at({}),
+        A=sparse.csr_matrix(A),
+        Q=sparse.csr_matrix((m, 0)),
+        row_lower=np.full(m, -np.inf),
+        row_upper=most,
+    )
+
+
+def test_the_clock_stops_a_search_within_a_node() -> None:
+    instance = _heavy()
+    solve_mixed_integer(random_program(0).at({}))  # compiles
+    root = solve_mixed_integer(instance, 1e-3, nodes=1)
+    limit = 0.5 * root.time
+    part = solve_mixed_integer(instance, 1e-3, limit)
+    assert part.nodes <= 1
+    assert part.time < 0.8 * root.time
+    assert part.bound <= root.bound + 1e-9 * abs(root.bound)
+
+
+def test_the_clock_stops_while_the_program_is_built() -> None:
+    part = TreeMemory(1e-3, proves=True)
+    result = part.solve(random_program(13).at({}), 0.0)
+    assert result.status == "limit"
+    assert result.bound == -np.inf
+    assert result.nodes == 0
+    assert "while the program was built" in result.log[0]
 
 
 def test_same_answer_every_time() -> None:

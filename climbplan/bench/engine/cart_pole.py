@@ -45,18 +45,21 @@ B = STEP * np.array([[0], [0], [1 / CART], [1 / (CART * LENGTH)]])
 E = STEP * np.outer([0, 0, 0, 1 / (TIP * LENGTH)], SIDE)  # a wall pushes back
 
 
-def walled_cart_pole() -> Problem:
-    """Bring the pole upright and the cart to the middle; parameter `start` (4,)."""
+def walled_cart_pole(horizon: int = HORIZON) -> Problem:
+    """Bring the pole upright and the cart to the middle; parameter `start` (4,).
+
+    horizon: steps, 20 as published; four binaries each.
+    """
     p = Program("walled_cart_pole")
     start = p.parameter("start", (4,))
-    x = p.continuous("state", (HORIZON + 1, 4), -MOST, MOST)
-    u = p.continuous("input", (HORIZON, 1), -MOST_INPUT, MOST_INPUT, unit="N")
+    x = p.continuous("state", (horizon + 1, 4), -MOST, MOST)
+    u = p.continuous("input", (horizon, 1), -MOST_INPUT, MOST_INPUT, unit="N")
     # No more than the law gives where the tip is deepest and fastest
     deepest = MOST[0] + LENGTH * MOST[1] - WALL
     fastest = MOST[2] + LENGTH * MOST[3]
-    push = p.continuous("push", (HORIZON, 2), 0.0, STIFFNESS * deepest + DAMPING * fastest, "N")
-    inside = p.binary("inside", (HORIZON, 2))
-    pushing = p.binary("pushing", (HORIZON, 2))
+    push = p.continuous("push", (horizon, 2), 0.0, STIFFNESS * deepest + DAMPING * fastest, "N")
+    inside = p.binary("inside", (horizon, 2))
+    pushing = p.binary("pushing", (horizon, 2))
 
     p.equal("dynamics.start", x[0] - start)
     p.equal("dynamics.step", x[1:] - x[:-1] @ A.T - u @ B.T - push @ E.T)

@@ -1,8 +1,9 @@
 """`climbplan bench engine`: the compiled tree beside others on the published cart-pole.
 
 Runs of a controller, noise on its state after each step. Every problem goes to the tree, some go to
-the slow contenders, whose answers must agree. Times are CPU seconds of the solve with everything it
-builds; the taking of a statement's coefficients, which all need, is apart.
+the slow contenders, whose answers must agree. DAQP's own mixed-integer mode shows no bound: none of
+its answers counts as proved. Times are CPU seconds of the solve with everything it builds; the
+taking of a statement's coefficients, which all need, is apart.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TextIO
 import numpy as np
 
 from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.bench.engine.daqp_mode import solve_daqp_mode
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.memory import shifted
@@ -74,7 +76,9 @@ def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
 def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Column]:
     problem = walled_cart_pole()
     blocks = problem.program.blocks
+    state = problem.program.variables["state"]
     slow: dict[str, Contender] = {
+        "daqp, own mode": lambda i: solve_daqp_mode(i, state, _GAP),
         "micp (highs)": lambda i: solve_micp(problem, i, None, _GAP, _LIMIT, _TOLERANCE),
         "minlp-scip": lambda i: require("minlp-scip").load()(i, gap=_GAP, time_limit=_LIMIT),
     }
@@ -85,9 +89,9 @@ def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Col
     number = 0
     for run in range(runs):
         rng = np.random.default_rng([seed, run])
-        state, memory = PUSHED, TreeMemory(_GAP, _TOLERANCE)
+        begun, memory = PUSHED, TreeMemory(_GAP, _TOLERANCE)
         for step in range(_STEPS):
-            instance = problem.instance({"start": state})
+            instance = problem.instance({"start": begun})
             begin = time.process_time()
             cold = solve_mixed_integer(instance, _GAP, tolerance=_TOLERANCE)
             spent = time.process_time() - begin
@@ -105,5 +109,5 @@ def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Col
                     columns[name].add(found, time.process_time() - begin, cold.objective)
             number += 1
             after = problem.values(cold.x)["state"][1]
-            state = after + noise * rng.normal(size=4) * MOST
+            begun = after + noise * rng.normal(size=4) * MOST
     return columns

@@ -85,6 +85,8 @@ def solve_highs(
 def save_highs_model(instance: Instance, path: Path) -> None:
     """Write rows, binaries and the quadratic cost as .lp or .mps for other solvers.
 
+    Variables are x<i> and rows row<k>, in order of the instance.
+
     Raises UsageError for another suffix or place, or for a form that HiGHS cannot hold.
     """
     if path.suffix not in (".lp", ".mps") or not path.parent.is_dir():
@@ -94,6 +96,10 @@ def save_highs_model(instance: Instance, path: Path) -> None:
         raise UsageError(f"{instance.name}: {kinds} cannot be written, reformulate first")
     solver = highs()
     solver.passModel(_whole_model(instance))
+    for i in range(instance.size):
+        solver.passColName(i, f"x{i}")
+    for k in range(instance.A.shape[0]):
+        solver.passRowName(k, f"row{k}")
     if solver.writeModel(str(path)) == highspy.HighsStatus.kError:
         raise UsageError(f"{path}: cannot be written")
 

@@ -14,7 +14,7 @@ from scipy import sparse
 
 from climbplan.program.linear_rows import LinearRows
 from climbplan.program.polytope import Array
-from climbplan.solvers.interruption import interruptible, run_deaf
+from climbplan.solvers.interruption import interruptible, run_aside, run_deaf
 
 _FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
 
@@ -32,14 +32,20 @@ def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
     return solver
 
 
-def run_highs(solver: Any) -> Any:
+def run_highs(solver: Any, looks: float = np.inf, patience: float = np.inf) -> Any:
     """Solve what it holds, and return HiGHS's code; Ctrl-C and SIGTERM end it and are passed on.
 
-    Quadratic programs it solves without looking up: a large one is left behind.
+    looks: how often a mixed-integer search may look up before it is stopped (status `kInterrupt`).
+    It does so at the same places of its work on any machine, some ten to thirty times a second,
+    and the iterations of linear programs, which also count work, it does not tell. patience: [s]
+    after a signal until it is left behind, for searches that may be within a heuristic, which does
+    not look up: nothing may be done with `solver` then. Quadratic programs HiGHS solves without
+    looking up: a large one is left behind.
     """
     if entries := solver.getHessianNumNz():
         return run_deaf(solver.run, entries + solver.getNumNz())
     stopping = False
+    looked = 0
 
     def stop() -> None:
         nonlocal stopping
@@ -49,15 +55,29 @@ def run_highs(solver: Any) -> Any:
         if stopping:
             event.interrupt()
 
-    watched = (solver.cbMipInterrupt, solver.cbSimplexInterrupt, solver.cbIpmInterrupt)
-    for moment in watched:
-        moment.subscribe(look)
+    def count(event: Any) -> None:
+        nonlocal looked
+        looked += 1
+        if stopping or looked > looks:
+            event.interrupt()
+
+    watched = (
+        (solver.cbMipInterrupt, count),
+        (solver.cbSimplexInterrupt, look),
+        (solver.cbIpmInterrupt, look),
+    )
+    for moment, watcher in watched:
+        moment.subscribe(watcher)
     try:
-        with interruptible(stop):
-            return solver.run()
+        if np.isinf(patience):
+            with interruptible(stop):
+                return solver.run()
+        codes: list[Any] = []
+        run_aside(lambda: codes.append(solver.run()), stop, patience)
+        return codes[0]
     finally:
-        for moment in watched:
-            moment.unsubscribe(look)
+        for moment, watcher in watched:
+            moment.unsubscribe(watcher)
 
 
 def linear_model(

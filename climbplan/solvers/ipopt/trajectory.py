@@ -34,11 +34,12 @@ class TrajectoryAnswer:
     build_seconds: float
     variables: int
     constraints: int
+    iterations: int
 
     def figures(self) -> dict[str, Any]:
-        """All but values, residuals and `optimal`, by name."""
-        apart = ("values", "residuals", "optimal")
-        return {k: v for k, v in vars(self).items() if k not in apart}
+        """What it is worth and how large it was, by name."""
+        kept = ("solved", "message", "violation", "objective", "variables", "constraints")
+        return {name: vars(self)[name] for name in kept}
 
 
 @dataclass(frozen=True)
@@ -100,4 +101,5 @@ def solve_trajectory(
         build_seconds=built - began,
         variables=len(point.v),
         constraints=len(point.rows),
+        iterations=point.iterations,
     )

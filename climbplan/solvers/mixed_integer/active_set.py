@@ -41,6 +41,7 @@ class Rows(NamedTuple):
     on: NDArray[np.uint8]  # (m,) which rows the node at hand has
     tolerance: Array  # (m,)
     used: NDArray[np.int64]  # (1,) how many there are; the rest is room
+    stop: NDArray[np.uint8]  # (1,) set by whoever wants the search to end, while it runs
 
 
 class Working(NamedTuple):
@@ -210,6 +211,8 @@ def _refactor(rows: Rows, w: Working) -> None:
     for i in range(n):
         w.active[w.row[i]] = 0
     for i in range(n):
+        if rows.stop[0]:
+            break
         row, side, multiplier = w.row[i], w.side[i], w.multiplier[i]
         pivot = _pivot(rows, w, row, side)
         if pivot > _SINGULAR and w.count[0] < len(w.row) - 1:
@@ -310,12 +313,15 @@ def _solve(rows: Rows, w: Working, cutoff: float, limit: int) -> int:
     """Re-solve from the active rows of `w`, which must be those of a program with other bounds.
 
     SOLVED with v and values; CUT_OFF once the dual value exceeds the cutoff; EMPTY with a ray;
-    STUCK after `limit` iterations. In every case the multipliers are of the right sign.
+    STUCK after `limit` iterations, or when told to stop. In every case the multipliers are of the
+    right sign.
     """
     wanted, spare = w.spare[0], w.spare[1]
     highest, stalled, loose = -1.0, 0, 1.0
     fresh = False  # whether factors were made anew since the last trouble
     for _ in range(limit):
+        if rows.stop[0]:
+            return STUCK
         w.iterations[0] += 1
         n = w.count[0]
         for i in range(n):

@@ -133,6 +133,7 @@ def _cut_balls(n: Numbers, s: Search, tolerated: float) -> int:
         edge = n.radius[b]
         for d in range(len(vector)):
             share = vector[d] / length
+            s.direction[r, d] = share
             edge -= share * n.ball[b, d]
             line = n.ball_rows[b, d]
             for j in range(k):
@@ -151,6 +152,7 @@ def _cut_balls(n: Numbers, s: Search, tolerated: float) -> int:
             s.rows.T[j, r] = row[j]
             at -= row[j] * s.u[j]
         n.norm[r], n.when[r], n.entity[r] = norm, ALWAYS, -1
+        s.tangent_to[r] = b
         s.offset[r] = at * norm
         s.rows.lower[r], s.rows.upper[r] = -np.inf, edge / norm - at
         s.base_lower[r], s.base_upper[r] = s.rows.lower[r], s.rows.upper[r]

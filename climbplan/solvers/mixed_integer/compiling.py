@@ -7,7 +7,7 @@ import numpy as np
 
 from climbplan.solvers.compiling import compiler
 
-compiled = compiler(Path(__file__).parent, "*.py", borrows=True)
+compiled = compiler(Path(__file__).parent, "*.py", borrows=True, lets_go=True)
 
 
 def constant(value: int) -> int:

@@ -12,6 +12,7 @@ they are undecided.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,11 @@ _FEASIBLE = 1e-9  # tolerance of rows in their own unit, as far as rounding allo
 
 
 def mixed_integer_program(
-    instance: Instance, form: Conditional
-) -> MixedIntegerProgram | Impossible:
-    """Build all rows of an instance's conditional form.
+    instance: Instance, form: Conditional, deadline: float = np.inf
+) -> MixedIntegerProgram | Impossible | None:
+    """Build all rows of an instance's conditional form; None where the deadline comes first.
 
+    deadline: of `time.perf_counter` [s], which is looked at between the parts of the work.
     Raises UsageError where a direction without cost is not bounded.
     """
     box = _presolved(form)
@@ -49,10 +51,16 @@ def mixed_integer_program(
     space = _coordinates(instance, form, *box)
     if space is None:
         return Impossible("equations contradict each other")
+    if time.perf_counter() >= deadline:
+        return None
     cost = _cost(instance, space)
+    if time.perf_counter() >= deadline:
+        return None
     stack = row_stack(form, space)
     if stack is None:
         return Impossible("a row cannot hold within the bounds")
+    if time.perf_counter() >= deadline:
+        return None
     return _in_unit_rows(instance, form, space, cost, stack)
 
 
@@ -124,11 +132,9 @@ class _Cost:
 
 def _cost(instance: Instance, space: Coordinates) -> _Cost:
     """The cost over w; raises UsageError where a direction without cost is not bounded."""
-    n, size, k = instance.size, len(space.X), space.X.shape[1]
-    P, q = instance.P.toarray(), np.concatenate([instance.q, np.zeros(size - n)])
-    if size > n:
-        P = np.pad(P, (0, size - n))
-    X, start = space.X, space.start
+    n, k = instance.size, space.X.shape[1]
+    P, q = instance.P, instance.q
+    X, start = space.X[:n], space.start[:n]  # choices cost nothing
     H = X.T @ (P @ X)
     g = X.T @ (P @ start + q)
     low, high = space.lower[space.independent], space.upper[space.independent]

@@ -1,20 +1,25 @@
 """Mixed-integer convex instances by the compiled tree: presolve, search, answer.
 
 The search runs in pieces of some nodes, between which Python looks at the clock and at signals.
+Where one node may take long it runs aside, and is stopped within the node.
 """
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
+from climbplan.solvers.interruption import run_aside
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.active_set import Rows, working
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
@@ -28,11 +33,27 @@ from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, j
 
 NAME = "branch-and-bound"
 _FIRST_ROOM = 256  # nodes
+_LONG = 300_000  # entries of rows from which a node may take a tenth of a second
 _WORK = 2e8  # about how many entries of rows are looked at between two looks at the clock
 _TANGENTS = 120  # rows of room for the tangents of each ball, to begin with
 _PATIENCE = 4  # nodes for each leaf that is remembered
 _MEMORY = 600e6  # [bytes] of nodes
 _MOST_NODES = 10**9
+
+
+@contextmanager
+def _alarm(deadline: float, stop: NDArray[np.uint8]) -> Iterator[None]:
+    """Set `stop` at the deadline."""
+    if np.isinf(deadline):
+        yield
+        return
+    timer = threading.Timer(max(deadline - time.perf_counter(), 0.0), stop.fill, (1,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @dataclass
@@ -67,7 +88,19 @@ class TreeRun:
         return cls(program, search, tree)
 
     def go(self, deadline: float, nodes: int = _MOST_NODES) -> None:
-        """Search until the gap is proved, nothing is left, or a limit."""
+        """Search until the gap is proved, nothing is left, or a limit.
+
+        deadline: of `time.perf_counter` [s]. What is open at a limit stays open.
+        """
+        stop = self.search.rows.stop
+        stop[0] = 0
+        if self.program.M.size < _LONG:
+            self._pieces(deadline, nodes)
+            return
+        with _alarm(deadline, stop):
+            run_aside(lambda: self._pieces(deadline, nodes), lambda: stop.fill(1))
+
+    def _pieces(self, deadline: float, nodes: int) -> None:
         m, k = self.program.M.shape
         piece = int(np.clip(_WORK / (max(m, 1) * max(k, 1) * 40), 1, 2000))
         while True:
@@ -107,6 +140,8 @@ class TreeRun:
             base_lower=_longer(s.base_lower, 0, m),
             base_upper=_longer(s.base_upper, 0, m),
             offset=_longer(s.offset, 0, m),
+            tangent_to=_longer(s.tangent_to, 0, m),
+            direction=_longer(s.direction, 0, m),
         )
 
     @property
@@ -132,7 +167,7 @@ class TreeRun:
         """Whether nothing is left open and everything was proved empty."""
         whole = self.search.whole
         open_nodes = whole[place.HEAP] + (whole[place.NEXT] >= 0)
-        return bool(open_nodes == 0 and np.isinf(self.search.real[place.LEFT_BOUND]))
+        return bool(open_nodes == 0 and self.search.real[place.LEFT_BOUND] == np.inf)
 
     def best(self) -> Array | None:
         """The incumbent, in the variables of the conditional form."""
@@ -179,7 +214,12 @@ class TreeMemory:
         """As `solve_mixed_integer`. move: where what is remembered stands now."""
         begin = time.perf_counter()
         form = conditional_form(instance)
-        program = mixed_integer_program(instance, form)
+        program = mixed_integer_program(instance, form, begin + time_limit)
+        if program is None:
+            if self.proves:
+                self.certificate = certificate_of_nothing(instance, form)
+            late = _late(begin, known)
+            return judged(instance, late, self.gap, self.tolerance)
         if isinstance(program, Impossible):
             if self.proves:
                 self.certificate = certificate_of_nothing(instance, form)
@@ -191,7 +231,7 @@ class TreeMemory:
         if leaves is not None:
             # What is remembered may fit badly: then it is dropped, after work that counts bound
             run.go(begin + time_limit, min(nodes, _PATIENCE * len(leaves.low) + _FIRST_ROOM))
-            if not run.finished:
+            if not run.finished and time.perf_counter() < begin + time_limit:
                 run = TreeRun.of(program, self.gap, self.tolerance)
         run.go(begin + time_limit, nodes)
         self.leaves = Leaves.of(program, form, run.search, run.tree)
@@ -233,6 +273,19 @@ def answer_of(
     )
 
 
+def _late(begin: float, known: Known | None) -> Answer:
+    """The limit came before the program was built: nothing is known beyond what was."""
+    return Answer(
+        x=None,
+        bound=-np.inf if known is None else known.bound,
+        infeasible=False,
+        nodes=0,
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=("the time limit came while the program was built",),
+    )
+
+
 def _impossible(why: str, begin: float) -> Answer:
     return Answer(
         x=None,
@@ -265,6 +318,7 @@ def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: 
         on=np.ones(m, np.uint8),
         tolerance=_longer(program.tolerance, 0, tangents),
         used=np.array([stated]),
+        stop=np.zeros(1, np.uint8),
     )
     return Search(
         real=real,
@@ -277,6 +331,8 @@ def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: 
         offset=n.offset.copy(),
         u=n.u.copy(),
         center=n.center.copy(),
+        tangent_to=np.full(m, -1),
+        direction=np.zeros((m, n.ball.shape[1])),
         w=np.zeros(k),
         best_w=np.zeros(k),
         best_whole=np.zeros(E, np.int64),

@@ -67,6 +67,8 @@ class Search(NamedTuple):
     offset: Array  # (m,)
     u: Array  # (k,)
     center: Array  # (k,)
+    tangent_to: NDArray[np.int64]  # (m,) the ball that a row is a tangent to, -1
+    direction: Array  # (m, D) and where: a of a'(F w + f) <= radius
     w: Array  # (k,)
     best_w: Array  # (k,)
     best_whole: NDArray[np.int64]  # (E,)

@@ -55,9 +55,8 @@ def certificate_of(
     reached = proved(instance, rows, told, TOLERANCE).bound
     best, gap = search.real[place.BEST], search.real[place.GAP]
     enough = best - gap * max(abs(best), LEAST_OBJECTIVE) if np.isfinite(best) else np.inf
-    for s in np.flatnonzero(reached < enough):
-        settle(program.numbers, search, tree, leaves[s])
-    told = _told(instance, form, program, search, tree, leaves, sets, box)
+    weak = np.flatnonzero(reached < enough)
+    told = _settled(instance, form, program, search, tree, leaves, told, weak)
     empty = np.flatnonzero(tree.state[leaves] == place.EMPTY_NODE)
     return _finished(instance, form, told, empty)
 
@@ -101,6 +100,29 @@ def _told(
         empty=np.zeros(len(leaves), bool),
         bound=-np.inf,
     )
+
+
+def _settled(
+    instance: Instance,
+    form: Conditional,
+    program: MixedIntegerProgram,
+    search: Search,
+    tree: Tree,
+    leaves: Index,
+    told: Certificate,
+    weak: Index,
+) -> Certificate:
+    """Some leaves solved again, each told while the proximal term has its centre where it was."""
+    point, multiplier, ball = told.point.copy(), told.multiplier.tolil(), told.ball.copy()
+    telling: _Telling | None = None
+    for s in weak:
+        settle(program.numbers, search, tree, leaves[s])
+        used = int(search.rows.used[0])
+        if telling is None or telling.used != used:  # tangents were found
+            telling = _Telling(instance, form, program, search)
+        parts = telling.multipliers(_stored(tree, leaves[s : s + 1], used))
+        point[s], multiplier[s], ball[s] = parts[0][0], parts[1], parts[2][0]
+    return replace(told, point=point, multiplier=sparse.csr_matrix(multiplier), ball=ball)
 
 
 def certificate_of_nothing(instance: Instance, form: Conditional) -> Certificate:
@@ -209,7 +231,8 @@ class _Telling:
         self._plain = len(instance.row_lower)
         n, m, c = instance.size, self._plain, len(form.when)
         self._G = sparse.vstack([instance.A, form.C[:, :n]]).tocsr()
-        used, stated = int(search.rows.used[0]), len(program.key)
+        self.used = used = int(search.rows.used[0])
+        stated = len(program.key)
         kind, row, side = KeySpace(form.size, len(form.row_lower), c).parts(program.key)
         least, most = row_intervals(
             form.C.indptr, form.C.indices, form.C.data, program.lower, program.upper
@@ -241,7 +264,7 @@ class _Telling:
             (used, n),
         )
         self._F = sparse.vstack([sparse.csr_matrix((0, n)), *(b.F for b in instance.balls)]).tocsr()
-        self._tangents = _tangents(instance, program, search, stated, used)
+        self._tangents = _tangents(instance, search, stated, used)
 
     def multipliers(self, of: sparse.csr_matrix) -> tuple[Array, sparse.csr_matrix, Array]:
         """Points (S, n), multipliers (S, rows) and balls (S, D) of a search's multipliers."""
@@ -287,22 +310,12 @@ def _matrix(entries: list[tuple[Index, Index, Array]], shape: tuple[int, int]) -
     return sparse.csr_matrix((value, (row, column)), shape=shape)
 
 
-def _tangents(
-    instance: Instance, program: MixedIntegerProgram, search: Search, stated: int, used: int
-) -> Array:
+def _tangents(instance: Instance, search: Search, stated: int, used: int) -> Array:
     """(used, D) direction of the ball to which each of the last rows is a tangent."""
-    numbers = program.numbers
     sizes = [balls.f.shape[1] for balls in instance.balls for _ in range(balls.count)]
     begin = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     out = np.zeros((used, int(begin[-1])))
     for r in range(stated, used):
-        row = numbers.norm[r] * (numbers.L @ search.rows.M[r])
-        nearest = np.inf
-        for b, d in enumerate(sizes):
-            matrix = numbers.ball_rows[b, :d].T
-            direction = np.linalg.lstsq(matrix, row, rcond=None)[0]
-            off = float(np.abs(matrix @ direction - row).max())
-            if off < nearest:
-                nearest, best, found = off, b, direction
-        out[r, begin[best] : begin[best + 1]] = found
+        b = search.tangent_to[r]
+        out[r, begin[b] : begin[b + 1]] = search.direction[r, : sizes[b]]
     return out

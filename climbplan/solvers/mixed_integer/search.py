@@ -214,9 +214,16 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
     for turn in range(2):
         found, here = _relax(n, s, limit if turn == 0 else 4 * limit)
         bound = max(bound, here)
-        if found in (SOLVED, CUT_OFF) or bound >= _cutoff(s):
+        if found in (SOLVED, CUT_OFF) or bound >= _cutoff(s) or s.rows.stop[0]:
             break
         _clear(s.main)  # rounding got the better of the factors: once more from the beginning
+    if s.rows.stop[0] and not bound >= _cutoff(s):
+        # Told to stop half-way: open again, with what multipliers prove so far
+        if bound > tree.bound[node]:
+            tree.bound[node] = bound
+            _store(tree, node, s.main)
+        _push(tree, s.whole, node)
+        return -1
     tree.bound[node] = max(tree.bound[node], bound)
     if found == EMPTY and bound >= _cutoff(s):
         # What closes the node is a ray: multipliers that follow it say so to whoever reads them
@@ -261,10 +268,15 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
 
 @compiled
 def run(n: Numbers, s: Search, tree: Tree, nodes: int, most: int) -> int:
-    """Process up to `nodes` nodes, `most` in all: DONE, GROW if the tree needs room, or PAUSE."""
+    """Process up to `nodes` nodes, `most` in all: DONE, GROW if the tree needs room, or PAUSE.
+
+    DONE, too, once another thread sets `stop` of the rows; what is open then stays open.
+    """
     whole = s.whole
     room = len(tree.bound) - 4
     for _ in range(nodes):
+        if s.rows.stop[0]:
+            return DONE
         if whole[COUNT] >= room:
             return GROW
         if len(n.radius) > 0 and s.rows.used[0] + _CUT_SHARE * len(n.radius) >= len(n.when):

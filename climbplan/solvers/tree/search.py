@@ -116,7 +116,8 @@ class TreeSearch:
         """Whether every part of the tree was shown to hold no feasible point."""
         if self._open or self._dive:
             return False
-        return bool(np.isinf(self.closed)) or self.closed > self.form.ceiling
+        # -inf is a node that was left without any bound, which proves nothing
+        return self.closed == np.inf or self.closed > self.form.ceiling
 
     # ---- one node
 

@@ -1,0 +1,1 @@
+"""A public set of contact problems: families drawn from seeds, files, a reader, a comparison."""

@@ -1,0 +1,222 @@
+"""Read an instance of the set and check a solution of it; needs NumPy, PySCIPOpt and CasADi alone.
+
+    python check_solution.py INSTANCE.mps|INSTANCE.nl SOLUTION.sol
+
+Files are read by a library that did not write them: .mps files are HiGHS's and read by SCIP, .nl
+files are SCIP's and read by CasADi. A solution has one `name value` a line, # begins a comment. An
+.nl file has variables that stand for a square, a product or a row: those that a solution leaves out
+are computed from the one row that defines them.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-5  # of rows and bounds relative to 1 and their size, and of integers
+_HUGE = 1e19  # SCIP's and the formats' infinity
+
+
+@dataclass(frozen=True)
+class Model:
+    """minimise objective(v) over lower <= v <= upper, row_lower <= rows(v) <= row_upper."""
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    integer: NDArray[np.bool_]
+    row_lower: Array
+    row_upper: Array
+    objective: Callable[[Array], float]
+    rows: Callable[[Array], Array]
+    slopes: Callable[[Array], Array] | None  # d rows / d v, dense; None where nothing is defined
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Value and worst violations of a point."""
+
+    objective: float
+    rows: float  # relative to 1 and the size of the bound
+    bounds: float
+    integrality: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all are within the tolerance."""
+        return max(self.rows, self.bounds, self.integrality) <= TOLERANCE
+
+
+def read_instance(path: Path) -> Model:
+    """The model in a file. Raises ValueError for another suffix."""
+    if path.suffix == ".mps":
+        return _read_mps(path)
+    if path.suffix == ".nl":
+        return _read_nl(path)
+    raise ValueError(f"{path}: expected .mps or .nl")
+
+
+def read_solution(path: Path) -> dict[str, float]:
+    """Values by name. Raises ValueError naming the line that is none."""
+    values = {}
+    for number, line in enumerate(path.read_text().splitlines(), start=1):
+        text = line.partition("#")[0].split()
+        if not text:
+            continue
+        try:
+            name, value = text
+            values[name] = float(value)
+        except ValueError as error:
+            raise ValueError(f"{path}:{number}: expected `name value`, got {line!r}") from error
+    return values
+
+
+def check(model: Model, values: dict[str, float]) -> Verdict:
+    """Judge a solution. Raises ValueError for unknown names, and missing ones no row defines."""
+    place = {name: k for k, name in enumerate(model.names)}
+    unknown = sorted(set(values) - set(place))
+    if unknown:
+        raise ValueError(f"no variable {unknown[0]!r} in the instance")
+    v, known = np.zeros(len(place)), np.zeros(len(place), bool)
+    for name, value in values.items():
+        v[place[name]], known[place[name]] = value, True
+    v = _completed(model, v, known)
+    row = model.rows(v)
+    low, high = model.row_lower, model.row_upper
+    off = np.maximum(_beyond(low, row), _beyond(row, high))
+    outside = np.maximum(_beyond(model.lower, v), _beyond(v, model.upper))
+    fraction = np.abs(v - np.round(v))[model.integer]
+    worst = [float(part.max(initial=0.0)) for part in (off, outside, fraction)]
+    return Verdict(model.objective(v), *worst)
+
+
+def _beyond(small: Array, large: Array) -> Array:
+    """By how much small <= large fails, relative to 1 and the smaller of both sizes."""
+    with np.errstate(invalid="ignore"):
+        off = np.maximum(small - large, 0.0)
+    return np.asarray(off / np.maximum(1.0, np.minimum(np.abs(small), np.abs(large))))
+
+
+def _completed(model: Model, v: Array, known: NDArray[np.bool_]) -> Array:
+    """Values of what is missing: each from a row in which it is the only one that is."""
+    while not known.all():
+        missing = np.flatnonzero(~known)
+        if model.slopes is None:
+            raise ValueError(f"the solution has no value of {model.names[missing[0]]!r}")
+        at, slope = model.rows(v), model.slopes(v)[:, missing]
+        alone = np.count_nonzero(slope, axis=1) == 1
+        equal = model.row_lower == model.row_upper
+        # Equations define; where there are none, what is least lies on its inequality
+        chosen = np.flatnonzero(alone & equal)
+        if not len(chosen):
+            chosen = np.flatnonzero(alone)
+        if not len(chosen):
+            raise ValueError(f"the solution has no value of {model.names[missing[0]]!r}")
+        for r in chosen:
+            k = int(np.flatnonzero(slope[r])[0])
+            if known[missing[k]]:
+                continue
+            end = model.row_upper[r] if np.isfinite(model.row_upper[r]) else model.row_lower[r]
+            v[missing[k]] = (end - at[r]) / slope[r, k]
+            known[missing[k]] = True
+    return v
+
+
+def _read_mps(path: Path) -> Model:
+    import pyscipopt
+
+    scip: Any = pyscipopt.Model()
+    scip.hideOutput()
+    scip.readProblem(str(path))
+    variables = [v for v in scip.getVars() if v.name != "qmatrixvar"]
+    place = {v.name: k for k, v in enumerate(variables)}
+    entries: list[tuple[int, int, float]] = []
+    ends: list[tuple[float, float]] = []
+    squares: list[tuple[int, int, float]] = []
+    for row in scip.getConss():
+        if row.getConshdlrName() == "nonlinear":  # the quadratic cost, which SCIP has as a row
+            products, own, _ = scip.getTermsQuadratic(row)
+            squares += [(place[a.name], place[b.name], c) for a, b, c in products]
+            squares += [(place[a.name], place[a.name], c) for a, c, _ in own]
+            continue
+        terms = scip.getValsLinear(row)
+        entries += [(len(ends), place[name], value) for name, value in terms.items()]
+        ends.append((scip.getLhs(row), scip.getRhs(row)))
+    r, c, value = (np.array(part) for part in zip(*entries, strict=True))
+    cost = np.array([v.getObj() for v in variables])
+    offset, count = scip.getObjoffset(), len(ends)
+
+    def objective(v: Array) -> float:
+        return float(cost @ v + offset + sum(w * v[i] * v[j] for i, j, w in squares))
+
+    def rows(v: Array) -> Array:
+        return np.asarray(np.bincount(r, value * v[c], minlength=count), float)
+
+    return Model(
+        names=tuple(v.name for v in variables),
+        lower=_ended(np.array([v.getLbOriginal() for v in variables])),
+        upper=_ended(np.array([v.getUbOriginal() for v in variables])),
+        integer=np.array([v.vtype() in ("BINARY", "INTEGER") for v in variables]),
+        row_lower=_ended(np.array([low for low, _ in ends])),
+        row_upper=_ended(np.array([high for _, high in ends])),
+        objective=objective,
+        rows=rows,
+        slopes=None,
+    )
+
+
+def _read_nl(path: Path) -> Model:
+    import casadi as ca
+
+    file: Any = ca.NlpBuilder()
+    file.import_nl(str(path))
+    v = ca.vertcat(*file.x)
+    g = ca.vertcat(*file.g)
+    f: Any = ca.Function("f", [v], [file.f])
+    rows: Any = ca.Function("g", [v], [g])
+    slopes: Any = ca.Function("J", [v], [ca.jacobian(g, v)])
+    return Model(
+        names=tuple(path.with_suffix(".col").read_text().split()),
+        lower=_ended(np.array(file.x_lb, float)),
+        upper=_ended(np.array(file.x_ub, float)),
+        integer=np.array(file.discrete, bool),
+        row_lower=_ended(np.array(file.g_lb, float)),
+        row_upper=_ended(np.array(file.g_ub, float)),
+        objective=lambda at: float(f(at)),
+        rows=lambda at: np.array(rows(at)).ravel(),
+        slopes=lambda at: np.array(slopes(at)),
+    )
+
+
+def _ended(bounds: Array) -> Array:
+    """Bounds that mean none as infinite."""
+    return np.where(np.abs(bounds) >= _HUGE, np.copysign(np.inf, bounds), bounds)
+
+
+def main(arguments: list[str]) -> int:
+    """Print value and violations; 0 where the solution is feasible, 1 where not, 2 for misuse."""
+    if len(arguments) != 2:
+        print(__doc__, file=sys.stderr)
+        return 2
+    try:
+        model = read_instance(Path(arguments[0]))
+        verdict = check(model, read_solution(Path(arguments[1])))
+    except (OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"objective {verdict.objective:.12g}")
+    print(f"rows {verdict.rows:.2g}, bounds {verdict.bounds:.2g}, integers", end=" ")
+    print(f"{verdict.integrality:.2g}: {'feasible' if verdict.feasible else 'not feasible'}")
+    return 0 if verdict.feasible else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

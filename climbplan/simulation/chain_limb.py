@@ -6,17 +6,43 @@ it lies beyond the one before and turns about its axis at zero angles.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.robots.model import Robot
+from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _SHORTEST = 0.01  # [m] of a link that is drawn and touches
+_THINNEST = 0.005  # [m] radius of a link
+_POINT = 1e-6  # [m] an axis this short is none
 _MASSIVE = 1e-7  # [kg m^2] inertia of a link without length
+
+
+@dataclass(frozen=True)
+class Narrow:
+    """The end of a limb, that narrows to its toe."""
+
+    length: float  # [m] of the last link that is not as thick as its others
+    cone: tuple[tuple[float, float], ...]  # what of it touches: distances from the toe, radii [m]
+
+    def geoms(self, toe: Array, contype: int) -> list[str]:
+        """Capsules from each place to the next, as thick as at the thinner end; toe: (3,)."""
+        length = float(np.linalg.norm(toe))
+        out = []
+        for (far, _), (near, radius) in itertools.pairwise(((self.length, 0.0), *self.cone)):
+            if far > 0.9 * length:
+                continue
+            ends = np.concatenate([(1 - far / length) * toe, (1 - near / length) * toe])
+            out.append(
+                f'<geom type="capsule" fromto="{_numbers(ends)}" size="{radius:.6g}" mass="0"'
+                f' material="link" contype="{contype}" conaffinity="0"/>'
+            )
+        return out
 
 
 def chain_of(robot: Robot) -> SerialChain:
@@ -45,17 +71,17 @@ def chain_limb(
     mass: float,
     joints_xml: Sequence[str],
     toe_xml: str,
-    narrow: float,
+    narrow: Narrow,
     contype: int,
 ) -> list[str]:
     """Lines of one limb.
 
     mass: of each link [kg]. joints_xml: each joint with {name} and {axis}; toe_xml: the toe with
-    {place}. narrow: [m] of the last link that touches nothing. contype: collision class of links.
+    {place}. narrow: the end of the last link. contype: collision class of links.
     """
     chain = chain_of(robot)
     points = np.concatenate([chain.joint_zero[limb], chain.toe_zero[limb][None]])
-    radius = max(robot.limb_radius, 0.005)
+    radius = thickness_of(robot)
     lines: list[str] = []
     before = np.zeros(3)
     for j, name in enumerate(motor_names(robot, limb)):
@@ -72,15 +98,66 @@ def chain_limb(
             )
         else:
             last = j == robot.joint_count - 1
-            part = max(length - narrow, 0.1 * length) / length if last else 1.0
+            part = max(length - narrow.length, 0.1 * length) / length if last else 1.0
+            touches = contype if robot.capsules is None else 0
             lines.append(
                 f'<geom name="{name}" type="capsule" fromto="0 0 0 {_numbers(part * end)}" '
-                f'size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{contype}" '
+                f'size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{touches}" '
                 'conaffinity="0"/>'
             )
+            if last:
+                lines += narrow.geoms(end, contype)
+        if robot.capsules is not None:
+            lines += _own_capsules(robot, robot.capsules, limb, j, points, narrow, contype)
         before = points[j]
     lines.append(toe_xml.format(place=_numbers(points[-1] - points[-2])))
     return [*lines, "</body>" * robot.joint_count]
+
+
+def thickness_of(robot: Robot) -> float:
+    """Radius [m] of links that are straight; where they are not, of the thinnest near a toe."""
+    radius = robot.limb_radius
+    if robot.capsules is not None:
+        last = robot.capsules.joint == robot.joint_count - 1
+        radius = float(robot.capsules.radius[last].min())
+    return max(radius, _THINNEST)
+
+
+def _own_capsules(
+    robot: Robot,
+    capsules: MountedCapsules,
+    limb: int,
+    joint: int,
+    points: Array,
+    narrow: Narrow,
+    contype: int,
+) -> list[str]:
+    """What a link touches with: its capsules, on the last link up to where it narrows."""
+    lines = []
+    own = zip(capsules.joint[limb], capsules.ends[limb], capsules.radius[limb], strict=True)
+    seen = set()
+    for link, (start, end), radius in own:
+        if link != joint or (key := (tuple(start), tuple(end), radius)) in seen:
+            continue  # limbs with fewer capsules have some twice
+        seen.add(key)
+        along = start - end
+        length = float(np.linalg.norm(along))
+        back = 0.0
+        if joint == robot.joint_count - 1:
+            back = max(narrow.length - float(np.linalg.norm(end - points[-1])), 0.0)
+        if 0 < length <= back or length < back:
+            continue
+        tip = end + along * (back / length) if back > 0 else end
+        size = max(float(radius), _THINNEST)
+        place = np.stack([start, tip]) - points[joint]
+        shape = f'type="capsule" fromto="{_numbers(place)}"'
+        if float(np.linalg.norm(start - tip)) < _POINT:
+            shape = f'type="sphere" pos="{_numbers(place[0])}"'
+        lines.append(
+            f'<geom {shape} size="{size:.6g}" mass="0" material="link" contype="{contype}" '
+            'conaffinity="0"/>'
+        )
+    return lines
 
 
 def _numbers(values: Array) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from climbplan.robots.rotations import Array
 from climbplan.simulation.comparison import LEAST_SAG, LEAST_TORQUE
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.figures import falls, leg, sag, strip
+from climbplan.simulation.gripping import Gripped
 from climbplan.simulation.model import TIME_STEP
 from climbplan.simulation.pictures import Camera
 from climbplan.simulation.replay import load_mujoco
@@ -27,7 +29,7 @@ from climbplan.simulation.worlds.rare import rare_dict
 
 UNITS = {
     "torque.*": "N m", "sag.*": "m", "time": "s", "fall_time": "s", "time_step": "s",
-    "final_offset": "m",
+    "final_offset": "m", "grips.missed": "m", "grips.let_go.time": "s",
     "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
     "lost_contacts.duration": "s", "conditions.payload": "kg",
     "conditions.backlash": "rad",
@@ -49,7 +51,7 @@ def tell(found: Simulated) -> Told:
         film=film,
         cards=_cards(found),
         events=_events(found),
-        notes=(_MODEL, _JUDGES),
+        notes=(_MODEL, _JUDGES) if found.run.grips is None else (_MODEL, _GRIPS, _JUDGES),
     )
 
 
@@ -64,6 +66,12 @@ _MODEL = (
     "Joints are position servos with the plan's stiffness and torque limits; commands are played "
     "as they stand, but for what a regulator adds (--regulate). Contacts are MuJoCo's, stiff and "
     "with Coulomb friction; surfaces do not give way."
+)
+_GRIPS = (
+    "Grippers are welded to their holds where they reach them and drawn on to them; wrists bring "
+    "the planned torques, fingers the planned gripping force. A grip lets go where palm and "
+    "fingers, each within friction and spines (their lower bound), can in no way share what it "
+    "bears."
 )
 _JUDGES = (
     "Judged: torques, friction, slips, lost contacts, falls, and the sag of the body once it is at "
@@ -95,6 +103,10 @@ def _cards(found: Simulated) -> list[Card]:
             f"that is over a millimetre ({sagged.size} instants)"
         )
         cards.append(Card("Sag", f"{off:.1f} mm off", detail))
+    if found.run.grips is not None and found.run.grips.missed.size:
+        gone, missed = len(found.run.grips.let_go), found.run.grips.missed.max()
+        beside = f"holds at most {1e3 * missed:.0f} mm beside them when they close"
+        cards.append(Card("Grips that let go", str(gone) if gone else "none", beside))
     if found.judged is not None:
         low, high = found.judged.interval
         fallen = f"{found.judged.falls} of {len(found.judged.outcomes)}"
@@ -117,6 +129,8 @@ def _events(found: Simulated) -> list[tuple[str, str]]:
         (lost.time, f"{names[lost.limb]} does not touch for {lost.duration:.1f} s")
         for lost in compared.losses
     ]
+    if found.run.grips is not None:
+        events += [(x.time, f"{names[x.limb]} {x.words}") for x in found.run.grips.let_go]
     if found.run.fallen:
         events.append((float(found.run.time[-1]), "the robot falls"))
     return [(f"{time:.1f} s", words) for time, words in sorted(events)]
@@ -181,6 +195,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
             }
             for s in compared.losses
         ],
+        "grips": None if run.grips is None else _grips(run.grips, names),
         "worlds": None if found.judged is None else judged_dict(found.judged, names, plan),
         "rare": None if found.rare is None else rare_dict(found.rare),
         "runs": [trial_dict(trial) for trial in found.trials],
@@ -190,6 +205,14 @@ def report_dict(found: Simulated) -> dict[str, Any]:
         },
         "pictures": found.camera if isinstance(found.camera, str) else "figures/climb.png",
         "units": UNITS,
+    }
+
+
+def _grips(grips: Gripped, names: Sequence[str]) -> dict[str, Any]:
+    return {
+        "closed": int(grips.missed.size),
+        "missed": spread(grips.missed),
+        "let_go": [{"limb": names[x.limb], "time": x.time, "words": x.words} for x in grips.let_go],
     }
 
 

@@ -12,6 +12,7 @@ from climbplan.reports.replay import sample_instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.gripping import gripped
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
 from climbplan.simulation.planned_pressure import planned_pressure
@@ -121,6 +122,10 @@ def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Ar
     load[:, 2] -= robot.weight + conditions.payload * robot.gravity
     axes = np.swapaxes(rotation_world_body(instants.rpy[rows]), -1, -2)
     share = robot.structural_compliance_share
+    moment = None
+    if robot.gripper is not None and plan.grips is not None:
+        arm = -robot.gripper.length * instants.normal[rows]
+        moment = plan.grips.instants.moment[rows] + np.cross(arm, forces.force[rows])
     braced = Braced(
         _with_stiffness(plan, motor_stiffness(robot, conditions) / (1 - share)),
         toes,
@@ -128,6 +133,7 @@ def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Ar
         forces.joint_command[rows],
         instants.joint_angles[rows],
         load,
+        moment,
     )
     with np.errstate(all="ignore"):  # toes that slid away may leave no equilibrium: NaN
         return np.asarray(-settle(braced, instants.com[rows], axes).shift)
@@ -141,7 +147,10 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     """Toes that slid by more than SLIP while they should stand.
 
     A toe that is let go of, planned to press by less than LEAST_HELD until it is lifted, may slide.
+    Grippers hold or let go.
     """
+    if run.grips is not None:
+        return ()
     instant = sample_instants(plan)[: run.samples]
     contact = held_toes(plan)[: run.samples]
     found: list[Slip] = []
@@ -186,6 +195,8 @@ def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
     held = np.where(air, pressure, np.minimum(pressure, pressure[following]))
     pressed = np.where((instant >= 0)[:, None], held[np.maximum(instant, 0)], 0.0)
     stands = plan.trajectory.contact[: run.samples]
+    if run.grips is not None:
+        stands, pressed = gripped(plan)[: run.samples], np.full(stands.shape, np.inf)
     missing = np.asarray(stands & (pressed > LEAST_PRESSED) & ~run.touching, bool)
     found: list[LostContact] = []
     for limb in range(plan.robot.limb_count):

@@ -10,6 +10,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -17,11 +18,15 @@ from climbplan.simulation.chain_limb import chain_of
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.model import link_mass
 
+_STEP = 1e-6  # [rad] of difference quotients
+
 
 def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
     """(T, N, J) torques [N m] that hold the links' weight at the planned postures."""
     robot = plan.robot
     rotation, angles, points = _posture(plan)
+    if isinstance(robot.mechanism, FiveBar):
+        return _by_differences(robot, rotation, angles, link_mass(robot, conditions))
     links = (points[:, :, :-1] + points[:, :, 1:]) / 2  # (T, N, J, 3) middles of the links
     axes = np.einsum("tij,tnkj->tnki", rotation, _axes(robot, angles))
     # Power of the weight of link l by joint j <= l: axis . (arm x -m g z)
@@ -52,6 +57,24 @@ def _posture(plan: ClimbPlan) -> tuple[Array, Array, Array]:
     rotation = rotation_world_body(plan.trajectory.rpy)
     points = np.einsum("tij,tnpj->tnpi", rotation, joint_points_body(plan.robot, angles))
     return rotation, angles, points
+
+
+def _by_differences(robot: Robot, rotation: Array, angles: Array, mass: float) -> Array:
+    """(T, N, 3) torques of motors whose links of a mass [kg] a linkage moves as well."""
+    down = -mass * robot.gravity * rotation[:, 2, :]  # the weight in body axes
+    torque = np.zeros_like(angles)
+    for joint in range(robot.joint_count):
+        step = np.zeros(robot.joint_count)
+        step[joint] = _STEP
+        ahead, behind = (_middles(robot, angles + way * step) for way in (1.0, -1.0))
+        torque[..., joint] = -np.einsum("tnli,ti->tn", (ahead - behind) / (2 * _STEP), down)
+    return torque
+
+
+def _middles(robot: Robot, angles: Array) -> Array:
+    """(T, N, J, 3) middles of the links from the body."""
+    points = joint_points_body(robot, angles)
+    return np.asarray((points[:, :, :-1] + points[:, :, 1:]) / 2)
 
 
 def _axes(robot: Robot, angles: Array) -> Array:

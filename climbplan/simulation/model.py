@@ -7,9 +7,7 @@ a small sphere about the planned toe point, so surfaces lie its radius deeper th
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -19,21 +17,30 @@ from climbplan.errors import UsageError
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.simulation.chain_limb import chain_limb, motor_names
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.simulation.chain_limb import Narrow, chain_limb, motor_names, thickness_of
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.gripper_model import gripper_end, welds, wrist_motors
+from climbplan.simulation.linkage_limb import couplers, linkage_limb
+from climbplan.simulation.terrain_geoms import (
+    BODY,
+    LINK,
+    TOE,
+    mesh_shape,
+    numbers,
+    raw_geoms,
+    surface_geoms,
+    terrain_geom,
+)
 from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.simulation.worlds.ground import moved_terrain
-from climbplan.terrain.raw_surface import RawSurface
-from climbplan.terrain.solids import Solid
-from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
+from climbplan.terrain.model import STATED
+from climbplan.terrain.raw_surface import SLENDER
 
 TIME_STEP = 1e-3  # [s]
 ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
-_NOT_SCANNED = ("left", "right", "ground", "panel", "tube")  # stated by keys of their own
-_AROUND = 0.15  # [m] about toes in which raw triangles of a scan are simulated
-_PRISM = 0.02  # [m] of material behind them
-_STAVES = 96  # flat pieces of a tube
+_CONE = 6  # capsules of a limb's cone beside a scan
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 
 # Stops of a joint's play. MuJoCo's own give way by some 200 N m/rad, as much as motors do: with
@@ -57,9 +64,6 @@ _VISUAL = (
     '<visual><global offwidth="1280" offheight="960"/><quality shadowsize="2048"/>'
     '<headlight ambient=".45 .45 .45" diffuse=".5 .5 .5"/></visual>'
 )
-
-# Collision classes: toes meet everything, links meet obstacles, the body meets everything.
-_TOE, _LINK, _BODY = 1, 2, 4
 
 
 def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
@@ -90,13 +94,13 @@ def link_mass(robot: Robot, conditions: Conditions) -> float:
 def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     """The model of a plan's robot and terrain under given conditions.
 
-    Raises UsageError for limbs that it does not know, and for grippers.
+    Raises UsageError for limbs that it does not know.
     """
     robot = plan.robot
-    if robot.gripper is not None:
-        raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
-    if isinstance(robot.mechanism, FiveBar):
-        raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which are not simulated")
+    if robot.gripper is not None and isinstance(robot.mechanism, SerialChain):
+        raise UsageError(
+            f"{plan.name}: {robot.name} has grippers on chains of joints, which are not simulated"
+        )
     assets: list[str] = []
     world: list[str] = []
     terrain = plan.terrain
@@ -106,16 +110,19 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     if terrain.scan is not None:
         world += raw_geoms(terrain.scan, plan.rounds.toes, friction, assets)
     for index, surface in enumerate(terrain.surfaces):
-        if terrain.scan is None or surface.name in _NOT_SCANNED:
-            world += _surface(index, surface, conditions.friction, assets)
+        if terrain.scan is None or surface.name in STATED:
+            world += surface_geoms(index, surface, conditions.friction, assets)
     for index, solid in enumerate(terrain.obstacles):
-        mesh = _mesh(f"obstacle{index}", solid, assets)
-        world.append(
-            _terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle")
-        )
+        mesh = mesh_shape(f"obstacle{index}", solid, assets)
+        world.append(terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle"))
     actuators = [
         line for limb in range(robot.limb_count) for line in _motors(robot, limb, conditions)
     ]
+    if robot.gripper is not None:
+        actuators += wrist_motors(robot.gripper, robot.limb_count)
+    tendons, ties = couplers(robot)
+    if robot.gripper is not None:
+        ties += welds(robot.limb_count)
     return "\n".join(
         [
             '<mujoco model="climbplan">',
@@ -137,8 +144,14 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             "<worldbody>",
             '<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>',
             *world,
-            *_robot(robot, conditions),
+            *_robot(robot, conditions, _narrow_part(plan)),
             "</worldbody>",
+            "<tendon>",
+            *tendons,
+            "</tendon>",
+            "<equality>",
+            *ties,
+            "</equality>",
             "<actuator>",
             *actuators,
             "</actuator>",
@@ -147,11 +160,19 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     )
 
 
-def _numbers(values: Iterable[float] | Array) -> str:
-    return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))
+def _narrow_part(plan: ClimbPlan) -> Narrow:
+    """How limbs narrow to their toes: on a scan as `climbplan/terrain/raw_surface.py` has it."""
+    scan = plan.terrain.scan
+    if scan is None:
+        return Narrow(NARROW, ())
+    radius = thickness_of(plan.robot)
+    whole = max((radius + scan.flatness) / SLENDER, NARROW)
+    far = np.linspace(whole, scan.flatness / SLENDER, _CONE + 1)[1:-1]
+    thick = SLENDER * far - scan.flatness
+    return Narrow(whole, tuple((float(d), float(r)) for d, r in zip(far, thick, strict=True)))
 
 
-def _robot(robot: Robot, conditions: Conditions) -> list[str]:
+def _robot(robot: Robot, conditions: Conditions, narrow: Narrow) -> list[str]:
     limbs = robot.limb_count
     link = link_mass(robot, conditions)
     world = conditions.world
@@ -164,74 +185,80 @@ def _robot(robot: Robot, conditions: Conditions) -> list[str]:
         place = world.com * (whole + conditions.payload) / body
         inertia = body / 3 * ((size**2).sum() - size**2)
         inertial = (
-            f'<inertial pos="{_numbers(place)}" mass="{body:.9g}"'
-            f' diaginertia="{_numbers(inertia)}"/>'
+            f'<inertial pos="{numbers(place)}" mass="{body:.9g}" diaginertia="{numbers(inertia)}"/>'
         )
     box = (
-        f'<geom name="body" type="box" size="{_numbers(size)}" mass="{body:.9g}" material="body"'
-        f' contype="{_BODY}" conaffinity="0"/>'
+        f'<geom name="body" type="box" size="{numbers(size)}" mass="{body:.9g}" material="body"'
+        f' contype="{BODY}" conaffinity="0"/>'
     )
     lines = ['<body name="body">', inertial, '<freejoint name="free"/>', box]
     for limb in range(limbs):
-        one = _limb if robot.mechanism is None else _chain
-        lines += one(robot, limb, link, conditions)
+        one = _chain
+        if robot.mechanism is None:
+            one = _limb
+        elif isinstance(robot.mechanism, FiveBar):
+            one = _linkage
+        lines += one(robot, limb, link, conditions, narrow)
     return [*lines, "</body>"]
 
 
-def _limb(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
+def _limb(
+    robot: Robot, limb: int, mass: float, conditions: Conditions, narrow: Narrow
+) -> list[str]:
     l1, l2, l3 = robot.link_lengths[limb]
     half = robot.mount_yaw[limb] / 2
-    turn = _numbers([np.cos(half), 0.0, 0.0, np.sin(half)])
+    turn = numbers([np.cos(half), 0.0, 0.0, np.sin(half)])
     radius = max(robot.limb_radius, 0.005)
-    own_plays = dict(zip(("coxa", "femur", "tibia"), plays(robot, conditions)[limb], strict=True))
+    joints = dict(zip(("coxa", "femur", "tibia"), _joints(robot, limb, conditions), strict=True))
 
     def joint(name: str, axis: str) -> str:
-        own = f'<joint name="{name}{limb}" axis="{axis}" armature="{ARMATURE}"/>'
-        play = own_plays[name] / 2
-        if play > 0:
-            own += (
-                f'<joint name="{name}{limb}play" axis="{axis}" range="{-play:.6g} {play:.6g}"'
-                f' armature="{_BEYOND}" damping="0.02" {_HARD_STOP}/>'
-            )
-        return own
+        return joints[name].format(name=f"{name}{limb}", axis=axis)
 
     def link(name: str, end: Array) -> str:
         return (
-            f'<geom name="{name}{limb}" type="capsule" fromto="0 0 0 {_numbers(end)}"'
-            f' size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{_LINK}"'
+            f'<geom name="{name}{limb}" type="capsule" fromto="0 0 0 {numbers(end)}"'
+            f' size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{LINK}"'
             ' conaffinity="0"/>'
         )
 
     along, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
-    toe = (
-        f'<geom name="toe{limb}" type="sphere" pos="{_numbers(l3 * down)}" size="{TOE_RADIUS}"'
-        f' mass="0.001" material="toe" contype="{_TOE}" conaffinity="0" margin="{_STANDS_IN}"'
-        ' friction="0 0 0"/>'
-        f'<site name="toe{limb}" pos="{_numbers(l3 * down)}" size="0.001"/>'
-    )
-    narrow = (
-        f'<geom type="capsule" fromto="0 0 0 {_numbers((l3 - radius / 4) * down)}"'
+    toe = _end(robot, limb).format(place=numbers(l3 * down))
+    seen = (
+        f'<geom type="capsule" fromto="0 0 0 {numbers((l3 - radius / 4) * down)}"'
         f' size="{radius / 4:.6g}" mass="0" material="link" contype="0" conaffinity="0"/>'
     )
     # A tibia narrows to its toe, as where the planner keeps it clear of what it stands on: what is
     # left of it there is seen but touches nothing.
     return [
-        f'<body name="coxa{limb}" pos="{_numbers(robot.shoulder_body[limb])}" quat="{turn}">',
+        f'<body name="coxa{limb}" pos="{numbers(robot.shoulder_body[limb])}" quat="{turn}">',
         joint("coxa", "0 0 1"),
         link("coxa", l1 * along),
-        f'<body name="femur{limb}" pos="{_numbers(l1 * along)}">',
+        f'<body name="femur{limb}" pos="{numbers(l1 * along)}">',
         joint("femur", "0 -1 0"),
         link("femur", l2 * along),
-        f'<body name="tibia{limb}" pos="{_numbers(l2 * along)}">',
+        f'<body name="tibia{limb}" pos="{numbers(l2 * along)}">',
         joint("tibia", "0 -1 0"),
-        link("tibia", max(l3 - NARROW, 0.1 * l3) * down),
-        narrow,
+        link("tibia", max(l3 - narrow.length, 0.1 * l3) * down),
+        *narrow.geoms(l3 * down, LINK),
+        seen,
         toe,
         "</body></body></body>",
     ]
 
 
-def _chain(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
+def _end(robot: Robot, limb: int) -> str:
+    """What is at a limb's end, with {place}: a toe, or a gripper on its wrist."""
+    if robot.gripper is not None:
+        return gripper_end(robot.gripper, limb, max(robot.limb_radius, 0.005))
+    return (
+        f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{TOE_RADIUS}" mass="0.001"'
+        f' material="toe" contype="{TOE}" conaffinity="0" margin="{_STANDS_IN}" friction="0 0 0"/>'
+        f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
+    )
+
+
+def _joints(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
+    """Joints of a limb with their play, each with {name} and {axis}."""
     joints = []
     for play in plays(robot, conditions)[limb] / 2:
         joint = f'<joint name="{{name}}" axis="{{axis}}" armature="{ARMATURE}"/>'
@@ -241,12 +268,22 @@ def _chain(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list
                 f' armature="{_BEYOND}" damping="0.02" {_HARD_STOP}/>'
             )
         joints.append(joint)
-    toe = (
-        f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{TOE_RADIUS}" mass="0.001"'
-        f' material="toe" contype="{_TOE}" conaffinity="0" margin="{_STANDS_IN}" friction="0 0 0"/>'
-        f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
-    )
-    return chain_limb(robot, limb, mass, joints, toe, NARROW, _LINK)
+    return joints
+
+
+def _chain(
+    robot: Robot, limb: int, mass: float, conditions: Conditions, narrow: Narrow
+) -> list[str]:
+    joints = _joints(robot, limb, conditions)
+    return chain_limb(robot, limb, mass, joints, _end(robot, limb), narrow, LINK)
+
+
+def _linkage(
+    robot: Robot, limb: int, mass: float, conditions: Conditions, narrow: Narrow
+) -> list[str]:
+    del narrow  # last links end at wrists, or at toes that are seen only
+    joints = _joints(robot, limb, conditions)
+    return linkage_limb(robot, limb, mass, joints, _end(robot, limb), LINK)
 
 
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
@@ -260,95 +297,4 @@ def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
             f'<position name="{name}" joint="{name}" kp="{kp:.9g}" kv="{kv:.9g}"'
             f' forcerange="{-most:.9g} {most:.9g}"/>'
         )
-    return out
-
-
-def _terrain_geom(
-    name: str, shape: str, friction: float, *, links: bool = False, color: str = "wall"
-) -> str:
-    meets = _TOE | _BODY | (_LINK if links else 0)
-    return (
-        f'<geom name={quoteattr(name)} {shape} friction="{max(friction, 1e-5):.6g} 0 0"'
-        f' contype="0" conaffinity="{meets}" material="{color}"/>'
-    )
-
-
-def _surface(index: int, surface: Surface, factor: float, assets: list[str]) -> list[str]:
-    name, friction = f"surface{index}", surface.friction * factor
-    if isinstance(surface, Tube):
-        return _tube(name, surface, friction)
-    assert isinstance(surface, Region)
-    vertices = surface.vertices - TOE_RADIUS * surface.normal
-    edges = np.roll(vertices, -1, axis=0) - vertices
-    corners = np.abs(np.einsum("ki,ki->k", edges, np.roll(edges, -1, axis=0)))
-    if len(vertices) == 4 and corners.max() < 1e-9:
-        width, height = np.linalg.norm(edges[0]), np.linalg.norm(edges[1])
-        axes = np.stack([edges[0] / width, edges[1] / height, surface.normal], axis=1)
-        center = vertices.mean(axis=0) - SLAB_THICKNESS / 2 * surface.normal
-        half = np.array([width, height, SLAB_THICKNESS]) / 2
-        return [_terrain_geom(name, _box(center, axes, half), friction)]
-    deep = np.vstack([vertices, vertices - SLAB_THICKNESS * surface.normal])
-    return [_terrain_geom(name, _mesh(name, Solid.from_points(name, deep), assets), friction)]
-
-
-def raw_geoms(scan: RawSurface, toes: Array, friction: float, assets: list[str]) -> list[str]:
-    """The raw triangles of a scan as thin prisms, those within a stride of toes (..., 3).
-
-    Their fronts are the toe's radius behind the triangles, so that toes stand on these.
-    """
-    corners = scan.corners
-    low, high = corners.min(axis=1) - _AROUND, corners.max(axis=1) + _AROUND
-    places = np.unique(np.round(toes.reshape(-1, 3), 3), axis=0)
-    near = np.zeros(len(corners), bool)
-    for place in places:
-        near |= ((place >= low) & (place <= high)).all(axis=1)
-    out = []
-    for t in np.flatnonzero(near):
-        doubled = np.cross(corners[t, 1] - corners[t, 0], corners[t, 2] - corners[t, 0])
-        normal = doubled / np.linalg.norm(doubled)
-        front = corners[t] - TOE_RADIUS * normal
-        name = f"scan{t}"
-        assets.append(_prism(name, np.vstack([front, front - _PRISM * normal])))
-        shape = f'type="mesh" mesh="{name}" pos="{_numbers(front.mean(axis=0))}"'
-        out.append(_terrain_geom(name, shape, friction, links=True))
-    return out
-
-
-def _prism(name: str, vertices: Array) -> str:
-    """A triangle's prism as a mesh about the middle of its front."""
-    own = vertices - vertices[:3].mean(axis=0)
-    return f'<mesh name="{name}" inertia="shell" vertex="{_numbers(own)}"/>'
-
-
-def _box(center: Array, axes: Array, half: Array) -> str:
-    """axes: (3, 3), columns the box's axes in the world."""
-    return (
-        f'type="box" pos="{_numbers(center)}" size="{_numbers(half)}"'
-        f' xyaxes="{_numbers(axes[:, 0])} {_numbers(axes[:, 1])}"'
-    )
-
-
-def _mesh(name: str, solid: Solid, assets: list[str]) -> str:
-    center = solid.vertices.mean(axis=0)
-    assets.append(f'<mesh name="{name}" vertex="{_numbers(solid.vertices - center)}"/>')
-    # MuJoCo moves a mesh's vertices to its own centre and principal axes, and back where it stands.
-    return f'type="mesh" mesh="{name}" pos="{_numbers(center)}"'
-
-
-def _tube(name: str, tube: Tube, friction: float) -> list[str]:
-    """Staves whose inner faces touch the tube, the toe's radius further out."""
-    out = []
-    radius = tube.radius + TOE_RADIUS
-    half = np.array(
-        [radius * np.tan(np.pi / _STAVES), (tube.upper - tube.lower) / 2, SLAB_THICKNESS / 2]
-    )
-    # Midway between the circles through the corners and the middles of the faces
-    inner = radius * (1 + np.cos(np.pi / _STAVES)) / 2
-    for stave in range(_STAVES):
-        angle = 2 * np.pi * stave / _STAVES
-        outward = np.array([np.cos(angle), np.sin(angle), 0.0])
-        axes = np.stack([[-outward[1], outward[0], 0.0], [0.0, 0.0, 1.0], outward], axis=1)
-        center = np.array([*tube.center, (tube.lower + tube.upper) / 2], float)
-        center = center + (inner + SLAB_THICKNESS / 2) * outward
-        out.append(_terrain_geom(f"{name}.{stave}", _box(center, axes, half), friction))
     return out

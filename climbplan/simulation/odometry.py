@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.reports.replay import sample_instants
+from climbplan.simulation.gripping import gripped
 from climbplan.simulation.planned_pressure import planned_pressure
 
 _STANDS = 0.5  # part of its planned pressure at the next instant from which on a toe stands
@@ -17,8 +18,12 @@ _STANDS = 0.5  # part of its planned pressure at the next instant from which on 
 def standing(plan: ClimbPlan) -> Mask:
     """(T, N) toes on their surfaces and pressed by half of what is planned when the body goes on.
 
+    Of robots with grippers those that have had time to close.
+
     A toe that touches late slides a little while it takes load; so does one that is let go of.
     """
+    if plan.grips is not None:
+        return gripped(plan)  # which may as well be pulled
     instant = np.maximum(sample_instants(plan), 0)
     planned = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
     following = np.minimum(instant + 1, len(planned) - 1)

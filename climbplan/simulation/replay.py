@@ -20,12 +20,15 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.errors import MissingSolver
 from climbplan.reports.replay import sample_instants
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.feedforward import limb_weight_torques
+from climbplan.simulation.gripping import Gripped, Grips
 from climbplan.simulation.instants import instant_samples
+from climbplan.simulation.linkage_limb import elbow_angles
 from climbplan.simulation.model import TIME_STEP, believed_stiffness, build_mjcf
 from climbplan.simulation.regulator import JointOdometry, Regulator
 from climbplan.simulation.start import set_up
@@ -73,6 +76,7 @@ class Run:
     fallen: bool
     rest_com: Array  # (K, 3) body at each instant if commands stayed there, NaN if not reached [m]
     rest_toes: Array  # (K, N, 3) toes likewise [m]
+    grips: Gripped | None = None  # of robots with grippers
 
     @property
     def samples(self) -> int:
@@ -120,9 +124,13 @@ class _Player:
         self.limb_of = np.full(model.ngeom, -1)
         self.limb_of[self.toe_geom] = np.arange(n)
         self.body = model.body("body").id
+        self.joints = len(names)  # motors of the limbs, which come before those of wrists
         world = conditions.world
         terrain = plan.terrain if world is None else moved_terrain(plan.terrain, world)
         self.start = set_up(plan, terrain)
+        self.grips = None
+        if plan.robot.gripper is not None:
+            self.grips = Grips(mujoco, model, data, plan, terrain, conditions)
         self.regulator = None
         if conditions.regulator != "nothing":
             self.regulator = Regulator(plan, place=conditions.regulator != "attitude")
@@ -164,7 +172,7 @@ class _Player:
         for sample in range(len(moving.time)):
             if sample:
                 self._move(sample, wrench)
-            rows.append(self._record())
+            rows.append(self._record(sample))
             if rests:
                 for k in np.flatnonzero(at == sample):
                     still[k] = self._at_rest()
@@ -184,6 +192,7 @@ class _Player:
             fallen=fallen,
             rest_com=still[:, 0],
             rest_toes=still[:, 1:],
+            grips=None if self.grips is None else self.grips.told,
             **stacked,
         )
 
@@ -195,12 +204,24 @@ class _Player:
         self.mujoco.mju_mat2Quat(quat, rotation_world_body(rpy).ravel())
         self.data.qpos[3:7] = quat
         self.data.qpos[self.address] = self.start.angles.ravel()
+        if isinstance(plan.robot.mechanism, FiveBar):
+            elbows = elbow_angles(plan.robot, self.start.angles)
+            for limb, angle in enumerate(elbows):
+                self.data.qpos[self.model.joint(f"elbow{limb}").qposadr[0]] = angle
         self.mujoco.mj_forward(self.model, self.data)
+        if self.grips is not None:
+            self.grips.start()
 
     def _hold(self, command: Array, seconds: float) -> None:
-        self.data.ctrl[:] = command.ravel()
+        self.data.ctrl[: self.joints] = command.ravel()
         self.data.xfrc_applied[self.body] = self.plan.instants.external_wrench[0]
-        self.mujoco.mj_step(self.model, self.data, nstep=round(seconds / TIME_STEP))
+        if self.grips is None:
+            self.mujoco.mj_step(self.model, self.data, nstep=round(seconds / TIME_STEP))
+            return
+        for _ in range(round(seconds / _CONTROL)):
+            self.grips.command(0)
+            self.mujoco.mj_step(self.model, self.data, nstep=round(_CONTROL / TIME_STEP))
+            self.grips.feel(0, _CONTROL, 0.0)
 
     def _move(self, sample: int, wrench: Array) -> None:
         moving, data = self.plan.trajectory, self.data
@@ -210,19 +231,26 @@ class _Player:
         before, after = self.command[sample - 1], self.command[sample]
         self._lose_contacts(moving.time[sample])
         data.xfrc_applied[self.body] = wrench[sample]
+        if self.grips is not None:
+            self.grips.switch(sample, float(moving.time[sample]))
         for piece in range(1, pieces + 1):
             share = piece / pieces
             command = (1 - share) * before + share * after
             if self.regulator is not None:
                 now = sample - 1 + share
                 angles = self._angles()
-                lag = angles - (data.ctrl.reshape(angles.shape) - self.carrying[sample])
-                told = self.regulator.correction(
+                told = data.ctrl[: self.joints].reshape(angles.shape)
+                lag = angles - (told - self.carrying[sample])
+                more = self.regulator.correction(
                     now, span / pieces, self._pose(sample, angles), lag
                 )
-                command = command + self._delayed(told, span / pieces)
-            data.ctrl[:] = command.ravel()
+                command = command + self._delayed(more, span / pieces)
+            data.ctrl[: self.joints] = command.ravel()
+            if self.grips is not None:
+                self.grips.command(sample, share)
             self.mujoco.mj_step(self.model, data, nstep=steps)
+            if self.grips is not None:
+                self.grips.feel(sample, steps * TIME_STEP, float(moving.time[sample]))
 
     def _delayed(self, correction: Array, seconds: float) -> Array:
         """(N, J) what motors are told now of corrections that come every so many seconds."""
@@ -267,7 +295,7 @@ class _Player:
         instant = np.maximum(sample_instants(self.plan), 0)
         return np.asarray(self.plan.instants.external_wrench[instant])
 
-    def _record(self) -> dict[str, Any]:
+    def _record(self, sample: int) -> dict[str, Any]:
         data, n = self.data, self.plan.robot.limb_count
         force, normal, shear = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         touching, bumped = np.zeros(n, bool), False
@@ -285,6 +313,8 @@ class _Player:
             normal[limb] += local[0]
             shear[limb] += np.hypot(local[1], local[2])
             touching[limb] = local[0] > 0
+        if self.grips is not None:
+            force, normal, shear, touching = self.grips.borne(sample)
         return {
             "com": data.qpos[:3].copy(),
             "rotation": data.xmat[self.body].reshape(3, 3).copy(),
@@ -292,7 +322,7 @@ class _Player:
             "force": force,
             "normal": normal,
             "shear": shear,
-            "torque": data.actuator_force.reshape(n, -1).copy(),
+            "torque": data.actuator_force[: self.joints].reshape(n, -1).copy(),
             "touching": touching,
             "bumped": bumped,
         }

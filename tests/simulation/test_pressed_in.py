@@ -17,11 +17,12 @@ from climbplan.spec.climb.transition_loading import load_transition
 
 Planned = Callable[..., ClimbPlan]
 BRICKS = Path(__file__).parents[2] / "specs" / "transition_bricks.yaml"
+AS_PUBLISHED = "task.sequence=LF LR RM | RF RR LM | LF LR RM"
 
 
 def test_over_the_bricks_toes_hold_that_are_commanded_inside() -> None:
     pytest.importorskip("mujoco")
-    plan = plan_transition(load_transition(BRICKS, []))
+    plan = plan_transition(load_transition(BRICKS, [AS_PUBLISHED]))
     depth = np.einsum("kni,kni->kn", plan.forces.wall_deflection, plan.instants.normal)
     assert (depth[plan.instants.contact] > 0).all()
     found = compare(plan, simulate(plan, Conditions(speed=2.0, regulator="nothing")))
@@ -32,7 +33,7 @@ def test_over_the_bricks_toes_hold_that_are_commanded_inside() -> None:
 
 def test_without_margins_commands_lie_outside() -> None:
     """Friction alone holds such toes: in MuJoCo they stand, but by its contacts' softness."""
-    plan = plan_transition(load_transition(BRICKS, ["margins=none"]))
+    plan = plan_transition(load_transition(BRICKS, [AS_PUBLISHED, "margins=none"]))
     depth = np.einsum("kni,kni->kn", plan.forces.wall_deflection, plan.instants.normal)
     assert (depth[plan.instants.contact] < 0).any()
 

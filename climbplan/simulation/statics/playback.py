@@ -46,6 +46,7 @@ from climbplan.terrain.surfaces import Region, Tube
 
 SPAN = 0.25  # [s] of a step at most, simulated time
 _SPAN_LATE = 0.1  # [s] with a regulator that is late
+_NOT_KNOWN = "the statics engine does not know: --engine mujoco"
 _DRAWS = 4096  # errors of sensors that are drawn for a run
 _REGULATORS = {
     "nothing": NO_REGULATOR, "attitude": BY_ATTITUDE, "joints": BY_JOINTS, "pose": BY_POSE
@@ -204,13 +205,12 @@ def _zero(plan: ClimbPlan) -> Array:
     """(N, 7, 3) axes, joints and toes at zero angles."""
     robot = plan.robot
     if robot.gripper is not None:
-        raise UsageError(f"{plan.name}: {robot.name} has grippers, which are not simulated")
+        raise UsageError(f"{plan.name}: {robot.name} has grippers, which {_NOT_KNOWN}")
     if isinstance(robot.mechanism, FiveBar):
-        raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which are not simulated")
+        raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which {_NOT_KNOWN}")
     if robot.joint_count != 3 or not robot.has_joint.all():
         raise UsageError(
-            f"{plan.name}: limbs of {robot.name} have other than three joints, which the statics "
-            "engine does not know: --engine mujoco"
+            f"{plan.name}: limbs of {robot.name} have other than three joints, which {_NOT_KNOWN}"
         )
     zero = zero_angles(robot)
     assert zero is not None

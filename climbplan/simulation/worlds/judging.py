@@ -23,6 +23,7 @@ from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layou
 
 Engine = Literal["mujoco", "statics"]
 _CAUSES = ("", "a toe loses its surface", "a toe slides", "a motor is too weak", "no balance")
+_LETS_GO = "a grip lets go"
 _CHUNK = {"mujoco": 1, "statics": 25}  # worlds that a worker takes at once
 
 
@@ -151,7 +152,7 @@ def told(judged: Judged, names: Sequence[str], plan: ClimbPlan) -> list[str]:
     fallen = f"{judged.falls} of {count} worlds fall ({judged.engine})"
     lines = [f"{fallen}: {judged.falls / count:.2%}, 95 % interval {low:.2%} to {high:.2%}"]
     if judged.engine == "statics":
-        lines.append("  MuJoCo ends otherwise in some 6 of 100 worlds (--engine mujoco)")
+        lines.append("  MuJoCo ends otherwise in some 3 of 100 worlds (--engine mujoco)")
     for (cause, limb, number), many in causes(judged, names, plan)[:5]:
         lines.append(f"  {many}: {cause}{f', {limb}' if limb else ''}, round {number}")
     if judged.parameters:
@@ -193,6 +194,8 @@ def _mujoco(
             continue
         events = [(s.time, _CAUSES[2], s.limb, s.instant) for s in find_slips(plan, run)]
         events += [(x.time, _CAUSES[1], x.limb, x.instant) for x in find_losses(plan, run)]
+        if run.grips is not None:
+            events += [(x.time, _LETS_GO, x.limb, x.instant) for x in run.grips.let_go]
         first = min(events, default=(end, _CAUSES[4], -1, plan.instants.count - 1))
         out.append(Outcome(True, end, *first[1:]))
     return out

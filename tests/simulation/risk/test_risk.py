@@ -78,6 +78,7 @@ def test_a_plan_that_stands_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert verification_of(plan).fragile == ()
 
 
+@pytest.mark.slow
 def test_where_it_fell_it_is_planned_with_more_and_says_what_is_missing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -92,12 +93,18 @@ def test_where_it_fell_it_is_planned_with_more_and_says_what_is_missing(
     assert not promise.met
     assert promise.fells
     assert any("uncertainty." in words for words in promise.helps)
-    same, _ = made(worse)
-    assert same.promise == promise
-    np.testing.assert_array_equal(same.forces.force, plan.forces.force)
     verification = verification_of(plan)
     assert verification.passed
     assert any("asked at most 5.00%" in words for words in verification.fragile)
+
+
+@pytest.mark.slow
+def test_the_same_seed_promises_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    few(monkeypatch)
+    worse = [*SLIPPERY, "margins.friction=0.005", "uncertainty.friction=0.4"]
+    (one, _), (other, _) = made(worse), made(worse)
+    assert one.promise == other.promise
+    np.testing.assert_array_equal(one.forces.force, other.forces.force)
 
 
 def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(

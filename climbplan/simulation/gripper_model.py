@@ -1,0 +1,81 @@
+"""Grippers on spherical wrists as MuJoCo bodies, which welds hold on to their holds.
+
+The wrist's joints turn as `robots/gripper.py` has them: about y of the last link, about z carried
+along, about the approach. A gripper is seen but bumps into nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.gripper import Gripper
+
+STIFF = 20.0  # [N m/rad] of a wrist's servo, which makes its torque by how far it is commanded on
+_DAMPING = 0.4  # [N m s/rad]
+_ARMATURE = 0.002  # [kg m^2] rotor inertia of a wrist's joint, assumed
+_LIGHT = 1e-3  # [kg] of each of its bodies: grippers are counted to the body
+_INERTIA = 1e-6  # [kg m^2]
+_WELD = 'solref="0.004 1" solimp="0.999 0.9999 0.001"'
+_AXES = ("1 0 0", "0 -1 0", "0 0 -1")  # where the last link points straight down
+
+
+def gripper_end(gripper: Gripper, limb: int, radius: float) -> str:
+    """A wrist and a gripper with {place} of the wrist's centre; radius: of what is seen [m]."""
+    lines = []
+    for joint, axis in enumerate(_AXES):
+        place = "{place}" if joint == 0 else "0 0 0"
+        name = f"gripper{limb}" if joint == 2 else f"wrist{joint}limb{limb}"
+        low, high = gripper.wrist_lower[joint], gripper.wrist_upper[joint]
+        lines.append(
+            f'<body name="{name}" pos="{place}"><inertial pos="0 0 0" mass="{_LIGHT}"'
+            f' diaginertia="{_INERTIA} {_INERTIA} {_INERTIA}"/>'
+            f'<joint name="{wrist_joint(limb, joint)}" axis="{axis}" armature="{_ARMATURE}"'
+            f' range="{low:.6g} {high:.6g}"/>'
+        )
+    seen = 'mass="0" contype="0" conaffinity="0"'
+    length, half = gripper.length, gripper.finger_span / 2
+    palm = max(length - radius, 0.5 * length)
+    lines.append(
+        f'<geom name="toe{limb}" type="sphere" size="{radius:.6g}" material="link" {seen}/>'
+        f'<geom type="capsule" fromto="0 0 0 0 0 {-palm:.6g}" size="{radius / 2:.6g}"'
+        f' material="link" {seen}/>'
+        f'<site name="toe{limb}" pos="0 0 0" size="0.001"/>'
+    )
+    for side in (1, -1):
+        lines.append(
+            f'<geom type="capsule" fromto="0 0 {-palm:.6g} {side * half:.6g} 0 {-length:.6g}"'
+            f' size="{radius / 3:.6g}" material="toe" {seen}/>'
+        )
+    return "".join([*lines, "</body></body></body>"])
+
+
+def wrist_joint(limb: int, joint: int) -> str:
+    """Name of a wrist's joint and motor."""
+    return f"wrist{joint + 1}.{limb}"
+
+
+def wrist_motors(gripper: Gripper, limbs: int) -> list[str]:
+    """Servos of all wrists, limb by limb."""
+    out = []
+    for limb in range(limbs):
+        for joint, most in enumerate(np.asarray(gripper.wrist_max_torque)):
+            name = wrist_joint(limb, joint)
+            out.append(
+                f'<position name="{name}" joint="{name}" kp="{STIFF}" kv="{_DAMPING}"'
+                f' forcerange="{-most:.9g} {most:.9g}"/>'
+            )
+    return out
+
+
+def weld_name(limb: int) -> str:
+    """Of what holds a limb's gripper."""
+    return f"grip{limb}"
+
+
+def welds(limbs: int) -> list[str]:
+    """Between the world and each gripper, open."""
+    return [
+        f'<weld name="{weld_name(limb)}" body1="world" body2="gripper{limb}" active="false"'
+        f" {_WELD}/>"
+        for limb in range(limbs)
+    ]

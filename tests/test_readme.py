@@ -30,7 +30,7 @@ def test_two_command_lines_each_on_one_line() -> None:
     installing = [line for line in SHELL_LINES if "pip install" in line]
     assert len(installing) == 2
     assert installing[0].endswith("climbplan plan-climb specs/climb_obstacle.yaml")
-    assert installing[1].endswith("-m pytest -n 2")
+    assert installing[1].endswith("-m pytest -n 2 --dist worksteal")
     # What CI runs is the second one.
     assert r"grep -m1 'pip install.*\[test\]' README.md" in (ROOT / ".ci" / "run").read_text()
 

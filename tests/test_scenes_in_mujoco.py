@@ -16,7 +16,12 @@ _ROW = re.compile(r"^\| `(\w+)\.yaml` \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
 FARES = {
     name: words.replace("**", "") for name, words in _ROW.findall((SPECS / "README.md").read_text())
 }
-COMMANDS = {"climb": "plan-climb", "transition": "plan-transition", "mpc": "plan-mpc"}
+COMMANDS = {
+    "climb": "plan-climb",
+    "transition": "plan-transition",
+    "mpc": "plan-mpc",
+    "limms": "plan-limms",
+}
 FALLS = "in MuJoCo (`climbplan simulate`) the robot falls"
 
 
@@ -31,7 +36,12 @@ def test_every_scene_that_can_be_simulated_is_in_the_table() -> None:
     taken = {p.stem for p in SPECS.glob("*.yaml") if kind_of(p.stem) in COMMANDS}
     assert set(FARES) == taken
     for name, words in FARES.items():
-        assert re.match(r"stands|falls at [\d.]+ s$|not simulated: ", words), name
+        said = (
+            r"(?:under )?\d+ mm off|lost: "
+            if kind_of(name) == "limms"
+            else r"stands|falls at [\d.]+ s$"
+        )
+        assert re.match(said, words), name
 
 
 def test_scenes_that_fall_say_so_in_their_first_lines() -> None:
@@ -56,11 +66,15 @@ def test_scene_fares_as_the_table_says(
     code = run(("simulate", plan, "-o", out, "--no-pictures", "--json"))
     told: dict[str, Any] = json.loads(capsys.readouterr().out)
     words = FARES[name]
-    if words.startswith("not simulated"):
-        assert code == 2, told
-        assert "not simulated" in told["message"]
+    assert told["fell"] is words.startswith(("falls", "lost")), told["message"] if code else words
+    if kind_of(name) == "limms":
+        assert code == (5 if told["fell"] else 0)
+        if not told["fell"]:
+            under = re.match(r"under (\d+) mm|(\d+) mm", words)
+            assert under is not None
+            most = float(under[1]) if under[1] else float(under[2]) + 0.5
+            assert 1e3 * told["goal_error"] < most
         return
-    assert told["fell"] is words.startswith("falls"), told["message"] if code else words
     if told["fell"]:
         assert code == 5
         said = float(words.split()[2])

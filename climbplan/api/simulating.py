@@ -1,4 +1,4 @@
-"""Plans of climbs, transitions and walks replayed in MuJoCo, whatever their kind."""
+"""Plans of climbs, transitions, walks and modules replayed in MuJoCo, whatever their kind."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def simulator(path: Path) -> Callable[[Path], tuple[str, Simulate]]:
     found = plan_format(path)
     if found not in _KINDS:
         raise PlanFileError(
-            f"{path}: holds {found!r}; `simulate` replays climbs, transitions and walks "
+            f"{path}: holds {found!r}; `simulate` replays climbs, transitions, walks and modules "
             f"({', '.join(_KINDS)}), there is no simulated model for anything else"
         )
     return _KINDS[found]
@@ -75,10 +75,31 @@ def _walk(path: Path) -> tuple[str, Simulate]:
     return plan.name, run
 
 
+def _modules(path: Path) -> tuple[str, Simulate]:
+    from climbplan.limms.plan_file import read_limms_plan
+
+    plan = read_limms_plan(path)
+
+    def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
+        from climbplan.simulation.modules.study import simulate_module_plan, tell
+
+        found = simulate_module_plan(plan, asked, report)
+        return tell(found), [
+            f"{broken.time:.2f} s  {broken.words}" for broken in found.run.broken[1:]
+        ]
+
+    return plan.name, run
+
+
 def _falls(trials: tuple[Trial, ...]) -> list[str]:
     if not trials:
         return []
     return [f"{sum(trial.fallen for trial in trials)} of {len(trials)} runs fall"]
 
 
-_KINDS = {"climbplan/climb": _climb, "climbplan/transition": _climb, "climbplan/mpc": _walk}
+_KINDS = {
+    "climbplan/climb": _climb,
+    "climbplan/transition": _climb,
+    "climbplan/mpc": _walk,
+    "climbplan/limms": _modules,
+}

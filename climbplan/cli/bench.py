@@ -28,7 +28,8 @@ BENCHMARKS = {
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
     "limms": "search and consensus on the same scenes of modules, and on random ones",
-    "engine": "the compiled tree, cold and remembering, against HiGHS and SCIP on a cart-pole",
+    "instances": "SCIP, HiGHS, Bonmin and the own tree on the public set of contact problems",
+    "engine": "the compiled tree, cold and remembering, against DAQP, HiGHS, SCIP on a cart-pole",
 }
 _QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same scenes
     "bookshelf": {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100},
@@ -49,9 +50,10 @@ _KNOWN = {
     "refusals": ("count", "seconds"),
     "stands": ("count",),
     "judge": ("count",),
+    "instances": ("methods", "count", "seconds"),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
-_PANEL = "bench bookshelf, strategies, limms, mpc, refusals, stands, judge"
+_PANEL = "bench bookshelf, strategies, limms, mpc, refusals, stands, judge, instances"
 
 
 def bench(
@@ -94,7 +96,7 @@ def bench(
         typer.Option(
             "--methods",
             metavar="NAMES",
-            help="Methods, by commas; of mpc: tables.",
+            help="Methods, by commas; of mpc: tables; of instances: solvers.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -106,7 +108,7 @@ def bench(
             min=0,
             help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30]. "
             "Of mpc: walks under each push [100]. Of refusals: climbs [60]. Of judge: worlds of "
-            "each scene [16].",
+            "each scene [16]. Of instances: of each family and class [9].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -137,7 +139,7 @@ def bench(
             metavar="SECONDS",
             min=0.1,
             help="Of one scene of the slowest methods [5]; of one plan of modules [300]; of one "
-            "random climb [20], ten times that for second tries.",
+            "random climb [20], ten times that for second tries; of one of the instances [10].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -188,7 +190,8 @@ def bench(
             "--out",
             "-o",
             metavar="DIR",
-            help="Also write tables, JSON and plots there.",
+            help="Also write tables, JSON and plots there; of instances: results, which a later "
+            "run goes on with.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -204,7 +207,7 @@ def bench(
 
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
-    --methods (offline, envelopes, bounds, stones, ticks, recovery), --count, --library and
+    --methods (offline, envelopes, bounds, stones, ticks, recovery, pushes), --count, --library and
     --library-size, `bench refusals` --count and --time-limit, `bench stands` and `bench judge`
     --count.
     """
@@ -232,7 +235,7 @@ def bench(
     if name not in _QUICK and name not in _KNOWN and (given or out is not None or as_json):
         raise UsageError(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
-            "some of them, `bench limms`, `bench mpc` and `bench refusals`"
+            "some of them, `bench limms`, `bench mpc`, `bench refusals` and `bench instances`"
         )
     if name in ("refusals", "stands", "judge") and (out is not None or as_json):
         raise UsageError(f"`bench {name}` has no --out and no --json")
@@ -243,6 +246,8 @@ def bench(
         raise UsageError("--published goes with `bench bookshelf`")
     if name == "bookshelf" and clusters is not None:
         raise UsageError("--clusters goes with `bench strategies`")
+    if name == "instances" and as_json:
+        raise UsageError("`bench instances` has no --json: results.csv of --out has all numbers")
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
@@ -265,6 +270,20 @@ def bench(
 
             with standard_output() as stream:
                 run_engine(seed, quick, stream)
+            continue
+        if chosen == "instances":
+            from climbplan.bench.instances.run import bench_instances
+
+            with standard_output() as stream:
+                bench_instances(
+                    seed,
+                    quick,
+                    stream,
+                    out,
+                    given.get("count"),
+                    given.get("seconds"),
+                    methods,
+                )
             continue
         if chosen == "stands":
             from climbplan.bench.climb.stands import bench_stands

@@ -80,6 +80,14 @@ PARTS = (
         install="pip install 'climbplan[urdf]'",
     ),
     Part(
+        "fast-simplification",
+        "fast-simplification",
+        "fast_simplification",
+        "shapes of robots from URDF files",
+        required=False,
+        install="pip install 'climbplan[urdf]'",
+    ),
+    Part(
         "pymunk",
         "pymunk",
         "pymunk",

@@ -33,6 +33,7 @@ RESULTS = (
     "gripper.json",
     "export.json",
     "regulator.npz",
+    "instances.csv",
 )
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

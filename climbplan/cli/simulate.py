@@ -162,16 +162,19 @@ def simulate(
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
-    """Replay a climb, transition or walk in MuJoCo and compare it with its plan.
+    """Replay a climb, transition, walk or plan of modules in MuJoCo and compare it with its plan.
 
     Climbs and transitions: torques, friction and sag of the whole robot. Walks (plans of kind mpc):
-    one rigid body pushed off feet by the planned forces. Prints the path of simulation.csv (default
-    directory: outputs/<plan's name>_simulation), one row a standing limb and instant; beside it
-    report.json, report.html, figures/ and simulation.gif. Needs
+    one rigid body pushed off feet by the planned forces. Modules: chains of links with servos,
+    whose latches are constraints that break at their limits (in massless plans links weigh next to
+    nothing and nothing breaks). Prints the path of simulation.csv (default directory:
+    outputs/<plan's name>_simulation), one row a standing limb or closed contact and instant; beside
+    it report.json, report.html, figures/ and simulation.gif. Needs
     `pip install 'climbplan[simulate]'`.
 
     Exit code 5 if the robot falls in the run without random changes, or if more than --most-slips
-    toes slide (over 5 mm) or do not touch where they should (0.5 s; walks 0.02 s). Runs of --runs
+    toes slide (over 5 mm) or do not touch where they should (0.5 s; walks 0.02 s), if modules lose
+    the box or more than --most-slips of their contacts break or miss. Runs of --runs
     and --sweep are a study and decide nothing, as are --worlds: worlds of the spec's `uncertainty`,
     each a function of --seed and its number.
     """

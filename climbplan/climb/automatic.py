@@ -156,7 +156,9 @@ def plan_automatically(
     search = Search(loaded, plan)
     here = scene(loaded.spec)
     first = first_trial(here)
-    found = search.attempt(first, _FIRST * _FOR_PLANS * search.limit)
+    # Windows try the methods themselves: other trials have little to add
+    share = _FOR_PLANS * (1.0 if first.method == "auto" else _FIRST)
+    found = search.attempt(first, share * search.limit)
     if found is not None:
         return found
     error = search.tried[0].error

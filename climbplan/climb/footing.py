@@ -36,9 +36,11 @@ def footing(
     if edge <= 0 or terrain.curved:
         return ()
     regions = terrain.regions
+    lower = np.array([region.vertices.min(axis=0) for region in regions])
+    upper = np.array([region.vertices.max(axis=0) for region in regions])
     kept = []
     for index, region in enumerate(regions):
-        strip: Array = np.where(_goes_on(terrain, index, edge), 0.0, edge)
+        strip: Array = np.where(_goes_on(terrain, index, edge, lower, upper), 0.0, edge)
         if goal is not None:
             here = goal[0][goal[1] == index]
             room = (region.b - here @ region.A.T).min(axis=0, initial=np.inf)
@@ -49,12 +51,21 @@ def footing(
     return tuple(kept)
 
 
-def _goes_on(terrain: Terrain, index: int, edge: float) -> NDArray[np.bool_]:
-    """(E,) edges of a region beyond which other regions, as good, hold the same limbs."""
-    region, allowed = terrain.regions[index], terrain.allowed
+def _goes_on(
+    terrain: Terrain, index: int, edge: float, lower: Array, upper: Array
+) -> NDArray[np.bool_]:
+    """(E,) edges of a region beyond which other regions, as good, hold the same limbs.
+
+    lower, upper: (R, 3) bounds of all regions.
+    """
+    regions, allowed = terrain.regions, terrain.allowed
+    region = regions[index]
+    beside = edge + _LEVEL + _SLACK
+    low, high = region.vertices.min(axis=0) - beside, region.vertices.max(axis=0) + beside
+    near = np.flatnonzero(((lower <= high) & (upper >= low)).all(axis=1))
     others: Sequence[Region] = [
         other
-        for k, other in enumerate(terrain.regions)
+        for k, other in ((int(k), regions[k]) for k in near)
         if k != index
         and other.hold is None
         and other.friction >= _AS_GOOD * region.friction

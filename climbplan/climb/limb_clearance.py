@@ -7,25 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
-from climbplan.climb.raw_clearance import THE_SCAN, closest_raw
+from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw
 from climbplan.climb.scene import ClimbScene, MotionScene
+from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
-BETWEEN = 1e-3  # [m] kept beyond the links' radius: what a link may lose between checked poses
+BETWEEN = (
+    1e-3  # [m] that links, as thick as they are, keep: what one may lose between checked poses
+)
 NARROW = 0.05  # [m] last part of a limb, which narrows to its toe where it stands
 _STEPS = 6  # poses checked along a push
 _TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
 
 
-def least_room(scene: MotionScene) -> float:
-    """Distance [m] that link axes have to keep from obstacles at every checked pose."""
-    return scene.robot.limb_radius + BETWEEN
-
-
 def standing_room(scene: ClimbScene) -> float:
-    """Distance [m] that postures are planned with, which leaves the spec's clearance."""
+    """Distance [m] of links' axes that postures are planned with, with the spec's clearance."""
     return scene.robot.limb_radius + max(scene.spec.posture.limb_clearance, BETWEEN)
 
 
@@ -37,17 +35,17 @@ class LimbShortfall:
     where: str  # "round 3, LM lifted"
     limb: int
     link: int
+    radius: float  # [m]
     obstacle: str
     solids: tuple[Solid, ...] = ()  # of a scan, that links come too close to
 
     def words(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
-        radius = scene.robot.limb_radius
         robot = scene.robot
         name = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
         return (
-            f"{name}, {1e3 * radius:.0f} mm in radius, comes {1e3 * self.missing:.1f} mm too close "
-            f"to {self.obstacle!r}"
+            f"{name}, {1e3 * self.radius:.0f} mm in radius, comes {1e3 * self.missing:.1f} mm too "
+            f"close to {self.obstacle!r}"
         )
 
 
@@ -65,25 +63,36 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
     )  # (P, S, 3)
     toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3))
     start = instants.com[:1], instants.rpy[:1], rounds.toes[:1]
-    flat = (x.reshape(-1, *x.shape[2:]) for x in (com, rpy, toes))
-    points = limb_points(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
-    room, obstacles = least_room(scene), scene.terrain.obstacles
+    flat_toes = toes.reshape(-1, *toes.shape[2:])
+    flat = (com.reshape(-1, 3), rpy.reshape(-1, 3), flat_toes)
+    links = world_capsules(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
+    obstacles = scene.terrain.obstacles
 
-    def shortfall(distance: float, index: tuple[int, ...], link: int, name: str) -> LimbShortfall:
+    def shortfall(
+        missing: float, index: tuple[int, ...], link: int, radius: float, name: str
+    ) -> LimbShortfall:
         pose, limb = index
         where = "start posture"
         if pose > 0:
             where = instants.label(int(push[(pose - 1) // _STEPS]), scene.robot.limb_names)
-        return LimbShortfall(room - distance, where, limb, link, name)
+        return LimbShortfall(missing, where, limb, link, radius, name)
 
     short = []
     if obstacles:
-        found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
+        found = closest_link(obstacles, links, BETWEEN, scene.terrain.stood_upon)
         name = obstacles[found.obstacle].name
-        short.append(shortfall(found.distance, found.index, found.link, name))
+        missing = BETWEEN - found.distance
+        short.append(shortfall(missing, found.index, found.link, found.radius, name))
     if scene.terrain.scan is not None:
-        raw = closest_raw(scene.terrain.scan, points, room, scene.robot.limb_radius)
-        nearest = shortfall(raw.distance, raw.index, raw.link, THE_SCAN)
+        normals = np.broadcast_to(instants.normal[push, None], toes.shape)
+        # At the start all stand where the first instant has them, or left from there
+        first = instants.normal[:1]
+        contacts = Contacts(
+            np.concatenate([start[2], flat_toes])[..., None, :],
+            np.concatenate([first, normals.reshape(-1, *toes.shape[2:])])[..., None, :],
+        )
+        raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        nearest = shortfall(raw.missing, raw.index, raw.link, raw.radius, THE_SCAN)
         short.append(replace(nearest, solids=raw.solids))
     return max(short, key=lambda s: s.missing)
 
@@ -96,49 +105,67 @@ def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Arra
     return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
 
 
-def narrowed(points: Array) -> Array:
-    """Joints and toe (..., P, 3) with the last link ending where it narrows to its toe."""
-    shorter = points.copy()
-    tibia = points[..., -1, :] - points[..., -2, :]
-    length = np.linalg.norm(tibia, axis=-1, keepdims=True)
-    shorter[..., -1, :] -= tibia * np.minimum(NARROW / np.maximum(length, 1e-9), 1.0)
-    return shorter
+def world_capsules(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Capsules:
+    """Links (P, N, C) of limbs for toes (P, N, 3), world; NaN out of reach."""
+    angles = inverse(scene.robot, to_body(com, rpy, toes)).best()
+    return limb_capsules(scene.robot, angles).moved(com, rotation_world_body(rpy))
+
+
+def narrowed(links: Capsules) -> Array:
+    """Ends (..., N, C, 3) of links where they narrow to toes; NaN for what is all narrow."""
+    back = np.maximum(NARROW - links.to_toe, 0.0)[..., None]
+    along = links.starts - links.ends
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
+    shorter = links.ends + along * np.minimum(back / np.maximum(length, 1e-9), 1.0)
+    return np.where((back > 0) & (back >= length), np.nan, shorter)
 
 
 @dataclass(frozen=True)
 class Closest:
     """The link closest to an obstacle among many."""
 
-    distance: float  # [m]
-    index: tuple[int, ...]  # of limb and pose
+    distance: float  # [m] of its surface
+    index: tuple[int, ...]  # of pose and limb
     link: int
+    radius: float  # [m]
     obstacle: int
 
 
 def closest_link(
-    obstacles: tuple[Solid, ...], points: Array, enough: float, stood_upon: Mask
+    obstacles: tuple[Solid, ...], links: Capsules, enough: float, stood_upon: Mask
 ) -> Closest:
-    """The least distance of links from obstacles; links with NaN are left out.
+    """The least distance of links, as thick as they are, from obstacles; those with NaN left out.
 
-    points: (..., P, 3) joints and toe [m]. stood_upon: (..., O) obstacles that limbs may stand on,
-    to which the last part of a tibia, that narrows to its toe, may come close.
+    Distances beyond `enough` [m] are lower bounds. stood_upon: (N, O) obstacles that limbs may
+    stand on, to which the last part of a tibia, that narrows to its toe, may come close.
     """
-    starts, whole = points[..., :-1, :], points[..., 1:, :]
-    shorter = narrowed(points)[..., 1:, :]
+    shorter = narrowed(links)
+    axes_apart = float(links.radius.max()) + enough
     distance = np.stack(
         [
             link_distances(
-                solid, starts, np.where(stood_upon[..., o, None, None], shorter, whole), enough
+                solid,
+                links.starts,
+                np.where(stood_upon[..., o, None, None], shorter, links.ends),
+                axes_apart,
             )
+            - links.radius
             for o, solid in enumerate(obstacles)
         ],
         axis=-1,
     )
     distance = np.where(np.isnan(distance), np.inf, distance)
-    *index, link, obstacle = (
+    *index, own, obstacle = (
         int(i) for i in np.unravel_index(int(np.argmin(distance)), distance.shape)
     )
-    return Closest(float(distance.min()), tuple(index), link, obstacle)
+    which = index[-1], own
+    return Closest(
+        float(distance.min()),
+        tuple(index),
+        int(links.link[which]),
+        float(links.radius[which]),
+        obstacle,
+    )
 
 
 def link_distances(solid: Solid, starts: Array, ends: Array, enough: float = np.inf) -> Array:

@@ -24,6 +24,7 @@ from climbplan.climb.postures.nlp.method import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
+from climbplan.climb.self_clearance import standing_overlap
 from climbplan.climb.swing import SwingBlocked, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.progress import Progress
@@ -81,6 +82,7 @@ def plan_motion(
     clock: StageClock,
     save_model: Path | None = None,
     deadline: float | None = None,
+    kept: int | None = None,
 ) -> Motion:
     """Postures whose every instant can be reached and whose body and limbs keep clear.
 
@@ -90,25 +92,30 @@ def plan_motion(
     ends at `deadline` (`time.monotonic` [s]), by default as long after the call as the spec allows.
     Raises NoPostures if the statement has no solution, SwingBlocked if a swing stays blocked,
     NotProved if tightening does not lead to a plan and LimitReached if there is no time for it.
+    kept: rounds that are checked and returned, where the others only say that it can go on.
     """
     if deadline is None:
         deadline = time.monotonic() + scene.spec.solver.time_limit
     try:
-        return _plan_motion(scene, clock, save_model, deadline)
+        return _plan_motion(scene, clock, save_model, deadline, kept)
     except LimitReached:
         raise
     except NoPlanFound:
         if not scene.footing:
             raise
     # No room off the edges: toes may stand wherever there is ground
-    motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline)
+    motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline, kept)
     edge = 1e3 * scene.spec.margins.edge
     note = f"fragile: toes may stand nearer than {edge:.0f} mm to edges of their regions"
     return replace(motion, tightenings=(*motion.tightenings, note))
 
 
 def _plan_motion(
-    scene: ClimbScene, clock: StageClock, save_model: Path | None, deadline: float
+    scene: ClimbScene,
+    clock: StageClock,
+    save_model: Path | None,
+    deadline: float,
+    kept: int | None = None,
 ) -> Motion:
     if save_model is not None and _method(scene) != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
@@ -137,19 +144,20 @@ def _plan_motion(
                     if not notes:
                         raise
                     raise _out_of_time(scene, notes) from error
+        rounds = posture.rounds if kept is None else posture.rounds.first(kept)
         # Tightening only adds constraints: the first bound is the one of the statement.
         bound = posture.bound if bound is None else bound
         with clock.stage("kinematics"):
-            shortfall = float(body_shortfall(scene, posture.rounds).max(initial=0.0))
+            shortfall = float(body_shortfall(scene, rounds).max(initial=0.0))
             if shortfall > 1e-9 and scene.spec.solver.method != "nlp":
                 margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
                 notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
                 continue
             try:
-                instants = plan_instants(scene, posture.rounds)
+                instants = plan_instants(scene, rounds)
                 require_wrists(scene, instants)
                 if scene.spec.posture.steps.shift_max > 0:
-                    way = body_way(posture.rounds, instants)
+                    way = body_way(rounds, instants)
                     shortfall = float(poses_shortfall(scene, *way).max(initial=0.0))
             except ReachFailure as error:
                 failure = error
@@ -162,8 +170,20 @@ def _plan_motion(
                 margins = replace(margins, clearance=margins.clearance + 1.2 * shortfall)
                 notes.append(f"body clearance asked {1e3 * margins.clearance:.1f} mm wider")
                 continue
+            meets = standing_overlap(scene, instants)
+            if meets is not None:
+                overlap, where = meets
+                words = f"{where}, {overlap.words(scene.robot)}"
+                if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
+                    because = "toes may stand elsewhere than this method puts them"
+                    raise NotProved(f"posture planner: {words}", because=because, stage="posture")
+                for limb in (overlap.limb, overlap.other):
+                    if limb >= 0:
+                        margins = _nearer_stance(scene, margins, limb)
+                notes.append(f"workspaces of limbs that meet tightened: {words}")
+                continue
             try:
-                swings = _clear_of_obstacles(scene, posture.rounds, instants)
+                swings = _clear_of_obstacles(scene, rounds, instants)
             except _LimbsTooNear as near:
                 if scene.spec.solver.method == "nlp":  # its own exact check is the same
                     words = f"posture planner: {near}"
@@ -179,6 +199,7 @@ def _plan_motion(
                 margins, wider = _widened(margins, near)
                 notes.append(f"{wider}: {near}")
                 continue
+        posture = replace(posture, rounds=rounds)
         return Motion(_bounded_by(posture, bound, scene), instants, tuple(notes), swings)
     raise _not_found(scene, notes, failure)
 
@@ -284,11 +305,16 @@ def _bounded_by(posture: PostureResult, bound: float | None, scene: ClimbScene) 
 
 
 def _shrunk(scene: ClimbScene, margins: PostureMargins, failure: ReachFailure) -> PostureMargins:
+    return _nearer_stance(scene, margins, scene.robot.limb_names.index(failure.limb))
+
+
+def _nearer_stance(scene: ClimbScene, margins: PostureMargins, limb: int) -> PostureMargins:
+    """A smaller ball about the stance of a limb, in which its toe has to stay."""
     radius = margins.stance_radius
     if radius is None:
         radius = np.full(scene.robot.limb_count, scene.robot.stance_radius)
     radius = radius.copy()
-    radius[scene.robot.limb_names.index(failure.limb)] *= _STANCE_SHRINK
+    radius[limb] *= _STANCE_SHRINK
     return replace(margins, stance_radius=radius)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
+from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
@@ -18,11 +19,13 @@ from climbplan.climb.scene import ClimbScene, MotionScene, build_scene, on_scan
 from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
-from climbplan.errors import NoPlanFound
+from climbplan.climb.windows import plan_in_windows, window_of
+from climbplan.errors import NoPlanFound, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.any_robot import assumptions
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.overrides import Override
 from climbplan.spec.robots.stored import robot_texts
 
 
@@ -84,8 +87,19 @@ def plan_by_method(
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
     assumed = assumptions(loaded.robot, scene.robot)
-    motion = plan_motion(scene, clock, save_model, deadline)
-    supported = plan_support(scene, motion, clock, deadline)
+    window = window_of(scene)
+    if window is None:
+        motion = plan_motion(scene, clock, save_model, deadline)
+        supported = plan_support(scene, motion, clock, deadline)
+    else:
+        if save_model is not None:
+            raise UsageError("--save-model writes one mixed-integer program: plan without windows")
+        found = plan_in_windows(scene, window, clock, deadline)
+        scene, supported = found.scene, found.supported
+        if spec.task.rounds == "auto":
+            # As with a start from another plan, the text says what was chosen
+            count = str(scene.spec.task.round_count)
+            loaded = loaded.with_overrides([Override("task.rounds", count, "rounds: auto")])
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
     with clock.stage("trajectory"):
@@ -126,6 +140,7 @@ def plan_by_method(
         ),
         grips=grip_plan(scene, instants, forces, trajectory),
         robot_texts=robot_texts(spec.robot, loaded.directory, loaded.robot),
+        looks=plan_looks(loaded.robot, scene.robot),
     )
     return replace(plan, summary=summary_lines(plan))
 

@@ -47,10 +47,12 @@ def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | N
 
     deadline: `time.monotonic` [s] at which the search for a proof ends.
     """
-    conflicts = [*buried(scene), *too_far(scene), *out_of_reach(scene), *no_support(scene)]
+    open_end = scene.spec.task.rounds == "auto"  # as many as it takes are never too few
+    far = [] if open_end else list(too_far(scene))
+    conflicts = [*buried(scene), *far, *out_of_reach(scene), *no_support(scene)]
     if conflicts:
         return Infeasible("no plan exists", _needed(conflicts), stage="proof")
-    if scene.terrain.curved:
+    if scene.terrain.curved or open_end:
         return None
     left = deadline - time.monotonic()
     if left <= 0:
@@ -76,7 +78,7 @@ def _needed(conflicts: list[Conflict]) -> list[Conflict]:
 
 def _straight(scene: ClimbScene) -> Array:
     """Toes (M, N, 3) and bodies (M, 3) on the straight way, as a point of the outer program."""
-    share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)[1:]
+    share = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
     start, goal = scene.start, scene.goal
     toes = start.toes + share[:, None, None] * (goal.toes - start.toes)
     coms = start.com + share[:, None] * (goal.com - start.com)

@@ -23,10 +23,11 @@ def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]
     keyed = list(dict.fromkeys(c for c in changes if c.key))
     # From what the way to the goal takes at least, where that is known
     asked = [c.value for c in keyed if c.key == "task.rounds" and isinstance(c.value, int)]
-    rounds = max([scene.spec.task.rounds, *asked])
-    more = [
-        Remedy(f"{rounds + extra} rounds", "task.rounds", rounds + extra) for extra in _MORE_ROUNDS
-    ]
+    more = []
+    if scene.spec.task.rounds != "auto":
+        most = max([scene.spec.task.round_count, *asked])
+        counts = [most + extra for extra in _MORE_ROUNDS]
+        more = [Remedy(f"{count} rounds", "task.rounds", count) for count in counts]
     further = [r for c in keyed if (r := _further(scene, c)) is not None]
     for remedy in [*keyed[:6], *more[:2], *_cleared(scene), *further[:4], *more[2:]]:
         named.setdefault((remedy.key, remedy.yaml), remedy)

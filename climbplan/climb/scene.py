@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.climb.footing import footing
-from climbplan.climb.plan.climb_plan import Index
+from climbplan.climb.plan.climb_plan import Index, Mask
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
@@ -73,6 +73,15 @@ class ClimbScene(MotionScene):
     gait: tuple[int, ...]  # limbs in the order in which they move
     # Regions of the terrain without strips along edges where toes are not to stand; () for none
     footing: tuple[Region, ...] = field(default=(), kw_only=True)
+    # (M, N, R) surfaces that limb i may use in round j; None for those of the terrain in all rounds
+    by_round: Mask | None = field(default=None, kw_only=True)
+
+    @property
+    def alternatives(self) -> list[list[Index]]:
+        """Numbers of the surfaces that limb i may use at the end of round j, [j][i]."""
+        m, allowed = self.spec.task.round_count, self.terrain.allowed
+        rounds = [allowed] * m if self.by_round is None else list(self.by_round)
+        return [[np.flatnonzero(own).astype(np.int64) for own in each] for each in rounds]
 
     @property
     def standing(self) -> tuple[Region, ...]:
@@ -223,6 +232,8 @@ def warn_of_backs(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
     """
     for k, surface in enumerate(terrain.surfaces):
         if not isinstance(surface, Region) or not terrain.allowed[:, k].any():
+            continue
+        if terrain.scan is not None and surface.name.startswith("scan "):
             continue
         if all(float(surface.normal @ s.com) - surface.offset < 0 for s in stances):
             facing = ", ".join(f"{v:.3g}" for v in surface.normal)

@@ -10,20 +10,23 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.limb_clearance import LimbShortfall, closest_link, least_room
-from climbplan.climb.plan.climb_plan import Instants, Rounds
-from climbplan.climb.raw_clearance import THE_SCAN, closest_raw
+from climbplan.climb.limb_clearance import BETWEEN, LimbShortfall, closest_link
+from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
+from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw, raw_toes_clear
 from climbplan.climb.scene import MotionScene
+from climbplan.climb.self_clearance import SelfShortfall, self_shortfall
 from climbplan.errors import Conflict, NotProved
-from climbplan.robots.kinematics import inverse, joint_points_body, to_body
+from climbplan.robots.capsules import Capsules, limb_capsules
+from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
+_OVERLAP = 1e-9  # [m] that counts
 TOE_CLEARANCE = 0.01  # [m] distance a swinging toe keeps from every solid
 _SPACING = 0.01  # [m] between the points at which a way is checked
 _LIFTS = (1.0, 1.6, 2.4)  # factors on the spec's lift
@@ -45,6 +48,8 @@ class Swing:
     new: Array  # (3,) contact reached [m]
     normals: Array  # (2, 3) unit normals at old and new
     where: str  # "round 3, LM lifted"
+    toes: Array | None = None  # (N, 3) of all limbs as it begins [m]
+    still: Mask | None = None  # (N,) limbs that stand meanwhile
 
 
 WAYS = "some ways of a limb are looked at, between postures that the planner chose"
@@ -68,7 +73,8 @@ def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[S
         where = instants.label(k, names)
         for limb in (int(i) for i in np.flatnonzero(instants.lifted[k])):
             normals = instants.normal[[k, k + 1], limb]
-            found.append(Swing(limb, *pose, toes[limb], new[limb], normals, where))
+            still = ~instants.lifted[k]
+            found.append(Swing(limb, *pose, toes[limb], new[limb], normals, where, toes, still))
         toes = new
     return tuple(found)
 
@@ -101,17 +107,23 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     lift = scene.spec.trajectory.lift
     hover = _hover(swing, lift)
     robot = scene.robot.one_limb(swing.limb)
-    blocker: Solid | None = None
+    blocker: str | None = None
     # Lifting off and setting down are parts of every way
     ends = [_sampled(np.stack(leg)) for leg in ((swing.old, hover[0]), (swing.new, hover[1]))]
     closest = _links_too_near(scene, swing, _links(robot, swing, np.concatenate(ends)))
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
-    tried = 0
+    beside = _Beside.of(scene.robot, swing)
+    tried, met = 0, None
     for path in _candidates(swing, lift):
         near = _too_near(_sampled(path), solids)
         if near is not None:
-            blocker = blocker or near
+            blocker = blocker or near.name
+            continue
+        if scene.terrain.scan is not None and not raw_toes_clear(
+            scene.terrain.scan, _sampled(path), TOE_CLEARANCE
+        ):
+            blocker = blocker or THE_SCAN
             continue
         whole = path if np.array_equal(path[[0, -1]], hover) else _joined(hover, path)
         links = _links(robot, swing, _sampled(whole))
@@ -119,19 +131,63 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
             continue
         found = _links_too_near(scene, swing, links)
         if found is None:
-            return whole
+            overlap = None if beside is None else beside.overlap(links)
+            if overlap is None:
+                return whole
+            met = met or overlap
+            continue
         tried += 1
         if closest is None or found.missing < closest.missing:
             closest = found
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} on the clearest of {tried} ways")
-    name = f"past {blocker.name!r}" if blocker is not None else "within the limb's reach"
+    if met is not None:
+        words = f"{met.words(scene.robot)} on the nearest way"
+        conflict = Conflict(swing.where, (words,), in_words=True)
+        raise NotProved("no clear swing path", [conflict], because=WAYS, stage="swing")
+    name = f"past {blocker!r}" if blocker is not None else "within the limb's reach"
     raise NotProved(
         "no clear swing path",
         [Conflict(swing.where, (f"swing path of the toe {name}",))],
         because=WAYS,
         stage="swing",
     )
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """A robot that stands, all but one limb, which swings."""
+
+    robot: Robot
+    swing: Swing
+    still: Mask  # (N,)
+    standing: Capsules  # (1, N, C), world; NaN of limbs out of reach
+
+    @classmethod
+    def of(cls, robot: Robot, swing: Swing) -> _Beside | None:
+        """None where the swing does not say where the others stand."""
+        if swing.toes is None or swing.still is None:
+            return None
+        pose = swing.com[None], swing.rpy[None]
+        angles = inverse(robot, to_body(*pose, swing.toes[None])).best()
+        standing = limb_capsules(robot, angles).moved(swing.com, rotation_world_body(swing.rpy))
+        return cls(robot, swing, swing.still, standing)
+
+    def overlap(self, links: Capsules) -> SelfShortfall | None:
+        """Where the limb meets another one or the body on its way (S, 1, C), if it does."""
+        swing, count = self.swing, len(links.starts)
+        turn = rotation_world_body(swing.rpy)
+
+        def seen(standing: Array, moving: Array) -> Array:
+            every = np.repeat(standing, count, axis=0)
+            every[:, swing.limb] = moving[:, 0]
+            return np.asarray((every - swing.com) @ turn)  # in the body frame
+
+        starts = seen(self.standing.starts, links.starts)
+        ends = seen(self.standing.ends, links.ends)
+        every = replace(self.standing, starts=starts, ends=ends)
+        worst = self_shortfall(self.robot, every, swing.limb, self.still)
+        return worst if worst.missing > _OVERLAP else None
 
 
 def together(paths: list[Array]) -> Array:
@@ -151,23 +207,29 @@ def together(paths: list[Array]) -> Array:
     return np.stack(out, axis=1)
 
 
-def _links_too_near(scene: MotionScene, swing: Swing, links: Array | None) -> LimbShortfall | None:
+def _links_too_near(
+    scene: MotionScene, swing: Swing, links: Capsules | None
+) -> LimbShortfall | None:
     """The link that comes closest to an obstacle, if that is closer than links may come."""
-    obstacles, room = scene.terrain.obstacles, least_room(scene)
+    obstacles = scene.terrain.obstacles
     if links is None:
         return None
     if scene.terrain.scan is not None:
-        raw = closest_raw(scene.terrain.scan, links, room, scene.robot.limb_radius)
-        if raw.distance < room - 1e-9:
-            missing = room - raw.distance
-            return LimbShortfall(missing, swing.where, swing.limb, raw.link, THE_SCAN, raw.solids)
+        contacts = Contacts(np.stack([swing.old, swing.new]), swing.normals)
+        raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        if raw.missing > 1e-9:
+            return LimbShortfall(
+                raw.missing, swing.where, swing.limb, raw.link, raw.radius, THE_SCAN, raw.solids
+            )
     if not obstacles:
         return None
-    found = closest_link(obstacles, links, room, scene.terrain.stood_upon[swing.limb])
-    if found.distance >= room - 1e-9:
+    own = slice(swing.limb, swing.limb + 1)
+    found = closest_link(obstacles, links, BETWEEN, scene.terrain.stood_upon[own])
+    if found.distance >= BETWEEN - 1e-9:
         return None
     name = obstacles[found.obstacle].name
-    return LimbShortfall(room - found.distance, swing.where, swing.limb, found.link, name)
+    missing = BETWEEN - found.distance
+    return LimbShortfall(missing, swing.where, swing.limb, found.link, found.radius, name)
 
 
 def _hover(swing: Swing, height: float) -> Array:
@@ -214,11 +276,11 @@ def _too_near(points: Array, solids: tuple[Solid, ...]) -> Solid | None:
     return None
 
 
-def _links(robot: Robot, swing: Swing, toes: Array) -> Array | None:
-    """Joints and toe (S, P, 3) of the limb along a way, or None if a point is out of reach."""
+def _links(robot: Robot, swing: Swing, toes: Array) -> Capsules | None:
+    """Links (S, 1, C) of the limb along a way, or None if a point is out of reach."""
     pose = np.broadcast_to(swing.com, toes.shape), np.broadcast_to(swing.rpy, toes.shape)
     solution = inverse(robot, to_body(*pose, toes[:, None]))
     if not solution.valid.all():
         return None
-    joints = joint_points_body(robot, solution.best())[:, 0]  # (S, P, 3)
-    return np.asarray(swing.com + joints @ rotation_world_body(swing.rpy).T)
+    links = limb_capsules(robot, solution.best())
+    return links.moved(swing.com, rotation_world_body(swing.rpy))

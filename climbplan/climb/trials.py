@@ -14,6 +14,7 @@ import numpy as np
 
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene import ClimbScene
+from climbplan.climb.windows import window_of
 from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.spec.overrides import Override
 from climbplan.spec.stated import stated
@@ -35,6 +36,8 @@ class Trial:
 
 def first_trial(scene: ClimbScene) -> Trial:
     """The global method where it can state the climb, else the one with exact rotations."""
+    if window_of(scene) is not None:
+        return Trial("windows", "auto")  # each by the first method that has a plan for it
     steps = scene.spec.posture.steps
     convex = not scene.terrain.curved and steps.com_min == 0 and steps.toe_min == 0
     return Trial("micp", "micp") if convex else Trial("nlp", "nlp")
@@ -43,6 +46,9 @@ def first_trial(scene: ClimbScene) -> Trial:
 def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
     """What the failure of the first trial suggests, the likeliest first."""
     first = first_trial(scene).method
+    if first == "auto":
+        yield from (_chosen(first, c) for c in _choices(scene) if c.key == "trajectory.lift")
+        return
     methods = _methods(scene, error)
     suited = [choice for choice in _choices(scene) if _may_help(choice, error)]
     if error.stage in _FORCE_STAGES and (over := _over_the_others(scene)) is not None:

@@ -13,7 +13,7 @@ from climbplan.errors import MissingSolver, UsageError
 from climbplan.plans.check import Array
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import followed, moving
-from climbplan.reports.viewer.scene import Scene, Shape, between, outline
+from climbplan.reports.viewer.scene import Scene, Shape, Solids, between, outline
 from climbplan.simulation.pictures import Picture
 from climbplan.simulation.replay import load_mujoco
 
@@ -50,7 +50,7 @@ class Frames:
                 f"{_MOST_TRIANGLES}; a smaller `crop` of the scan has fewer"
             )
         self._middle, self._extent = moving(scene)
-        model = mujoco.MjModel.from_xml_string(_WORLD)
+        model = _model(mujoco, scene.solids)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         room = 200 + triangles + 4 * _MOST_OUTLINES + _count(scene)
@@ -98,6 +98,7 @@ class Frames:
         moment = self._scene.moment(time)
         self._boxes(moment)
         self._rods(moment)
+        self._solids(moment)
         self._forces(moment)
         return self._with_words(renderer.render(), time, moment[0])
 
@@ -145,6 +146,20 @@ class Frames:
         ):
             self._pen.rod(float(radius), start, end, _rgba(color))
 
+    def _solids(self, moment: tuple[int, int, float]) -> None:
+        solids = self._scene.solids
+        if solids is None:
+            return
+        before, after, share = moment
+        position = between(solids.position, moment)
+        for k, color in enumerate(solids.color):
+            turns = Rotation.from_matrix(solids.rotation[[before, after], k])
+            turned = Slerp([0.0, 1.0], turns)(share).as_matrix()
+            # MuJoCo keeps meshes about their centre of mass, along their axes of inertia
+            at = position[k] + turned @ self._model.mesh_pos[k]
+            own = Rotation.from_quat(self._model.mesh_quat[k][[1, 2, 3, 0]]).as_matrix()
+            self._pen.mesh(k, at, turned @ own, _rgba(color))
+
     def _forces(self, moment: tuple[int, int, float]) -> None:
         forces = self._scene.forces
         if forces is None:
@@ -168,6 +183,11 @@ class _Pen:
 
     def box(self, half: Array, place: Array, turned: Array, color: Array) -> None:
         self._solid(self._kind.mjGEOM_BOX, half, place, turned, color)
+
+    def mesh(self, number: int, place: Array, turned: Array, color: Array) -> None:
+        self._solid(self._kind.mjGEOM_MESH, np.ones(3), place, turned, color)
+        # Every mesh is there twice, the second time as its hull
+        self._scene.geoms[self._scene.ngeom - 1].dataid = 2 * number
 
     def triangle(self, corners: Array, color: Array) -> None:
         along, across = corners[1] - corners[0], corners[2] - corners[0]
@@ -198,6 +218,21 @@ class _Pen:
         return self._scene.geoms[self._scene.ngeom - 1]
 
 
+def _model(mujoco: Any, solids: Solids | None) -> Any:
+    """An empty world that holds the meshes of what moves, in their order."""
+    world = mujoco.MjSpec.from_string(_WORLD)
+    pairs = () if solids is None else tuple(zip(solids.vertices, solids.faces, strict=True))
+    for number, (vertices, faces) in enumerate(pairs):
+        world.add_mesh(
+            name=f"solid {number}",
+            uservert=vertices.ravel(),
+            userface=faces.ravel(),
+            smoothnormal=False,
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+    return world.compile()
+
+
 def _rgba(color: str, opacity: float = 1.0) -> Array:
     """Of "#rrggbb"."""
     parts = [int(color[place : place + 2], 16) / 255 for place in (1, 3, 5)]
@@ -208,7 +243,8 @@ def _count(scene: Scene) -> int:
     """Geoms of what moves, at most."""
     rods = 0 if scene.rods is None else len(scene.rods.radius)
     boxes = 0 if scene.boxes is None else len(scene.boxes.color)
-    return rods + boxes + (0 if scene.forces is None else scene.forces.point.shape[1])
+    solids = 0 if scene.solids is None else len(scene.solids.faces)
+    return rods + boxes + solids + (0 if scene.forces is None else scene.forces.point.shape[1])
 
 
 def _toward_camera(scene: Scene) -> Array:

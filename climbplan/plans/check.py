@@ -73,6 +73,7 @@ LIMITS = {
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
     "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles"),
+    "limbs.self_collision": Limit(1e-6, "m", "links miss other limbs and the body"),
     "trajectory.rate": Limit(1e-9, "s", "samples at a fixed rate"),
     "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),
     "trajectory.sequence": Limit(0, "", "limbs lift and land in the order of the instants"),
@@ -86,6 +87,7 @@ LIMITS = {
     "trajectory.reach": Limit(1e-6, "m", "standing toes stay within reach of the moving body"),
     "trajectory.clearance": Limit(1e-3, "m", "depth of link axes inside solids on the way"),
     "trajectory.capsules": Limit(1e-6, "m", "and so they do on the way, swings included"),
+    "trajectory.self_collision": Limit(1e-6, "m", "links miss other limbs and the body on the way"),
 }
 
 # Made beside these where the spec lets the body leave its straight way (`steps.shift_max`).
@@ -117,6 +119,7 @@ GRIP_LIMITS = {
     "grip.force": Limit(1e-6, "N", "gripping force within its limit over S_tau"),
     "grip.moment": Limit(1e-6, "N m", "no moment about the fingers' axis, none without contact"),
     "grip.pull_out": Limit(1e-6, "of weight", "the stored pull-out margins are those of the grips"),
+    "robust.pull": Limit(0, "N", "grips hold so much further pull, without S_mu"),
     "wrist.square": Limit(1e-6, "", "wrists hold grippers square on their holds"),
     "wrist.bounds": Limit(1e-6, "rad", "wrist angles within their bounds"),
     "wrist.from_forces": Limit(1e-6, "N m", "wrist torques are those of forces and moments"),
@@ -155,6 +158,8 @@ class Check:
     judged: bool = True
     left_out: LeftOut | None = None  # what the plan lacks where this is not judged, or not whole
     fragile: str = ""  # where and by how much a margin is not kept, in the robot's terms
+    holds: float | None = None  # what bears the worst load holds, and
+    needed: float | None = None  # what is asked of it, in the check's unit: of loads of hardware
 
     @property
     def mark(self) -> str:
@@ -190,6 +195,11 @@ class Check:
             "margin": self.margin,
             "worst_at": self.worst_at,
             "used": self.used if math.isfinite(self.used) else None,
+            **{
+                name: value if math.isfinite(value) else None
+                for name, value in (("holds", self.holds), ("needed", self.needed))
+                if value is not None
+            },
         }
 
 

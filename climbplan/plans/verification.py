@@ -99,7 +99,10 @@ class Verification:
         return max(self.checks, key=lambda check: check.used)
 
     def headline(self) -> str:
-        """One line: "31 checks, worst margin: force.friction, round 5, push 2, RF (S_mu 1.8)"."""
+        """One line: "31 checks, worst margin: force.friction, round 5, push 2, RF (S_mu 1.8)".
+
+        Without the margin where no check tells how much of its bound is used up.
+        """
         worst = self.tightest
         detail = f" ({worst.margin})" if worst.margin else ""
         place = f", {worst.worst_at}" if worst.worst_at else ""
@@ -107,6 +110,8 @@ class Verification:
         count = f"{len(self.checks)} checks" + (f", {told} not judged" if told else "")
         if self.failed:
             first = f"{len(self.failed)} of {len(self.checks)} checks failed, worst"
+        elif worst.used <= 0:
+            return count
         else:
             first = f"{count}, worst margin"
         return f"{first}: {worst.name}{place}{detail}"

@@ -26,6 +26,7 @@ class Replay:
     rpy: Array  # (F, 3) [rad]
     joints: Array  # (F, N, 3, 3) [m], world
     contact: Mask  # (F, N)
+    angles: Array  # (F, N, J) [rad] that the joints have
     instant: Index  # (F,) planned instant whose forces act, START before the first
 
 
@@ -95,7 +96,8 @@ def build_replay(plan: ClimbPlan) -> Replay:
     """Frames of a plan's trajectory."""
     moving = plan.trajectory
     instant = sample_instants(plan)
-    points = limb_points(plan, moving.com, moving.rpy, true_angles(plan, instant))
+    angles = true_angles(plan, instant)
+    points = limb_points(plan, moving.com, moving.rpy, angles)
     values = np.column_stack([moving.com, points[:, :, 1:].reshape(len(moving.time), -1)])
     # Both sides of a change of contact or instant stay, so that it shows when it happens.
     change = (np.diff(moving.contact, axis=0) != 0).any(axis=1) | (np.diff(instant) != 0)
@@ -107,5 +109,6 @@ def build_replay(plan: ClimbPlan) -> Replay:
         rpy=moving.rpy[frames],
         joints=points[frames][:, :, 1:],
         contact=moving.contact[frames],
+        angles=angles[frames],
         instant=instant[frames],
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from climbplan.robots.model import Robot
-from climbplan.robots.urdf.building import LIMB_RADIUS, robot_of_urdf
+from climbplan.robots.urdf.building import robot_of_urdf
+from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
@@ -25,8 +26,10 @@ def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
         out.append(f"joint_stiffness {given.joint_stiffness:g} N m/rad: no URDF says it")
     if "structural_compliance_share" not in given.model_fields_set:
         out.append("structural_compliance_share 0: links as rigid bodies")
-    if given.limb_radius is None and robot.limb_radius == LIMB_RADIUS:
+    if given.limb_radius is None and robot.capsules is None:
         out.append(f"limb_radius {LIMB_RADIUS:g} m")
+    if robot.capsules is not None and len(robot.touching):
+        out.append(f"not looked at, as they always touch: {_pairs(robot)}")
     if given.workspace.stance_radius is None:
         out.append(f"workspace.stance_radius {robot.stance_radius:g} m, sampled")
     held = sorted(
@@ -40,3 +43,19 @@ def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
         out.append(f"held at zero, as no leg has them: {', '.join(held)}")
     out.append("masses of the legs count as if fixed in their posture")
     return (f"assumed of {spec.name}: {'; '.join(out)}",)
+
+
+def _pairs(robot: Robot) -> str:
+    """Parts that touch however it stands: "LF's LF_HFE and the body"."""
+    assert robot.capsules is not None
+    told: list[str] = []
+    for limb, own, other, behind in robot.touching.tolist():
+        one = (
+            f"{robot.limb_names[limb]}'s {robot.joint_name(limb, robot.capsules.joint[limb, own])}"
+        )
+        beside = "the body"
+        if other >= 0:
+            link = robot.joint_name(other, robot.capsules.joint[other, behind])
+            beside = f"{robot.limb_names[other]}'s {link}"
+        told.append(f"part of {one} and {beside}")
+    return ", ".join(dict.fromkeys(told))

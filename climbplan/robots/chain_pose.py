@@ -22,6 +22,7 @@ class ChainPose:
     joints: Array  # (..., N, J, 3) [m]
     axes: Array  # (..., N, J, 3) unit, zero where a limb has no such joint
     toe: Array  # (..., N, 3) [m]
+    turns: Array  # (..., N, J, 3, 3) of the link that each joint moves, from zero angles
 
     @property
     def jacobian(self) -> Array:
@@ -52,6 +53,15 @@ class ChainZero:
         """Some of the chains, or the same ones several times."""
         return type(self)(self.joints[index], self.axes[index], self.toe[index])
 
+    def turned(self, angles: Array) -> Array:
+        """How links beyond each joint are turned from zero angles (..., J, 3, 3), at (..., J)."""
+        cross = skew(self.axes)
+        sin, cos = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
+        turned: Array = np.eye(3) + sin * cross + (1.0 - cos) * (cross @ cross)  # Rodrigues
+        for j in range(1, angles.shape[-1]):
+            turned[..., j, :, :] = turned[..., j - 1, :, :] @ turned[..., j, :, :]
+        return turned
+
     def pose(self, angles: Array) -> ChainPose:
         """The chains at angles (..., J) [rad]."""
         joint_zero, axis_zero, toe_zero = self.joints, self.axes, self.toe
@@ -66,9 +76,11 @@ class ChainZero:
         rotation = np.broadcast_to(np.eye(3), (*shape, 3, 3))
         at = np.broadcast_to(joint_zero[..., 0, :], (*shape, 3))
         joints, axes = np.empty((*shape, count, 3)), np.empty((*shape, count, 3))
+        turns = np.empty((*shape, count, 3, 3))
         for j in range(count):
             joints[..., j, :] = at
             axes[..., j, :] = (rotation @ axis_zero[..., j, :, None])[..., 0]
             rotation = rotation @ turn[..., j, :, :]
+            turns[..., j, :, :] = rotation
             at = at + (rotation @ links[..., j, :, None])[..., 0]
-        return ChainPose(joints, axes, at)
+        return ChainPose(joints, axes, at, turns)

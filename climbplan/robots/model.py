@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -15,6 +15,20 @@ from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
 from climbplan.spec.robots.robot import RobotSpec
+
+
+@dataclass(frozen=True)
+class MountedCapsules:
+    """C capsules of each of N limbs at zero angles; limbs with fewer have some twice."""
+
+    joint: NDArray[np.int64]  # (N, C) number of the joint that moves it
+    ends: Array  # (N, C, 2, 3) of its axis, the second nearer the toe, body frame [m]
+    radius: Array  # (N, C) [m]
+
+    def only(self, limbs: slice) -> Self:
+        """Those of some limbs."""
+        return type(self)(self.joint[limbs], self.ends[limbs], self.radius[limbs])
+
 
 _BY_LIMB = (
     "limb_names",
@@ -56,9 +70,14 @@ class Robot:
     body_hull: Array  # (8, 3) corners of the body's box [m]
     reach: float  # Delta_FK, largest shoulder-toe distance of the posture planner [m]
     stance_radius: float  # largest toe distance from its stance in the posture planner [m]
-    limb_radius: float  # capsule radius of the links [m]
+    limb_radius: float  # capsule radius of the links, the largest where they differ [m]
     mechanism: Mechanism | None = None  # None: coxa, femur and tibia of the lengths above
     gripper: Gripper | None = None  # on a wrist at every toe
+    capsules: MountedCapsules | None = None  # None: from joint to joint, as thick as limb_radius
+    body_parts: tuple[Array, ...] = ()  # (V, 3) convex parts that limbs keep off; none: the hull
+    # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
+    # however the robot stands, by the capsules that hold them, and that nothing is said of
+    touching: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 4), np.int64))
 
     @property
     def limb_count(self) -> int:
@@ -93,6 +112,8 @@ class Robot:
         rows = {name: value[keep] for name, value in vars(self).items() if name in _BY_LIMB}
         if self.mechanism is not None:
             rows["mechanism"] = self.mechanism.only(keep)
+        if self.capsules is not None:
+            rows["capsules"] = self.capsules.only(keep)
         return replace(self, **rows)
 
     @property

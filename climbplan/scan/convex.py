@@ -51,7 +51,7 @@ def convex_pieces(polygon: shapely.Polygon) -> list[Array]:
             owner[c, d] = one
         pieces[one] = joined
         del pieces[other]
-    return [_without_flat_corners(points[piece]) for piece in pieces.values()]
+    return [_without_flat_corners(_hull(points[piece])) for piece in pieces.values()]
 
 
 def peeled(polygon: shapely.Polygon, most: int, least: float) -> list[Array]:
@@ -165,6 +165,14 @@ def _is_convex(points: Array, piece: list[int]) -> bool:
     edges = np.roll(corners, -1, axis=0) - corners
     after = np.roll(edges, -1, axis=0)
     return bool((crossed(edges, after) >= -_CONVEX).all())
+
+
+def _hull(corners: Array) -> Array:
+    """Corners of a polygon that is convex but for rounding, of which short edges turn far."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    if (crossed(edges, np.roll(edges, -1, axis=0)) >= 0).all():
+        return corners
+    return _anticlockwise(shapely.convex_hull(shapely.Polygon(corners)))
 
 
 def _without_flat_corners(corners: Array) -> Array:

@@ -6,12 +6,12 @@ import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Index
+from climbplan.scan.raw import Index, Mask
 
 
 @compiled
-def _point_triangle(p: Array, a: Array, b: Array, c: Array) -> float:
-    """Square of the distance of a point from a triangle (C. Ericson, 2004, section 5.1.5)."""
+def _nearest_place(p: Array, a: Array, b: Array, c: Array) -> Array:
+    """The place of a triangle nearest to a point (C. Ericson, 2004, section 5.1.5)."""
     ab, ac, ap = b - a, c - a, p - a
     d1 = ab[0] * ap[0] + ab[1] * ap[1] + ab[2] * ap[2]
     d2 = ac[0] * ap[0] + ac[1] * ap[1] + ac[2] * ap[2]
@@ -39,10 +39,14 @@ def _point_triangle(p: Array, a: Array, b: Array, c: Array) -> float:
     else:
         total = va + vb + vc
         v, w = vb / total, vc / total
-    out = 0.0
-    for k in range(3):
-        out += (ap[k] - v * ab[k] - w * ac[k]) ** 2
-    return out
+    return a + v * ab + w * ac
+
+
+@compiled
+def _point_triangle(p: Array, a: Array, b: Array, c: Array) -> float:
+    """Square of the distance of a point from a triangle."""
+    off = p - _nearest_place(p, a, b, c)
+    return float(off[0] * off[0] + off[1] * off[1] + off[2] * off[2])
 
 
 @compiled
@@ -138,3 +142,83 @@ def nearest_triangles(
 def segment_distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
     """The distances of `nearest_triangles`."""
     return nearest_triangles(starts, ends, corners, enough)[0]
+
+
+@compiled
+def contact_surfaces(
+    places: Array, normals: Array, corners: Array, facing: float, rising: float, slack: float
+) -> Mask:
+    """Which triangles (T, 3, 3) are of the surface that each contact is on, (C, T).
+
+    places, normals (unit): (C, 3). facing: least cosine of normals; rising: tangent of the slope by
+    which a triangle's place nearest to the contact may rise above its plane, beside `slack` [m].
+    """
+    out = np.zeros((len(places), len(corners)), np.bool_)
+    for t in range(len(corners)):
+        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+        e, f = b - a, c - a
+        nx = e[1] * f[2] - e[2] * f[1]
+        ny = e[2] * f[0] - e[0] * f[2]
+        nz = e[0] * f[1] - e[1] * f[0]
+        size = np.sqrt(nx * nx + ny * ny + nz * nz)
+        for i in range(len(places)):
+            n = normals[i]
+            if nx * n[0] + ny * n[1] + nz * n[2] < facing * size:
+                continue
+            off = _nearest_place(places[i], a, b, c) - places[i]
+            height = off[0] * n[0] + off[1] * n[1] + off[2] * n[2]
+            square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2]
+            aside = np.sqrt(max(square - height * height, 0.0))
+            out[i, t] = height <= slack + rising * aside
+    return out
+
+
+@compiled
+def missing_room(
+    starts: Array, ends: Array, need: Array, contact: Index, own: Mask, corners: Array, most: float
+) -> tuple[Array, Index]:
+    """By how much segments (S, 3) come too close to triangles (T, 3, 3), and to which, (S,).
+
+    need: (S, 1 + C) [m], the room from triangles at large, then that from those of each contact; a
+    negative one asks for nothing. contact: (S, C), rows of `own` (U, T), -1 for none. Zero and -1
+    where nothing is missing; `most` where a segment passes through a triangle.
+    """
+    short = np.zeros(len(starts))
+    nearest = np.full(len(starts), -1, np.int64)
+    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
+    for t in range(len(corners)):
+        for k in range(3):
+            a, b, c = corners[t, 0, k], corners[t, 1, k], corners[t, 2, k]
+            low[t, k], high[t, k] = min(a, b, c), max(a, b, c)
+    for i in range(len(starts)):
+        p, q = starts[i], ends[i]
+        if np.isnan(p).any() or np.isnan(q).any():
+            continue
+        widest = need[i, 0]
+        for j in range(contact.shape[1]):
+            widest = max(widest, need[i, 1 + j])
+        for t in range(len(corners)):
+            gap = 0.0
+            for k in range(3):
+                a, b = min(p[k], q[k]), max(p[k], q[k])
+                apart = max(low[t, k] - b, a - high[t, k])
+                if apart > 0:
+                    gap += apart * apart
+            if widest < 0 or gap > widest * widest:
+                continue
+            asked = need[i, 0]
+            for j in range(contact.shape[1]):
+                if contact[i, j] >= 0 and own[contact[i, j], t]:
+                    asked = min(asked, need[i, 1 + j])
+            if asked < 0 or gap > (asked - short[i]) ** 2:
+                continue
+            x, y, z = corners[t, 0], corners[t, 1], corners[t, 2]
+            if _crosses(p, q, x, y, z):
+                short[i], nearest[i] = most, t
+                break
+            away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
+            away = min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z))
+            missing = asked - np.sqrt(away)
+            if missing > short[i]:
+                short[i], nearest[i] = missing, t
+    return short, nearest

@@ -12,6 +12,7 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb.scan import ScanSpec
 
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 # Rows are the world's axes in those of the file, by the axis that points up: right-handed
 _UP = {

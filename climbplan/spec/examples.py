@@ -28,7 +28,9 @@ ABOUT = {
     "climb_walker": "a robot from a URDF",
     "robot_walker": "from a URDF",
     "climb_single_wall": "grippers on one wall",
+    "climb_rough_chimney": "between scanned walls",
     "mission_ground_to_top": "and on as a climb",
+    "mission_rough_shaft": "the same in a scan",
 }
 # Files that an example reads, or that state its problem
 _DATA = {
@@ -37,6 +39,8 @@ _DATA = {
     "strategy_bookshelf": ("bookshelf_scenes.h5",),
     "dataset_cart_pole": ("cart_pole.py",),
     "robot_walker": ("walker.urdf",),
+    "climb_rough_chimney": ("rough_chimney.stl",),
+    "mission_rough_shaft": ("rough_shaft.stl",),
     "climb_walker": ("robot_walker.yaml", "walker.urdf"),
 }
 

@@ -29,6 +29,7 @@ class Slot:
     meaning: str = ""
     or_text: bool = False  # a text may stand here instead of the mapping
     or_number: bool = False  # a number may
+    or_words: tuple[str, ...] = ()  # one of these words may
 
     @property
     def model(self) -> type[SpecModel] | None:
@@ -75,7 +76,8 @@ class Slot:
         if self.is_number:
             number = "a whole number" if self.type is int else "a number"
             unit = f" in {self.unit}" if self.unit else ""
-            return f"{number}{unit}{self._range()}"
+            words = "".join(f", or {word}" for word in self.or_words)
+            return f"{number}{unit}{self._range()}{words}"
         if self.type is bool:
             return "true or false"
         if self.type is str:
@@ -176,6 +178,7 @@ def _slot_of(field: FieldInfo) -> Slot:
         meaning=meaning,
         or_text=_or_model(field.annotation, str),
         or_number=_or_model(field.annotation, float),
+        or_words=_words(field.annotation),
     )
 
 
@@ -187,6 +190,16 @@ def _or_model(annotation: Any, plain: type) -> bool:
         return False
     kinds = [_stripped(a)[0] for a in get_args(annotation)]
     return plain in kinds and any(_is_model(kind) for kind in kinds)
+
+
+def _words(annotation: Any) -> tuple[str, ...]:
+    """Words that may stand instead of the other kind of a union."""
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    if get_origin(annotation) not in (Union, types.UnionType):
+        return ()
+    literals = [a for a in get_args(annotation) if get_origin(a) is Literal]
+    return tuple(str(word) for literal in literals for word in get_args(literal))
 
 
 def _is_model(kind: Any) -> bool:
@@ -202,6 +215,8 @@ def _stripped(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
             annotation, bounds = arguments[0], (*bounds, *arguments[1:])
         elif origin in (Union, types.UnionType) and type(None) in arguments:
             annotation = next(a for a in arguments if a is not type(None))
+        elif origin in (Union, types.UnionType) and _words(annotation):
+            annotation = next(a for a in arguments if get_origin(a) is not Literal)
         elif _or_model(annotation, str) or _or_model(annotation, float):
             annotation = next(a for a in arguments if _is_model(_stripped(a)[0]))
         else:

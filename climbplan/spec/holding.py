@@ -89,6 +89,7 @@ RULES = {
     "program": Rules(how=_HOW, judged=("solver.gap", "solver.tolerance")),
 }
 """By kind of spec; a plan of any other kind cannot be held against a spec."""
+OPEN = "auto"  # value of a key that leaves it to the planner, as if it were not written
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
         own = spec.model_dump(mode="json")
         for key, one, other in _apart("", stored.model_dump(mode="json"), own):
             together = _GOAL_ANGLES if key in _GOAL_ANGLES else (key,)
-            stated = any(_has(loaded.document.value, name) for name in together)
+            stated = any(_has(loaded.document.value, name) for name in together) and other != OPEN
             role = rules.role(key, stated)
             differences.append(KeyDifference(key, one, other, role))
             if role in ("how", "chosen"):

@@ -20,6 +20,7 @@ from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
 _log = logging.getLogger(__name__)
+STATED = ("left", "right", "ground", "panel", "tube")  # surfaces that keys of their own state
 _ON_FACE = 1e-6  # [m] a surface this close to a face of a solid lies on it
 
 
@@ -47,7 +48,7 @@ class Terrain:
         """Whether the surface is a tube."""
         return isinstance(self.surfaces[0], Tube)
 
-    @property
+    @cached_property
     def regions(self) -> tuple[Region, ...]:
         """The flat regions (none in a tube)."""
         return tuple(s for s in self.surfaces if isinstance(s, Region))
@@ -65,8 +66,15 @@ class Terrain:
 
     @property
     def solids(self) -> tuple[Solid, ...]:
-        """Obstacles and the material behind flat regions, for collision checks."""
-        return (*self.obstacles, *(region.slab() for region in self.regions))
+        """Obstacles and the material behind flat regions, for collision checks.
+
+        Of regions found in a scan that is the scan itself: what is behind one may be before the
+        next.
+        """
+        stated = self.regions
+        if self.scan is not None:
+            stated = tuple(r for r in stated if r.name in STATED)
+        return (*self.obstacles, *(region.slab() for region in stated))
 
     def nearest_surface(self, limb: int, point: Array) -> int:
         """Index of the surface nearest to a point among those the limb may use."""

@@ -106,6 +106,9 @@ def test_urdfs_of_packages() -> None:
         pytest.skip("example-robot-data is not installed")
     assert package_urdf("example-robot-data:solo12").name == "solo12.urdf"
     assert package_urdf("example-robot-data:anymal_c").parts[-3] == "anymal_c_simple_description"
+    # As the list of what there is calls them
+    for name in ("anymal_b_simple_description/anymal", "solo_description/solo12"):
+        assert package_urdf(f"example-robot-data:{name}").stem == name.partition("/")[2]
     with pytest.raises(UsageError, match=r"solo_description/solo, solo_description/solo12"):
         package_urdf("example-robot-data:solo_")
     with pytest.raises(UsageError, match="--package example-robot-data:PART"):

@@ -47,6 +47,7 @@ def result() -> StrategyResult:
     return bench_strategies(OPTIONS, silent)
 
 
+@pytest.mark.slow
 def test_figures_agree_with_one_another(result: StrategyResult) -> None:
     assert {row.contender for row in result.figures} == {"exact", "knn", "reduce"}
     assert {row.setting for row in result.figures} == set(KINDS)
@@ -68,6 +69,7 @@ def test_figures_agree_with_one_another(result: StrategyResult) -> None:
         assert (np.diff([row.mean_ms for row in mine]) >= 0).all()
 
 
+@pytest.mark.slow
 def test_reduced_programs_are_counted(result: StrategyResult) -> None:
     rows = [row for row in result.figures if row.contender == "reduce"]
     assert all(row.scenes == 2 or row.setting != "same" for row in rows)
@@ -85,6 +87,7 @@ def test_reduced_programs_are_counted(result: StrategyResult) -> None:
             assert math.isinf(trial.exact)
 
 
+@pytest.mark.slow
 def test_files_and_tables_hold_the_figures(result: StrategyResult, tmp_path: Path) -> None:
     write_files(result, OPTIONS, tmp_path)
     told = json.loads((tmp_path / "bench.json").read_text())
@@ -103,6 +106,7 @@ def test_files_and_tables_hold_the_figures(result: StrategyResult, tmp_path: Pat
     assert (tmp_path / "figures" / "strategies.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_the_picture_names_every_strategy_once(result: StrategyResult) -> None:
     figure = comparison(result)
     (legend,) = figure.legends

@@ -56,6 +56,8 @@ RUNS = (
     _run("modules-modes", "plan-limms SPECS/limms_jump.yaml --method modes", 8.0),
     _run("modules-heavy", "plan-limms SPECS/limms_lift_heavy.yaml --method modes", 8.0),
     _run("modules-admm", "plan-limms SPECS/limms_throw.yaml --method admm", 4.0),
+    _run("modules-admm-chain", "plan-limms SPECS/limms_double_arm.yaml --method admm", 9.0),
+    _run("modules-masses", "plan-limms SPECS/limms_throw_with_mass.yaml", 8.0),
     _run("modules-admm-jump", "plan-limms SPECS/limms_jump.yaml --method admm", 8.0),
     _run("walk-search", "plan-mpc SPECS/mpc_turn.yaml --method search", 6.0),
     _run("walk-nlp", "plan-mpc SPECS/mpc_turn.yaml --method nlp", 3.0),

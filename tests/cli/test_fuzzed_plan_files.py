@@ -155,7 +155,7 @@ def test_tables_that_lack_an_entry(original: Path, tmp_path: Path, keys: int) ->
                 path = changed(original, tmp_path, lambda f, n=name, t=text: f.attrs.update({n: t}))
                 codes = {run(["verify", path]), run(["report", "--json", path])}
                 assert codes in ({0}, {2}), (name, key, value)
-                if value is None and codes == {0} and place == 0:
+                if value is None and codes == {0} and place == 0 and name == "timings":
                     assert run(["report", path, "-o", str(tmp_path / "page"), "--force"]) == 0
     for text in ("[1e400]", "[NaN]", "[-Infinity]", "[" * 500 + "]" * 500, '{"a": "\\ud800"}'):
         path = changed(original, tmp_path, lambda f, t=text: f.attrs.update({"sizes": t}))

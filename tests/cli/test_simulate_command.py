@@ -81,7 +81,7 @@ def test_refusals(
     shelf = run_command("simulate", "shelf.h5")
     assert shelf.code == 2
     assert "'climbplan/bookshelf'" in shelf.err
-    assert "climbs, transitions and walks" in shelf.err
+    assert "climbs, transitions, walks and modules" in shelf.err
     found = importlib.import_module
 
     def without(name: str, package: str | None = None) -> object:

@@ -151,7 +151,7 @@ def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
     names = ["posture", "force", "plan", "coupled", "transition", "mpc"]
     names += ["refusals", "stands", "judge", "zoo", "growth", "bookshelf", "strategies", "limms"]
-    names += ["engine"]
+    names += ["instances", "engine"]
     assert [line.split()[0] for line in listed] == names
 
 

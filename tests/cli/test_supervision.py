@@ -53,7 +53,9 @@ def start(
     """A script that has come to `ready()`."""
 
     def handlers() -> None:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        # Whoever runs the tests may ignore some: a shell in the background, nohup
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
         if deaf_to is not None:
             signal.signal(deaf_to, signal.SIG_IGN)
 

@@ -13,7 +13,6 @@ from climbplan.climb.check.convex import hull_distance
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import (
     BETWEEN,
-    least_room,
     limb_points,
     limb_shortfall,
     link_distances,
@@ -128,7 +127,7 @@ def test_standing_limbs_are_measured_at_their_thickness(
     height = float(last[..., 2].max())
     short = limb_shortfall(with_obstacle(scene, lid(height + 0.02)), rounds, instants)
     assert short is not None
-    assert short.missing == pytest.approx(least_room(scene) - 0.02, abs=1e-9)
+    assert short.missing == pytest.approx(scene.robot.limb_radius + BETWEEN - 0.02, abs=1e-9)
     assert short.obstacle == "lid"
     assert short.where.startswith("round 3, push")
     words = short.words(scene)
@@ -146,7 +145,7 @@ def test_a_swing_without_room_says_what_is_missing(
     scene, rounds, instants = standing
     swing = swings_of(scene, rounds, instants)[0]
     limb = limb_points(scene, swing.com[None], swing.rpy[None], rounds.toes[:1])[0, swing.limb]
-    room = least_room(scene)
+    room = scene.robot.limb_radius + BETWEEN
     # Room enough while it stands; a lifted toe raises the knee
     under = with_obstacle(scene, lid(float(limb[:, 2].max()) + room + 0.005))
     with pytest.raises(SwingBlocked) as caught:
@@ -210,7 +209,6 @@ def test_limb_clearance_is_kept_beside_the_radius(demo_climb: SceneMaker) -> Non
     assert standing_room(wide) == pytest.approx(0.04 + wide.robot.limb_radius)
     none = demo_climb(**{"posture.limb_clearance": 0.0})
     assert standing_room(none) == pytest.approx(BETWEEN + wide.robot.limb_radius)
-    assert least_room(wide) == least_room(none)
 
 
 @pytest.mark.slow

@@ -21,13 +21,20 @@ from climbplan.spec.robots.source import load_robot
 GOAL = (0.0, 0.1, 0.6)
 
 
-def triangles(count: int, gap: float, rounds: int = 8, seed: int = 0) -> ClimbScene:
+def triangles(
+    count: int,
+    gap: float,
+    rounds: int = 8,
+    seed: int = 0,
+    top: float = 1.4,
+    goal: tuple[float, float, float] = GOAL,
+) -> ClimbScene:
     """Two walls of irregular triangles, any toe on any of them, each shrunk by a share `gap`."""
     rng = np.random.default_rng(seed)
     across = max(d for d in range(1, int(np.sqrt(count / 4)) + 1) if (count // 4) % d == 0)
     regions = []
     for side, x in (("left", -0.615), ("right", 0.615)):
-        y, z = np.linspace(-0.9, 1.1, across + 1), np.linspace(-0.7, 1.4, count // 4 // across + 1)
+        y, z = np.linspace(-0.9, 1.1, across + 1), np.linspace(-0.7, top, count // 4 // across + 1)
         grid = np.stack(np.meshgrid(y, z, indexing="ij"), -1)
         cell = np.array([y[1] - y[0], z[1] - z[0]])
         grid[1:-1, 1:-1] += rng.uniform(-0.3, 0.3, grid[1:-1, 1:-1].shape) * cell
@@ -48,7 +55,7 @@ def triangles(count: int, gap: float, rounds: int = 8, seed: int = 0) -> ClimbSc
         "kind": "climb",
         "robot": "silvia",
         "terrain": {"friction": 1.0, "regions": regions},
-        "task": {"rounds": rounds, "start": {"com": (0.0, 0.0, 0.0)}, "goal": {"com": GOAL}},
+        "task": {"rounds": rounds, "start": {"com": (0.0, 0.0, 0.0)}, "goal": {"com": goal}},
         "posture": {"weights": {"rotation": 0.01, "toe": 0.1}},
         "solver": {"method": "micp", "time_limit": 60.0, "gap": 0.01},
     }

@@ -164,9 +164,7 @@ def test_edges_with_ground_beyond_stay() -> None:
 
 
 def test_a_transition_keeps_its_margins() -> None:
-    # Brick and wall have friction for no more than these
-    modest = ["margins.friction=0.02", "margins.slip=0"]
-    plan = plan_transition(load_transition(SPECS / "transition_bricks.yaml", modest))
+    plan = plan_transition(load_transition(SPECS / "transition_bricks.yaml"))
     outward = plan.forces.toe_command - plan.instants.toes
     depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)[plan.instants.contact]
     assert depth.min() > 0.95 * 0.005

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from known_surfaces import box, joined
+from rocky_tubes import rocky_tube
 
 import climbplan
 from climbplan.climb.check.verification import verification_of
@@ -160,7 +161,8 @@ def shared_mesh(name: str) -> Path:
 def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
     pytest.importorskip("mujoco", reason="mujoco is missing: pip install '.[simulate]'")
     from climbplan.simulation.conditions import Conditions
-    from climbplan.simulation.model import TOE_RADIUS, raw_geoms
+    from climbplan.simulation.terrain_geoms import raw_geoms
+    from climbplan.simulation.toe import TOE_RADIUS
 
     plan, assets = made[1], []
     scan = plan.terrain.scan
@@ -178,9 +180,12 @@ def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
 
 
 WALKS = {
-    "stairs": ("-0.45, 0.8, 0.28", "0.45, 0.8, 0.47", 18, 10),
-    "bauzil_stairs_clean": ("-0.55, 1.0, 0.28", "0.35, 1.0, 0.46", 18, 10),
-    "slope_towr": ("0.1, 0, 0.28", "0.95, 0, 0.36", 8, 9),
+    "stairs": ("-0.45, 0.8, 0.28", "0.45, 0.8, 0.47", 18, 10, "micp"),
+    "bauzil_stairs_clean": ("-0.55, 1.0, 0.28", "0.35, 1.0, 0.46", 18, 10, "micp"),
+    "slope_towr": ("0.1, 0, 0.28", "0.95, 0, 0.36", 8, 9, "micp"),
+    # Its steps end in edges that tibias pass closely: found with exact rotations, after micp
+    "rubbles_stairs_1": ("4.5, 0, 0.28", "5.4, 0, 0.47", 18, 8, "auto"),
+    "slalom_debris": ("-1.2, 0.2, 0.28", "-0.6, 0.55, 0.28", 0, 8, "auto"),  # up to its debris
 }
 WALK = """\
 kind: climb
@@ -195,17 +200,64 @@ task:
   stance: {{RF: [0.25, 0.42, -0.28], RM: [0.44, 0, -0.28], RR: [0.25, -0.42, -0.28],
     LR: [-0.25, -0.42, -0.28], LM: [-0.44, 0, -0.28], LF: [-0.25, 0.42, -0.28]}}
 trajectory: {{lift: 0.06}}
-solver: {{method: micp}}
+solver: {{method: {method}}}
 """
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WALKS)
 def test_meshes_of_another_project_are_walked(tmp_path: Path, name: str) -> None:
-    start, goal, pitch, rounds = WALKS[name]
+    start, goal, pitch, rounds, method = WALKS[name]
     spec = tmp_path / f"{name}.yaml"
     file = shared_mesh(f"{name}.stl")
-    spec.write_text(WALK.format(file=file, start=start, goal=goal, pitch=pitch, rounds=rounds))
+    text = WALK.format(file=file, start=start, goal=goal, pitch=pitch, rounds=rounds, method=method)
+    spec.write_text(text)
     assert len(spec.read_text().splitlines()) <= 15
     plan = climbplan.plan(spec)
     assert plan.verify().passed
+
+
+@pytest.mark.slow
+def test_rubble_and_the_stairs_behind_it_are_walked_in_windows(tmp_path: Path) -> None:
+    file = shared_mesh("rubbles_stairs_1.stl")
+    spec = tmp_path / "rubbles.yaml"
+    goal = "6.9, 0, 0.89"
+    given = {"file": f"{file}, guide: [[4.5, 0, 0.28]]", "start": "0.2, 0, 0.28", "goal": goal}
+    text = WALK.format(**given, pitch=18, rounds="auto", method="auto, time_limit: 600")
+    spec.write_text(text)
+    assert len(spec.read_text().splitlines()) <= 15
+    plan = climbplan.plan(spec)
+    assert plan.verify().passed
+    assert len(plan.rounds.com) > 40
+    assert plan.sizes["posture"]["windows"] > 20
+
+
+TUBE = """\
+kind: climb
+robot: silvia
+terrain:
+  friction: 1.0
+  scan: {file: tube.stl}
+task:
+  rounds: auto
+  start: {com: [0, 0, 0.4]}
+  goal: {com: [0, 0, GOAL]}
+  stance: {RF: [0.3075, 0.5326, -0.12], RM: [0.615, 0, -0.12], RR: [0.3075, -0.5326, -0.12],
+    LR: [-0.3075, -0.5326, -0.12], LM: [-0.615, 0, -0.12], LF: [-0.3075, 0.5326, -0.12]}
+solver: {time_limit: 900, window: 2}
+posture: {steps: {com_max: 0.08}}
+trajectory: {lift: 0.03}
+"""
+
+
+@pytest.mark.slow
+def test_a_rocky_tube_of_a_thousand_panels_is_climbed(tmp_path: Path) -> None:
+    tube = rocky_tube()
+    assert len(tube.faces) == 1000
+    tube.export(tmp_path / "tube.stl")
+    spec = tmp_path / "tube.yaml"
+    spec.write_text(TUBE.replace("GOAL", "0.7"))
+    plan = climbplan.plan(spec)
+    assert plan.verify().passed
+    assert len(plan.rounds.com) - 1 >= 4
+    assert plan.sizes["posture"]["windows"] >= 2

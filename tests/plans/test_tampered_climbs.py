@@ -282,6 +282,10 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
             "trajectory.friction",
         },
     ),
+    "links too thick for their neighbours": (
+        attribute("robot", "limb_radius", 0.1),
+        {"limbs.self_collision", "trajectory.self_collision"},
+    ),
     "sag": (
         add("instants/com_deflection", (2, 5), 1e-4),
         {"stiffness.relation", "file.spec_values"},

@@ -134,7 +134,7 @@ def test_big_m_refuses_what_is_not_bounded() -> None:
     assert solve_mpcc(instance).objective == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.1])
+@pytest.mark.parametrize("damping", [0.0, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_cart_pole_from_a_neighbour(damping: float) -> None:
     p = cart_pole(damping)
     rng = np.random.default_rng(4)

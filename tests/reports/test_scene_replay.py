@@ -150,3 +150,29 @@ def test_replays_are_drawn_and_advance(folders: dict[str, Path], name: str) -> N
             f"{replay_of(folders[name])['start'] + 0.1}"
         )
         assert browser.evaluate("document.getElementById('replay').toDataURL()") != before
+
+
+@pytest.mark.skipif(chromium_path() is None, reason="no Chromium found: page not run")
+def test_replays_play_slowly_and_again_from_the_start(folders: dict[str, Path]) -> None:
+    program = chromium_path()
+    assert program is not None
+    start = replay_of(folders["walk"])["start"]
+    with Browser(program) as browser:
+        browser.open(folders["walk"] / "report.html")
+        browser.wait_for(f"{PIXELS} > 10_000")
+        # A thousand frames of 1 ms at a tenth of the speed: far less than a pixel each
+        passed = browser.evaluate(
+            "speed.value = '0.1'; playing = true; before = 0;"
+            "for (let k = 1; k <= 1000; k += 1) tick(k);"
+            "playing = false; time"
+        )
+        assert passed == pytest.approx(start + 0.1, abs=1e-6)
+        ended = browser.evaluate(
+            "goTo(last - 1e-4); playing = true; before = 0; tick(1000);"
+            "[playing, time === last, Number(slider.value) === last]"
+        )
+        assert ended == [False, True, True]
+        again = browser.evaluate("button.click(); playing = false; time")
+        assert again == start
+        # A finger on the picture may still scroll the page
+        assert browser.evaluate("getComputedStyle(canvas).touchAction") == "pan-y"

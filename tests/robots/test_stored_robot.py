@@ -39,10 +39,17 @@ def test_meshes_do_not(texts: RobotTexts) -> None:
     with_mesh = texts.urdf[:start] + mesh + texts.urdf[end:]
     assert stored_robot(WALKER, RobotTexts(texts.yaml, with_mesh)).unknown == (
         "limb_radius",
+        "capsules",
+        "touching",
         "body_hull",
+        "body_parts",
     )
     told = texts.yaml + "\nlimb_radius: 0.03\n"
-    assert stored_robot(WALKER, RobotTexts(told, with_mesh)).unknown == ("body_hull",)
+    assert stored_robot(WALKER, RobotTexts(told, with_mesh)).unknown == (
+        "body_hull",
+        "body_parts",
+        "touching",
+    )
 
 
 @pytest.mark.parametrize(

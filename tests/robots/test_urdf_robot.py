@@ -100,8 +100,8 @@ def test_what_a_urdf_says_of_an_octopod(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.max_joint_speed, 5.0)
     np.testing.assert_allclose(robot.link_lengths, np.tile([0.057, 0.195, 0.375], (8, 1)))
     np.testing.assert_allclose(robot.joint_upper[0], [1.0, 1.5, 1.5])
-    # Cylinders of 0.02 m about the links, as polygons that hold them
-    assert 0.02 <= robot.limb_radius < 0.0205
+    # Cylinders of 0.02 m about the links, and the capsules that hold them
+    assert 0.02 <= robot.limb_radius < 0.021
     size = robot.body_hull.max(axis=0) - robot.body_hull.min(axis=0)
     np.testing.assert_allclose(size, [0.2, 0.4, 0.08], atol=1e-12)  # its box is 0.4 m forward
     # 0.97 of the reach, which sampling finds up to a per cent or two

@@ -158,3 +158,38 @@ def dome() -> Known:
 
 
 SURFACES = (plate, stairs, block, angle, holed, tube, octagon, waves, noisy, sunk, dome)
+
+
+def rough_sheet(
+    origin: tuple[float, float, float],
+    spans: tuple[tuple[float, float, float], tuple[float, float, float]],
+    counts: tuple[int, int],
+    rough: float,
+    rng: np.random.Generator,
+) -> RawScan:
+    """A grid of corners off their plane by up to `rough` [m]; it faces across its spans."""
+    u, v = np.array(spans, float)
+    normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+    i, j = np.meshgrid(*(np.linspace(0, 1, n) for n in counts), indexing="ij")
+    points = np.array(origin) + i[..., None] * u + j[..., None] * v
+    points = points + rough * rng.uniform(-1, 1, counts)[..., None] * normal
+    return mesh(points.reshape(-1, 3), sheet(*counts))
+
+
+def rough_chimney() -> RawScan:
+    """Two walls 1.23 m apart in triangles 16 cm wide: `specs/rough_chimney.stl`."""
+    rng = np.random.default_rng(1)
+    return joined(
+        rough_sheet((-0.615, -0.8, -0.6), ((0, 1.6, 0), (0, 0, 1.6)), (11, 11), 0.015, rng),
+        rough_sheet((0.615, -0.8, -0.6), ((0, 0, 1.6), (0, 1.6, 0)), (11, 11), 0.015, rng),
+    )
+
+
+def rough_shaft() -> RawScan:
+    """A floor and two walls in triangles 20 cm wide: `specs/rough_shaft.stl`."""
+    rng = np.random.default_rng(2)
+    return joined(
+        rough_sheet((-0.615, -0.8, 0), ((0, 1.6, 0), (0, 0, 1.6)), (9, 9), 0.008, rng),
+        rough_sheet((0.615, -0.8, 0), ((0, 0, 1.6), (0, 1.6, 0)), (9, 9), 0.008, rng),
+        rough_sheet((-0.615, -0.8, 0), ((1.23, 0, 0), (0, 1.6, 0)), (7, 9), 0.004, rng),
+    )

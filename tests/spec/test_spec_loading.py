@@ -114,7 +114,12 @@ def test_one_mistake_does_not_hide_another(tmp_path: Path, small_climb: str) -> 
 @pytest.mark.parametrize(
     ("old", "new", "line", "fragment"),
     [
-        ("rounds: 2", "rounds: two", 21, "expected a whole number >= 1 and <= 200, got 'two'"),
+        (
+            "rounds: 2",
+            "rounds: two",
+            21,
+            "expected a whole number >= 1 and <= 200, or auto, got 'two'",
+        ),
         ("rounds: 2", "rounds: '2'", 21, "(write 2)"),
         ("rounds: 2", "rounds: 2.5", 21, "expected a whole number"),
         ("rounds: 2", "rounds: true", 21, "got true"),

@@ -96,7 +96,7 @@ def _shifted_scene(rng: np.random.Generator) -> ClimbScene:
 
 def straight_rounds(scene: ClimbScene) -> Rounds:
     """Postures evenly between start and goal, without regard to anything else."""
-    share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)
+    share = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)
 
     def between(start: Array, goal: Array) -> Array:
         part = share.reshape(-1, *[1] * start.ndim)

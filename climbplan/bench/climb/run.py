@@ -40,7 +40,7 @@ def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
             plan_trajectory(scene, motion.posture.rounds, motion.instants, forces, motion.swings)
         for stage, seconds in {**clock.seconds, "plan": planned, "busy": busy}.items():
             stages.setdefault(stage, []).append(seconds)
-    rounds = loaded.spec.task.rounds
+    rounds = loaded.spec.task.round_count
     print(f"climb_obstacle: {rounds} rounds, {motion.instants.count} force problems", file=out)
     print(f"{'stage':<28}{'median s':>10}{'of plan':>10}", file=out)
     whole = statistics.median(stages["plan"])

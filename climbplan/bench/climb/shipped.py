@@ -28,6 +28,8 @@ SCENES = (  # that MuJoCo can play
     "climb_tube_mesh",
     "climb_walker",
     "climb_ground_to_wall",
+    "climb_single_wall",
+    "climb_ceiling",
     "transition_flat",
     "transition_bricks",
     "transition_bricks_4",

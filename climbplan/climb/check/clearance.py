@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.anew.kinematics import body_axes, placed
-from climbplan.climb.check.convex import body_clearance, chain_separation, polygon_normal
+from climbplan.climb.check.convex import (
+    ConvexBody,
+    body_clearance,
+    chain_separation,
+    polygon_normal,
+)
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Mask
 from climbplan.plans.check import Array, Check, judge_worst
 from climbplan.terrain.surfaces import Region, Tube
 
+_IN_SCAN = "all that is solid is in the scan"
 _MEASURED = 0.05  # [m] link distances below this are measured, beyond it a bound is enough
 _TOLD = 5e-3  # [m] room beside links up to which it is measured, not bounded
 _ON_FACE = 1e-6  # [m] a surface this close to an obstacle's face lies on it
@@ -25,7 +32,7 @@ def clearance_checks(subject: Subject) -> Iterator[Check]:
     yield _body(subject)
     yield _free_regions(subject)
     yield _limbs(subject)
-    yield judge_capsules("limbs.capsules", subject, subject.limbs.points, subject.at)
+    yield judge_capsules("limbs.capsules", subject, subject.capsules, subject.at)
 
 
 def _body(subject: Subject) -> Check:
@@ -43,6 +50,8 @@ def _body(subject: Subject) -> Check:
     rows = np.flatnonzero(moved)
     com, axes = poses[rows, :3], body_axes(poses[rows, 3:])
 
+    if not subject.solids and not any(isinstance(s, Tube) for s in plan.terrain.surfaces):
+        return judge_worst("body.clearance", np.zeros(1), lambda _: "", margin=_IN_SCAN)
     names: list[str] = []
     clear: list[Array] = []
     for solid in subject.solids:
@@ -95,7 +104,9 @@ def _limbs(subject: Subject) -> Check:
     """Link axes at the instants; the margin leaves out the last stretch before the toes."""
     points = subject.limbs.points
     depth = link_depths(subject, points, 0.0)
-    clear = -float(link_depths(subject, _narrowed(subject, points), _MEASURED).max())
+    clear = -float(
+        link_depths(subject, _narrowed(subject, points), _MEASURED).max(initial=-_MEASURED)
+    )
     at_least = "at least " if clear >= _MEASURED else ""
     margin = f"links {at_least}{1e3 * clear:.0f} mm clear"
     return judge_link_depths("limbs.clearance", subject, depth, subject.at, margin)
@@ -122,6 +133,8 @@ def link_depths(subject: Subject, points: Array, enough: float) -> Array:
             # The inside is convex: a segment stays in it if its ends do.
             radial = np.linalg.norm(points[..., :2] - surface.center, axis=-1) - surface.radius
             depths.append(np.maximum(radial[..., :-1], radial[..., 1:]))
+    if not depths:
+        return np.full((*points.shape[:-2], points.shape[-2] - 1, 0), -np.inf)
     return np.stack(depths, axis=-1)
 
 
@@ -129,6 +142,8 @@ def judge_link_depths(
     name: str, subject: Subject, depth: Array, moment: Callable[[int], str], margin: str
 ) -> Check:
     """A check of link depths (P, N, links, S); `moment` describes the first index."""
+    if not depth.shape[-1]:
+        return judge_worst(name, np.zeros(1), lambda _: "", margin=_IN_SCAN)
     names = [solid.name for solid in subject.solids]
     names += [s.name for s in subject.plan.terrain.surfaces if isinstance(s, Tube)]
 
@@ -140,40 +155,68 @@ def judge_link_depths(
 
 
 def judge_capsules(
-    name: str, subject: Subject, points: Array, moment: Callable[[int], str]
+    name: str, subject: Subject, capsules: Sequence[Capsule], moment: Callable[[int], str]
 ) -> Check:
-    """A check that links as capsules of the robot's limb radius miss all obstacles.
+    """A check that links, as thick as they are, miss all obstacles.
 
-    points: (P, N, J + 1, 3) joints and toes; `moment` describes the first index. Walls are left
-    out: a last link comes as close to its wall as its toe. So it does to an obstacle whose face the
-    limb may stand on: there it counts as a capsule up to where it narrows to its toe.
+    `moment` describes a pose of the capsules. Walls are left out: a last link comes as close to its
+    wall as its toe. So it does to an obstacle whose face the limb may stand on: there it counts as
+    a capsule up to where it narrows to its toe.
     """
-    radius = subject.plan.robot.limb_radius
     solids = subject.solids[: len(subject.plan.terrain.obstacles)]
     if not solids:
         return judge_worst(name, np.zeros(1), lambda _: "", margin="no obstacles")
-    enough, narrow = radius + _TOLD, _narrowed(subject, points)
-    clear = np.stack(
-        [
-            np.where(stands[:, None], *(chain_distance(p, solid, enough) for p in (narrow, points)))
-            if stands.any()
-            else chain_distance(points, solid, enough)
-            for solid, stands in zip(solids, _stood_upon(subject), strict=False)
-        ],
-        axis=-1,
-    )
+    rows: list[Array] = []
+    for solid, stands in zip(solids, _stood_upon(subject), strict=False):
+        own = [
+            _up_to_narrow(capsule) if stands[capsule.limb] else capsule.axis for capsule in capsules
+        ]
+        rows.append(_axis_distances(own, solid, [c.radius + _TOLD for c in capsules]))
+    clear = np.stack(rows, axis=-1)  # (P, C, S)
+    radius = np.array([capsule.radius for capsule in capsules])[:, None]
 
-    def where(p: int, limb: int, link: int, solid: int) -> str:
-        link_name = subject.limb(limb, link)
+    def where(p: int, number: int, solid: int) -> str:
+        capsule = capsules[number]
+        link_name = subject.limb(capsule.limb, capsule.link)
         return f"{moment(p)}, {link_name} and {solids[solid].name}"
 
-    least = float(clear.min()) - radius
+    used = radius / np.maximum(clear, 1e-9)
+    margin = told_room(clear - radius, radius)
+    return judge_worst(name, radius - clear, where, margin, used)
+
+
+def told_room(room: Array, radius: Array) -> str:
+    """What links keep at least, with their radii, for a margin."""
+    least, thin, thick = float(room.min()), float(radius.min()), float(radius.max())
     words = f"at least {1e3 * least:.1f} mm clear"
     if not least >= 0:
         words = f"{-1e3 * least:.1f} mm too close"
-    margin = f"links of radius {1e3 * radius:.0f} mm {words}"
-    used = radius / np.maximum(clear, 1e-9)
-    return judge_worst(name, radius - clear, where, margin, used)
+    span = f"{1e3 * thick:.0f} mm" if thin == thick else f"{1e3 * thin:.0f} to {1e3 * thick:.0f} mm"
+    return f"links of radius {span} {words}"
+
+
+def _up_to_narrow(capsule: Capsule) -> Array:
+    """Axis (P, 2, 3) up to where a last link narrows to its toe; infinitely far if it is all so."""
+    back = _TOE_STRETCH - capsule.to_toe
+    if not back > 0:
+        return capsule.axis
+    along = capsule.starts - capsule.ends
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
+    if float(np.median(length)) <= back:
+        return np.full((len(along), 2, 3), np.inf)
+    return np.stack([capsule.starts, capsule.ends + along * (back / length)], axis=1)
+
+
+def _axis_distances(axes: Sequence[Array], solid: ConvexBody, enough: Sequence[float]) -> Array:
+    """Distances (P, C) of axes (P, 2, 3) from a solid, each measured up to its `enough` [m]."""
+    out = np.full((len(axes[0]), len(axes)), np.inf)
+    for limit in sorted(set(enough)):
+        own = [n for n, asked in enumerate(enough) if asked == limit]
+        own = [n for n in own if not np.isinf(axes[n]).any()]
+        if own:
+            stacked = np.stack([axes[n] for n in own], axis=1)  # (P, C, 2, 3)
+            out[:, own] = chain_distance(stacked, solid, limit)[..., 0]
+    return out
 
 
 def _stood_upon(subject: Subject) -> Iterator[Mask]:

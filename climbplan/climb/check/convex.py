@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from climbplan.climb.check.anew.kinematics import placed
 from climbplan.plans.check import Array
-from climbplan.terrain.model import Terrain
+from climbplan.terrain.model import STATED, Terrain
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region
 
 _BISECTIONS = 60  # halvings of a unit interval: down to rounding
@@ -45,10 +45,13 @@ def polygon_normal(corners: Array) -> Array:
 
 
 def solids_of(terrain: Terrain) -> tuple[ConvexBody, ...]:
-    """Obstacles, then the material behind every flat surface."""
+    """Obstacles, then the material behind every flat surface but those found in a scan.
+
+    There the raw triangles are what is solid (`climbplan/climb/check/scan.py`).
+    """
     solids = [hull_of(solid.name, solid.vertices) for solid in terrain.obstacles]
     for surface in terrain.surfaces:
-        if isinstance(surface, Region):
+        if isinstance(surface, Region) and (terrain.scan is None or surface.name in STATED):
             solids.append(_slab(surface.name, surface.vertices))
     return tuple(solids)
 

@@ -13,7 +13,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
 from climbplan.plans.check import Array, Check, faults_check, judge
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, TORQUE
+from climbplan.spec.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, THICKNESS, TORQUE
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 
@@ -102,6 +102,12 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
         yield "limb names are not unique"
     if not _has_volume(robot.body_hull):
         yield "body_hull spans no volume"
+    parts = [np.abs(part).max(initial=0.0) for part in robot.body_parts]
+    if not all(far <= _FARTHEST for far in parts) or not all(map(_has_volume, robot.body_parts)):
+        yield "body_parts: expected bodies near the robot that span a volume"
+    thick = [robot.limb_radius] if robot.capsules is None else robot.capsules.radius.ravel()
+    if not all(THICKNESS.holds(float(radius)) for radius in thick):
+        yield f"limb_radius or a radius of its capsules is not {THICKNESS.expected}"
     if isinstance(robot.mechanism, SerialChain):
         yield from _chain_faults(robot, robot.mechanism)
 

@@ -75,19 +75,11 @@ def grip_checks(subject: Subject) -> Iterator[Check]:
     bounds = spine_bounds(grips.model, grips.risk, holds)
     off = np.abs(bounds - grips.spines)
     yield judge_worst("grip.spines", off, lambda r: f"on {plan.terrain.surfaces[r].name!r}")
-    hands = hands_at(
-        plan.forces.force,
-        grips.instants,
-        plan.instants.normal,
-        plan.instants.region,
-        holds,
-        bounds,
-        gripper.finger_span,
-    )
+    hands = _hands(subject, gripper, grips, holds, bounds, np.zeros(plan.instants.contact.shape))
     yield from _cones(subject, hands)
     yield from _gripping(subject, gripper, grips, hands)
     yield from _wrists(subject, gripper, grips, holds)
-    yield from _pull_out(subject, gripper, grips, holds, bounds)
+    yield _pull_out(subject, grips, further_pull(subject, gripper, grips))
     yield _factors(subject, gripper, grips, hands, bounds[plan.instants.region])
 
 
@@ -170,23 +162,40 @@ def _wrists(subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds) -
     )
 
 
-def _pull_out(
-    subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds, bounds: Array
-) -> Iterator[Check]:
-    """The further pull that a grip holds, found by halving intervals."""
-    plan = subject.plan
-    instants, contact = plan.instants, plan.instants.contact
+def _hands(
+    subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds, bounds: Array, pull: Array
+) -> Hands:
+    """What palms and fingers do at the instants, pulled off their surfaces by (K, N) more [N]."""
+    plan, instants = subject.plan, subject.plan.instants
+    return hands_at(
+        plan.forces.force - pull[..., None] * instants.normal,
+        grips.instants,
+        instants.normal,
+        instants.region,
+        holds,
+        bounds,
+        gripper.finger_span,
+    )
+
+
+def friction_in_hand(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
+    """(K, N) share of its friction and spines that the worst part of a grip may lack."""
+    holds = holds_of(subject.plan)
+    contact = subject.plan.instants.contact
+    bounds = spine_bounds(grips.model, grips.risk, holds)
+    hands = _hands(subject, gripper, grips, holds, bounds, np.zeros(contact.shape))
+    loaded = contact[..., None] & (hands.shear > _NO_SHEAR * subject.weight)
+    return np.asarray(1 - np.where(loaded, hands.share(), 0.0).max(axis=-1))
+
+
+def further_pull(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
+    """(K, N) further pull that grips hold [N], found by halving intervals; 0 of lifted limbs."""
+    contact = subject.plan.instants.contact
+    holds = holds_of(subject.plan)
+    bounds = spine_bounds(grips.model, grips.risk, holds)
 
     def holds_at(pull: Array) -> Array:
-        hands = hands_at(
-            plan.forces.force - pull[..., None] * instants.normal,
-            grips.instants,
-            instants.normal,
-            instants.region,
-            holds,
-            bounds,
-            gripper.finger_span,
-        )
+        hands = _hands(subject, gripper, grips, holds, bounds, pull)
         slack = 1e-9 * subject.weight
         fine = (hands.shear <= hands.held + slack) & (hands.pressure >= -slack)
         return np.asarray(fine[..., 1:].all(axis=-1))
@@ -199,12 +208,16 @@ def _pull_out(
         middle = (low + high) / 2
         fine = holds_at(middle)
         low, high = np.where(fine, middle, low), np.where(fine, high, middle)
-    found = np.where(contact, np.where(endless, np.inf, low), 0.0)
+    return np.where(contact, np.where(endless, np.inf, low), 0.0)
+
+
+def _pull_out(subject: Subject, grips: GripPlan, found: Array) -> Check:
+    """The stored further pull that a grip holds (K, N) is what it does hold."""
     stored = grips.pull_margin
     both = np.isinf(found) & np.isinf(stored)
     off = np.abs(np.where(both, 0.0, found) - np.where(both, 0.0, stored)) / subject.weight
-    least = np.where(contact, found, np.inf).min()
-    yield judge_worst(
+    least = np.where(subject.plan.instants.contact, found, np.inf).min()
+    return judge_worst(
         "grip.pull_out", off, subject.at, margin=f"least further pull held {least:.1f} N"
     )
 

@@ -33,6 +33,8 @@ class Motion:
     lifted: Mask  # (T, N)
     done: Index  # (T,) steps completed
     ground: Array  # (T, N, 3) where each limb stands, or stood
+    stood: Index  # (T, N) round of that foothold
+    bound_for: Index  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
     commanded: Limbs  # as the joint commands would have them in free space
     standing: StandingLimbs  # reaching for `ground`
 
@@ -52,7 +54,9 @@ def motion_of(subject: Subject) -> Motion:
     lifted = ~trajectory.contact
     before = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
     gait = gait_of(plan)
-    ground = rounds.toes[_stood(gait, (before & ~lifted).cumsum(axis=0)), _limbs_of(plan)]
+    placed = (before & ~lifted).cumsum(axis=0)
+    stood = _stood(gait, placed)
+    ground = rounds.toes[stood, _limbs_of(plan)]
     landed = (before.any(axis=1) & ~lifted.any(axis=1)).cumsum()
     axes = body_axes(trajectory.rpy)
     commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
@@ -65,6 +69,8 @@ def motion_of(subject: Subject) -> Motion:
         lifted=lifted,
         done=np.minimum(landed, gait.steps),
         ground=ground,
+        stood=stood,
+        bound_for=np.where(lifted, _stood(gait, placed + 1), -1),
         commanded=commanded,
         standing=standing_limbs(
             robot, trajectory.com, axes, ground, planned, trajectory.joint_command

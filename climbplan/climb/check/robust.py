@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.climb.check.anew.static_pose import Settled
+from climbplan.climb.check.grips import friction_in_hand, further_pull
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst, unjudged
 from climbplan.spec.climb.margins import MarginsSpec
@@ -25,22 +26,29 @@ def robust_checks(
 ) -> Iterator[Check]:
     """Pressure, friction and depth of toes in contact, and the stiffness that is left.
 
+    Of grips the further pull that they hold, and the friction they may lack.
     margins: of the spec; None where it asks for none, which leaves nothing to say.
     """
     if margins is None:
         return
     plan = subject.plan
-    if plan.robot.gripper is not None:
-        return  # grippers hold rather than press: no margins of theirs are planned
+    weight = subject.weight * margins.factors(plan.instants.round)
+    still = np.ones(len(weight))
+    if plan.robot.gripper is not None and plan.grips is not None:
+        gripper, grips = plan.robot.gripper, plan.grips
+        closed = weight if gripper.max_force > 0 else 0 * weight
+        pull = further_pull(subject, gripper, grips)
+        yield _toes(subject, "robust.pull", pull, margins.pull * closed)
+        spare = friction_in_hand(subject, gripper, grips)
+        yield _toes(subject, "robust.slip", spare, margins.slip * still)
+        return
     left = np.where(np.isfinite(settled.stiffness_left), settled.stiffness_left, -1.0)
     mu = np.maximum(plan.instants.mu, _SMOOTH) / plan.limits.safety_friction
     spare = subject.contact_force - subject.tangential_force / mu
     outward = plan.forces.toe_command - plan.instants.toes
     depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)
-    weight = subject.weight * margins.factors(plan.instants.round)
     held = np.maximum(plan.instants.mu * subject.contact_force, _SMOOTH)
     lacking = 1 - subject.tangential_force / held
-    still = np.ones(len(weight))
     yield _toes(subject, "robust.pressure", subject.contact_force, margins.pressure * weight)
     yield _toes(subject, "robust.friction", spare, margins.friction * weight)
     yield _toes(subject, "robust.slip", lacking, margins.slip * still)
@@ -59,6 +67,7 @@ _WORDS = {
     "robust.pressure": ("presses with", 1.0, "N", 1),
     "robust.friction": ("slips with less pressure by", 1.0, "N", 1),
     "robust.slip": ("slides on a surface that lacks", 1e2, "% of its friction", 0),
+    "robust.pull": ("holds a further pull of", 1.0, "N", 1),
     "robust.depth": ("is commanded inside by", 1e3, "mm", 1),
 }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -60,9 +61,11 @@ def answering(plan: ClimbPlan, held: HeldSpec) -> ClimbPlan:
 def margins_of(plan: ClimbPlan) -> MarginsSpec | None:
     """The margins that the plan's spec asks for; None for none, or where it is no spec."""
     spec = _spec_of(plan)
-    if isinstance(spec, str) or not spec.margins.asked:
+    if isinstance(spec, str):
         return None
-    return spec.margins
+    gripping = plan.robot.gripper is not None
+    asked = spec.margins.asked_of_grips if gripping else spec.margins.asked
+    return spec.margins if asked else None
 
 
 def risk_of(plan: ClimbPlan) -> float | None:
@@ -73,10 +76,15 @@ def risk_of(plan: ClimbPlan) -> float | None:
 
 def _spec_of(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:
     """The validated spec, or what is wrong with it."""
+    return _validated(plan.spec_text, plan.kind)
+
+
+@lru_cache(maxsize=4)  # several checks ask, and a scan has a thousand regions
+def _validated(text: str, kind: str) -> ClimbSpec | TransitionSpec | str:
     try:
-        document = parse_yaml(plan.spec_text, "spec")
+        document = parse_yaml(text, "spec")
         spec: ClimbSpec | TransitionSpec | None
-        if plan.kind == "climb":
+        if kind == "climb":
             spec, findings = validate(document, ClimbSpec)
         else:
             spec, findings = validate(document, TransitionSpec)

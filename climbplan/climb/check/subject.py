@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.check.anew.capsules import Capsule, capsules_at
 from climbplan.climb.check.anew.kinematics import Limbs, body_axes, limbs_at
 from climbplan.climb.check.convex import ConvexBody, hull_of, solids_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
@@ -19,9 +20,11 @@ class Subject:
     plan: ClimbPlan
     weight: float  # that residuals are relative to [N]
     body: ConvexBody  # in the body frame
+    body_parts: tuple[ConvexBody, ...]  # that links keep off, in the body frame
     solids: tuple[ConvexBody, ...]
     axes: Array  # (K, 3, 3) body axes as rows, world
     limbs: Limbs  # at the instants
+    capsules: tuple[Capsule, ...]  # links at the instants
 
     def at(self, k: int, *parts: int) -> str:
         """Instant k, limb and joint in the robot's terms: "round 3, LM lifted, RF femur"."""
@@ -90,11 +93,17 @@ def subject_of(plan: ClimbPlan) -> Subject:
     robot, instants = plan.robot, plan.instants
     axes = body_axes(instants.rpy)
     weight = robot.mass * robot.gravity
+    limbs = limbs_at(robot, instants.com, axes, instants.joint_angles)
+    links = capsules_at(robot, instants.com, axes, instants.joint_angles, limbs.points)
+    body = hull_of("body", robot.body_hull)
+    parts = [hull_of("body", part) for part in robot.body_parts]
     return Subject(
         plan=plan,
         weight=weight if weight > 0 else 1.0,
-        body=hull_of("body", robot.body_hull),
+        body=body,
+        body_parts=tuple(parts) or (body,),
         solids=solids_of(plan.terrain),
         axes=axes,
-        limbs=limbs_at(robot, instants.com, axes, instants.joint_angles),
+        limbs=limbs,
+        capsules=tuple(links),
     )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from climbplan.climb.check.anew.capsules import capsules_at
 from climbplan.climb.check.anew.kinematics import (
     body_axes,
     limbs_at,
@@ -17,7 +19,8 @@ from climbplan.climb.check.clearance import (
 )
 from climbplan.climb.check.motion_state import Motion, motion_of
 from climbplan.climb.check.pressing import pressing_checks
-from climbplan.climb.check.scan import judge_scan_links
+from climbplan.climb.check.scan import contacts_on, judge_scan_links
+from climbplan.climb.check.self_collision import judge_self_collision
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Index, Mask
@@ -147,41 +150,66 @@ def _clearance(motion: Motion) -> Iterator[Check]:
     points = np.where(
         motion.lifted[..., None, None], motion.commanded.points, motion.standing.points
     )
-    steps = [points]
+    trajectory = motion.subject.plan.trajectory
+    angles = np.where(motion.lifted[..., None], trajectory.joint_command, motion.standing.angles)
+    steps = [_Poses(trajectory.com, body_axes(trajectory.rpy), angles, points)]
     # A toe that swings far between two samples: joints turn evenly from one to the other.
     swinging = (motion.lifted[1:] & motion.lifted[:-1]).any(axis=1)
     strides = np.linalg.norm(np.diff(motion.commanded.toe, axis=0), axis=-1).max(axis=1)
     coarse = np.flatnonzero(swinging & (strides > _STRIDE))
     pieces = int(min(np.ceil(strides[coarse].max(initial=0.0) / _STRIDE), _MOST_PIECES))
     for piece in range(1, pieces):
-        steps.append(_swinging_between(motion, points, coarse, piece / pieces))
+        steps.append(_swinging_between(motion, steps[0], coarse, piece / pieces))
     rows = np.concatenate([np.arange(len(points)), *[coarse] * (len(steps) - 1)])
-    chains = np.concatenate(steps)
+    poses = _Poses(
+        *(np.concatenate([vars(step)[part.name] for step in steps]) for part in fields(_Poses))
+    )
+    chains = poses.points
+    capsules = tuple(capsules_at(motion.subject.plan.robot, **vars(poses)))
     depth = link_depths(motion.subject, chains, 0.0)
-    worst = float(depth.max())
+    worst = float(depth.max(initial=-np.inf))
     margin = f"{1e3 * worst:.1f} mm deep" if worst > 1e-6 else "no link inside a solid"
 
     def moment(row: int) -> str:
         return motion.at(int(rows[row]))
 
     yield judge_link_depths("trajectory.clearance", motion.subject, depth, moment, margin)
-    yield judge_capsules("trajectory.capsules", motion.subject, chains, moment)
+    yield judge_capsules("trajectory.capsules", motion.subject, capsules, moment)
+    yield judge_self_collision(
+        "trajectory.self_collision", motion.subject, capsules, poses.com, poses.axes, moment
+    )
     if motion.subject.plan.terrain.scan is not None:
-        yield judge_scan_links("scan.trajectory", motion.subject, chains, moment)
+        contacts = contacts_on(motion.subject, motion.stood, motion.bound_for).at(rows)
+        yield judge_scan_links("scan.trajectory", motion.subject, capsules, contacts, moment)
 
 
-def _swinging_between(motion: Motion, points: Array, samples: Index, share: float) -> Array:
-    """Limbs (S, N, J + 1, 3) a share of the way to the next sample; standing ones stay put."""
+@dataclass(frozen=True)
+class _Poses:
+    """Body and limbs at P moments."""
+
+    com: Array  # (P, 3) [m]
+    axes: Array  # (P, 3, 3) of the body, as rows
+    angles: Array  # (P, N, J) [rad]
+    points: Array  # (P, N, J + 1, 3) joints and toes [m]
+
+
+def _swinging_between(motion: Motion, at: _Poses, samples: Index, share: float) -> _Poses:
+    """Limbs a share of the way to the next of S samples; standing ones stay put."""
     trajectory = motion.subject.plan.trajectory
 
     def between(values: Array) -> Array:
         return (1 - share) * values[samples] + share * values[samples + 1]
 
-    axes = body_axes(between(trajectory.rpy))
+    com, axes = between(trajectory.com), body_axes(between(trajectory.rpy))
     angles = between(trajectory.joint_command)
-    limbs = limbs_at(motion.subject.plan.robot, between(trajectory.com), axes, angles)
+    limbs = limbs_at(motion.subject.plan.robot, com, axes, angles)
     swings = motion.lifted[samples] & motion.lifted[samples + 1]
-    return np.where(swings[..., None, None], limbs.points, points[samples])
+    return _Poses(
+        com,
+        axes,
+        np.where(swings[..., None], angles, at.angles[samples]),
+        np.where(swings[..., None, None], limbs.points, at.points[samples]),
+    )
 
 
 def _off_segment(points: Array, starts: Array, ends: Array) -> Array:

@@ -27,6 +27,7 @@ from climbplan.climb.check.plausibility import implausible_climb
 from climbplan.climb.check.postures import posture_checks
 from climbplan.climb.check.risk import risk_check
 from climbplan.climb.check.scan import scan_checks
+from climbplan.climb.check.self_collision import self_collision_check
 from climbplan.climb.check.spec import answering, margins_of, spec_checks
 from climbplan.climb.check.statics import static_checks
 from climbplan.climb.check.subject import subject_of
@@ -83,6 +84,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from static_checks(subject, margins_of(plan))
     yield from risk_check(plan)
     yield from clearance_checks(subject)
+    yield self_collision_check(subject)
     yield from scan_checks(subject)
     yield from trajectory_checks(subject)
 

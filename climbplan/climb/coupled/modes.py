@@ -63,7 +63,7 @@ def first_stage_with_modes(
 def _columns(prepared: Prepared) -> Index:
     """Columns of toes and forces of each round, (M, 6 N)."""
     toe, force = prepared.program.variables["toe"], prepared.program.variables["force"]
-    m = prepared.scene.spec.task.rounds
+    m = prepared.scene.spec.task.round_count
     return np.concatenate([np.arange(b.start, b.stop).reshape(m, -1) for b in (toe, force)], axis=1)
 
 

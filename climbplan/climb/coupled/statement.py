@@ -54,7 +54,7 @@ def scene_load(scene: ClimbScene) -> Load:
 
 def straight_way(scene: ClimbScene) -> Array:
     """Body origins of rounds 1..M evenly from start to goal, (M, 3) [m]."""
-    share = np.arange(1, scene.spec.task.rounds + 1)[:, None] / scene.spec.task.rounds
+    share = np.arange(1, scene.spec.task.round_count + 1)[:, None] / scene.spec.task.round_count
     return scene.start.com + share * (scene.goal.com - scene.start.com)
 
 

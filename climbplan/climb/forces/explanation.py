@@ -109,15 +109,9 @@ def fragile_notes(
 
     asked: the problems with all of their margins; share: (K,) of them that forces keep.
     """
-    short = np.flatnonzero(share < 1.0)
-    if not len(short):
+    if (worst := most_fragile(instants, share, scene.robot.limb_names)) is None:
         return ()
-    k = int(short[np.argmin(share[short])])
-    where = instants.label(k, scene.robot.limb_names)
-    kept = f"{max(share[k], 0.0):.0%} of its margins" if share[k] > 0 else "none of its margins"
-    text = f"fragile: {where} keeps {kept}"
-    if len(short) > 1:
-        text = f"fragile: {len(short)} of {len(share)} instants, {where} keeps {kept}"
+    k, text = worst
     cones = instant_cones(asked, k)
     members = conflicting_members(cones)
     if not members:
@@ -129,6 +123,19 @@ def fragile_notes(
         if cures := _remedies(scene, asked, amounts):
             text += f"; whole with {' or '.join(map(str, cures))}"
     return (text,)
+
+
+def most_fragile(
+    instants: Instants, share: Array, limbs: tuple[str, ...]
+) -> tuple[int, str] | None:
+    """The instant that keeps the least share (K,) of its margins, and words; None if all do."""
+    short = np.flatnonzero(share < 1.0)
+    if not len(short):
+        return None
+    k = int(short[np.argmin(share[short])])
+    kept = f"{share[k]:.0%} of its margins" if share[k] > 0 else "none of its margins"
+    among = f"{len(short)} of {len(share)} instants, " if len(short) > 1 else ""
+    return k, f"fragile: {among}{instants.label(k, limbs)} keeps {kept}"
 
 
 def _one_friction(scene: MotionScene) -> bool:

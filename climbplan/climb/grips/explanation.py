@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.forces.cones import ConicAnswer, ConicProgram
-from climbplan.climb.forces.explanation import CHOSEN
+from climbplan.climb.forces.explanation import CHOSEN, most_fragile
 from climbplan.climb.grips.program import GripInstant, conic_program, grip_instant, linear_blocks
 from climbplan.climb.grips.statement import GripStatement
 from climbplan.climb.plan.climb_plan import Array, Index, Instants
@@ -55,6 +55,24 @@ def explain_grips(
     if len(missing) > LISTED:
         message += f"; the first {LISTED}:"
     return NotProved(message, conflicts, because=CHOSEN, stage="force")
+
+
+def fragile_grips(
+    scene: MotionScene, instants: Instants, asked: GripStatement, share: Array
+) -> tuple[str, ...]:
+    """Which instants keep less than their margins, and what would help at the worst.
+
+    asked: the problems with all of their margins; share: (K,) of them that grips keep.
+    """
+    if (worst := most_fragile(instants, share, scene.robot.limb_names)) is None:
+        return ()
+    k, text = worst
+    instant = grip_instant(asked, k)
+    pull = asked.pull[k]
+    text += f": grips cannot all hold {pull:.1f} N further pull" if pull > 0 else ""
+    # Less S_mu is no remedy: what holds may lack of their friction asks for its own
+    cures = replace(_remedies(scene, instants, asked, instant, k), friction=None).remedies()
+    return (f"{text}; whole with {' or '.join(map(str, cures))}" if cures else text,)
 
 
 def _lacking(

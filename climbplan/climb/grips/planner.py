@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.grips.explanation import explain_grips
-from climbplan.climb.grips.solving import SolvedGrips, solve_grips
+from climbplan.climb.grips.explanation import explain_grips, fragile_grips
+from climbplan.climb.grips.margins import solve_with_margins
+from climbplan.climb.grips.solving import SolvedGrips
 from climbplan.climb.grips.statement import GripStatement, state_grips
 from climbplan.climb.plan.climb_plan import Array, Forces, Instants
 from climbplan.climb.plan.grips import GripForces
@@ -33,16 +34,27 @@ def plan_grip_forces(
 ) -> Forces:
     """Contact forces, gripping forces, moments, torques and commands of all instants.
 
-    Every answer is checked against the exact constraints. Raises NotProved with what is missing at
+    Every answer is checked against the exact constraints, and keeps what it can of the spec's
+    margins. Raises NotProved with what is missing at
     instants that have no admissible forces, in newtons of pull at which gripper.
     """
     if scene.spec.force.sag != "compensated":
         raise UsageError("force.sag: grippers hold the body at its planned pose: `compensated`")
     statement = state_grips(scene, instants, grippers)
-    solved = solve_grips(statement, solver or scene.spec.solver.force, scene.spec.force.facets)
-    if len(solved.missing):
-        raise explain_grips(scene, instants, statement, solved.missing)
-    return _assembled(scene, instants, statement, answers_of(statement, solved))
+    spec = scene.spec
+    found = solve_with_margins(
+        statement,
+        spec.margins,
+        scene.robot.weight,
+        instants.round,
+        solver or spec.solver.force,
+        spec.force.facets,
+    )
+    if len(found.solved.missing):
+        raise explain_grips(scene, instants, statement, found.solved.missing)
+    forces = _assembled(scene, instants, statement, answers_of(statement, found.solved))
+    notes = fragile_grips(scene, instants, found.asked, found.share)
+    return replace(forces, margin_share=found.share, notes=notes)
 
 
 def answers_of(statement: GripStatement, solved: SolvedGrips) -> GripAnswers:

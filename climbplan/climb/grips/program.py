@@ -30,6 +30,7 @@ class GripInstant:
     mu: Array  # (n,)
     spines: Array  # (n, 3) by part
     safety_friction: float
+    pulled: Array  # (n, 3, 3) normal and tangential share of each part in the further pull it holds
     largest_s: float
     bending: Array  # (3 n, 9 n) joint angles less commands [rad]
     room: Array  # (3 n, 2) for them above and below
@@ -77,6 +78,7 @@ def grip_instant(statement: GripStatement, k: int) -> GripInstant:
         bending[place, :, place] = joints * statement.softness[i][:, None]
         grip[place, place] = to_wrench[place, 6]
     size = n * SIZE
+    axes = contact_frame(statement.cones.normal[k, limb]).axes
     room = np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1)
     return GripInstant(
         limb=limb,
@@ -86,14 +88,22 @@ def grip_instant(statement: GripStatement, k: int) -> GripInstant:
         torque=torque.reshape(6 * n, size) * unit,
         grip=grip.reshape(n, size),
         max_grip=statement.gripper.max_force / unit,
-        axes=contact_frame(statement.cones.normal[k, limb]).axes,
+        axes=axes,
         mu=statement.cones.mu[k, limb],
         spines=statement.cones.spines[k, limb] / unit,
-        safety_friction=statement.safety_friction,
+        safety_friction=float(statement.safety_friction[k]),
+        pulled=_pulled(axes, statement.normal[k, limb], statement.pull[k] / unit),
         largest_s=statement.largest_s,
         bending=bending.reshape(3 * n, size) * unit,
         room=room.reshape(3 * n, 2),
     )
+
+
+def _pulled(axes: Array, normal: Array, pull: float) -> Array:
+    """(n, 3, 3) what a pull along normals (n, 3) takes from parts: an even half of each finger."""
+    taken = np.einsum("npij,nj->npi", axes, normal) * pull / 2
+    taken[:, 0] = 0.0
+    return taken
 
 
 def open_fingers(instant: GripInstant) -> Array:
@@ -117,7 +127,7 @@ def linear_rows(instant: GripInstant) -> LinearRows:
     pressure = [-instant.part_rows(i, part)[0] for i in range(n) for part in range(PARTS)]
     A = [instant.torque, -instant.torque, instant.grip, -instant.grip, np.array(pressure)]
     by_s = [np.ones(12 * n), np.full(n, instant.max_grip), np.zeros(n + PARTS * n)]
-    upper = [np.zeros(12 * n + 2 * n + PARTS * n)]
+    upper = [np.zeros(12 * n + 2 * n), -np.maximum(instant.pulled[..., 0], 0.0).ravel()]
     A += [instant.bending, -instant.bending]
     by_s.append(np.zeros(6 * n))
     upper += [instant.room[:, 0], instant.room[:, 1]]
@@ -138,7 +148,7 @@ def linear_blocks(contacts: int) -> dict[str, slice]:
 
 
 def friction_rows(instant: GripInstant, facets: int) -> LinearRows:
-    """Pyramids inscribed in the cones, which spines widen."""
+    """Pyramids inscribed in the cones, which spines widen; those of fingers pulled further too."""
     corners = regular_corners(facets)
     half = np.pi / facets
     A, upper = [], []
@@ -148,6 +158,11 @@ def friction_rows(instant: GripInstant, facets: int) -> LinearRows:
             A.append(rows @ instant.part_rows(i, part))
             held = instant.spines[i, part] / instant.safety_friction * np.cos(half)
             upper.append(np.full(facets, held))
+            if instant.pulled[i, part].any():
+                whole = pyramid_rows(np.array(instant.mu[i]), corners)
+                A.append(whole @ instant.part_rows(i, part))
+                held = instant.spines[i, part] * np.cos(half)
+                upper.append(held + whole @ instant.pulled[i, part])
     stacked = np.concatenate(A)
     return LinearRows(stacked, np.zeros(len(stacked)), np.concatenate(upper))
 
@@ -186,4 +201,12 @@ def conic_program(
             cone[0] *= instant.mu[i] * share
             b = np.array([instant.spines[i, part] * share, 0.0, 0.0])
             program.cone(f"grip.shear.{i}.{part}", cone, b)
+            if instant.pulled[i, part].any():
+                taken = instant.pulled[i, part]
+                cone = cone.copy()
+                cone[0] *= instant.safety_friction
+                b = np.array([instant.spines[i, part], -taken[1], -taken[2]])
+                b[0] -= instant.mu[i] * taken[0]
+                b[0] *= friction
+                program.cone(f"grip.pull_out.{i}.{part}", cone, b)
     return program

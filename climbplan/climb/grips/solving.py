@@ -59,8 +59,8 @@ def solve_grips(statement: GripStatement, solver: str, facets: int) -> SolvedGri
         x = _by_daqp(instant, facets) if solver != "clarabel" else None
         if x is None or residual(instant, x) > RESIDUAL_LIMIT:
             again += 1
-            x = _by_clarabel(instant)
-        if x is None or residual(instant, x) > RESIDUAL_LIMIT:
+            x = by_clarabel(instant)
+        if x is None:
             missing.append(k)
             continue
         parts[k, instant.limb] = statement.unit * x.reshape(-1, 3, 3)
@@ -109,12 +109,16 @@ def _by_daqp(instant: GripInstant, facets: int) -> Array | None:
     return np.asarray(particular + null_space @ np.asarray(answer)[1:])
 
 
-def _by_clarabel(instant: GripInstant) -> Array | None:
+def by_clarabel(instant: GripInstant) -> Array | None:
+    """Forces x (9 n,) on the exact cones that pass the check, or None without any."""
     program = conic_program(instant)
     cost = np.zeros(program.size)
     cost[instant.size] = 1.0
     answer = program.minimise(cost)
-    return None if answer is None else answer.x[: instant.size]
+    if answer is None:
+        return None
+    x = answer.x[: instant.size]
+    return x if residual(instant, x) <= RESIDUAL_LIMIT else None
 
 
 def residual(instant: GripInstant, x: Array) -> float:
@@ -126,6 +130,8 @@ def residual(instant: GripInstant, x: Array) -> float:
         worst.append(np.abs(open_fingers(instant) @ x).max())
     parts = x.reshape(-1, SIZE // 3, 3)
     local = np.einsum("npij,npj->npi", instant.axes, parts)
-    held = instant.mu[:, None] * np.maximum(local[..., 0], 0.0) + instant.spines
-    worst.append((np.hypot(local[..., 1], local[..., 2]) - held / instant.safety_friction).max())
+    further = local - instant.pulled
+    for state, safety in ((local, instant.safety_friction), (further, 1.0)):
+        held = instant.mu[:, None] * np.maximum(state[..., 0], 0.0) + instant.spines
+        worst.append((np.hypot(state[..., 1], state[..., 2]) - held / safety).max())
     return float(max(*worst, 0.0))

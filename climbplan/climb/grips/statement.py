@@ -9,6 +9,7 @@ contact force f, moment m and gripping force g are linear (`mechanics.grip`):
                 |axes_i (m_i - d n_i x f_i)| <= s wrist torque    torque of its wrist
                 0 <= g_i <= s max_force                           gripping force
                 palm and fingers within their cones               friction and spines
+                fingers within them still when pulled further     margin (`margins`), without S_mu
                 lower <= theta - tau / k <= upper                 command
 
 with tau = J^T f + (joint axes) . (m - d n x f) at the wrist's centre, d the gripper's length. All
@@ -55,7 +56,8 @@ class GripStatement:
     room_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
     room_above: Array  # (K, N, 3)
     max_torque: Array  # (N, 3) [N m]
-    safety_friction: float  # S_mu
+    safety_friction: Array  # (K,) S_mu, or more where holds may lack friction
+    pull: Array  # (K,) further pull that every grip holds [N]
     least_safety_torque: float
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
@@ -126,7 +128,8 @@ def state_grips(scene: MotionScene, instants: Instants, grippers: Grippers) -> G
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
-        safety_friction=force.safety_friction,
+        safety_friction=np.full(len(load), force.safety_friction),
+        pull=np.zeros(len(load)),
         least_safety_torque=force.safety_torque,
         unit=unit,
         length=robot.reach,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from climbplan.climb.plan.grips import GripForces, GripPlan
 from climbplan.climb.plan.promise import Promise
 from climbplan.plans.root_attributes import PlanHeader
+from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
 from climbplan.spec.robots.stored import RobotTexts
 from climbplan.terrain.model import Terrain
@@ -36,6 +37,10 @@ class Rounds:
     def count(self) -> int:
         """M."""
         return len(self.com) - 1
+
+    def first(self, count: int) -> Rounds:
+        """The start and so many rounds after it."""
+        return Rounds(**{name: value[: count + 1] for name, value in vars(self).items()})
 
 
 @dataclass(frozen=True)
@@ -170,6 +175,7 @@ class ClimbPlan(PlanHeader):
     sequences: Sequences | None = None
     grips: GripPlan | None = None
     robot_texts: RobotTexts = field(default_factory=RobotTexts)  # of files the robot is from
+    looks: Looks | None = None  # of a robot from a URDF; only pictures read it
     promise: Promise | None = None  # of falls, where the spec states a risk
 
     @property

@@ -21,6 +21,7 @@ from climbplan.climb.plan.climb_plan import (
     Trajectory,
 )
 from climbplan.climb.plan.grip_store import read_grips, write_grips
+from climbplan.climb.plan.looks_store import read_looks, write_looks
 from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
@@ -44,7 +45,9 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
     """
     with new_store(path) as file:
         _write_header(file, plan)
-        write_robot(file.create_group("robot"), plan.robot, plan.robot_texts)
+        robot = file.create_group("robot")
+        write_robot(robot, plan.robot, plan.robot_texts)
+        write_looks(robot, plan.looks)
         _write_fields(file.create_group("rounds"), plan.rounds, layout.ROUNDS)
         instants = file.create_group("instants")
         _write_fields(instants, plan.instants, layout.INSTANTS)
@@ -157,6 +160,7 @@ def _read(reader: Reader) -> ClimbPlan:
         sequences=_read_sequences(reader) if reader.has("sequences") else None,
         grips=grips,
         robot_texts=read_robot_texts(reader),
+        looks=read_looks(reader, robot),
         promise=_read_promise(reader),
         **read_header(reader),
     )

@@ -35,6 +35,16 @@ ROBOT_NUMBERS = {
     "limb_radius": "m",
 }
 
+# Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
+CAPSULES = {
+    "joint": Layout(("N", "*"), kind="int"),
+    "ends": Layout(("N", "*", 2, 3), "m", "body"),
+    "radius": Layout(("N", "*"), "m"),
+}
+
+BODY_PART = Layout(("*", 3), "m", "body")  # robot/body_parts/<index>
+TOUCHING = Layout(("*", 4), kind="int")
+
 ROUNDS = {
     "com": Layout(("M1", 3), "m", "world"),
     "rpy": Layout(("M1", 3), "rad", "world"),

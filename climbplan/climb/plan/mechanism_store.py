@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
+from climbplan.climb.plan.layout import BODY_PART, CAPSULES, TOUCHING
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.mechanism import Mechanism
+from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.serial_chain import SerialChain
 
 CHAIN = {
@@ -68,6 +72,52 @@ def read_mechanism(reader: Reader) -> Mechanism | None:
     if not (np.abs(length - expected) < _UNIT).all():
         raise reader.refuse("robot/chain/axis_zero: expected unit axes, zero where no joint is")
     return SerialChain(rows, **arrays)
+
+
+def write_capsules(group: h5py.Group, capsules: MountedCapsules | None) -> None:
+    """Add the group `capsules`; nothing where links are straight and alike."""
+    if capsules is None:
+        return
+    own = group.create_group("capsules")
+    for name, shape in CAPSULES.items():
+        write_dataset(own, name, vars(capsules)[name], shape)
+
+
+def read_capsules(reader: Reader) -> MountedCapsules | None:
+    """The links of a plan's robot as capsules, None where they are straight and alike.
+
+    Raises PlanFileError for capsules of joints that the robot does not have.
+    """
+    if not reader.has("robot/capsules"):
+        return None
+    if not reader.has("robot/chain"):
+        raise reader.refuse("robot/capsules: only limbs of a `chain` have capsules of their own")
+    arrays = {name: reader.array(f"robot/capsules/{name}", at) for name, at in CAPSULES.items()}
+    joint, radius = arrays["joint"], arrays["radius"]
+    if joint.shape != radius.shape or arrays["ends"].shape[:2] != radius.shape or not joint.size:
+        raise reader.refuse("robot/capsules: expected as many of `joint`, `ends` and `radius`")
+    if not ((joint >= 0) & (joint < reader.dimensions["J"])).all():
+        raise reader.refuse("robot/capsules/joint: expected numbers of joints")
+    return MountedCapsules(**arrays)
+
+
+def write_body_parts(group: h5py.Group, robot: Robot) -> None:
+    """Add what limbs keep off, beside the hull, and pairs of parts that always touch."""
+    if len(robot.touching):
+        write_dataset(group, "touching", robot.touching, TOUCHING)
+    for number, part in enumerate(robot.body_parts):
+        write_dataset(group.require_group("body_parts"), str(number), part, BODY_PART)
+
+
+def read_body_parts(reader: Reader) -> dict[str, Any]:
+    """Fields of the robot about that, empty where the plan has none."""
+    found: dict[str, Any] = {}
+    if reader.has("robot/touching"):
+        found["touching"] = reader.array("robot/touching", TOUCHING)
+    parts: list[NDArray[np.float64]] = []
+    while reader.has(f"robot/body_parts/{len(parts)}"):
+        parts.append(reader.array(f"robot/body_parts/{len(parts)}", BODY_PART))
+    return {**found, "body_parts": tuple(parts)}
 
 
 def _read_five_bar(reader: Reader) -> FiveBar:

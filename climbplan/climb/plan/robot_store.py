@@ -8,7 +8,14 @@ import h5py
 
 from climbplan.climb.plan import layout
 from climbplan.climb.plan.grip_store import read_gripper, write_gripper
-from climbplan.climb.plan.mechanism_store import read_mechanism, write_mechanism
+from climbplan.climb.plan.mechanism_store import (
+    read_body_parts,
+    read_capsules,
+    read_mechanism,
+    write_body_parts,
+    write_capsules,
+    write_mechanism,
+)
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
 from climbplan.robots.model import Robot
@@ -25,6 +32,8 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
     for name, shape in {**layout.ROBOT_TEXTS, **layout.ROBOT}.items():
         write_dataset(group, name, vars(robot)[name], shape)
     write_mechanism(group, robot.mechanism)
+    write_capsules(group, robot.capsules)
+    write_body_parts(group, robot)
     write_gripper(group, robot.gripper)
     for name, attribute in _TEXTS.items():
         if text := vars(texts)[name]:
@@ -40,6 +49,8 @@ def read_robot(reader: Reader) -> Robot:
     fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
     fields |= {name: reader.array(f"robot/{name}", shape) for name, shape in layout.ROBOT.items()}
     fields["mechanism"] = read_mechanism(reader)
+    fields["capsules"] = read_capsules(reader)
+    fields |= read_body_parts(reader)
     fields["gripper"] = read_gripper(reader)
     return Robot(name=reader.text("robot", "name"), **fields)
 

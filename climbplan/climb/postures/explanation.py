@@ -182,7 +182,7 @@ def _reach_words(failure: ReachFailure) -> str:
 
 def _straight(scene: ClimbScene, program: Program) -> Array:
     """Postures on the straight way from start to goal, as a point of the program."""
-    share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)[1:]
+    share = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
 
     def mixed(start: Array, goal: Array) -> Array:
         at = share.reshape(-1, *[1] * start.ndim)

@@ -60,7 +60,7 @@ def own_toes(posture: PostureSpec, scene: MotionScene) -> list[bool]:
 def outer_program(scene: ClimbScene) -> Program:
     """All posture sequences that could be part of a plan, and more; for flat regions."""
     spec, robot, terrain, task = scene.spec.posture, scene.robot, scene.terrain, scene.spec.task
-    m, n, steps = task.rounds, robot.limb_count, spec.steps
+    m, n, steps = task.round_count, robot.limb_count, spec.steps
     tolerance = task.goal.tolerance + SLACK
 
     p = Program("posture, outer")

@@ -93,8 +93,8 @@ def plan_postures(
 
 def _tell_size(scene: ClimbScene) -> None:
     """Say how large a large problem is before it is stated and solved."""
-    m, n = scene.spec.task.rounds, scene.robot.limb_count
-    alternatives = m * int(scene.terrain.allowed.sum())
+    m, n = scene.spec.task.round_count, scene.robot.limb_count
+    alternatives = sum(len(own) for each in scene.alternatives for own in each)
     if alternatives >= _MANY:
         regions = len(scene.terrain.regions)
         _log.info(
@@ -120,13 +120,14 @@ def to_rounds(scene: ClimbScene, program: Program, result: SolverResult) -> Roun
     """Postures from a solution vector, toes put exactly on their regions."""
     assert result.x is not None
     assert result.assignment is not None
-    m, n = scene.spec.task.rounds, scene.robot.limb_count
+    m, n = scene.spec.task.round_count, scene.robot.limb_count
     toes = np.concatenate([scene.start.toes[None], program.value("toe", result.x)])
     region = np.empty((m + 1, n), np.int64)
     region[0] = scene.start.region
     chosen = result.assignment[: m * n].reshape(m, n)
-    for limb in range(n):
-        region[1:, limb] = np.flatnonzero(scene.terrain.allowed[limb])[chosen[:, limb]]
+    alternatives = scene.alternatives
+    for j, limb in np.ndindex(m, n):
+        region[j + 1, limb] = alternatives[j][limb][chosen[j, limb]]
     for j in range(1, m + 1):
         for limb in range(n):
             toes[j, limb] = scene.terrain.surfaces[region[j, limb]].project(toes[j, limb])

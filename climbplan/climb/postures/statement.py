@@ -215,7 +215,7 @@ def posture_program(
     stance_radius = margins.stance_radius
     if stance_radius is None:
         stance_radius = np.full(robot.limb_count, robot.stance_radius)
-    m, n = scene.spec.task.rounds, robot.limb_count
+    m, n = scene.spec.task.round_count, robot.limb_count
     weights, steps = spec.weights, spec.steps
     limit = np.deg2rad(spec.rotation_limit_deg)
 
@@ -256,11 +256,23 @@ def posture_program(
             ]
             for when, feet in (("lift", toes[:-1]), ("place", toes[1:])):
                 arm = feet - at[0] - rotation.apply(at[1], origin)
-                p.ball(f"workspace.{label}_{when}", arm, np.tile(radius, (m, 1)), unit="m")
+                room = np.tile(radius, (m, 1))
+                if label == "stance" and when == "lift":
+                    # Where the start's toes stand no tightening changes
+                    room[0] = np.maximum(radius, robot.stance_radius)
+                p.ball(f"workspace.{label}_{when}", arm, room, unit="m")
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
-    regions = [[scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
-    state_contacts(p, toe_scalars, com_scalars, regions)
+    if scene.by_round is None:
+        own = [[scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
+        state_contacts(p, toe_scalars, com_scalars, own)
+    else:
+        known = {
+            int(r): region_polytope(scene.standing[r])
+            for r in np.flatnonzero(terrain.allowed.any(axis=0))
+        }
+        near = [[known[int(r)] for r in each] for row in scene.alternatives for each in row]
+        p.one_of("contact.region", toe_scalars, near, unit="m")
 
     # The body's way through each round stays in one convex free region
     keep = spec.body_clearance + margins.clearance

@@ -60,7 +60,7 @@ def ways_too_long(scene: ClimbScene) -> Iterator[Way]:
     steps, goal = spec.posture.steps, spec.task.goal
 
     def way(what: str, limb: int | None, key: str, length: float) -> Way:
-        return Way(what, limb, key, length, float(getattr(steps, key)), spec.task.rounds)
+        return Way(what, limb, key, length, float(getattr(steps, key)), spec.task.round_count)
 
     body = float(np.linalg.norm(end.com - start.com)) - goal.tolerance
     ways = [way("the body's way to the goal", None, "com_max", body)]

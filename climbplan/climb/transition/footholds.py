@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Index, Mask
+from climbplan.climb.raw_clearance import raw_body_room
 from climbplan.climb.transition.scene import TransitionScene, hull_room
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body
@@ -136,6 +137,9 @@ def poses_of(scene: TransitionScene) -> Poses:
 def _has_room(scene: TransitionScene, com: Array, rpy: Array) -> bool:
     hull = com + scene.robot.body_hull @ rotation_world_body(rpy).T
     asked = scene.spec.posture.body_clearance
+    scan = scene.terrain.scan
+    if scan is not None and raw_body_room(scan, hull, asked) < asked:
+        return False
     return all(hull_room(hull, solid) >= asked for solid in scene.terrain.solids)
 
 

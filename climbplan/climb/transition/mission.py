@@ -100,7 +100,8 @@ def _climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> ClimbScene
     }
     com = (float(goal.com[0]), float(goal.com[1]), float(goal.com[2]))
     start = StartSpec(com=com, rpy_deg=scene.spec.task.goal.rpy_deg, toes=toes)
-    built = build_scene(_climb_spec(scene.spec, start), loaded.robot, loaded.source)
+    own = _climb_spec(scene.spec, start)
+    built = build_scene(own, loaded.robot, loaded.source, loaded.directory)
     # Toes are those of the transition to the last digit, so that the postures join.
     stance = to_body(goal.com, goal.rpy, goal.toes)
     robot = replace(scene.robot, stance_body=stance)

@@ -11,6 +11,7 @@ import numpy as np
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
@@ -226,6 +227,7 @@ def assemble(run: Run, found: Found) -> ClimbPlan:
         kind="transition",
         sequences=found.sequences,
         robot_texts=robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
+        looks=plan_looks(loaded.robot, scene.robot),
     )
     return replace(plan, summary=summary_lines(plan))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.proof import no_support, out_of_reach
+from climbplan.climb.raw_clearance import THE_SCAN, raw_body_room
 from climbplan.climb.scene import MotionScene, Stance, stance_of, warn_of_backs, with_scan
 from climbplan.errors import (
     Conflict,
@@ -81,6 +82,16 @@ def _require_room(scene: TransitionScene, name: str, stance: Stance) -> None:
     """The body hull keeps its clearance from every solid."""
     hull = stance.com + scene.robot.body_hull @ rotation_world_body(stance.rpy).T
     asked = scene.spec.posture.body_clearance
+    scan = scene.terrain.scan
+    if scan is not None and (room := float(raw_body_room(scan, hull, asked))) < asked:
+        what = f"the body {1e3 * asked:.0f} mm clear of {THE_SCAN} (it has {1e3 * room:.0f})"
+        raise NotProved(
+            f"the {name} has no room",
+            [Conflict(name, (what,))],
+            because="the clearance asked is posture.body_clearance",
+            stage="scene",
+            remedies=_narrower(asked, room),
+        )
     for solid in scene.terrain.solids:
         room = hull_room(hull, solid)
         if room < asked:

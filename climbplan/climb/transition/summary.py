@@ -13,7 +13,9 @@ _KINDS = 4  # kinds of sequence named
 def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
     """Head, search, motion and force lines as shown on a terminal."""
     seconds, sizes = plan.timings, plan.sizes
-    surfaces = ", ".join(s.name for s in plan.terrain.surfaces)
+    surfaces = ", ".join(s.name for s in plan.terrain.surfaces[:4])
+    if len(plan.terrain.surfaces) > 4:
+        surfaces += f" and {len(plan.terrain.surfaces) - 4} more"
     count = plan.instants.count
     head = f"{plan.robot.name}, {plan.rounds.count} rounds, {count} instants, surfaces {surfaces}"
     lines = [f"{plan.name:<16} {head}"]

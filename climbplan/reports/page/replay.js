@@ -10,6 +10,8 @@ const button = document.getElementById("replay-play");
 const speed = document.getElementById("replay-speed");
 const first = scene.time[0], last = scene.time[scene.time.length - 1];
 let azimuth = scene.azimuth, elevation = scene.elevation, zoom = 1, playing = false, before = 0;
+// The slider shows the time and is not where it is kept: it rounds what it is given
+let time = scene.start;
 
 const axes = () => {
   const a = azimuth * Math.PI / 180, e = elevation * Math.PI / 180;
@@ -54,7 +56,7 @@ function draw() {
   c.scale(ratio, ratio);
   c.clearRect(0, 0, width, height);
   const view = axes(), scale = zoom * 0.6 * Math.min(width, height * 1.3) / scene.extent;
-  const now = moment(Number(slider.value)), middle = now.of(scene.middle);
+  const now = moment(time), middle = now.of(scene.middle);
   const at = (p) => {
     const q = p.map((v, i) => v - middle[i]);
     return [width / 2 + scale * dot(view[0], q), height / 2 - scale * dot(view[1], q)];
@@ -113,16 +115,21 @@ function draw() {
     for (const [a, b] of shape.outline) line(shape.vertices[a], shape.vertices[b], "rgba(143,163,184,.75)", 1);
   }
   things.sort((a, b) => a.depth - b.depth).forEach((thing) => thing.paint());
-  label.textContent = `${(Number(slider.value) - first).toFixed(2)} s of ${(last - first).toFixed(2)} s · ${scene.caption[now.low]}`;
+  label.textContent = `${(time - first).toFixed(2)} s of ${(last - first).toFixed(2)} s · ${scene.caption[now.low]}`;
+}
+
+function goTo(next) {
+  time = next;
+  slider.value = time;
+  draw();
 }
 
 function tick(now) {
   if (!playing) return;
-  const next = Number(slider.value) + Number(speed.value) * (now - before) / 1000;
+  const next = time + Number(speed.value) * Math.max(now - before, 0) / 1000;
   before = now;
-  slider.value = next >= last ? last : next;
   if (next >= last) { playing = false; button.textContent = "Play"; }
-  draw();
+  goTo(Math.min(next, last));
   if (playing) requestAnimationFrame(tick);
 }
 
@@ -130,12 +137,12 @@ button.addEventListener("click", () => {
   playing = !playing;
   button.textContent = playing ? "Pause" : "Play";
   if (playing) {
-    if (Number(slider.value) >= last) slider.value = scene.start;
+    if (time >= last) goTo(scene.start);
     before = performance.now();
     requestAnimationFrame(tick);
   }
 });
-slider.addEventListener("input", draw);
+slider.addEventListener("input", () => { time = Number(slider.value); draw(); });
 let dragged = null;
 canvas.addEventListener("pointerdown", (e) => { dragged = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
 canvas.addEventListener("pointermove", (e) => {
@@ -145,10 +152,10 @@ canvas.addEventListener("pointermove", (e) => {
   dragged = [e.clientX, e.clientY];
   draw();
 });
-canvas.addEventListener("pointerup", () => { dragged = null; });
+for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { dragged = null; });
 canvas.addEventListener("wheel", (e) => { e.preventDefault(); zoom *= Math.exp(-0.001 * e.deltaY); draw(); }, { passive: false });
 slider.min = first;
 slider.max = last;
-slider.value = scene.start;
+slider.value = time;
 new ResizeObserver(draw).observe(canvas);
 draw();

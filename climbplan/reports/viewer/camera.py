@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from climbplan.reports.viewer.scene import Array, Scene, between
+from climbplan.reports.viewer.scene import Array, Scene, Solids, between
 
 _SAMPLES = 400  # of the way that a camera follows
 _LAG = 0.04  # of it, over which the way is smoothed
@@ -19,12 +19,23 @@ def moving(scene: Scene) -> tuple[Array, float]:
     if scene.boxes is not None:
         shown = scene.boxes.size.any(axis=-1, keepdims=True)
         points.append(np.where(shown, scene.boxes.center, np.nan))
+    if scene.solids is not None:
+        points.append(_corners(scene.solids))
     if not points:
         middle = np.tile((scene.lower + scene.upper) / 2, (len(scene.time), 1))
         return middle, float(np.linalg.norm(scene.upper - scene.lower))
     everything = np.concatenate(points, axis=1)
     low, high = np.nanmin(everything, axis=1), np.nanmax(everything, axis=1)
     return (low + high) / 2, float(np.linalg.norm(high - low, axis=1).max())
+
+
+def _corners(solids: Solids) -> Array:
+    """Corners (F, 8 K, 3) of the solids' own boxes."""
+    ends = [np.stack([v.min(axis=0), v.max(axis=0)]) for v in solids.vertices]
+    own = np.stack([np.stack(np.meshgrid(*e.T), axis=-1).reshape(8, 3) for e in ends])
+    placed = solids.position[:, :, None] + np.einsum("fkij,kcj->fkci", solids.rotation, own)
+    corners: Array = placed.reshape(len(placed), -1, 3)
+    return corners
 
 
 def followed(scene: Scene, middle: Array, time: Array) -> Array:

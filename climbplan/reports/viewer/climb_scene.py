@@ -28,10 +28,13 @@ from climbplan.reports.viewer.scene import (
     Rods,
     Scene,
     Shape,
+    Solids,
     polygons,
 )
 from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.looks import BODY, piece_places, pieces_of
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
 
 
 def climb_scene(path: FilePath) -> Scene:
@@ -52,8 +55,9 @@ def climb_scene(path: FilePath) -> Scene:
         marks=np.flatnonzero(np.diff(frames.instant, prepend=START) != 0),
         shapes=_terrain(plan, box),
         paths=_paths(plan),
-        rods=_rods(plan, frames, rotation),
-        boxes=_body(plan, frames, rotation),
+        rods=_rods(plan, frames, rotation) if plan.looks is None else None,
+        boxes=_body(plan, frames, rotation) if plan.looks is None else None,
+        solids=_solids(plan, frames, rotation),
         forces=_forces(plan, frames),
         lower=box.lower,
         upper=box.upper,
@@ -68,7 +72,15 @@ def _facts(plan: ClimbPlan) -> tuple[str, ...]:
     return (
         f"{plan.robot.name}, {plan.rounds.count} rounds, {plan.instants.count} instants",
         f"least S_tau {torque:.2f}, least S_mu {friction:.2f}",
+        *_without_looks(plan),
     )
+
+
+def _without_looks(plan: ClimbPlan) -> tuple[str, ...]:
+    """That the robot's own shape is known to its URDF alone, if so."""
+    if plan.looks is not None or "<visual" not in plan.robot_texts.urdf:
+        return ()
+    return (f"drawn as capsules: the plan carries no visual geometry of {plan.robot.name}",)
 
 
 def _captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
@@ -139,6 +151,31 @@ def _rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
             *(palette.BODY for _ in range(others)),
         ),
         load=np.concatenate([load.reshape(count, limbs), np.zeros((count, others))], axis=1),
+    )
+
+
+def _solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | None:
+    chain = plan.robot.mechanism
+    if plan.looks is None or not isinstance(chain, SerialChain):
+        return None
+    pieces = pieces_of(plan.looks, chain)
+    place, turned = piece_places(pieces, chain, frames.angles)
+    used = np.abs(plan.forces.joint_torques) / plan.robot.max_torque  # (K, N, J)
+    load = np.zeros((len(frames.time), len(pieces)))
+    acting = frames.instant != START
+    for k, piece in enumerate(pieces):
+        if piece.limb != BODY:
+            load[acting, k] = used[frames.instant[acting], piece.limb, piece.joint]
+    return Solids(
+        vertices=tuple(piece.vertices for piece in pieces),
+        faces=tuple(piece.faces for piece in pieces),
+        position=frames.com[:, None] + np.einsum("fij,fkj->fki", rotation, place),
+        rotation=np.einsum("fij,fkjl->fkil", rotation, turned),
+        color=tuple(
+            palette.BODY if piece.limb == BODY else palette.limb_color(piece.limb)
+            for piece in pieces
+        ),
+        load=load,
     )
 
 

@@ -1,7 +1,8 @@
 """What a plan of any kind looks like over time: the viewer draws this and knows no robots.
 
-A scene is sampled at F times. Rods, boxes and their frames move linearly between samples; forces,
-cones and captions belong to the sample at or before the time shown. World frame, z up, metres.
+A scene is sampled at F times. Rods, boxes, solids and their frames move linearly between samples;
+forces, cones and captions belong to the sample at or before the time shown. World frame, z up,
+metres.
 """
 
 from __future__ import annotations
@@ -59,6 +60,18 @@ class Boxes:
 
 
 @dataclass(frozen=True)
+class Solids:
+    """Triangles that move, links of a robot."""
+
+    vertices: tuple[Array, ...]  # K of (V, 3) in their own frames [m]
+    faces: tuple[Index, ...]  # K of (T, 3)
+    position: Array  # (F, K, 3) of their frames [m]
+    rotation: Array  # (F, K, 3, 3) own to world
+    color: tuple[str, ...]  # (K,)
+    load: Array | None = None  # (F, K) largest share of a limit that the piece's motor uses
+
+
+@dataclass(frozen=True)
 class Forces:
     """Forces at points, with friction cones where they press on something."""
 
@@ -81,6 +94,7 @@ class Scene:
     paths: tuple[Path, ...] = ()
     rods: Rods | None = None
     boxes: Boxes | None = None
+    solids: Solids | None = None
     forces: Forces | None = None
     lower: Array = field(default_factory=lambda: -np.ones(3))  # [m] of what is worth seeing
     upper: Array = field(default_factory=lambda: np.ones(3))

@@ -120,7 +120,7 @@ class Viewer:
             for label, what in _SWITCHES.items():
                 if self._stage.has(what):
                     self._add_switch(gui, label, what)
-            if scene.rods is not None and scene.rods.load is not None:
+            if any(part and part.load is not None for part in (scene.rods, scene.solids)):
                 loads = gui.add_checkbox(
                     "Torque colours",
                     initial_value=False,

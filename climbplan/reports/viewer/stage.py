@@ -10,7 +10,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Array, Boxes, Forces, Rods, Scene, between
+from climbplan.reports.viewer.scene import Array, Boxes, Forces, Rods, Scene, Solids, between
 
 _LONGEST_FORCE = 0.2  # share of the scene's size
 _LOAD_COLORS = np.array([[77, 163, 127], [230, 200, 60], [192, 57, 43]], float)  # 0, half, limit
@@ -35,6 +35,16 @@ def _quaternions(rotation: Array) -> Array:
     """wxyz (..., 4) of rotations (..., 3, 3)."""
     flat = np.asarray(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat())[:, [3, 0, 1, 2]]
     return flat.reshape(*rotation.shape[:-2], 4)
+
+
+def _mixed(turns: Array, moment: tuple[int, int, float]) -> Array:
+    """wxyz (K, 4) at a moment of samples (F, K, 4)."""
+    before, after, share = moment
+    first, second = turns[before], turns[after]
+    second = np.where((first * second).sum(axis=1, keepdims=True) < 0, -second, second)
+    mixed = (1 - share) * first + share * second
+    unit: Array = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+    return unit
 
 
 def _open_cone() -> trimesh.Trimesh:
@@ -76,6 +86,10 @@ class Stage:
             self._add_boxes(scene.boxes)
         if scene.rods is not None:
             self._add_rods(scene.rods)
+        self._solids: list[Any] = []
+        if scene.solids is not None:
+            self._turns = _quaternions(scene.solids.rotation)
+            self._add_solids(scene.solids)
         if scene.forces is not None:
             self._add_forces(scene.forces)
         self._aim()
@@ -99,6 +113,8 @@ class Stage:
                 self._draw_rods(scene.rods, moment)
             if scene.boxes is not None:
                 self._draw_boxes(scene.boxes, moment)
+            if scene.solids is not None:
+                self._draw_solids(scene.solids, moment)
             if scene.forces is not None:
                 self._draw_forces(scene.forces, moment)
         return scene.caption[moment[0]]
@@ -171,6 +187,18 @@ class Stage:
         cube = trimesh.creation.box((1.0, 1.0, 1.0))
         self._batch("boxes", cube, len(boxes.color), colors, opacity=seen, flat_shading=True)
 
+    def _add_solids(self, solids: Solids) -> None:
+        for number, (vertices, faces) in enumerate(zip(solids.vertices, solids.faces, strict=True)):
+            mesh = self._server.scene.add_mesh_simple(
+                f"/solid/{number}",
+                vertices.astype(np.float32),
+                faces.astype(np.uint32),
+                color=rgb(solids.color[number]),
+                flat_shading=True,
+                side="double",
+            )
+            self._solids.append(mesh)
+
     def _add_forces(self, forces: Forces) -> None:
         largest = float(np.linalg.norm(forces.force, axis=-1).max(initial=0.0))
         self._metres_per_newton = _LONGEST_FORCE * self._size / largest if largest > 0 else 0.0
@@ -205,14 +233,19 @@ class Stage:
         balls.batched_colors = np.repeat(colors, 2, axis=0).astype(np.uint8)
 
     def _draw_boxes(self, boxes: Boxes, moment: tuple[int, int, float]) -> None:
-        before, after, share = moment
         handle = self._moving["boxes"]
-        first, second = self._quaternion[before], self._quaternion[after]
-        second = np.where((first * second).sum(axis=1, keepdims=True) < 0, -second, second)
-        mixed = (1 - share) * first + share * second
         handle.batched_positions = between(boxes.center, moment)
-        handle.batched_wxyzs = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
-        handle.batched_scales = np.maximum(boxes.size[before], 1e-6)
+        handle.batched_wxyzs = _mixed(self._quaternion, moment)
+        handle.batched_scales = np.maximum(boxes.size[moment[0]], 1e-6)
+
+    def _draw_solids(self, solids: Solids, moment: tuple[int, int, float]) -> None:
+        position, turns = between(solids.position, moment), _mixed(self._turns, moment)
+        colors = np.array([rgb(color) for color in solids.color], float)
+        if self.show_loads and solids.load is not None:
+            colors = load_color(solids.load[moment[0]])
+        for handle, at, turn, color in zip(self._solids, position, turns, colors, strict=True):
+            handle.position, handle.wxyz = at, turn
+            handle.color = tuple(int(part) for part in color)
 
     def _draw_forces(self, forces: Forces, moment: tuple[int, int, float]) -> None:
         k, scale = moment[0], self._metres_per_newton

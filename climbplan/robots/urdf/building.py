@@ -7,20 +7,22 @@ whole robot in its posture: masses of legs count as if they were fixed there.
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.touching_parts import always_touching
+from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, leg_capsules
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
-from climbplan.robots.urdf.shapes import body_box, collision_shapes, legs_radius
+from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
 from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
 from climbplan.spec.document import Finding
 from climbplan.spec.robots.ranges import LENGTH, THICKNESS
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
-LIMB_RADIUS = 0.02  # [m] without collision geometry
 _THINNEST = 0.02  # [m] half extent of a body at least
 _LEAST_BALL = 0.025  # [m] about the stance, below which no step could be planned
 _ON_MIDDLE = 1e-3  # [m] off the middle plane within which a toe is on neither side
@@ -61,22 +63,24 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
     chain = _standing(robot, chain, stance, given, lower, upper)
     first = chain.joint_zero[:, 0]
     shapes = []
-    if spec.limb_radius is None or spec.body_half_size is None:
+    if robot.needs_shapes:
         shapes = collision_shapes(found)
+    capsules = leg_capsules(chain, legs, shapes, centre, spec.limb_radii, spec.limb_radius)
     radius = spec.limb_radius
-    if radius is None:
-        radius = legs_radius(legs, shapes)
-        if radius is not None and not THICKNESS.holds(radius):
+    if capsules is not None:
+        radius = float(capsules.radius.max())
+        if not THICKNESS.holds(radius):
             message = (
-                f"the collision geometry of its legs lies up to {radius:g} m from their links, "
-                f"expected {THICKNESS.high:g} m at most; `limb_radius` takes its place"
+                f"the collision geometry of its legs needs capsules of up to {radius:g} m in "
+                f"radius, expected {THICKNESS.high:g} m at most; `limb_radius` takes its place"
             )
             raise robot.refused([Finding(("urdf",), message)])
+    parts = tuple(part - centre for part in body_parts(shapes))
     bounds = lower, upper
     reach = spec.workspace.reach or float(farthest_toes(chain, *bounds).min())
     toward = stance - first
     points = chain.joint_points(np.zeros_like(posture))
-    return Robot(
+    made = Robot(
         name=robot.name,
         mass=mass,
         gravity=spec.gravity,
@@ -99,7 +103,12 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         stance_radius=spec.workspace.stance_radius or _ball(robot, chain, stance, reach, bounds),
         limb_radius=LIMB_RADIUS if radius is None else radius,
         mechanism=chain,
+        capsules=capsules,
+        body_parts=() if spec.body_half_size is not None else parts,
     )
+    if capsules is None:
+        return made
+    return replace(made, touching=always_touching(made, made.body_parts or (made.body_hull,)))
 
 
 def joint_angles_of(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
+from climbplan.spec.robots.urdf.meshes import mesh_path
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.robots.urdf.xml import Element, number_of, parsed, vector_of
 
@@ -33,6 +34,7 @@ _KEPT = {
     "inertia": _Kept(numbers=("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
     "origin": _Kept(vectors=("xyz", "rpy")),
     "collision": _Kept(("origin", "geometry")),
+    "visual": _Kept(("origin", "geometry")),
     "geometry": _Kept(("box", "cylinder", "sphere", "mesh")),
     "box": _Kept(vectors=("size",)),
     "cylinder": _Kept(numbers=("radius", "length")),
@@ -45,7 +47,9 @@ _KEPT = {
     "limit": _Kept(numbers=("lower", "upper"), zero=("effort", "velocity")),
 }
 _LIMITED = ("revolute", "prismatic")  # joints that Pinocchio does not read without <limit>
-_MANY = ("link", "joint", "collision")  # of all others the first one counts
+_PICTURED = _KEPT | {"link": _Kept(("inertial", "visual"), ("name",))}
+_SHAPES = ("collision", "visual")
+_MANY = ("link", "joint", *_SHAPES)  # of all others the first one counts
 
 
 def normal_document(robot: UrdfRobot) -> str:
@@ -56,11 +60,32 @@ def normal_document(robot: UrdfRobot) -> str:
     """
     root = parsed(robot.tree.text)
     root.attributes["name"] = robot.tree.name
-    return _written(root, {name: str(path) for name, path in robot.meshes.items()})
+    return _written(root, {name: str(path) for name, path in robot.meshes.items()}, _KEPT)
 
 
-def _written(element: Element, meshes: dict[str, str]) -> str:
-    kept = _KEPT[element.tag]
+def visual_document(robot: UrdfRobot) -> str:
+    """The text with visual geometry in place of collision geometry.
+
+    Raises UrdfFault for a mesh that is not there, and for numbers that are none.
+    """
+    root = parsed(robot.tree.text)
+    root.attributes["name"] = robot.tree.name
+    meshes = {
+        mesh.attributes["filename"]: mesh
+        for link in root.all("link")
+        for visual in link.all("visual")
+        if (geometry := visual.first("geometry")) is not None
+        if (mesh := geometry.first("mesh")) is not None and "filename" in mesh.attributes
+    }
+    found = {
+        name: str(mesh_path(name, robot.tree.path, robot.spec.packages, robot.directory))
+        for name in meshes
+    }
+    return _written(root, found, _PICTURED)
+
+
+def _written(element: Element, meshes: dict[str, str], tags: dict[str, _Kept]) -> str:
+    kept = tags[element.tag]
     texts = {name: element.attributes[name] for name in kept.texts if name in element.attributes}
     if element.tag == "mesh":
         texts["filename"] = meshes[texts["filename"]]
@@ -73,7 +98,7 @@ def _written(element: Element, meshes: dict[str, str]) -> str:
         if vector is not None:
             texts[name] = " ".join(repr(value) for value in vector)
     head = " ".join([element.tag, *(f"{name}={quoteattr(text)}" for name, text in texts.items())])
-    below = "".join(_written(child, meshes) for child in _children(element, kept, meshes))
+    below = "".join(_written(child, meshes, tags) for child in _children(element, kept, meshes))
     return f"<{head}>{below}</{element.tag}>\n"
 
 
@@ -86,11 +111,11 @@ def _children(element: Element, kept: _Kept, meshes: dict[str, str]) -> list[Ele
         limits = element.first("limit") or Element("limit", {}, element.line)
         found = [*(child for child in found if child.tag != "limit"), limits]
     if element.tag == "link":
-        found = [child for child in found if child.tag != "collision" or _is_seen(child, meshes)]
+        found = [child for child in found if child.tag not in _SHAPES or _is_seen(child, meshes)]
     return found
 
 
-def _is_seen(collision: Element, meshes: dict[str, str]) -> bool:
-    geometry = collision.first("geometry")
+def _is_seen(shape: Element, meshes: dict[str, str]) -> bool:
+    geometry = shape.first("geometry")
     mesh = None if geometry is None else geometry.first("mesh")
     return mesh is None or mesh.attributes.get("filename") in meshes

@@ -9,9 +9,10 @@ import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.normal_document import normal_document
-from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
+from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.spec.document import Finding
 
+_FLAT = 2e-3  # [m] of a part of the body that is too thin to be in the way
 _RIM = 16  # points on the rim of a cylinder
 
 
@@ -22,6 +23,9 @@ class Shape:
     joint: str  # that carries it, "" for the body
     points: Array  # (P, 3) at zero angles, base frame turned to x right, y forward, z up [m]
     radius: float  # [m]
+    # of a box or a cylinder: middle (3,) and half (3,) of its long axis [m], and the square of how
+    # far its edges lie from that [m^2]
+    axis: tuple[Array, Array, float] | None = None
 
 
 def collision_shapes(found: UrdfModel) -> list[Shape]:
@@ -45,34 +49,39 @@ def collision_shapes(found: UrdfModel) -> list[Shape]:
     for item in geometry.geometryObjects:
         points, radius = _points_of(item.geometry)
         place = data.oMi[item.parentJoint] * item.placement
-        at = points @ place.rotation.T + place.translation
-        name = _carrier(model, item.parentJoint, moved)
-        shapes.append(Shape(name, found.placed(at), radius))
+
+        def at(own: Array, place: Any = place) -> Array:
+            return found.placed(own @ place.rotation.T + place.translation)
+
+        name = carrier(model, item.parentJoint, moved)
+        axis = None
+        if (long := _axis_of(item.geometry)) is not None:
+            middle = at(np.zeros(3))
+            axis = middle, at(long[0]) - middle, long[1]
+        shapes.append(Shape(name, at(points), radius, axis))
     return shapes
 
 
-def _carrier(model: Any, joint: int, moved: set[str]) -> str:
+def carrier(model: Any, joint: int, moved: set[str]) -> str:
     """The joint of a leg that carries a shape, past joints that are held; "" for the body."""
     while joint > 1 and model.names[joint] not in moved:
         joint = int(model.parents[joint])
     return str(model.names[joint]) if joint > 1 else ""
 
 
-def legs_radius(legs: list[LegAtZero], shapes: list[Shape]) -> float | None:
-    """Radius [m] of capsules round the links that hold the legs' shapes; None without any.
-
-    A link is the straight piece from its joint to the next, the last one to the toe.
-    """
-    reach = 0.0
-    found = False
-    for leg in legs:
-        ends = np.concatenate([leg.joints, leg.toe[None]])
-        for index, joint in enumerate(leg.names):
-            for shape in (s for s in shapes if s.joint == joint):
-                found = True
-                away = _off_segment(shape.points, ends[index], ends[index + 1])
-                reach = max(reach, float(away.max()) + shape.radius)
-    return reach if found else None
+def body_parts(shapes: list[Shape]) -> list[Array]:
+    """Corners (V, 3) of convex parts of the body, meshes and round ones as their bounding boxes."""
+    out = []
+    for shape in shapes:
+        if shape.joint:
+            continue
+        if shape.axis is None:
+            box = shape.points.min(axis=0) - shape.radius, shape.points.max(axis=0) + shape.radius
+            upper = np.stack(np.meshgrid(*[(False, True)] * 3, indexing="ij"), axis=-1)
+            out.append(np.where(upper.reshape(-1, 3), box[1], box[0]))
+        else:
+            out.append(shape.points)
+    return [part for part in out if (np.ptp(part, axis=0) > _FLAT).all()]
 
 
 def body_box(shapes: list[Shape]) -> tuple[Array, Array] | None:
@@ -85,11 +94,16 @@ def body_box(shapes: list[Shape]) -> tuple[Array, Array] | None:
     return lower, upper
 
 
-def _off_segment(points: Array, start: Array, end: Array) -> Array:
-    along = end - start
-    square = float(along @ along)
-    share = np.clip((points - start) @ along / square, 0.0, 1.0) if square > 0 else np.zeros(1)
-    return np.asarray(np.linalg.norm(points - start - share[:, None] * along, axis=1))
+def _axis_of(geometry: Any) -> tuple[Array, float] | None:
+    """Half of the long axis of a box or a cylinder, and the square of how far its edges lie off."""
+    kind = type(geometry).__name__
+    if kind == "Cylinder":
+        return np.array([0.0, 0.0, float(geometry.halfLength)]), float(geometry.radius) ** 2
+    if kind == "Box":
+        half = np.array(geometry.halfSide, float)
+        longest = np.arange(3) == int(np.argmax(half))
+        return np.where(longest, half, 0.0), float((half[~longest] ** 2).sum())
+    return None
 
 
 def _points_of(geometry: Any) -> tuple[Array, float]:

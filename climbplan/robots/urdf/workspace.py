@@ -18,6 +18,7 @@ _POSTURES = 4000  # sampled of every leg
 _FAR = 0.97  # of the farthest sampled toe
 _RADII = np.arange(1, 13) * 0.025  # [m] of the sampled shells about the stance
 _DIRECTIONS = 60
+_TOGETHER = 2  # shells asked about at once: toes out of reach take longest
 
 
 def farthest_toes(chain: SerialChain, lower: Array, upper: Array) -> Array:
@@ -36,11 +37,19 @@ def stance_balls(
     Its points farther than `reach` from the first joint are left out, as planning does.
     """
     around = _directions(_DIRECTIONS)  # (D, 3)
-    toes = stance + _RADII[:, None, None, None] * around[None, :, None, :]  # (R, D, N, 3)
-    beyond = np.linalg.norm(toes - chain.joint_zero[:, 0], axis=-1) > reach
-    fine = (chain.inverse(toes, lower, upper).valid | beyond).all(axis=1)  # (R, N)
-    whole = np.cumprod(fine, axis=0).sum(axis=0)  # shells from the inside that are fine
-    return np.where(whole > 0, _RADII[np.maximum(whole - 1, 0)], 0.0)
+    radius = np.zeros(len(stance))
+    whole = np.ones(len(stance), bool)  # legs of which all shells so far are fine
+    for shells in np.split(_RADII, np.arange(_TOGETHER, len(_RADII), _TOGETHER)):
+        toes = stance + shells[:, None, None, None] * around[None, :, None, :]  # (R, D, N, 3)
+        toes[:, :, ~whole] = np.nan  # what is farther out does not count
+        beyond = np.linalg.norm(toes - chain.joint_zero[:, 0], axis=-1) > reach
+        fine = (chain.inverse(toes, lower, upper).valid | beyond).all(axis=1)  # (R, N)
+        for size, met in zip(shells, fine, strict=True):
+            whole &= met
+            radius[whole] = size
+        if not whole.any():
+            break
+    return radius
 
 
 def _directions(count: int) -> Array:

@@ -26,8 +26,13 @@ class MarginsSpec(SpecModel):
         own = (self.pressure, self.friction, self.slip, self.depth, self.stiffness, self.edge)
         return any(value > 0 for value in own)
 
+    @property
+    def asked_of_grips(self) -> bool:
+        """Whether there are any of those that grips keep."""
+        return self.pull > 0 or self.slip > 0
+
     def factors(self, rounds: NDArray[np.int64]) -> Array:
-        """On pressure and friction, of instants in rounds (K,), counted from 1."""
+        """On pressure, friction and pull, of instants in rounds (K,), counted from 1."""
         return np.array([self.rounds.get(int(number), 1.0) for number in rounds])
 
     pressure: Number = quantity(
@@ -55,6 +60,14 @@ class MarginsSpec(SpecModel):
         ge=0,
         lt=1,
     )
+    pull: Number = quantity(
+        "weight",
+        "further pull off its surface that every grip holds, in weights of the robot, friction and "
+        "spines counted without S_mu; of robots with grippers, which keep this and `slip`",
+        default=0.1,
+        ge=0,
+        lt=1,
+    )
     depth: Number = quantity(
         "m",
         "how far inside its surface every toe in contact is commanded: friction alone holds a toe "
@@ -76,12 +89,14 @@ class MarginsSpec(SpecModel):
     )
     rounds: dict[Annotated[int, Field(ge=1)], Annotated[Number, Field(ge=0)]] = Field(
         default={},
-        description="factors on pressure and friction in single rounds, by their number; what "
+        description="factors on pressure, friction and pull in single rounds, by number; what "
         "`risk` asks for where a plan fell",
     )
 
 
-NO_MARGINS = MarginsSpec(pressure=0.0, friction=0.0, slip=0.0, depth=0.0, stiffness=0.0, edge=0.0)
+NO_MARGINS = MarginsSpec(
+    pressure=0.0, friction=0.0, slip=0.0, pull=0.0, depth=0.0, stiffness=0.0, edge=0.0
+)
 
 
 def _in_a_word(value: Any) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from annotated_types import Ge, Le
+from pydantic import BeforeValidator, Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.force import ForcePlannerSpec
@@ -14,6 +15,8 @@ from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
 from climbplan.spec.robots.gripper import GripSpec
 from climbplan.spec.robots.urdf.model import RobotReference
+
+MOST_ROUNDS = 200
 
 
 class PostureSpec(SpecModel):
@@ -77,10 +80,27 @@ class WrenchSpec(SpecModel):
     moment: Vector = quantity("N m", "moment about the body origin", default=(0.0, 0.0, 0.0))
 
 
+def _rounds(value: Any) -> Any:
+    """A number of rounds, or the word that leaves it open."""
+    whole = isinstance(value, int | float) and not isinstance(value, bool) and value == int(value)
+    if value == "auto" or (whole and 1 <= value <= MOST_ROUNDS):
+        return value
+    raise ValueError(f"expected a whole number from 1 to {MOST_ROUNDS}, or auto; got {value!r}")
+
+
+Rounds = Annotated[
+    Annotated[int, Ge(1), Le(MOST_ROUNDS)] | Literal["auto"], BeforeValidator(_rounds)
+]
+
+
 class TaskSpec(SpecModel):
     """Start, goal, rounds and load."""
 
-    rounds: Count = quantity("", "number of rounds; every limb moves once a round", ge=1, le=200)
+    rounds: Rounds = quantity(
+        "",
+        "number of rounds; every limb moves once a round; `auto`: as many as the way takes, "
+        "planned in windows (`solver.window`)",
+    )
     start: StartSpec = Field(description="posture before the first round")
     goal: GoalSpec = Field(description="posture after the last round")
     gait: tuple[str, ...] | None = Field(
@@ -94,6 +114,11 @@ class TaskSpec(SpecModel):
     """Mass carried on the body."""
     external_wrench: WrenchSpec = WrenchSpec()
     """Load beside all weights."""
+
+    @property
+    def round_count(self) -> int:
+        """Rounds as a number; raises ValueError where the planner has not chosen it yet."""
+        return int(self.rounds)
 
 
 class PostureWeights(SpecModel):
@@ -235,6 +260,15 @@ class SolverSpec(SpecModel):
     )
     gap: Number = quantity("", "relative optimality gap to prove", default=1e-4, gt=0, lt=1)
     time_limit: Number = quantity("s", "time limit of the posture planner", default=120.0, gt=0)
+    window: Count | None = quantity(
+        "",
+        "rounds planned at once; half of them are kept before the next window begins. Left out: "
+        "all at once, or 4 where `task.rounds` is `auto`. Methods `micp`, `nlp` and `auto`, which "
+        "takes the first of the two that has a plan for a window",
+        default=None,
+        ge=2,
+        le=200,
+    )
     starts: Count = quantity(
         "",
         "starts of `nlp`: the convex plan if there is one, the straight way, then random ways",
@@ -309,7 +343,9 @@ class ClimbSpec(SpecModel):
 
     @model_validator(mode="after")
     def _margins_for_uncertainty(self) -> Self:
-        margins = margins_stated(self.margins, self.uncertainty)
+        grips = self.terrain.panel is not None
+        beside = self.force.safety_friction if grips else 1.0
+        margins = margins_stated(self.margins, self.uncertainty, beside)
         if margins is not self.margins:
             object.__setattr__(self, "margins", margins)
         return self

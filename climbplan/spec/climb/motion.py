@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 from climbplan.spec.climb.force import ForcePlannerSpec
 from climbplan.spec.climb.margins import Margins
@@ -21,8 +21,8 @@ class MotionTask(Protocol):
     """Start, goal and load."""
 
     @property
-    def rounds(self) -> int:
-        """Number of rounds."""
+    def rounds(self) -> int | Literal["auto"]:
+        """Number of rounds, or that it is open."""
 
     @property
     def start(self) -> PostureSpec:

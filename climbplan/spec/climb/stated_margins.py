@@ -19,8 +19,14 @@ _ASIDE = 5e-3  # [m] farther from edges than footholds are missed by
 _MOST = {"slip": 0.6, "friction": 0.3, "depth": 0.02, "edge": 0.05}
 
 
-def margins_stated(margins: MarginsSpec, uncertainty: UncertaintySpec) -> MarginsSpec:
-    """The margins with those that are not stated as large as what is stated to be uncertain."""
+def margins_stated(
+    margins: MarginsSpec, uncertainty: UncertaintySpec, beside: float = 1.0
+) -> MarginsSpec:
+    """The margins with those that are not stated as large as what is stated to be uncertain.
+
+    beside: S_mu that is kept on a surface that lacks friction as well. Grips need it: they have no
+    margin of their own for forces that are not what they were believed to be.
+    """
     if not margins.asked:
         return margins
     asked = {}
@@ -33,6 +39,8 @@ def margins_stated(margins: MarginsSpec, uncertainty: UncertaintySpec) -> Margin
         if key not in uncertainty.model_fields_set or name in margins.model_fields_set:
             continue
         size = scale * _farthest(getattr(uncertainty, key), key != "joint_stiffness")
+        if name == "slip":
+            size = 1 - (1 - size) / beside if 0 < size < 1 else size
         if size > 0:
             asked[name] = max(getattr(margins, name), min(size + room, _MOST[name]))
     return margins.model_copy(update=asked) if asked else margins

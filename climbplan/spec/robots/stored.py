@@ -21,7 +21,10 @@ from climbplan.spec.source import read_source
 from climbplan.spec.yaml_source import parse_yaml
 
 _NO_MESHES = {"limb_radius": 0.02, "body_half_size": (0.1, 0.1, 0.1)}  # in place of what meshes say
-_BY_MESHES = {"limb_radius": "limb_radius", "body_half_size": "body_hull"}
+_BY_MESHES = {
+    "limb_radius": ("limb_radius", "capsules", "touching"),
+    "body_half_size": ("body_hull", "body_parts", "touching"),
+}
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,9 @@ def _of_urdf(document: Document, path: KeyPath, text: str) -> StoredRobot:
         robot, findings = robot_of_tree(spec, document, path, Path(), tree)
     if robot is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
-    return StoredRobot(robot, tuple(_BY_MESHES[name] for name in unknown))
+    return StoredRobot(
+        robot, tuple(dict.fromkeys(part for name in unknown for part in _BY_MESHES[name]))
+    )
 
 
 def _is_path(reference: str) -> bool:

@@ -15,7 +15,7 @@ import yaml
 from climbplan.bench.climb.random_climbs import random_climb
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.limb_clearance import least_room, limb_points
+from climbplan.climb.limb_clearance import BETWEEN, limb_points
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, posture_cost
 from climbplan.climb.postures.nlp.layout import variable_layout
@@ -189,7 +189,8 @@ def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
     assert [violation.name for violation in failing] == ["limbs.clearance"]
     assert "RF" in str(failing[0]) or "LF" in str(failing[0])
     # The way out is no shorter than the links are deep
-    assert failing[0].amount >= least_room(blocked) - link_room(blocked, free.rounds).min() - 1e-3
+    asked = blocked.robot.limb_radius + BETWEEN
+    assert failing[0].amount >= asked - link_room(blocked, free.rounds).min() - 1e-3
 
 
 def test_links_beside_a_bar_need_room_for_their_radius() -> None:
@@ -205,7 +206,7 @@ def test_links_beside_a_bar_need_room_for_their_radius() -> None:
         found = {v.name: v for v in check_postures(under, free.rounds)}["limbs.clearance"]
         # Between the instants, too, the highest point may rise a little
         assert found.holds == holds or found.amount < 1e-4
-        assert found.amount == pytest.approx(least_room(scene) - gap, abs=1e-3)
+        assert found.amount == pytest.approx(scene.robot.limb_radius + BETWEEN - gap, abs=1e-3)
 
 
 def test_parting_planes_touch_the_solid_and_part_what_is_apart() -> None:

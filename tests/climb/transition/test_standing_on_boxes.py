@@ -14,6 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
+from climbplan.robots.capsules import straight_capsules
 from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.terrain.solids import Solid
 
@@ -46,15 +47,20 @@ def test_nobody_stands_on_a_plain_obstacle_or_beside_its_faces() -> None:
 def test_a_tibia_narrows_to_its_toe_only_where_it_stands() -> None:
     box = Solid.from_box("box", np.zeros(3), np.ones(3))
     limb = np.array([[[2.0, 0.5, 1.5], [1.5, 0.5, 1.5], [0.5, 0.5, 1.4], [0.5, 0.5, 1.0]]])
-    assert closest_link((box,), limb, 0.5, np.array([False])).distance == pytest.approx(0.0)
-    found = closest_link((box,), limb, 0.5, np.array([True]))
+    axes = straight_capsules(limb, 0.0)
+    assert closest_link((box,), axes, 0.5, np.array([[False]])).distance == pytest.approx(0.0)
+    found = closest_link((box,), axes, 0.5, np.array([[True]]))
     assert found.distance == pytest.approx(NARROW)
     assert found.link == 2
     # Deeper than that a link that stands is as much in the way as any other.
     low = limb - [0.0, 0.0, 0.3]
-    assert closest_link((box,), low, 0.5, np.array([True])).distance < 0
-    short = narrowed(np.array([[0.0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.01], [0.2, 0, 0.0]]))
-    assert short[3, 2] == pytest.approx(0.01)  # a tibia shorter than its narrow part
+    assert closest_link((box,), straight_capsules(low, 0.0), 0.5, np.array([[True]])).distance < 0
+    thick = closest_link((box,), straight_capsules(limb, 0.02), 0.5, np.array([[True]]))
+    assert thick.distance == pytest.approx(NARROW - 0.02)
+    short = np.array([[0.0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.01], [0.2, 0, 0.0]])
+    ends = narrowed(straight_capsules(short[None], 0.02))[0]
+    np.testing.assert_array_equal(ends[:2], short[1:3])
+    assert np.isnan(ends[2]).all()  # a tibia shorter than its narrow part has no other
 
 
 @pytest.fixture(scope="module")

@@ -83,7 +83,7 @@ def _outside(scene: TransitionScene, toe: Array, side: int) -> float:
 
 
 def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
-    scene = scene_of(BRICKS, "task.sequence=null")
+    scene = scene_of(BRICKS)
     inside = np.asarray(scene.terrain.obstacles[0].vertices.mean(axis=0))
     above = inside + np.array([0.0, 0.0, 0.2])
     for side in range(6):  # no face parts a point inside from the box
@@ -93,7 +93,7 @@ def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
 
 
 def test_rows_bound_only_what_bounds_the_room() -> None:
-    scene = scene_of(BRICKS, "task.sequence=null")
+    scene = scene_of(BRICKS)
     motion = free_motion(scene)
     stated, surfaces = motion.program.stated, motion.surfaces
     lower = motion.bounds(stated).row_lower[stated.block("contact.distance")]
@@ -103,7 +103,7 @@ def test_rows_bound_only_what_bounds_the_room() -> None:
 
 
 def test_bricks_are_stepped_on(tmp_path: Path) -> None:
-    overrides = ["task.sequence=null", "solver.method=complementarity", "solver.starts=1"]
+    overrides = ["solver.method=complementarity", "solver.starts=1"]
     found = plan_transition(load_transition(BRICKS, overrides))
     write_climb(found, tmp_path / "plan.h5")
     verification = verify(tmp_path / "plan.h5")
@@ -114,5 +114,6 @@ def test_bricks_are_stepped_on(tmp_path: Path) -> None:
 
 
 def test_a_named_sequence_is_not_for_this_method() -> None:
+    named = ["solver.method=complementarity", "task.sequence=3-3-3"]
     with pytest.raises(UsageError, match=r"leave `task.sequence` out"):
-        plan_transition(load_transition(BRICKS, ["solver.method=complementarity"]))
+        plan_transition(load_transition(BRICKS, named))

@@ -102,6 +102,11 @@ def settled_chains(
     return SettledChains(q, np.linalg.norm(toes - limbs.toe, axis=-1))
 
 
+def turned_about(points: Array, about: Array, axis: Array, angle: Array) -> Array:
+    """Points (..., 3) turned about a unit axis (3,) through a place (3,), by angles (...) [rad]."""
+    return about + _turned(points - about, axis, angle)
+
+
 def _turned(vector: Array, axis: Array, angle: Array) -> Array:
     """Vectors (..., N, 3) turned about axes (N, 3), unit or zero, by angles (..., N) [rad]."""
     cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]

@@ -15,14 +15,15 @@ import numpy as np
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants, poses_between
 from climbplan.climb.limb_clearance import (
+    BETWEEN,
     closest_link,
-    least_room,
-    limb_points,
     limb_shortfall,
+    world_capsules,
 )
 from climbplan.climb.plan.climb_plan import Instants, Rounds
-from climbplan.climb.raw_clearance import closest_raw
+from climbplan.climb.raw_clearance import Contacts, nearest_raw
 from climbplan.climb.scene import ClimbScene
+from climbplan.climb.self_clearance import standing_overlap
 from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
 from climbplan.errors import NotProved, ReachFailure
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -129,29 +130,38 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     else:
         findings.found.append(Violation("kinematics.toes", 0.0, "m", "no instant"))
         findings.found.extend(_limbs_free(scene, rounds, instants))
+        meets = standing_overlap(scene, instants)
+        overlap = Violation("limbs.self_collision", -np.inf, "m", "no instant")
+        if meets is not None:
+            where = f"{meets[1]}, {meets[0].words(scene.robot)}"
+            overlap = Violation("limbs.self_collision", meets[0].missing, "m", where)
+        findings.found.append(overlap)
     return tuple(findings.found)
 
 
 def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterator[Violation]:
     """Room of links beside obstacles: standing and lifted, then on the ways of the swings."""
-    obstacles, room = scene.terrain.obstacles, least_room(scene)
+    obstacles = scene.terrain.obstacles
     standing = limb_shortfall(scene, rounds, instants)
     if standing is None:
         yield Violation("limbs.clearance", -np.inf, "m", "no obstacles")
         return
-    points = limb_points(scene, instants.com, instants.rpy, instants.toes)
+    links = world_capsules(scene, instants.com, instants.rpy, instants.toes)
     name, where, amount = standing.limb, standing.where, standing.missing
     near = []
     if obstacles:
-        found = closest_link(obstacles, points, room, scene.terrain.stood_upon)
-        near.append((found.distance, found.index))
+        found = closest_link(obstacles, links, BETWEEN, scene.terrain.stood_upon)
+        near.append((BETWEEN - found.distance, found.index))
     if scene.terrain.scan is not None:
-        raw = closest_raw(scene.terrain.scan, points, room, scene.robot.limb_radius)
-        near.append((raw.distance, raw.index))
-    for distance, (k, limb) in near:
-        if room - distance > amount:
+        lifted = instants.lifted[..., None] * scene.spec.trajectory.lift
+        stood = instants.toes - lifted * instants.normal
+        contacts = Contacts(stood[..., None, :], instants.normal[..., None, :])
+        raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        near.append((raw.missing, raw.index))
+    for missing, (k, limb) in near:
+        if missing > amount:
             name, where = limb, instants.label(k, scene.robot.limb_names)
-            amount = room - distance
+            amount = missing
     where += f", limb {scene.robot.limb_names[name]}"
     yield Violation("limbs.clearance", amount, "m", where)
     if amount > TOLERANCE:

@@ -45,7 +45,7 @@ def shape_of(scene: ClimbScene) -> Shape:
     """The structure of a scene's NLP."""
     spec, terrain = scene.spec.posture, scene.terrain
     return Shape(
-        rounds=scene.spec.task.rounds,
+        rounds=scene.spec.task.round_count,
         gait=scene.gait,
         curved=terrain.curved,
         edges=max((len(region.b) for region in terrain.regions), default=0),

@@ -57,7 +57,7 @@ def convex_guess(scene: ClimbScene, time_limit: float) -> Guess | None:
 def straight_guess(scene: ClimbScene, index: int, spread: float) -> Guess:
     """Start `index`: body and toes on the way from start to goal, `spread` 0 for the direct one."""
     rng = np.random.default_rng([scene.spec.seed, index])
-    m, start, goal = scene.spec.task.rounds, scene.start, scene.goal
+    m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
     way = _body_way(scene, rng, spread)
 
     # Toes keep their place in the body frame, which goes over from that of the start to the goal's
@@ -92,7 +92,7 @@ class _BodyWay:
 
 def _body_way(scene: ClimbScene, rng: np.random.Generator, spread: float) -> _BodyWay:
     """A way from start to goal round the obstacles, no longer than the body's steps allow."""
-    m, start, goal = scene.spec.task.rounds, scene.start, scene.goal
+    m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
     share = np.linspace(0.0, 1.0, m + 1)[:, None]
     longest = m * scene.spec.posture.steps.com_max
     for _ in range(_DRAWS):

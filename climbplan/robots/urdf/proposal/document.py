@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.proposing import SAFETY, SHARE, WALLS, Proposal
@@ -67,10 +68,9 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     else:
         half = ", ".join(f"{v:g}" for v in p.half_size or ())
         lines.append(f"body_half_size: [{half}]  # [m] ASSUMED: round the first joints")
-    radius = "holds the collision geometry of the last two links of each leg"
     use = f"at most {100 * p.posture.use:.0f} % of a torque limit on three legs"
     lines += [
-        f"limb_radius: {p.limb_radius:g}  # [m] {radius}",
+        *_links(robot),
         f"# workspace: {{stance_radius: {robot.stance_radius:g}}}  # [m] sampled about the stance",
         "",
         f"# Legs in leg order. Standing: body {stands:.3f} m above its toes, with most room about",
@@ -85,6 +85,25 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
             lines.append(f"    toe_offset: {json.dumps(list(toe.offset))}  # [m] in its frame")
         lines.append(f"    posture_deg: {_mapping(own['posture_deg'])}")
     return "\n".join(lines) + "\n"
+
+
+def _links(robot: Robot) -> list[str]:
+    """How thick the links are: stated where the URDF does not say, else told."""
+    capsules = robot.capsules
+    if capsules is None:
+        return [f"limb_radius: {robot.limb_radius:g}  # [m] ASSUMED: no collision geometry is read"]
+    names = robot.limbs.joint_names[0]
+    thick = {
+        name: round(float(capsules.radius[0][capsules.joint[0] == joint].max()), 4)
+        for joint, name in enumerate(names)
+        if name and (capsules.joint[0] == joint).any()
+    }
+    return [
+        "# Links are as thick as their collision geometry: each piece of it has a capsule of its",
+        "# own. `limb_radii` says otherwise: the radius [m] of a link that is straight from its",
+        f"# joint to the next. The thickest, of {robot.limb_names[0]}:",
+        f"# limb_radii: {_mapping(thick)}",
+    ]
 
 
 def ground_document(proposal: Proposal, robot_file: str) -> str:

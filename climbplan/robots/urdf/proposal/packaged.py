@@ -22,12 +22,23 @@ def package_urdf(package: str, robot: str | None = None) -> Path:
         raise UsageError(f"no Python package {package!r} is installed") from error
     urdfs = [Path(str(f.locate())) for f in listed if f.name.endswith(".urdf")]
     urdfs = [path.resolve() for path in urdfs if path.is_file()]
-    named = [path for path in urdfs if part.lower() in path.as_posix().lower()] if part else urdfs
-    exact = [path for path in named if path.stem.lower() == part.lower()]
+    asked = part.lower().removesuffix(".urdf")
+    named = [path for path in urdfs if any(asked in name for name in _names(path))]
+    exact = [path for path in named if asked in (path.stem.lower(), _listed(path).lower())]
     if len(exact) == 1 or len(named) == 1:
         return (exact or named)[0]
-    known = ", ".join(sorted(f"{path.parents[1].name}/{path.stem}" for path in named or urdfs))
+    known = ", ".join(sorted(map(_listed, named or urdfs)))
     if not urdfs:
         raise UsageError(f"the package {package!r} ships no URDF")
     how = f"--package {package}:PART" if not named or not part else f"a longer part than {part!r}"
     raise UsageError(f"expected {how}, which names one URDF of: {known}")
+
+
+def _listed(path: Path) -> str:
+    """How a URDF is called in a list: by its package of meshes and its own name."""
+    return f"{path.parents[1].name}/{path.stem}"
+
+
+def _names(path: Path) -> tuple[str, str]:
+    """What a part of its name may be a part of."""
+    return path.as_posix().lower(), _listed(path).lower()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
+from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, urdf_model
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
@@ -25,7 +27,7 @@ from climbplan.robots.urdf.proposal.postures import (
 )
 from climbplan.robots.urdf.proposal.toes import Toe, toe_of
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
-from climbplan.robots.urdf.shapes import Shape, body_box, legs_radius
+from climbplan.robots.urdf.shapes import Shape, body_box
 from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
 from climbplan.spec.robots.urdf.tree import UrdfTree, read_urdf
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
@@ -36,7 +38,6 @@ SAFETY = 1.2  # S_mu
 WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may not brace on less"}
 _IN_HAND = 0.95  # of the friction that may be used
 SHARE = 0.1  # of compliance in the structure
-_RADIUS = 0.02  # [m] of links without collision geometry
 _TRIED = 24  # postures whose room is measured with exact kinematics
 _BRACES = 16  # postures between walls that are kept, for the planner to choose from
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
@@ -58,7 +59,6 @@ class Proposal:
     posture: Posture  # as it stands on ground, frame of the base
     braces: tuple[Posture, ...]  # between walls, body frame, best first; may be none
     robot: Robot  # as it would be planned with
-    limb_radius: float  # [m]
     body_box: tuple[Array, Array] | None  # corners from the base's collision geometry [m]
     half_size: tuple[float, float, float] | None  # of the body, where there is none of it [m]
     odd: tuple[str, ...]  # implausible data of the URDF
@@ -231,12 +231,11 @@ def _with_postures(
     for leg in at_zero:
         own = {joint: standing[joint] for joint in leg.names}
         draft.legs[names.names[at_zero.index(leg)]]["posture_deg"] = own
-    radius = _radius(at_zero, shapes)
     half = None
     if box is None:
         x, y, z = (round(float(value), 3) for value in np.ptp(inner, axis=0) / 2)
         half = (x, y, z)
-    robot = _planned_with(draft, radius, half, shapes)
+    robot = _planned_with(draft, half, shapes)
     braces = tuple(
         brace for brace in _braces(robot, legs.mirror) if not _touching(parts, at_zero, brace)
     )
@@ -250,7 +249,7 @@ def _with_postures(
     odd = (*motors.odd, *_masses(tree), *_buried(toes, at_zero, shapes))
     return Proposal(
         robot.name, draft, tree, tuple(toes), names, motors, standing, posture, braces, robot,
-        radius or _RADIUS, box, half, odd, tuple(assumed),
+        box, half, odd, tuple(assumed),
     )  # fmt: skip
 
 
@@ -299,25 +298,16 @@ def _roomiest(legs: Legs, found: list[Posture]) -> Posture | None:
     return best
 
 
-def _radius(legs: list[LegAtZero], shapes: list[Shape]) -> float | None:
-    """Radius of capsules round the two last links of legs, None without collision geometry."""
-    last = [
-        LegAtZero(leg.names[-2:], leg.joints[-2:], leg.axes[-2:], leg.toe)
-        for leg in legs
-    ]  # fmt: skip
-    found = legs_radius(last, shapes)
-    return None if found is None else round(found, 3)
-
-
 def _planned_with(
     draft: Draft,
-    radius: float | None,
     half: tuple[float, ...] | None,
     shapes: list[Shape],
 ) -> Robot:
     """The robot as planning has it."""
     robot = draft.robot(meshes=bool(shapes))
-    update = {"limb_radius": radius or _RADIUS, "body_half_size": half}
+    update: dict[str, Any] = {"body_half_size": half}
+    if not shapes:
+        update["limb_radius"] = LIMB_RADIUS
     return robot_of_urdf(replace(robot, spec=robot.spec.model_copy(update=update)))
 
 

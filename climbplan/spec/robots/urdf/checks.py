@@ -68,6 +68,11 @@ def section_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> list[Fin
         for name in spec.joints
         if name not in tree.joints
     ]
+    found += [
+        _unknown(("limb_radii", name), "joint", name, tree.joints)
+        for name in spec.limb_radii
+        if name not in tree.joints
+    ]
     for name, degrees in spec.locked.items():
         path = ("locked", name)
         joint = tree.joints.get(name)

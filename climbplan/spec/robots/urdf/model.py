@@ -135,10 +135,16 @@ class UrdfRobotSpec(SpecModel):
     )
     limb_radius: Number | None = quantity(
         "m",
-        "radius of the capsules round the links; left out: what holds the legs' collision "
-        "geometry, or 0.02",
+        "radius of links that are straight from joint to joint and toe; left out: each piece of "
+        "a leg's collision geometry has a capsule of its own, or 0.02 without any",
         default=None,
         ge=0,
+    )
+    limb_radii: dict[str, Number] = quantity(
+        "m",
+        "joint name -> radius of the link that it moves, straight to the next joint or the toe, "
+        "in place of `limb_radius` and of collision geometry",
+        default={},
     )
     workspace: UrdfWorkspaceSpec = UrdfWorkspaceSpec()
     """Limb workspace of the posture planner."""
@@ -172,6 +178,7 @@ class UrdfRobotSpec(SpecModel):
             "joint_stiffness": (self.joint_stiffness, STIFFNESS),
             "body_half_size": (self.body_half_size, LENGTH),
             "limb_radius": (self.limb_radius, THICKNESS),
+            **{f"limb_radii.{name}": (r, THICKNESS) for name, r in self.limb_radii.items()},
             "workspace.reach": (self.workspace.reach, LENGTH),
             "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
         }

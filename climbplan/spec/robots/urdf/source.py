@@ -30,6 +30,12 @@ class UrdfRobot:
     meshes: dict[str, Path]  # collision meshes, by the name that the URDF gives them
     document: Document = field(repr=False, compare=False)
     path: KeyPath  # of the section in the document
+    directory: Path = field(default=Path(), repr=False, compare=False)  # that paths start from
+
+    @property
+    def needs_shapes(self) -> bool:
+        """Whether collision geometry is asked for anything that the section does not say."""
+        return _needs_shapes(self.spec, self.joints)
 
     @property
     def name(self) -> str:
@@ -84,7 +90,19 @@ def robot_of_tree(
         found = [*section_findings(spec, tree, base), *leg_findings(spec, tree, base)]
     meshes: dict[str, Path] = {}
     named = dict(mesh for link in tree.links.values() for mesh in link.collision_meshes)
-    if spec.limb_radius is not None and spec.body_half_size is not None:
+    joints = {
+        name: tuple(moving_joints(tree.way_to(leg.toe, base) or [], spec))
+        for name, leg in spec.legs.items()
+        if not found
+    }
+    moved = {joint.name for own in joints.values() for joint in own}
+    if not found:
+        found = [
+            Finding(("limb_radii", name), "no leg moves it; expected a joint of a leg")
+            for name in spec.limb_radii
+            if name not in moved
+        ]
+    if not _needs_shapes(spec, joints):
         named = {}  # no mesh is looked at
     for name, number in named.items():
         try:
@@ -95,11 +113,15 @@ def robot_of_tree(
             found.append(Finding((key,), f"{tree.at(number)}: {fault.message}, {cure}"))
     if found:
         return None, below(path, list(dict.fromkeys(found)))
-    joints = {
-        name: tuple(moving_joints(tree.way_to(leg.toe, base) or [], spec))
-        for name, leg in spec.legs.items()
-    }
-    return UrdfRobot(spec, tree, base, joints, meshes, document, path), []
+    return UrdfRobot(spec, tree, base, joints, meshes, document, path, directory), []
+
+
+def _needs_shapes(spec: UrdfRobotSpec, joints: dict[str, tuple[UrdfJoint, ...]]) -> bool:
+    """Whether legs or body are as thick as collision geometry says, with the joints of legs."""
+    moved = [joint.name for own in joints.values() for joint in own]
+    stated = bool(moved) and all(name in spec.limb_radii for name in moved)
+    thick = spec.limb_radius is not None or stated
+    return not thick or spec.body_half_size is None
 
 
 def _told(spec: UrdfRobotSpec, fault: UrdfFault) -> Finding:

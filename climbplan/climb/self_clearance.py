@@ -1,0 +1,123 @@
+"""Room between the limbs of a robot, and between limbs and its body, in planning.
+
+What is compared, and what is left out, is as in `climbplan/climb/check/self_collision.py`, which
+measures it again by other means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from climbplan.climb.limb_clearance import link_distances
+from climbplan.climb.plan.climb_plan import Instants, Mask
+from climbplan.climb.scene import MotionScene
+from climbplan.robots.capsules import Capsules, limb_capsules
+from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+from climbplan.robots.touching_parts import Pairs, limbs_room, parts_beside
+from climbplan.terrain.solids import Solid
+
+_TOLD = 2e-3  # [m] room up to which it is measured
+_OVERLAP = 1e-9  # [m] that counts
+_STEPS = 6  # poses along a push
+_OF_JOINT = 0.2  # of a radius: what of a second link counts as its joint with the first
+
+
+@dataclass(frozen=True)
+class SelfShortfall:
+    """The parts of a robot that come closest to one another."""
+
+    missing: float  # [m] by which they overlap, <= 0 if they are apart
+    pose: int
+    limb: int
+    link: int
+    other: int  # limb, or -1 for the body
+    other_link: int
+
+    def words(self, robot: Robot) -> str:
+        """Which parts, and by how much, in the robot's terms."""
+        one = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
+        other = "the body"
+        if self.other >= 0:
+            name = robot.joint_name(self.other, self.other_link)
+            other = f"{robot.limb_names[self.other]}'s {name}"
+        return f"{one} would be {1e3 * self.missing:.1f} mm deep in {other}"
+
+
+def self_shortfall(
+    robot: Robot, links: Capsules, of_limb: int | None = None, still: Mask | None = None
+) -> SelfShortfall:
+    """Where parts come closest, of links (P, N, C) in the body frame; NaN are left out.
+
+    of_limb: look at that limb alone, beside the body and the limbs of `still` (N,).
+    """
+    body, limbs = parts_beside(robot, links)
+    if of_limb is not None:
+        assert still is not None
+        body = body[body[:, 0] == of_limb]
+        beside = np.where(limbs[:, 0] == of_limb, limbs[:, 2], limbs[:, 0])
+        limbs = limbs[(limbs[:, [0, 2]] == of_limb).any(axis=1) & still[beside]]
+    room = np.concatenate([_from_body(robot, links, body), limbs_room(links, limbs)], axis=-1)
+    if not room.size:
+        return SelfShortfall(-np.inf, 0, 0, 0, -1, 0)
+    known = np.where(np.isnan(room), np.inf, room)
+    pose, pair = (int(i) for i in np.unravel_index(int(np.argmin(known)), known.shape))
+    limb, own, other, behind = (int(i) for i in np.concatenate([body, limbs])[pair])
+    return SelfShortfall(
+        -float(known[pose, pair]),
+        pose,
+        limb,
+        int(links.link[limb, own]),
+        other,
+        int(links.link[other, behind]) if other >= 0 else 0,
+    )
+
+
+def standing_overlap(scene: MotionScene, instants: Instants) -> tuple[SelfShortfall, str] | None:
+    """The worst overlap of parts at the instants and along every push, and where; None without."""
+    robot = scene.robot
+    lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
+    share = np.linspace(0.0, 1.0, _STEPS)[1:-1, None]
+    com, rpy = (
+        x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
+    )
+    toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], robot.limb_count, 3))
+    between = to_body(com.reshape(-1, 3), rpy.reshape(-1, 3), toes.reshape(-1, *toes.shape[2:]))
+    angles = np.concatenate([instants.joint_angles, inverse(robot, between).best()])
+    worst = self_shortfall(robot, limb_capsules(robot, angles))
+    if worst.missing <= _OVERLAP:
+        return None
+    k = worst.pose
+    if k >= instants.count:
+        k = int(push[(k - instants.count) // (_STEPS - 2)])
+    return worst, instants.label(k, robot.limb_names)
+
+
+def _from_body(robot: Robot, links: Capsules, pairs: Pairs) -> Array:
+    """Room (P, B) [m] of links beside the body; below zero where they touch."""
+    own = pairs[:, 0].astype(int), pairs[:, 1].astype(int)
+    starts, ends = (v[..., own[0], own[1], :] for v in (links.starts, links.ends))
+    radius = links.radius[own]
+    if robot.capsules is None:
+        second = links.link[own] == robot.has_joint.argmax(axis=1)[own[0]] + 1
+        cut = np.where(second, _OF_JOINT * radius, 0.0)
+        along = ends - starts
+        length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
+        starts = starts + np.minimum(cut / length, 1.0)[..., None] * along
+        radius = np.hypot(radius, cut / 2)
+    parts = robot.body_parts or (robot.body_hull,)
+    enough = float(radius.max(initial=0.0)) + _TOLD
+    away = [
+        link_distances(_solid(np.ascontiguousarray(part).tobytes()), starts, ends, enough)
+        for part in parts
+    ]
+    return np.asarray(np.min(away, axis=0) - radius)
+
+
+@lru_cache(maxsize=64)
+def _solid(corners: bytes) -> Solid:
+    return Solid.from_points("body", np.frombuffer(corners).reshape(-1, 3))

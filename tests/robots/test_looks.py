@@ -1,0 +1,41 @@
+"""Looks of a robot follow its joints, and large meshes become coarser without moving."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from climbplan.robots.looks import BODY, Looks, piece_places, pieces_of
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.visuals import coarser
+
+
+def test_a_vertex_at_the_toe_goes_where_the_toe_goes() -> None:
+    rng = np.random.default_rng(3)
+    axes = rng.normal(size=(2, 3, 3))
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    names = (("a", "b", "c"), ("d", "e", "f"))
+    toe = rng.normal(size=(2, 3))
+    chain = SerialChain(names, rng.normal(size=(2, 3, 3)), axes, toe, np.zeros((2, 3)))
+    vertices = np.concatenate([np.tile(toe[1], (3, 1)), np.eye(3)])
+    limb, joint = np.repeat([1, BODY], 3), np.repeat([2, 0], 3)
+    looks = Looks(vertices, np.array([[0, 1, 2], [3, 4, 5]]), limb, joint)
+    pieces = pieces_of(looks, chain)
+    angles = rng.uniform(-2, 2, size=(5, 2, 3))
+    place, turned = piece_places(pieces, chain, angles)
+    assert [piece.limb for piece in pieces] == [BODY, 1]
+    at = place[:, 1] + turned[:, 1] @ pieces[1].vertices[0]
+    assert np.abs(at - chain.joint_points(angles)[:, 1, -1]).max() < 1e-12
+    assert np.abs(place[:, 0]).max() == 0
+    assert np.array_equal(pieces[0].vertices, np.eye(3))
+
+
+def test_large_meshes_become_coarser_and_keep_their_size() -> None:
+    ball = trimesh.creation.icosphere(5, 0.1)
+    vertices, faces = coarser(np.array(ball.vertices), np.array(ball.faces), 1500)
+    assert 300 < len(faces) <= 1500
+    assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 0.005
+    small = trimesh.creation.box((1.0, 1.0, 1.0))
+    kept, same = coarser(np.array(small.vertices), np.array(small.faces), 1500)
+    assert np.array_equal(kept, small.vertices)
+    assert np.array_equal(same, small.faces)

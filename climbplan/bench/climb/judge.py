@@ -20,6 +20,7 @@ SCENES = (
     "climb_obstacle",
     "climb_tube",
     "climb_ground_to_wall",
+    "climb_walker",
     "transition_flat",
     "transition_bricks",
     "transition_bricks_4",

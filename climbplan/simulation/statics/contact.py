@@ -131,8 +131,8 @@ def _touch(
 ) -> int:
     """Contact of a limb's toe that stood at `place` of its surface; place and angles are put right.
 
-    zero: (7, 3) of the limb. swift: in a short step. Leaves the force on the toe in `touch`, and in
-    pad.m[6], pad.m[7] the matrices P and G of its change when the body moves by (dc, dw):
+    zero: (2n + 1, 3) of the limb. swift: in a short step. Leaves the force on the toe in `touch`,
+    and in pad.m[6], pad.m[7] the matrices P and G of its change when the body moves by (dc, dw):
     dF = -G dc + (G [r]x - P [f]x) dw. Returns AIR, STICKS, SLIDES or FAILED.
     """
     if swift:

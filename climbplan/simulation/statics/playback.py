@@ -65,7 +65,7 @@ class Steps:
 def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     """The steps of a plan, the same for all worlds under these conditions.
 
-    Raises UsageError for robots with grippers, five-bar legs or limbs of other than three joints.
+    Raises UsageError for robots with grippers, five-bar legs or limbs of fewer than three joints.
     """
     robot, moving = plan.robot, plan.trajectory
     zero = _zero(plan)
@@ -160,15 +160,15 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
         angles=np.ascontiguousarray(start.angles),
         regulator=_REGULATORS[conditions.regulator],
         delay=conditions.delay,
-        noise=_noise(robot.limb_count, conditions),
+        noise=_noise(robot.limb_count, robot.joint_count, conditions),
     )
 
 
-def _noise(limbs: int, conditions: Conditions) -> Array:
-    """(D, N, 3) errors of the joints' sensors [rad], which a run takes in turn; D = 0 of none."""
+def _noise(limbs: int, joints: int, conditions: Conditions) -> Array:
+    """(D, N, J) errors of the joints' sensors [rad], which a run takes in turn; D = 0 of none."""
     size = _DRAWS if conditions.joint_noise > 0 else 0
     rng = np.random.default_rng(conditions.noise_seed)
-    return rng.normal(0.0, conditions.joint_noise, (size, limbs, 3))
+    return rng.normal(0.0, conditions.joint_noise, (size, limbs, joints))
 
 
 def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Ground:
@@ -202,15 +202,19 @@ def _samples(plan: ClimbPlan, speed: float, most: float) -> Index:
 
 
 def _zero(plan: ClimbPlan) -> Array:
-    """(N, 7, 3) axes, joints and toes at zero angles."""
+    """(N, 2J + 1, 3) axes, joints and toes at zero angles."""
     robot = plan.robot
     if robot.gripper is not None:
         raise UsageError(f"{plan.name}: {robot.name} has grippers, which {_NOT_KNOWN}")
     if isinstance(robot.mechanism, FiveBar):
         raise UsageError(f"{plan.name}: {robot.name} has five-bar legs, which {_NOT_KNOWN}")
-    if robot.joint_count != 3 or not robot.has_joint.all():
+    if robot.joint_count < 3:
         raise UsageError(
-            f"{plan.name}: limbs of {robot.name} have other than three joints, which {_NOT_KNOWN}"
+            f"{plan.name}: limbs of {robot.name} have fewer than three joints, which {_NOT_KNOWN}"
+        )
+    if not robot.has_joint.all():
+        raise UsageError(
+            f"{plan.name}: limbs of {robot.name} have unlike numbers of joints, which {_NOT_KNOWN}"
         )
     zero = zero_angles(robot)
     assert zero is not None

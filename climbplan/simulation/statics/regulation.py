@@ -10,10 +10,12 @@ import numpy as np
 from climbplan.control.joint_regulator import BACK, FORCE_RATE, MOST_OFFSET, RATE
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.limb import _chain
+from climbplan.simulation.statics.links import _chain
 from climbplan.simulation.statics.small_algebra import (
+    _add_times,
     _cross,
     _inverse,
+    _rows_times,
     _times,
     _turn,
 )
@@ -27,7 +29,7 @@ _FITTED = 1e-6  # [rad] of a step that is the last: the next would be a milliont
 
 @compiled
 def _read(rotor: Array, noise: Array, span: float, known: Known) -> None:
-    """What sensors tell of joints (N, 3) over a step of span [s], in place.
+    """What sensors tell of joints (N, J) over a step of span [s], in place.
 
     Corrections integrate one reading every CONTROL, so that a step's count for their mean. Where a
     toe is put down one reading tells.
@@ -35,7 +37,7 @@ def _read(rotor: Array, noise: Array, span: float, known: Known) -> None:
     once, reading = known.once, known.reading
     many = np.sqrt(CONTROL / span)
     for i in range(len(rotor)):
-        for j in range(3):
+        for j in range(rotor.shape[1]):
             once[i, j] = reading[i, j] = rotor[i, j]
             if len(noise):
                 reading[i, j] += many * noise[known.draws[0] % len(noise), i, j]
@@ -91,13 +93,13 @@ def _estimate(
     local = known.local
     count = 0
     for i in range(len(angles)):
-        _chain(plan.zero[i], angles[i], pad.m[0], pad.m[1], local[i])
+        _chain(plan.zero[i], angles[i], pad.columns, pad.axes, local[i])
         count += 1 if plan.trusted[s, i] and stood[i] else 0
     if count >= _FEWEST:
         _fitted(plan.trusted[s], stood, local, toes, com, rotation, pad)
     for i in range(len(angles)):
         if plan.trusted[s, i] and not stood[i]:
-            _chain(plan.zero[i], known.once[i], pad.m[0], pad.m[1], pad.v[1])
+            _chain(plan.zero[i], known.once[i], pad.columns, pad.axes, pad.v[1])
             _times(rotation, pad.v[1], pad.v[0])
             for a in range(3):
                 toes[i, a] = com[a] + pad.v[0][a]
@@ -174,13 +176,12 @@ def _regulated(
 ) -> None:
     """Integrate departures of pose and forces over a span [s] into offsets.
 
-    part: of the way from step s - 1 to s at which the pose is. known.lag: (N, 3) of joints behind
-    what they were last told, less what carries the links; becomes what toes lack of their
-    deflections.
+    part: of the way from step s - 1 to s at which the pose is. known.lag: (N, J) of joints behind
+    what they were last told, less what carries the links.
     """
     before = max(s - 1, 0)
-    lag, offset = known.lag, known.offset
-    wanted, turn, moved, shift, turned = pad.m[0], pad.v[0], pad.v[1], pad.v[2], pad.v[3]
+    lag, missing, offset = known.lag, known.toe_lag, known.offset
+    wanted, turn, moved, shift, turned = pad.m[0], pad.joints[0], pad.v[1], pad.v[2], pad.v[3]
     for a in range(3):
         aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]
         shift[a] = aim - com[a] if place else 0.0
@@ -194,11 +195,11 @@ def _regulated(
             turned[a] += (wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]) / 2
     n = len(lag)
     for i in range(n):
-        for j in range(3):
+        for j in range(lag.shape[1]):
             most = plan.most[i, j]
             aim = (1 - part) * plan.bent[before, i, j] + part * plan.bent[s, i, j]
             turn[j] = aim - min(max(lag[i, j], -most), most)
-        _times(plan.jacobian[before, i], turn, lag[i])
+        _rows_times(plan.jacobian[before, i], turn, missing[i])
     for i in range(n):
         if not plan.contact[before, i]:
             for a in range(3):
@@ -208,7 +209,7 @@ def _regulated(
             total = 0.0
             for k in range(n):
                 for b in range(3):
-                    total += plan.sharing[before, 3 * i + a, 3 * k + b] * lag[k, b]
+                    total += plan.sharing[before, 3 * i + a, 3 * k + b] * missing[k, b]
             offset[i, a] -= FORCE_RATE * span * total
         if plan.settled[before]:
             _cross(turned, plan.arm[before, i], moved)
@@ -218,13 +219,10 @@ def _regulated(
 
 
 @compiled
-def _moved(plan: Playback, s: int, offset: Array, command: Array, pad: Pad) -> None:
-    """Add to commands (N, 3) what moves toes by offsets (N, 3)."""
-    turn = pad.v[0]
+def _moved(plan: Playback, s: int, offset: Array, command: Array) -> None:
+    """Add to commands (N, J) what moves toes by offsets (N, 3)."""
     for i in range(len(command)):
-        _times(plan.turning[s, i], offset[i], turn)
-        for a in range(3):
-            command[i, a] += turn[a]
+        _add_times(plan.turning[s, i], offset[i], command[i])
 
 
 @compiled
@@ -237,14 +235,12 @@ def _shortened(vector: Array, most: float) -> None:
 
 @compiled
 def _placed(plan: Playback, s: int, placement: Array, command: Array, pad: Pad) -> None:
-    """Add to commands (N, 3) what puts toes off where they are meant to stand."""
-    off, turn = pad.v[0], pad.v[1]
+    """Add to commands (N, J) what puts toes off where they are meant to stand."""
+    off = pad.v[0]
     for i in range(len(command)):
         hold, part = plan.foothold[s, i], plan.share[s, i]
         after = min(hold + 1, placement.shape[1] - 1)
         for a in range(3):
             off[a] = (1 - part) * placement[i, hold, a] + part * placement[i, after, a]
         if off[0] != 0.0 or off[1] != 0.0 or off[2] != 0.0:
-            _times(plan.turning[s, i], off, turn)
-            for a in range(3):
-                command[i, a] += turn[a]
+            _add_times(plan.turning[s, i], off, command[i])

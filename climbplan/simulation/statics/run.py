@@ -9,7 +9,7 @@ from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS
 from climbplan.simulation.statics.corner import _runs_into
-from climbplan.simulation.statics.limb import (
+from climbplan.simulation.statics.links import (
     LOOSE,
     _chain,
     _free_angles,
@@ -74,18 +74,22 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     path: (S, 3 + 6 N) in which the body's place, toes [m] and forces on them [N] are left, or of no
     rows.
     """
-    n = plan.command.shape[1]
-    pad = Pad(np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6))
+    n, joints = plan.command.shape[1], plan.command.shape[2]
+    pad = Pad(
+        np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6),
+        np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((4, joints)),
+        np.zeros((joints, joints)),
+    )  # fmt: skip
     body = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
     kept = Body(plan.com[0].copy(), plan.rotation[0].copy(), np.zeros(6), np.zeros(6))
     half = machine.play / (2 * (1 - LOOSE))
     springs = Springs(
-        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), half, np.zeros((n, 3)), np.zeros(n),
-        np.zeros(n),
+        np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)), half,
+        np.zeros((n, joints)), np.zeros(n), np.zeros(n),
     )  # fmt: skip
     for i in range(n):
-        _chain(plan.zero[i], machine.angles[i], pad.m[0], pad.m[1], pad.v[0])
-        springs.volume[i] = _volume(pad.m[0])
+        _chain(plan.zero[i], machine.angles[i], pad.columns, pad.axes, pad.v[0])
+        springs.volume[i] = _volume(pad.columns)
     stand = Stand(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
         machine.toes.copy(), np.zeros(n, np.int64), np.full((n, 2), -1),
@@ -97,14 +101,15 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     )  # fmt: skip
     load = Load(machine.mass, machine.inertia, machine.gravity, machine.offset, np.zeros(6))
     motors = Motors(
-        machine.angles.copy(), machine.angles.copy(), np.zeros((n, 3)), np.zeros((n, 3))
+        machine.angles.copy(), machine.angles.copy(), np.zeros((n, joints)), np.zeros((n, joints))
     )
     known = Known(
         machine.toes.copy(), plan.trusted[0].copy(), plan.com[0].copy(), plan.rotation[0].copy(),
         machine.toes - plan.toes, machine.toes - plan.toes, plan.command[0].copy(),
-        plan.command[0].copy(), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)),
-        np.zeros((n, 3)), np.zeros(1, np.int64), np.zeros((n, 3)), np.zeros(_KEPT),
-        np.zeros((_KEPT if machine.delay > 0.0 else 0, n, 3)), np.zeros(1, np.int64),
+        plan.command[0].copy(), np.zeros((n, joints)), np.zeros((n, 3)), np.zeros((n, 3)),
+        np.zeros((n, joints)), np.zeros((n, joints)), np.zeros(1, np.int64), np.zeros((n, 3)),
+        np.zeros(_KEPT), np.zeros((_KEPT if machine.delay > 0.0 else 0, n, 3)),
+        np.zeros(1, np.int64),
     )  # fmt: skip
     feet = Feet(machine.toes.copy(), np.zeros(n))
     row = np.zeros(COLUMNS)
@@ -149,7 +154,7 @@ def _played(
         for a in range(6):
             load.wrench[a] = plan.wrench[s, a]
         for i in range(len(motors.rotor)):
-            for j in range(3):
+            for j in range(motors.rotor.shape[1]):
                 springs.weight[i, j] = plan.weight[s, i, j]
         _lose(machine, s, index > 0, stand)
         done = 0.0
@@ -214,9 +219,9 @@ def _put(one: Body, other: Body) -> None:
 
 @compiled
 def _copied(one: Array, other: Array) -> None:
-    """What stands in one (N, 3) stands in the other too."""
+    """What stands in one (N, n) stands in the other too."""
     for i in range(len(one)):
-        for a in range(3):
+        for a in range(one.shape[1]):
             other[i, a] = one[i, a]
 
 
@@ -252,7 +257,7 @@ def _commanded(
     before, share = max(s - 1, 0), done + part
     wanted = motors.wanted
     for i in range(len(wanted)):
-        for j in range(3):
+        for j in range(wanted.shape[1]):
             wanted[i, j] = (1 - share) * plan.command[before, i, j] + (
                 share * plan.command[s, i, j]
             )
@@ -260,12 +265,12 @@ def _commanded(
     if machine.regulator == NO_REGULATOR:
         return
     if not moves:
-        _moved(plan, s, known.offset, wanted, pad)
+        _moved(plan, s, known.offset, wanted)
         _copied(wanted, known.sent)
         return
     _read(motors.rotor, machine.noise, span, known)
     for i in range(len(wanted)):
-        for j in range(3):
+        for j in range(wanted.shape[1]):
             carrying = plan.carrying[before, i, j]
             known.lag[i, j] = known.reading[i, j] - known.told[i, j] + carrying
     if machine.regulator == BY_JOINTS:
@@ -276,9 +281,9 @@ def _commanded(
         _regulated(plan, s, done, span, place, body.com, body.rotation, known, pad)
     if machine.delay > 0.0:
         _arrived(clock + span - machine.delay, clock + span, known)
-        _moved(plan, before, known.late, wanted, pad)
+        _moved(plan, before, known.late, wanted)
     else:
-        _moved(plan, before, known.offset, wanted, pad)
+        _moved(plan, before, known.offset, wanted)
     _copied(wanted, known.sent)
 
 
@@ -296,7 +301,7 @@ def _sprung(
     for i in range(len(wanted)):
         springs.soft[i] = _softness(plan.zero[i], springs.volume[i])
         touch.saturated[i] = 0
-        for j in range(3):
+        for j in range(wanted.shape[1]):
             k, c = machine.stiffness[i, j], machine.damping[i, j] / span
             m = machine.armature / span**2
             firm = k + c + m
@@ -364,8 +369,8 @@ def _finish(
             stand.corner[i, 0] = -1
             # Where the toe of a limb without force is
             _free_angles(i, springs, touch.angles[i])
-            _chain(plan.zero[i], touch.angles[i], pad.m[0], pad.m[1], pad.v[0])
-            springs.volume[i] = _volume(pad.m[0])
+            _chain(plan.zero[i], touch.angles[i], pad.columns, pad.axes, pad.v[0])
+            springs.volume[i] = _volume(pad.columns)
             _times(body.rotation, pad.v[0], place)
             for a in range(3):
                 place[a] += body.com[a]
@@ -401,7 +406,7 @@ def _finish(
             for a in range(3):
                 far += (place[a] - feet.set_down[i, a]) ** 2
             slid[i] = np.sqrt(far)
-        for j in range(3):
+        for j in range(angles.shape[1]):
             angles[i, j] = touch.angles[i, j]
             bend = angles[i, j] - springs.command[i, j]
             firm = springs.stiffness[i, j]

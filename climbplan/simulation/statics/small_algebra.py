@@ -29,6 +29,23 @@ def _times(matrix: Array, vector: Array, out: Array) -> None:
 
 
 @compiled
+def _rows_times(matrix: Array, vector: Array, out: Array) -> None:
+    """out (3,) = matrix (3, n) @ vector (n,)."""
+    for i in range(3):
+        total = 0.0
+        for j in range(len(vector)):
+            total += matrix[i, j] * vector[j]
+        out[i] = total
+
+
+@compiled
+def _add_times(matrix: Array, vector: Array, out: Array) -> None:
+    """Add matrix (n, 3) @ vector (3,) to out (n,)."""
+    for j in range(len(out)):
+        out[j] += matrix[j, 0] * vector[0] + matrix[j, 1] * vector[1] + matrix[j, 2] * vector[2]
+
+
+@compiled
 def _transposed_times(matrix: Array, vector: Array, out: Array) -> None:
     """out = matrix.T @ vector."""
     for i in range(3):

@@ -13,7 +13,7 @@ from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, FAILED, STICKS, _touch
 from climbplan.simulation.statics.corner import _cornered, _runs_into
-from climbplan.simulation.statics.limb import _chain, _free_angles
+from climbplan.simulation.statics.links import _chain, _free_angles
 from climbplan.simulation.statics.small_algebra import _cross, _solve_firm, _times, _turn
 from climbplan.simulation.statics.surfaces import TUBE, _landed, _onto
 from climbplan.simulation.statics.tuples import (
@@ -47,7 +47,7 @@ def _wrench(
 ) -> bool:
     """Forces and moments of all limbs on a body, and the stiffness against its motion, in `pad`.
 
-    zero: (N, 7, 3). False where a limb does not reach where its toe
+    zero: (N, 2J + 1, 3). False where a limb does not reach where its toe
     stands, or where it lands in a step that is too long to tell where.
     """
     wrench, matrix = pad.wrench, pad.matrix
@@ -63,7 +63,7 @@ def _wrench(
                 place[a] = stand.anchor[i, a]
         else:
             _free_angles(i, springs, touch.angles[i])
-            _chain(zero[i], touch.angles[i], pad.m[0], pad.m[1], local)
+            _chain(zero[i], touch.angles[i], pad.columns, pad.axes, local)
             _times(body.rotation, local, place)
             for a in range(3):
                 place[a] += body.com[a]

@@ -1,4 +1,4 @@
-"""What compiled functions hand each other: named arrays, N limbs of three joints."""
+"""What compiled functions hand each other: named arrays, N limbs of J joints."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Ground(NamedTuple):
 class Springs(NamedTuple):
     """What joints are in one step."""
 
-    command: Array  # (N, 3) [rad]
-    weight: Array  # (N, 3) torque of the links' own weight [N m]
-    stiffness: Array  # (N, 3) [N m/rad]
-    half: Array  # (N, 3) of the play, to either side [rad]
-    loose: Array  # (N, 3) stiffness within the play [N m/rad]
-    volume: Array  # (N,) determinant of each limb's Jacobian where it was last looked at [m^3]
+    command: Array  # (N, J) [rad]
+    weight: Array  # (N, J) torque of the links' own weight [N m]
+    stiffness: Array  # (N, J) [N m/rad]
+    half: Array  # (N, J) of the play, to either side [rad]
+    loose: Array  # (N, J) stiffness within the play [N m/rad]
+    volume: Array  # (N,) of each limb's Jacobian where it was last looked at [m^3]
     soft: Array  # (N,) compliance of toes in this step, 0 but of nearly straight limbs [m/N]
 
 
@@ -52,17 +52,17 @@ class Touch(NamedTuple):
     place: Array  # (N, 3) [m]
     normal: Array  # (N, 3)
     force: Array  # (N, 3) on the toe, world [N]
-    angles: Array  # (N, 3) [rad]
+    angles: Array  # (N, J) [rad]
     saturated: Array  # (N,) 1 with a motor at its limit
 
 
 class Motors(NamedTuple):
     """Motors at the start of a step, and what they are told."""
 
-    rotor: Array  # (N, 3) before the play [rad]
-    angles: Array  # (N, 3) behind it [rad]
-    speed: Array  # (N, 3) of the rotors [rad/s]
-    wanted: Array  # (N, 3) [rad]
+    rotor: Array  # (N, J) before the play [rad]
+    angles: Array  # (N, J) behind it [rad]
+    speed: Array  # (N, J) of the rotors [rad/s]
+    wanted: Array  # (N, J) [rad]
 
 
 class Known(NamedTuple):
@@ -74,12 +74,13 @@ class Known(NamedTuple):
     rotation: Array  # (3, 3) believed
     offset: Array  # (N, 3) of each toe's commands [m]
     before: Array  # (N, 3) of them before a step that may be taken again [m]
-    told: Array  # (N, 3) commands of the last step, before motors give in [rad]
-    sent: Array  # (N, 3) and of this one
-    lag: Array  # (N, 3) room: of joints behind what they were told, and toes by it
+    told: Array  # (N, J) commands of the last step, before motors give in [rad]
+    sent: Array  # (N, J) and of this one
+    lag: Array  # (N, J) room: of joints behind what they were told [rad]
+    toe_lag: Array  # (N, 3) room: of toes by it [m]
     local: Array  # (N, 3) room: toes from the body [m]
-    reading: Array  # (N, 3) angles that sensors tell over a step, on average [rad]
-    once: Array  # (N, 3) and once [rad]
+    reading: Array  # (N, J) angles that sensors tell over a step, on average [rad]
+    once: Array  # (N, J) and once [rad]
     draws: Array  # (1,) errors of sensors drawn so far
     late: Array  # (N, 3) offsets that have reached the motors [m]
     when: Array  # (H,) at which offsets were what they were, the last H, around in a ring [s]
@@ -121,16 +122,21 @@ class Pad(NamedTuple):
     wrench: Array  # (6,)
     matrix: Array  # (6, 6)
     taken: Array  # (6,)
+    columns: Array  # (J, 3)
+    axes: Array  # (J, 3)
+    spread: Array  # (J, 3)
+    joints: Array  # (4, J)
+    square: Array  # (J, J)
 
 
 class Playback(NamedTuple):
     """A plan's motion in S steps, the same in all worlds."""
 
-    zero: Array  # (N, 7, 3) limbs at zero angles (`limb.py`)
+    zero: Array  # (N, 2J + 1, 3) limbs at zero angles (`links.py`)
     span: Array  # (S,) of each step, simulated time [s]
-    command: Array  # (S, N, 3) joint commands, with what carries the links [rad]
-    weight: Array  # (S, N, 3) torque of the links' weight on joints [N m]
-    carrying: Array  # (S, N, 3) what commands have for it [rad]
+    command: Array  # (S, N, J) joint commands, with what carries the links [rad]
+    weight: Array  # (S, N, J) torque of the links' weight on joints [N m]
+    carrying: Array  # (S, N, J) what commands have for it [rad]
     wrench: Array  # (S, 6) load beside the weight [N, N m]
     com: Array  # (S, 3) where the body should be [m]
     rotation: Array  # (S, 3, 3)
@@ -138,12 +144,12 @@ class Playback(NamedTuple):
     trusted: Array  # (S, N) toes that odometry counts on, 0 or 1
     contact: Array  # (S, N) toes that the regulator moves, 0 or 1
     settled: Array  # (S,) whether it may correct more, no toe being half loaded, 0 or 1
-    turning: Array  # (S, N, 3, 3) joint turns by toe motion in the world
+    turning: Array  # (S, N, J, 3) joint turns by toe motion in the world
     arm: Array  # (S, N, 3) from body to toe [m]
-    jacobian: Array  # (S, N, 3, 3) toe motion in the world by joint turns [m/rad]
-    bent: Array  # (S, N, 3) joint angles less commands, planned [rad]
+    jacobian: Array  # (S, N, 3, J) toe motion in the world by joint turns [m/rad]
+    bent: Array  # (S, N, J) joint angles less commands, planned [rad]
     sharing: Array  # (S, 3N, 3N) of toe deflections what toes do to each other
-    most: Array  # (N, 3) that motors bend joints [rad]
+    most: Array  # (N, J) that motors bend joints [rad]
     foothold: Array  # (S, N) number of the foothold a limb comes from
     share: Array  # (S, N) of the way to the next
     toes: Array  # (N, 3) where it is believed to be set up [m]
@@ -156,15 +162,15 @@ class Machine(NamedTuple):
     inertia: float  # [kg m^2]
     gravity: float  # [m/s^2]
     offset: Array  # (3,) of the mass [m]
-    stiffness: Array  # (N, 3) [N m/rad]
-    damping: Array  # (N, 3) of motors [N m s/rad]
+    stiffness: Array  # (N, J) [N m/rad]
+    damping: Array  # (N, J) of motors [N m s/rad]
     armature: float  # [kg m^2]
-    play: Array  # (N, 3) [rad]
-    strongest: Array  # (N, 3) [N m]
+    play: Array  # (N, J) [rad]
+    strongest: Array  # (N, J) [N m]
     placement: Array  # (N, P, 3) error of each foothold, world [m]
     losses: Array  # (L, 3) limb, first and last step without friction
     toes: Array  # (N, 3) where it is set up [m]
-    angles: Array  # (N, 3) there [rad]
+    angles: Array  # (N, J) there [rad]
     regulator: int  # NO_REGULATOR, BY_ATTITUDE, ...
     delay: float  # [s] that its corrections come late
-    noise: Array  # (D, N, 3) errors of single readings of joints, in turn; D = 0: exact [rad]
+    noise: Array  # (D, N, J) errors of single readings of joints, in turn; D = 0: exact [rad]

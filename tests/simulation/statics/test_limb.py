@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.limb import SOFTEST, _chain, _held, _softness, _volume
+from climbplan.simulation.statics.limb import _held
+from climbplan.simulation.statics.links import SOFTEST, _chain, _softness, _volume
 from climbplan.simulation.statics.tuples import Pad, Springs
 
 STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
@@ -22,8 +24,8 @@ def chain(zero: Array, angles: Array, columns: Array, axes: Array, out: Array) -
 @compiled
 def softness(zero: Array, angles: Array, pad: Pad) -> float:
     """`_softness`."""
-    _chain(zero, angles, pad.m[0], pad.m[1], pad.v[0])
-    return _softness(zero, _volume(pad.m[0]))
+    _chain(zero, angles, pad.columns, pad.axes, pad.v[0])
+    return _softness(zero, _volume(pad.columns))
 
 
 @compiled
@@ -40,8 +42,12 @@ def limb() -> Array:
     return np.array([*axes, [0, 0, 0], [0.05, 0, 0], [0.25, 0, 0], [0.5, 0, 0]], float)
 
 
-def pad() -> Pad:
-    return Pad(np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6))
+def pad(joints: int = 3) -> Pad:
+    return Pad(
+        np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6),
+        np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((4, joints)),
+        np.zeros((joints, joints)),
+    )  # fmt: skip
 
 
 def held(place: Array, soft: float, start: Array) -> tuple[Array, Array]:
@@ -88,3 +94,87 @@ def test_a_straight_limb_has_a_force_that_changes_steadily(knee: float) -> None:
         change = (held(moved, SOFTEST, start)[0] - force) / step
         np.testing.assert_allclose(change, slope[:, a], rtol=2e-2, atol=2e-3 / SOFTEST)
     assert np.linalg.eigvalsh((slope + slope.T) / 2).max() <= 1.0001 / SOFTEST
+
+
+JOINTS = 5
+
+
+def long_limb() -> Array:
+    """(11, 3) of five joints about axes of all directions."""
+    axes = [[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    joints = [[0, 0, 0], [0.05, 0, 0], [0.1, 0, -0.05], [0.25, 0, 0], [0.4, 0, 0.05]]
+    return np.array([*axes, *joints, [0.5, 0, 0]], float)
+
+
+def long_springs(soft: float = 0.0) -> Springs:
+    shape = (1, JOINTS)
+    command = np.array([[0.1, 0.5, -0.2, -0.9, 0.3]])
+    weight = np.array([[0.0, 0.4, 0.1, 0.2, 0.0]])
+    return Springs(
+        command=command, weight=weight, stiffness=np.full(shape, STIFF),
+        half=np.full(shape, 0.002), loose=np.full(shape, 0.2 * STIFF), volume=np.zeros(1),
+        soft=np.array([soft]),
+    )  # fmt: skip
+
+
+def held_long(place: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
+    """Force, slope and angles of the long limb with its toe at a place."""
+    springs = long_springs(soft)
+    angles, force, slope = springs.command[0].copy(), np.zeros(3), np.zeros((3, 3))
+    assert hold(long_limb(), place, springs, angles, force, slope, pad(JOINTS))
+    return force, slope, angles
+
+
+def energy(angles: Array) -> float:
+    """Of the joints' springs, play in them, and of the links' weight [J]."""
+    springs = long_springs()
+    bend = np.abs(angles - springs.command[0])
+    beyond = np.maximum(bend - 0.002, 0.0)
+    most = np.minimum(bend, 0.002)
+    loose = 0.2 * STIFF
+    stored = loose * most**2 / 2 + loose * 0.002 * beyond + STIFF * beyond**2 / 2
+    return float(stored.sum() - springs.weight[0] @ (angles - springs.command[0]))
+
+
+def long_toe(angles: Array) -> Array:
+    out = np.zeros(3)
+    chain(long_limb(), angles, np.zeros((JOINTS, 3)), np.zeros((JOINTS, 3)), out)
+    return out
+
+
+@pytest.mark.parametrize("off", [[0.01, 0.0, -0.02], [-0.03, 0.02, 0.01], [0.0, 0.0, 0.0]])
+def test_a_limb_of_five_joints_bends_where_its_springs_hold_least(off: list[float]) -> None:
+    place = long_toe(long_springs().command[0]) + off
+    _, _, angles = held_long(place)
+    np.testing.assert_allclose(long_toe(angles), place, atol=1e-8)
+    found = minimize(
+        energy, long_springs().command[0], method="SLSQP", options={"ftol": 1e-12, "maxiter": 500},
+        constraints={"type": "eq", "fun": lambda x: long_toe(x) - place},
+    )  # fmt: skip
+    assert energy(angles) <= found.fun + 1e-7
+    np.testing.assert_allclose(angles, found.x, atol=2e-3)
+
+
+@pytest.mark.parametrize("soft", [0.0, SOFTEST])
+def test_the_force_on_five_joints_is_the_slope_of_their_energy(soft: float) -> None:
+    place = long_toe(long_springs().command[0]) + np.array([0.02, -0.015, 0.02])
+    force, slope, angles = held_long(place, soft)
+    step = 1e-5
+    for a in range(3):
+        there, back = place.copy(), place.copy()
+        there[a] += step
+        back[a] -= step
+        ahead, behind = held_long(there, soft), held_long(back, soft)
+        turned = (ahead[0] - behind[0]) / (2 * step)
+        np.testing.assert_allclose(slope[:, a], turned, rtol=1e-4, atol=1e-3 * np.abs(slope).max())
+        if soft == 0.0:
+            gained = (energy(ahead[2]) - energy(behind[2])) / (2 * step)
+            assert force[a] == pytest.approx(gained, abs=1e-3 * np.abs(force).max())
+    np.testing.assert_allclose(long_toe(angles), place - soft * force, atol=1e-8)
+
+
+def test_a_place_out_of_reach_of_five_joints_is_told() -> None:
+    springs = long_springs()
+    angles = springs.command[0].copy()
+    far = np.array([1.0, 0.0, 0.0])
+    assert not hold(long_limb(), far, springs, angles, np.zeros(3), np.zeros((3, 3)), pad(JOINTS))

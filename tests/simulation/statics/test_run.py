@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from climbplan.bench.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
@@ -33,6 +34,26 @@ def test_it_goes_where_mujoco_goes(planned: Planned, regulator: str) -> None:
     forces = path[:, 3 + 3 * n :].reshape(-1, n, 3)
     apart = np.linalg.norm(forces - run.force[steps.sample], axis=2)
     assert np.median(apart) < 0.5  # [N]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("regulator", ["nothing", "joints"])
+def test_legs_of_four_joints_go_where_they_go_in_mujoco(regulator: str) -> None:
+    plan = planned_scene("climb_walker", []).plan
+    assert plan.robot.joint_count == 4
+    conditions = Conditions(regulator=regulator)
+    steps = prepare(plan, conditions)
+    n = plan.robot.limb_count
+    path = np.zeros((len(steps.sample), 3 + 6 * n))
+    row = played(plan, steps, conditions, path)
+    run = simulate(plan, conditions)
+    assert not row[FELL]
+    assert not run.fallen
+    off = np.linalg.norm(path[:, :3] - run.com[steps.sample], axis=1)
+    assert np.median(off) < 2e-3
+    assert off.max() < 5e-3
+    forces = path[:, 3 + 3 * n :].reshape(-1, n, 3)
+    assert np.median(np.linalg.norm(forces - run.force[steps.sample], axis=2)) < 0.5  # [N]
 
 
 def test_at_the_start_it_presses_as_planned(planned: Planned) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import highspy
@@ -122,3 +124,11 @@ def test_mending_projects_onto_products() -> None:
     assert instance.violation(near) < 1e-7
     np.testing.assert_allclose(near, [0.6, 0.8], atol=0.03)
     assert instance.violation(mended(instance, np.zeros(2))) == pytest.approx(1.0)  # no slope there
+
+
+def test_highs_says_nothing_of_itself() -> None:
+    # In a process of its own: HiGHS says it once, and past Python's own output
+    code = "from climbplan.solvers.highs.model import highs\nhighs().run()\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+    assert done.stderr == ""

@@ -19,10 +19,18 @@ from climbplan.solvers.interruption import interruptible, run_aside, run_deaf
 _FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
 
 
+class QuietHighs(highspy.Highs):
+    """HiGHS that says nothing from the start: 1.16 names itself as soon as it takes callbacks."""
+
+    def enableCallbacks(self) -> None:
+        """As it comes, which its constructor calls, without output."""
+        self.setOptionValue("output_flag", False)
+        super().enableCallbacks()  # type: ignore[no-untyped-call]
+
+
 def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
     """A quiet HiGHS on one thread."""
-    solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
-    solver.setOptionValue("output_flag", False)
+    solver: Any = QuietHighs()  # type: ignore[no-untyped-call]
     solver.setOptionValue("threads", 1)
     solver.setOptionValue("primal_feasibility_tolerance", _FEASIBILITY)
     solver.setOptionValue("mip_feasibility_tolerance", _FEASIBILITY)

@@ -169,7 +169,7 @@ def simulate(
     whose latches are constraints that break at their limits (in massless plans links weigh next to
     nothing and nothing breaks). Prints the path of simulation.csv (default directory:
     outputs/<plan's name>_simulation), one row a standing limb or closed contact and instant; beside
-    it report.json, report.html, figures/ and simulation.gif. Needs
+    it report.json, report.html, figures/ and simulation.gif, with --worlds worst_world.gif. Needs
     `pip install 'climbplan[simulate]'`.
 
     Exit code 5 if the robot falls in the run without random changes, or if more than --most-slips

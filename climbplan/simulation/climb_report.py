@@ -19,8 +19,8 @@ from climbplan.simulation.gripping import Gripped
 from climbplan.simulation.model import TIME_STEP
 from climbplan.simulation.pictures import Camera
 from climbplan.simulation.replay import load_mujoco
-from climbplan.simulation.report_files import End, Told
-from climbplan.simulation.study import Simulated, headline
+from climbplan.simulation.report_files import WORST_FILM, End, Told
+from climbplan.simulation.study import Simulated, WorstWorld, headline
 from climbplan.simulation.sweep import SweepPoint
 from climbplan.simulation.variations import Trial
 from climbplan.simulation.worlds.figure import first_causes
@@ -29,6 +29,7 @@ from climbplan.simulation.worlds.rare import rare_dict
 
 UNITS = {
     "torque.*": "N m", "sag.*": "m", "time": "s", "fall_time": "s", "time_step": "s",
+    "worst_world.time": "s",
     "final_offset": "m", "grips.missed": "m", "grips.let_go.time": "s",
     "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
     "lost_contacts.duration": "s", "conditions.payload": "kg",
@@ -52,7 +53,13 @@ def tell(found: Simulated) -> Told:
         cards=_cards(found),
         events=_events(found),
         notes=(_MODEL, _JUDGES) if found.run.grips is None else (_MODEL, _GRIPS, _JUDGES),
+        worlds="" if found.judged is None else found.judged.stands,
+        worst=None if found.worst is None else (_worst_words(found.worst), found.worst.film),
     )
+
+
+def _worst_words(worst: WorstWorld) -> str:
+    return f"World {worst.number}, the worst of those drawn, in MuJoCo: the robot {worst.words}"
 
 
 def end_of(found: Simulated) -> End:
@@ -197,6 +204,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
         ],
         "grips": None if run.grips is None else _grips(run.grips, names),
         "worlds": None if found.judged is None else judged_dict(found.judged, names, plan),
+        "worst_world": None if found.worst is None else _worst_world(found.worst),
         "rare": None if found.rare is None else rare_dict(found.rare),
         "runs": [trial_dict(trial) for trial in found.trials],
         "sweep": {
@@ -205,6 +213,15 @@ def report_dict(found: Simulated) -> dict[str, Any]:
         },
         "pictures": found.camera if isinstance(found.camera, str) else "figures/climb.png",
         "units": UNITS,
+    }
+
+
+def _worst_world(worst: WorstWorld) -> dict[str, Any]:
+    return {
+        "world": worst.number,
+        "fallen": worst.run.fallen,
+        "time": float(worst.run.time[-1]),
+        "film": WORST_FILM,
     }
 
 

@@ -16,6 +16,7 @@ from climbplan.reports.sheet import png
 
 RESULT = "simulation.csv"
 FILM = "simulation.gif"
+WORST_FILM = "worst_world.gif"
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ class Told:
     cards: Sequence[Card]
     events: Sequence[tuple[str, str]]  # when, what
     notes: Sequence[str]  # what is judged and what is not
+    worlds: str = ""  # in how many the robot stands
+    worst: tuple[str, bytes] | None = None  # of these, in words, and as an animated GIF
 
 
 def write_simulation(told: Told, directory: Path) -> None:
@@ -77,6 +80,8 @@ def write_simulation(told: Told, directory: Path) -> None:
     (directory / RESULT).write_text(told.table, encoding="utf-8")
     if told.film is not None:
         (directory / FILM).write_bytes(told.film)
+    if told.worst is not None:
+        (directory / WORST_FILM).write_bytes(told.worst[1])
 
 
 def _page(told: Told, images: Mapping[str, bytes]) -> str:
@@ -85,7 +90,7 @@ def _page(told: Told, images: Mapping[str, bytes]) -> str:
         **frame_fields(
             title=told.title,
             kicker=("simulation",),
-            badges=(told.end.words,),
+            badges=(told.end.words, *filter(None, [told.worlds])),
             good=told.end.good,
             cards=told.cards,
             images=images,
@@ -94,5 +99,7 @@ def _page(told: Told, images: Mapping[str, bytes]) -> str:
         notes=told.notes,
         events=told.events,
         film=data_address(told.film, "gif") if told.film is not None else "",
+        worst="" if told.worst is None else told.worst[0],
+        worst_film="" if told.worst is None else data_address(told.worst[1], "gif"),
         conditions=[(k, str(v)) for k, v in told.report["conditions"].items() if k != "losses"],
     )

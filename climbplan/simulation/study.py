@@ -15,7 +15,7 @@ from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import Run, load_mujoco, simulate
 from climbplan.simulation.sweep import Sweep, SweepPoint, sweep
 from climbplan.simulation.variations import Trial, climb_trial, drawn_conditions, run_trials
-from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan
+from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan, world_conditions
 from climbplan.simulation.worlds.rare import Rare, rare_falls
 
 
@@ -37,6 +37,20 @@ class Asked:
 
 
 @dataclass(frozen=True)
+class WorstWorld:
+    """The world in which a plan fares worst, replayed in MuJoCo."""
+
+    number: int
+    run: Run
+    film: bytes  # animated GIF
+
+    @property
+    def words(self) -> str:
+        """What becomes of the robot there."""
+        return f"falls at {self.run.time[-1]:.1f} s" if self.run.fallen else "stands"
+
+
+@dataclass(frozen=True)
 class Simulated:
     """Everything one call of the command found."""
 
@@ -49,6 +63,7 @@ class Simulated:
     camera: Camera | str  # with its pictures, or why there are none
     judged: Judged | None = None  # in worlds of the plan's uncertainty
     rare: Rare | None = None  # likewise, where falls are too few to count
+    worst: WorstWorld | None = None  # of those judged, where there are pictures
 
 
 def simulate_plan(
@@ -83,7 +98,7 @@ def simulate_plan(
         trials = run_trials(
             partial(climb_trial, plan), worlds, asked.jobs, lambda part: progress("runs", part)
         )
-    judged, rare = None, None
+    judged, rare, worst = None, None, None
     if asked.worlds and asked.rare:
         rare = rare_falls(
             plan, conditions, asked.worlds, asked.seed, asked.jobs,
@@ -94,7 +109,22 @@ def simulate_plan(
             plan, conditions, asked.engine, asked.worlds, asked.seed, asked.jobs,
             lambda part: progress("worlds", part),
         )  # fmt: skip
-    return Simulated(plan, run, compared, trials, asked.sweep_key, points, camera, judged, rare)
+        if isinstance(camera, Camera):
+            worst = _worst(plan, judged, conditions)
+    return Simulated(
+        plan, run, compared, trials, asked.sweep_key, points, camera, judged, rare, worst
+    )
+
+
+def _worst(plan: ClimbPlan, judged: Judged, base: Conditions) -> WorstWorld | None:
+    """The worst of the worlds as a film; None where it cannot be drawn."""
+    camera = open_camera(plan.trajectory.com)
+    if not isinstance(camera, Camera):
+        return None
+    number = judged.worst
+    run = simulate(plan, world_conditions(judged, base, number), watch=camera.watch)
+    camera.close()
+    return WorstWorld(number, run, camera.film())
 
 
 def headline(found: Simulated) -> str:

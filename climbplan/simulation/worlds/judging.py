@@ -16,7 +16,14 @@ from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
 from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.simulation.statics.run import CAUSE, CAUSE_LIMB, CAUSE_STEP, FELL, FELL_STEP
+from climbplan.simulation.statics.run import (
+    CAUSE,
+    CAUSE_LIMB,
+    CAUSE_STEP,
+    FARTHEST,
+    FELL,
+    FELL_STEP,
+)
 from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.stated import KEYS, uncertainty_of
 from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layout_of, numbers_of
@@ -36,6 +43,7 @@ class Outcome:
     cause: str  # what went wrong first, "" if nothing did or it stands
     limb: int  # -1 of none
     instant: int  # -1 before the first
+    farthest: float  # [m] of the body from where it is planned, up to then
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,20 @@ class Judged:
     def falls(self) -> int:
         """How many fall."""
         return sum(o.fallen for o in self.outcomes)
+
+    @property
+    def stands(self) -> str:
+        """In how many worlds the robot stands, in words."""
+        count = len(self.outcomes)
+        return f"stands in {count - self.falls} of {count} worlds"
+
+    @property
+    def worst(self) -> int:
+        """Number of the world that falls first, or strays farthest if none falls."""
+        fallen = [(o.time, i) for i, o in enumerate(self.outcomes) if o.fallen]
+        if fallen:
+            return min(fallen)[1]
+        return max(range(len(self.outcomes)), key=lambda i: self.outcomes[i].farthest)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -104,6 +126,11 @@ def judge_plan(
         if progress is not None:
             progress(len(found) / worlds)
     return Judged(engine, seed, layout, tuple(found))
+
+
+def world_conditions(judged: Judged, base: Conditions, number: int) -> Conditions:
+    """Conditions of one of the worlds, by its number."""
+    return conditions_of(base, judged.layout, numbers_of(judged.seed, number, judged.layout.size))
 
 
 def judged_dict(judged: Judged, names: Sequence[str], plan: ClimbPlan) -> dict[str, Any]:
@@ -177,6 +204,7 @@ def _statics(
                 _CAUSES[int(row[CAUSE])] if fallen else "",
                 int(row[CAUSE_LIMB]) if fallen else -1,
                 int(steps.instant[int(row[CAUSE_STEP])]) if fallen else -1,
+                float(row[FARTHEST]),
             )
         )
     return out
@@ -189,13 +217,15 @@ def _mujoco(
     for index in chunk:
         run = simulate(plan, conditions_of(base, layout, numbers_of(seed, index, layout.size)))
         end = float(run.time[-1])
+        off = run.com - plan.trajectory.com[: run.samples]
+        farthest = float(np.linalg.norm(off, axis=1).max())
         if not run.fallen:
-            out.append(Outcome(False, end, "", -1, -1))
+            out.append(Outcome(False, end, "", -1, -1, farthest))
             continue
         events = [(s.time, _CAUSES[2], s.limb, s.instant) for s in find_slips(plan, run)]
         events += [(x.time, _CAUSES[1], x.limb, x.instant) for x in find_losses(plan, run)]
         if run.grips is not None:
             events += [(x.time, _LETS_GO, x.limb, x.instant) for x in run.grips.let_go]
         first = min(events, default=(end, _CAUSES[4], -1, plan.instants.count - 1))
-        out.append(Outcome(True, end, *first[1:]))
+        out.append(Outcome(True, end, *first[1:], farthest))
     return out

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.simulation.climb_report import tell
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.model import build_mjcf, motor_stiffness
+from climbplan.simulation.pictures import open_camera
+from climbplan.simulation.study import Asked, simulate_plan
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.simulation.worlds.intervals import clopper_pearson
-from climbplan.simulation.worlds.judging import judge_plan
+from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
 from climbplan.terrain.surfaces import Region
@@ -83,3 +87,44 @@ def test_engines_agree_on_what_certainly_stands_and_falls(planned: Planned) -> N
             judged = judge_plan(plan, Conditions(speed=2.0, friction=friction), engine, 1, 0)
             assert judged.outcomes[0].fallen is falls
             assert bool(judged.outcomes[0].cause) is falls
+
+
+def test_the_worst_world_falls_first_or_strays_farthest(planned: Planned) -> None:
+    judged = judge_plan(planned(), Conditions(), "statics", 3, 0)
+    ends = [(False, 9.0, 0.01), (False, 9.0, 0.04), (False, 9.0, 0.02)]
+    assert _with(judged, ends).worst == 1
+    ends = [(True, 7.0, 0.2), (False, 9.0, 0.3), (True, 5.0, 0.1)]
+    assert _with(judged, ends).worst == 2
+    assert _with(judged, ends).stands == "stands in 1 of 3 worlds"
+
+
+def _with(judged: Judged, ends: list[tuple[bool, float, float]]) -> Judged:
+    outcomes = tuple(Outcome(fell, time, "", -1, -1, far) for fell, time, far in ends)
+    return replace(judged, outcomes=outcomes)
+
+
+def test_worlds_stray_as_far_in_both_engines(planned: Planned) -> None:
+    plan = planned()
+    far = [
+        [o.farthest for o in judge_plan(plan, Conditions(), engine, 3, 0).outcomes]
+        for engine in ("mujoco", "statics")
+    ]
+    np.testing.assert_allclose(far[0], far[1], rtol=0.5)
+    np.testing.assert_array_equal(np.argsort(far[0]), np.argsort(far[1]))
+
+
+@pytest.mark.slow
+def test_the_worst_world_is_replayed_as_a_film(planned: Planned) -> None:
+    plan = planned()
+    if isinstance(open_camera(plan.trajectory.com), str):
+        pytest.skip("no off-screen drawing here")
+    asked = Asked(Conditions(), worlds=2, engine="statics")
+    found = simulate_plan(plan, asked)
+    assert found.judged is not None
+    assert found.worst is not None
+    assert found.worst.number == found.judged.worst
+    told = tell(found)
+    assert told.worst is not None
+    assert told.worst[1][:4] == b"GIF8"
+    assert told.report["worst_world"]["world"] == found.judged.worst
+    assert told.worlds == "stands in 2 of 2 worlds"

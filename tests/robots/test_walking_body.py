@@ -7,28 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from urdf_walkers import Walker
+from walking_urdf import walking_robot
 
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
-from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
 pytest.importorskip("pinocchio")
 QUADRUPED = Walker()
-
-
-def walking_robot(folder: Path, walker: Walker = QUADRUPED, more: str = "") -> UrdfRobot:
-    """A robot file beside its URDF; knees bent so that toes have room all round."""
-    walker.write(folder / "walker.urdf")
-    lines = ["kind: robot", "urdf: walker.urdf", "body_half_size: [0.1, 0.2, 0.05]", more, "legs:"]
-    for name in walker.names():
-        posture = f"{{{name}_lift: 35, {name}_knee: 10}}"
-        lines.append(f"  {name}: {{toe: {name}_toe, posture_deg: {posture}}}")
-    (folder / "robot.yaml").write_text("\n".join(lines), encoding="utf-8")
-    robot = load_any_robot("robot.yaml", folder)
-    assert isinstance(robot, UrdfRobot)
-    return robot
 
 
 @pytest.fixture(scope="module")

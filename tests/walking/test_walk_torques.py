@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from urdf_walkers import Walker
+from walking_urdf import planned_walk
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.torque import leg_loads
 from climbplan.walking.check.verification import verify
@@ -18,30 +17,13 @@ from climbplan.walking.kernels.legs import leg_jacobian
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk
 
 pytest.importorskip("pinocchio")
-SPEC = """
-kind: mpc
-robot: robot.yaml
-terrain: {friction: 0.8}
-task: {knots: 4, step: 0.12, least_contacts: 2, reference: {velocity: [0.3, 0, 0]}}
-solver: {method: search, qps: 12}
-"""
 
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> WalkPlan:
-    folder = tmp_path_factory.mktemp("walker")
-    walker = Walker()
-    walker.write(folder / "walker.urdf")
-    lines = ["kind: robot", "urdf: walker.urdf", "body_half_size: [0.1, 0.2, 0.05]", "legs:"]
-    for name in walker.names():
-        posture = f"{{{name}_lift: 35, {name}_knee: 10}}"
-        lines.append(f"  {name}: {{toe: {name}_toe, posture_deg: {posture}}}")
-    (folder / "robot.yaml").write_text("\n".join(lines), encoding="utf-8")
-    (folder / "walk.yaml").write_text(SPEC, encoding="utf-8")
-    return plan_walk(load_mpc(folder / "walk.yaml"))
+    return planned_walk(tmp_path_factory.mktemp("walker"))
 
 
 def test_the_plan_holds_anywhere(planned: WalkPlan, tmp_path: Path) -> None:

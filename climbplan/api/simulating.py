@@ -44,6 +44,7 @@ def _climb(path: Path) -> tuple[str, Simulate]:
         from climbplan.simulation.worlds.judging import told
         from climbplan.simulation.worlds.rare import rare_told
 
+        _not_pushed(asked)
         found = simulate_plan(plan, asked, report)
         lines = [
             f"{found.sweep_key} {point.value:g}: "
@@ -65,10 +66,15 @@ def _walk(path: Path) -> tuple[str, Simulate]:
     plan = read_walk_plan(path)
 
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
-        from climbplan.simulation.walking.study import simulate_walk_plan, tell
-
         if asked.rare:
             raise UsageError("--rare: walks have no worlds of an uncertainty")
+        if plan.task.legs is not None:
+            from climbplan.simulation.walking import whole_study
+
+            whole = whole_study.simulate_whole_plan(plan, asked, report)
+            return whole_study.tell(whole), _falls(whole.trials)
+        from climbplan.simulation.walking.study import simulate_walk_plan, tell
+
         found = simulate_walk_plan(plan, asked, report)
         return tell(found), _falls(found.trials)
 
@@ -83,12 +89,18 @@ def _modules(path: Path) -> tuple[str, Simulate]:
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
         from climbplan.simulation.modules.study import simulate_module_plan, tell
 
+        _not_pushed(asked)
         found = simulate_module_plan(plan, asked, report)
         return tell(found), [
             f"{broken.time:.2f} s  {broken.words}" for broken in found.run.broken[1:]
         ]
 
     return plan.name, run
+
+
+def _not_pushed(asked: Asked) -> None:
+    if asked.pushes:
+        raise UsageError("--push: only walks of robots from URDFs are pushed")
 
 
 def _falls(trials: tuple[Trial, ...]) -> list[str]:

@@ -130,6 +130,15 @@ def simulate(
         bool,
         typer.Option("--allow-falls", help="End with 0 whatever the robot does, for studies."),
     ] = False,
+    push: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--push",
+            metavar="T:VX,VY,VZ",
+            help="Push a walking robot from a URDF at T s, by the momentum that is worth such a "
+            "change of velocity [m/s]; may be given again.",
+        ),
+    ] = None,
     worlds: Annotated[
         int,
         typer.Option(
@@ -165,7 +174,8 @@ def simulate(
     """Replay a climb, transition, walk or plan of modules in MuJoCo and compare it with its plan.
 
     Climbs and transitions: torques, friction and sag of the whole robot. Walks (plans of kind mpc):
-    one rigid body pushed off feet by the planned forces. Modules: chains of links with servos,
+    one rigid body pushed off feet by the planned forces, or the whole robot with its links' masses
+    and joint torques where it comes from a URDF. Modules: chains of links with servos,
     whose latches are constraints that break at their limits (in massless plans links weigh next to
     nothing and nothing breaks). Prints the path of simulation.csv (default directory:
     outputs/<plan's name>_simulation), one row a standing limb or closed contact and instant; beside
@@ -216,6 +226,7 @@ def simulate(
         seed=seed or 0,
         jobs=workers or jobs,
         pictures=pictures,
+        pushes=tuple(map(_push, push or ())),
         worlds=worlds,
         engine=engine.value,
         rare=rare,
@@ -243,6 +254,17 @@ def simulate(
         print_result(str(target / RESULT))
     if failure:
         raise PlanFails(failure)
+
+
+def _push(text: str) -> tuple[float, tuple[float, float, float]]:
+    when, mark, velocity = text.partition(":")
+    try:
+        time, parts = float(when), [float(part) for part in velocity.split(",")]
+    except ValueError:
+        time, parts = math.nan, []
+    if not mark or len(parts) != 3 or not all(map(math.isfinite, (time, *parts))):
+        raise UsageError(f"--push {text}: expected TIME:VX,VY,VZ with numbers, such as 1.5:0,0.5,0")
+    return time, (parts[0], parts[1], parts[2])
 
 
 def _swept(text: str | None) -> tuple[str, tuple[float, ...]]:

@@ -33,6 +33,8 @@ class Asked:
     pictures: bool = True
     worlds: int = 0  # of the plan's uncertainty, in which falls are counted
     engine: Engine = "mujoco"  # of these
+    # Pushes of a whole robot that walks: when [s], and what its momentum is worth [m/s]
+    pushes: tuple[tuple[float, tuple[float, float, float]], ...] = ()
     rare: bool = False  # whether they are split instead, by the quasi-static engine
 
 

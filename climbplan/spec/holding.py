@@ -126,6 +126,7 @@ class HeldSpec:
     directory: Path  # that paths in it start from
     robot: AnyRobot | None = None  # of climbs and transitions
     robot_text: str = ""  # of walks: the text of the robot's file, empty for a built-in one
+    robot_urdf: str = ""  # and of the URDF that it names, if it does
     module_text: str = ""  # of module plans, likewise
     kind: str = field(default="")
 
@@ -165,7 +166,7 @@ def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
         kind=kind,
         **{
             name: vars(loaded)[name]
-            for name in ("robot", "robot_text", "module_text")
+            for name in ("robot", "robot_text", "robot_urdf", "module_text")
             if name in vars(loaded) and (name != "robot" or kind in ("climb", "transition"))
         },
     )

@@ -17,7 +17,7 @@ from climbplan.errors import PlanFileError
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.spec.datasets.walks import WalksProblemSpec
-from climbplan.spec.robots.rigid_body import RigidBodySpec
+from climbplan.spec.walking.loading import WalkingRobot
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.draws import DrawnStart, StartRanges, drawn_start
@@ -35,7 +35,7 @@ KIND = "mpc"
 class WalkRows:
     """Draws starts and solves them."""
 
-    def __init__(self, spec: WalksProblemSpec, robot: RigidBodySpec) -> None:
+    def __init__(self, spec: WalksProblemSpec, robot: WalkingRobot) -> None:
         self._spec = spec
         self._task = build_task(spec.walk, robot)
         self._ranges = StartRanges(**spec.start.model_dump())

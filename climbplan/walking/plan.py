@@ -44,3 +44,4 @@ class WalkPlan(PlanHeader):
     bound: float | None = None
     gap: float | None = None
     robot_text: str = ""  # of the robot's file; empty for a built-in one
+    robot_urdf: str = ""  # of the URDF that it names

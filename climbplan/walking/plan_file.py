@@ -102,6 +102,8 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
         write_task(file, task)
         if plan.robot_text:
             write_text(file["robot"], "source", plan.robot_text)
+        if plan.robot_urdf:
+            write_text(file["robot"], "urdf", plan.robot_urdf)
         history = file.create_group("history")
         for name, layout in HISTORY.items():
             values = np.array([vars(step)[name] for step in plan.history], float)
@@ -188,9 +190,8 @@ def _read(reader: Reader) -> WalkPlan:
         trajectory=trajectory,
         objective=reader.number("", "objective"),
         terms=reader.figures("terms"),
-        robot_text=reader.text("robot", "source")
-        if reader.has_attribute("robot", "source")
-        else "",
+        robot_text=_text(reader, "source"),
+        robot_urdf=_text(reader, "urdf"),
         history=tuple(
             Improvement(*(float(history[name][k]) for name in HISTORY))
             for k in range(len(history["seconds"]))
@@ -202,6 +203,10 @@ def _read(reader: Reader) -> WalkPlan:
         at_odds=() if np.allclose(parts["time"], times, rtol=0, atol=1e-9) else ("time",),
         **read_header(reader, *(((), ()) if online else (("method",), ("gaits tried",)))),
     )
+
+
+def _text(reader: Reader, name: str) -> str:
+    return reader.text("robot", name) if reader.has_attribute("robot", name) else ""
 
 
 def _read_loop(reader: Reader) -> LoopRecord:

@@ -10,6 +10,8 @@ import numpy as np
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.ground import Ground
 from climbplan.walking.task import (
     LEGS,
@@ -45,6 +47,19 @@ START = {
 }
 
 
+LEGS_OF_URDF = {  # of a robot from a URDF: chains of three joints at zero angles
+    "joint_zero": Layout((LEGS, 3, 3), "m", "body, points on the joint axes at zero angles"),
+    "axis_zero": Layout((LEGS, 3, 3), "", "body, unit axes of joints at zero angles"),
+    "toe_zero": Layout((LEGS, 3), "m", "body, at zero angles"),
+    "posture": Layout((LEGS, 3), "rad", "as it stands"),
+}
+MOTORS = {
+    "lower": Layout((LEGS, 3), "rad"),
+    "upper": Layout((LEGS, 3), "rad"),
+    "max_torque": Layout((LEGS, 3), "N m"),
+    "max_speed": Layout((LEGS, 3), "rad/s"),
+}
+_NAMES = Layout((3 * LEGS,), kind="text")
 GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")}
 
 
@@ -60,6 +75,14 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
     robot.attrs["inertia"] = body.inertia
     for name, layout in ROBOT.items():
         write_dataset(robot, name, vars(body)[name], layout)
+    if task.legs is not None:
+        legs = robot.create_group("legs")
+        for name, layout in LEGS_OF_URDF.items():
+            write_dataset(legs, name, vars(task.legs.chain)[name], layout)
+        for name, layout in MOTORS.items():
+            write_dataset(legs, name, vars(task.legs)[name], layout)
+        names = [name for own in task.legs.chain.names for name in own]
+        write_dataset(legs, "joint_names", names, _NAMES)
     ground = file.create_group("ground")
     for name, layout in GROUND.items():
         write_dataset(ground, name, vars(task.ground)[name], layout)
@@ -143,6 +166,7 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
             weights["angles"],
             *(reader.number("weights", name) for name in ("height", "motion", "force_difference")),
         ),
+        legs=_legs(reader) if reader.has("robot/legs") else None,
         lift=reader.number("", "lift"),
         least_contacts=reader.integer("", "least_contacts"),
         whole_stance=reader.flag("", "whole_stance"),
@@ -150,3 +174,14 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         if reader.has("goal")
         else Goal.anywhere(),
     )
+
+
+def _legs(reader: Reader) -> WalkingLegs:
+    parts = {
+        name: reader.array(f"robot/legs/{name}", layout)
+        for name, layout in (LEGS_OF_URDF | MOTORS).items()
+    }
+    names = reader.texts("robot/legs/joint_names", _NAMES)
+    each = tuple(tuple(names[3 * leg : 3 * leg + 3]) for leg in range(LEGS))
+    chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF))
+    return WalkingLegs(chain, **parts)

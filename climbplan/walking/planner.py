@@ -63,6 +63,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         robot_text=loaded.robot_text,
+        robot_urdf=loaded.robot_urdf,
         seed=spec.seed,
         timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
         solvers=_solvers(spec.solver) | {"word": answer.word},

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.robots.rigid_body import RigidBodySpec
+from climbplan.robots.urdf.walking_body import walking_body
+from climbplan.robots.walking_legs import WalkingLegs
+from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.spec.walking.loading import WalkingRobot
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.walking.task import WalkGoalSpec
 from climbplan.spec.walking.terrain import LevelRegionSpec, WalkTerrainSpec, plane_of
@@ -32,9 +35,34 @@ from climbplan.walking.task import (
 SUBSTEPS = 16  # Runge-Kutta steps in a knot of a simulated loop: 5 ms at 80 ms
 
 
-def build_body(spec: RigidBodySpec) -> RigidBody:
-    """The rigid body that a robot file describes."""
-    return RigidBody(
+@dataclass(frozen=True)
+class Walker:
+    """What walks."""
+
+    body: RigidBody
+    height: float  # [m] of its centre of mass as it stands
+    legs: WalkingLegs | None  # of a robot from a URDF
+
+
+def build_walker(spec: WalkingRobot) -> Walker:
+    """The body that a robot file describes, with its legs where it has any.
+
+    Raises MissingSolver and SpecError for robots from URDFs, as `walking_body`.
+    """
+    if isinstance(spec, UrdfRobot):
+        found = walking_body(spec)
+        body = RigidBody(
+            name=found.name,
+            leg_names=found.leg_names,
+            mass=found.mass,
+            inertia=found.inertia,
+            gravity=found.gravity,
+            toe_center=found.boxes.center,
+            toe_half=found.boxes.half,
+            force_limit=found.boxes.force,
+        )
+        return Walker(body, found.height, found.legs)
+    body = RigidBody(
         name=spec.name,
         leg_names=tuple(spec.legs),
         mass=spec.mass,
@@ -44,6 +72,7 @@ def build_body(spec: RigidBodySpec) -> RigidBody:
         toe_half=np.array(spec.toe_half, float),
         force_limit=spec.force_limit,
     )
+    return Walker(body, spec.standing_height, None)
 
 
 def build_ground(spec: WalkTerrainSpec) -> Ground:
@@ -94,13 +123,15 @@ def _padded(outline: Array, count: int) -> Array:
     return outline[np.minimum(np.arange(count), len(outline) - 1)]
 
 
-def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> WalkTask:
+def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> WalkTask:
     """The task of a spec.
 
     Raises:
         SpecError: a force limit that cannot carry the robot, stated toes off the ground.
+        MissingSolver: a robot from a URDF, without Pinocchio.
     """
-    body, ground, mistakes = build_body(robot), build_ground(spec.terrain), []
+    walker, ground, mistakes = build_walker(robot), build_ground(spec.terrain), []
+    body = walker.body
     if 4 * body.force_limit <= body.mass * body.gravity:
         message = (
             f"four legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "
@@ -110,7 +141,8 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
     start, begin = spec.task.start, np.zeros(STATE)
     begin[:2] = start.position
     angles = np.deg2rad(start.rpy_deg)
-    begin[2] = start.height + float(_ground_under(ground, body, begin[None, :2], angles)[0])
+    above = walker.height if start.height is None else start.height
+    begin[2] = above + float(_ground_under(ground, body, begin[None, :2], angles)[0])
     begin[VELOCITY], begin[SPIN] = start.velocity, start.angular_velocity
     begin[ANGLES] = angles
     toes = begin[POSITION] + body.toe_center @ rotation_world_body(angles).T
@@ -135,7 +167,7 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
         step=spec.task.step,
         integrator=spec.task.integrator,
         start=Start(begin, toes),
-        reference=_reference(spec, ground, body, begin),
+        reference=_reference(spec, ground, walker, begin),
         weights=Weights(
             np.array(weights.velocity, float),
             np.array(weights.angles, float),
@@ -147,6 +179,7 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
         least_contacts=spec.task.least_contacts,
         whole_stance=spec.task.whole_stance,
         goal=_goal(spec.task.goal),
+        legs=walker.legs,
     )
 
 
@@ -157,17 +190,18 @@ def _goal(spec: WalkGoalSpec | None) -> Goal:
     return Goal(middle - spec.within, middle + spec.within)
 
 
-def _reference(spec: MpcSpec, ground: Ground, body: RigidBody, begin: Array) -> Reference:
+def _reference(spec: MpcSpec, ground: Ground, walker: Walker, begin: Array) -> Reference:
     """Constant velocity and angles; the height follows the ground along the straight way."""
     wanted, knots = spec.task.reference, spec.task.knots
     angles = np.deg2rad(wanted.rpy_deg)
     time = spec.task.step * np.arange(1, knots + 1)
     way = begin[:2] + time[:, None] * np.array(wanted.velocity[:2])
-    below = _ground_under(ground, body, way, angles)
+    below = _ground_under(ground, walker.body, way, angles)
+    height = walker.height if wanted.height is None else wanted.height
     return Reference(
         velocity=np.tile(np.array(wanted.velocity, float), (knots, 1)),
         euler=np.tile(angles, (knots, 1)),
-        height=wanted.height + below,
+        height=height + below,
     )
 
 

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.ground import Ground
 
 Array = NDArray[np.float64]
@@ -108,6 +109,7 @@ class WalkTask:
     least_contacts: int  # standing legs in every interval
     whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
     goal: Goal = field(default_factory=Goal.anywhere)
+    legs: WalkingLegs | None = None  # of a robot from a URDF: joints, whose torques are limited
     first: float = 0.0  # [s] of the first interval where a plan begins between knots; 0: as others
 
     @cached_property

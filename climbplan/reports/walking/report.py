@@ -22,7 +22,7 @@ from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
 from climbplan.reports.scene_replay import scene_replay
 from climbplan.reports.viewer.walking_scene import scene_of_walk
-from climbplan.walking.check.checker import LIMITS, LOOP_LIMITS
+from climbplan.walking.check.checker import LEG_LIMITS, LIMITS, LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.walking.check.verification import verify
 from climbplan.walking.online.closed_loop import RECOVERED, fallen, mean_speed
@@ -160,7 +160,10 @@ def _tracking(plan: WalkPlan) -> dict[str, Any]:
 
 
 def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    meanings = {name: limit.meaning for name, limit in (LIMITS | LOOP_LIMITS | FILE_LIMITS).items()}
+    meanings = {
+        name: limit.meaning
+        for name, limit in (LIMITS | LEG_LIMITS | LOOP_LIMITS | FILE_LIMITS).items()
+    }
     origin = origin_rows(report, {"Method": report["method"], "Integrator": report["integrator"]})
     history = report["history"][-12:]
     return fill(

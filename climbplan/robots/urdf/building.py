@@ -92,11 +92,11 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         shoulder_body=first,
         mount_yaw=np.arctan2(toward[:, 1], toward[:, 0]),
         link_lengths=np.linalg.norm(np.diff(points, axis=1), axis=-1),
-        max_torque=_limits(robot, legs, width, "max_torque", "effort"),
+        max_torque=joint_limits(robot, legs, width, "max_torque", "effort"),
         joint_stiffness=_stiffness(robot, legs, width),
         joint_lower=lower,
         joint_upper=upper,
-        max_joint_speed=_limits(robot, legs, width, "max_speed", "velocity"),
+        max_joint_speed=joint_limits(robot, legs, width, "max_speed", "velocity"),
         stance_body=stance,
         body_hull=_hull(robot, first, body_box(shapes), centre),
         reach=reach,
@@ -180,7 +180,9 @@ def _side(side: str, x: float) -> str:
     return "right" if x > 0 else "left"
 
 
-def _limits(robot: UrdfRobot, legs: list[LegAtZero], width: int, key: str, attribute: str) -> Array:
+def joint_limits(
+    robot: UrdfRobot, legs: list[LegAtZero], width: int, key: str, attribute: str
+) -> Array:
     """(N, J) limits: the section's, else the URDF's."""
     own = robot.spec.joints
 

@@ -21,6 +21,7 @@ from climbplan.reports.sheet import (
 from climbplan.simulation.spans import spans_of
 from climbplan.simulation.walking.comparison import WalkComparison
 from climbplan.simulation.walking.replay import WalkRun, euler_angles
+from climbplan.simulation.walking.whole_replay import WholeRun
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import ANGLES, LEGS, POSITION, Array
 
@@ -88,6 +89,30 @@ def forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
     ]
     foot_legend(figure, handles, ["planned", "simulated", "the ground's friction", "leg swings"])
     heading(figure, "Contact forces", plain(f"{plan.name}, MuJoCo{_ended(run)}"))
+    return figure
+
+
+def torques(plan: WalkPlan, run: WholeRun) -> Figure:
+    """Largest share of its torque limit that each joint takes, sample by sample."""
+    figure = new_figure(5.2, entries=4)
+    axes = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+    last = max(run.samples - 1, 1)
+    time = run.time[:last]
+    joints = run.torque.shape[-1]
+    for leg, ax in enumerate(axes):
+        for joint in range(joints):
+            _steps(ax, time, run.torque[:last, leg, joint], palette.LIMBS[joint], 1.1)
+        ax.axhline(1.0, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
+        ax.set_ylim(0, 1.1)
+        panel_title(ax, limb_name(plan.task.body.leg_names[leg]), "[torque limits]")
+        style_axes(ax)
+    for ax in axes[2:]:
+        ax.set_xlabel("time [s]")
+    handles = [Line2D([], [], color=palette.LIMBS[joint], lw=1.1) for joint in range(joints)]
+    handles.append(Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))))
+    words = ["first joint", "second", "third", "limit"]
+    foot_legend(figure, handles, words)
+    heading(figure, "Joint torques", plain(f"{plan.name}, MuJoCo{_ended(run)}"))
     return figure
 
 

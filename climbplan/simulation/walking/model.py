@@ -8,6 +8,7 @@ body with the planned force and the toe with its opposite; what the ground answe
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,45 +22,29 @@ TOE_MASS = 0.1  # [kg] of a toe, not of the robot's; what slips is carried off a
 _MARGIN = 2.0  # [m] of ground beyond the walk, where a region has no end
 _THICK = 0.2  # [m] of the ground
 _HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
-_BODY, _TOE = 4, 1  # what meets the ground
+BODY, TOE = 4, 1  # what meets the ground
+
+
+@dataclass(frozen=True)
+class GroundParts:
+    """What the ground adds to a model."""
+
+    meshes: str  # assets
+    geoms: str
 
 
 def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
     """The model of a walk under given conditions; body and toes start anywhere."""
-    task = plan.task
-    friction = max(task.ground.friction * conditions.friction, 1e-5)
-    xy = np.concatenate(
-        [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
-    )
-    low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
-    meshes, ground = [], []
-    shared = (
-        f' friction="{friction:.6g} 0 0" contype="0" conaffinity="{_TOE | _BODY}"'
-        ' material="ground"/>'
-    )
-    level = not (task.ground.corners.size or task.ground.slope.any())
-    for index in range(task.ground.count):
-        corners = task.ground.outline(index, low, high)
-        if not len(corners):
-            continue
-        if level:
-            lower, upper = corners.min(axis=0), corners.max(axis=0)
-            center = 0.5 * (lower + upper) - [0, 0, _THICK / 2]
-            half = [*(upper - lower)[:2] / 2, _THICK / 2]
-            ground.append(
-                f'<geom name="ground{index}" type="box" pos="{_numbers(center)}"'
-                f' size="{_numbers(half)}"{shared}'
-            )
-            continue
-        solid = np.concatenate([corners, corners - [0, 0, _THICK]])
-        meshes.append(f'<mesh name="ground{index}" vertex="{_numbers(solid)}"/>')
-        # The compiler moves meshes to their centres, and geoms back
-        ground.append(f'<geom name="ground{index}" type="mesh" mesh="ground{index}"{shared}')
     toes = "\n".join(_toe(leg) for leg in range(LEGS))
+    return world_of(plan, ground_of(plan, conditions), f"{_body(plan, conditions)}\n{toes}")
+
+
+def world_of(plan: WalkPlan, ground: GroundParts, robot: str) -> str:
+    """A model of the ground and what stands on it."""
     return f"""
 <mujoco model="climbplan walk">
-<option timestep="{TIME_STEP}" gravity="0 0 {-task.body.gravity}" cone="elliptic" impratio="100"
- integrator="implicitfast" noslip_iterations="4"/>
+<option timestep="{TIME_STEP}" gravity="0 0 {-plan.task.body.gravity}" cone="elliptic"
+ impratio="100" integrator="implicitfast" noslip_iterations="4"/>
 <compiler angle="radian" autolimits="true"/>
 <visual><global offwidth="1280" offheight="960"/>
 <headlight ambient=".5 .5 .5" diffuse=".5 .5 .5"/></visual>
@@ -71,15 +56,48 @@ def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
 <material name="ground" texture="tiles" texrepeat="5 5" texuniform="true"/>
 <material name="body" rgba="0.16 0.23 0.35 1"/>
 <material name="toe" rgba="0.85 0.25 0.20 1"/>
-{"".join(meshes)}
+{ground.meshes}
 </asset>
 <worldbody>
 <light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>
-{"".join(ground)}
-{_body(plan, conditions)}
-{toes}
+{ground.geoms}
+{robot}
 </worldbody>
 </mujoco>"""
+
+
+def ground_of(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> GroundParts:
+    """The regions of a walk's ground, lowered by `sunk` [m]: where toes are centres of spheres."""
+    task = plan.task
+    friction = max(task.ground.friction * conditions.friction, 1e-5)
+    xy = np.concatenate(
+        [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
+    )
+    low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
+    meshes, ground = [], []
+    shared = (
+        f' friction="{friction:.6g} 0 0" contype="0" conaffinity="{TOE | BODY}" material="ground"/>'
+    )
+    level = not (task.ground.corners.size or task.ground.slope.any())
+    for index in range(task.ground.count):
+        corners = task.ground.outline(index, low, high)
+        if not len(corners):
+            continue
+        corners = corners - [0, 0, sunk]
+        if level:
+            lower, upper = corners.min(axis=0), corners.max(axis=0)
+            center = 0.5 * (lower + upper) - [0, 0, _THICK / 2]
+            half = [*(upper - lower)[:2] / 2, _THICK / 2]
+            ground.append(
+                f'<geom name="ground{index}" type="box" pos="{numbers(center)}"'
+                f' size="{numbers(half)}"{shared}'
+            )
+            continue
+        solid = np.concatenate([corners, corners - [0, 0, _THICK]])
+        meshes.append(f'<mesh name="ground{index}" vertex="{numbers(solid)}"/>')
+        # The compiler moves meshes to their centres, and geoms back
+        ground.append(f'<geom name="ground{index}" type="mesh" mesh="ground{index}"{shared}')
+    return GroundParts("".join(meshes), "".join(ground))
 
 
 def hips(plan: WalkPlan) -> Array:
@@ -94,11 +112,11 @@ def _body(plan: WalkPlan, conditions: Conditions) -> str:
     half = [*np.abs(hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
     start = plan.trajectory.state[0, POSITION]
     return (
-        f'<body name="body" pos="{_numbers(start)}"><freejoint name="free"/>'
+        f'<body name="body" pos="{numbers(start)}"><freejoint name="free"/>'
         f'<inertial pos="0 0 0" mass="{body.mass + conditions.payload:.9g}"'
-        f' fullinertia="{_numbers(inertia)}"/>'
-        f'<geom name="body" type="box" size="{_numbers(half)}" material="body"'
-        f' contype="{_BODY}" conaffinity="0"/></body>'
+        f' fullinertia="{numbers(inertia)}"/>'
+        f'<geom name="body" type="box" size="{numbers(half)}" material="body"'
+        f' contype="{BODY}" conaffinity="0"/></body>'
     )
 
 
@@ -110,9 +128,10 @@ def _toe(leg: int) -> str:
     return (
         f'<body name="toe{leg}" gravcomp="1">{slides}<geom name="toe{leg}" type="sphere"'
         f' size="{TOE_RADIUS}" mass="{TOE_MASS}" material="toe" friction="0 0 0"'
-        f' contype="{_TOE}" conaffinity="0"/></body>'
+        f' contype="{TOE}" conaffinity="0"/></body>'
     )
 
 
-def _numbers(values: Iterable[float] | Array) -> str:
+def numbers(values: Iterable[float] | Array) -> str:
+    """As attributes of MJCF have them."""
     return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))

@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.simulation.conditions import Conditions
@@ -164,7 +165,7 @@ class _Walker:
                 pushed = self._corrected(sample, share, pushed, contact & reachable)
             self._apply(pushed, contact, begin + share * (end - begin))
             self.mujoco.mj_step(self.model, data)
-            force, pressure, shear = self._ground_forces()
+            force, pressure, shear = ground_forces(self.mujoco, self.model, data, self.leg_of)
             total["force"] += force / steps
             total["pressure"] += pressure / steps
             total["shear"] += shear / steps
@@ -238,23 +239,6 @@ class _Walker:
             self.model.geom_priority[self.toe_geom[loss.limb]] = int(gone)
             self.model.geom_friction[self.toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
 
-    def _ground_forces(self) -> tuple[Array, Array, Array]:
-        data = self.data
-        force, pressure, shear = np.zeros((LEGS, 3)), np.zeros(LEGS), np.zeros(LEGS)
-        local = np.zeros(6)
-        for index in range(data.ncon):
-            contact = data.contact[index]
-            leg = max(self.leg_of[contact.geom1], self.leg_of[contact.geom2])
-            if leg < 0:
-                continue
-            self.mujoco.mj_contactForce(self.model, data, index, local)
-            frame = np.asarray(contact.frame).reshape(3, 3)
-            sign = 1.0 if self.leg_of[contact.geom2] >= 0 else -1.0
-            force[leg] += sign * local[:3] @ frame
-            pressure[leg] += local[0]
-            shear[leg] += np.hypot(local[1], local[2])
-        return force, pressure, shear
-
     def _state(self) -> dict[str, Any]:
         data = self.data
         return {
@@ -274,6 +258,29 @@ def _nothing() -> dict[str, Any]:
         "correction": np.zeros((LEGS, 3)),
         "overreach": 0.0,
     }
+
+
+def ground_forces(
+    mujoco: ModuleType, model: Any, data: Any, leg_of: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
+    """Force (4, 3) of the ground on toes, its normal part and its shear (4,) [N].
+
+    leg_of: (geoms,) the leg whose toe a geom is, else -1.
+    """
+    force, pressure, shear = np.zeros((LEGS, 3)), np.zeros(LEGS), np.zeros(LEGS)
+    local = np.zeros(6)
+    for index in range(data.ncon):
+        contact = data.contact[index]
+        leg = max(leg_of[contact.geom1], leg_of[contact.geom2])
+        if leg < 0:
+            continue
+        mujoco.mj_contactForce(model, data, index, local)
+        frame = np.asarray(contact.frame).reshape(3, 3)
+        sign = 1.0 if leg_of[contact.geom2] >= 0 else -1.0
+        force[leg] += sign * local[:3] @ frame
+        pressure[leg] += local[0]
+        shear[leg] += np.hypot(local[1], local[2])
+    return force, pressure, shear
 
 
 def euler_angles(rotation: Array) -> Array:

@@ -39,7 +39,7 @@ NOT_JUDGED = (
     "falls, and how much correction the plan needs. Not judged: joint torques and speeds, the mass "
     "and collisions of legs; reach only by how far standing feet leave their workspace boxes."
 )
-_LOSS = 0.04  # [s] for which one toe has no friction in random worlds: half a knot
+CONTACT_LOSS = 0.04  # [s] for which one toe has no friction in random worlds: half a knot
 UNITS = {
     "path.*": "m", "tilt.*": "rad", "time": "s", "fall_time": "s", "time_step": "s",
     "overreach": "m",
@@ -71,7 +71,9 @@ def simulate_walk_plan(
 
     Raises UsageError for what only climbs have, MissingSolver without MuJoCo.
     """
-    _refuse(asked)
+    refuse_flags(asked, "a walk is simulated as one rigid body without joints")
+    if asked.pushes:
+        raise UsageError("--push: a walk of one rigid body is pushed by its spec (`loop.pushes`)")
     require_possible(asked.conditions, plan.task.body.mass)
     load_mujoco()
     com = plan.trajectory.state[:, POSITION]
@@ -88,7 +90,11 @@ def simulate_walk_plan(
     trials: tuple[Trial, ...] = ()
     if asked.runs:
         about = Drawn(
-            asked.conditions, LEGS, plan.task.body.mass, plan.task.step * plan.task.knots, _LOSS
+            asked.conditions,
+            LEGS,
+            plan.task.body.mass,
+            plan.task.step * plan.task.knots,
+            CONTACT_LOSS,
         )
         worlds = drawn_worlds(about, asked.runs, asked.seed)
         trials = run_trials(
@@ -99,8 +105,8 @@ def simulate_walk_plan(
     )
 
 
-def _refuse(asked: Asked) -> None:
-    """What a walk without joints does not have."""
+def refuse_flags(asked: Asked, why: str) -> None:
+    """What walks do not have; raises UsageError with the reason."""
     base, given = Conditions(), asked.conditions
     if asked.sweep_key:
         raise UsageError("--sweep: plans of kind mpc have no safety factors; it sweeps climbs")
@@ -115,7 +121,7 @@ def _refuse(asked: Asked) -> None:
         ("--speed", given.speed != base.speed),
     ):
         if there:
-            raise UsageError(f"{flag}: a walk is simulated as one rigid body without joints")
+            raise UsageError(f"{flag}: {why}")
 
 
 def walk_trial(plan: WalkPlan, conditions: Conditions) -> Trial:
@@ -205,11 +211,11 @@ def tell(found: SimulatedWalk) -> Told:
         headline=headline(found),
         end=end_of(found),
         report=report_dict(found),
-        table=_table(found),
+        table=contact_table(plan, run, compared),
         figures=drawn,
         film=film,
         cards=_cards(found),
-        events=_events(found),
+        events=contact_events(plan, run, compared),
         notes=(MODEL, NOT_JUDGED),
     )
 
@@ -236,23 +242,22 @@ def _cards(found: SimulatedWalk) -> list[Card]:
     ]
 
 
-def _events(found: SimulatedWalk) -> list[tuple[str, str]]:
-    names = found.plan.task.body.leg_names
+def contact_events(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> list[tuple[str, str]]:
+    """When which toe slid or did not touch, and the fall."""
+    names = plan.task.body.leg_names
     events = [
-        (s.time, f"{names[s.leg]} slides, {1e3 * s.amount:.0f} mm in all")
-        for s in found.compared.slips
+        (s.time, f"{names[s.leg]} slides, {1e3 * s.amount:.0f} mm in all") for s in compared.slips
     ] + [
         (s.time, f"{names[s.leg]} does not touch for {1e3 * s.amount:.0f} ms")
-        for s in found.compared.losses
+        for s in compared.losses
     ]
-    if found.run.fallen:
-        events.append((float(found.run.time[-1]), "the robot falls"))
+    if run.fallen:
+        events.append((float(run.time[-1]), "the robot falls"))
     return [(f"{time:.2f} s", words) for time, words in sorted(events)]
 
 
-def _table(found: SimulatedWalk) -> str:
+def contact_table(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> str:
     """One row a loaded leg and sample."""
-    plan, run, compared = found.plan, found.run, found.compared
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
     table.writerow(

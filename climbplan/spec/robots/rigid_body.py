@@ -19,6 +19,9 @@ class RigidBodySpec(SpecModel):
         "kg m^2", "about the centre of mass, body frame (x forward, y left, z up)"
     )
     gravity: Number = quantity("m/s^2", "along -z", default=9.81, gt=0)
+    standing_height: Number = quantity(
+        "m", "of the centre of mass above the ground, where a spec says nothing", default=0.2, gt=0
+    )
     force_limit: Number = quantity("N", "largest component of a contact force", gt=0)
     toe_half: Vector = quantity("m", "half extents of the toes' workspace boxes")
     legs: dict[str, Vector] = quantity(

@@ -17,6 +17,9 @@ from climbplan.spec.kinds import validate, validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.robots.rigid_body import RigidBodySpec
+from climbplan.spec.robots.source import robot_of
+from climbplan.spec.robots.stored import NotKept, RobotTexts, stored_robot
+from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.walking.loop import WalkLoopSpec
 from climbplan.spec.walking.model import MpcSpec
@@ -24,14 +27,21 @@ from climbplan.spec.walking.task import WalkTaskSpec
 from climbplan.spec.wording import shown
 from climbplan.spec.yaml_source import parse_yaml
 
+WalkingRobot = RigidBodySpec | UrdfRobot
+_LIMBS = (
+    "expected a rigid body (`kind: rigid-body`) or the robot file of a URDF, got limbs of coxa, "
+    "femur and tibia, whose links have no masses"
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedMpc(LoadedSpec):
     """An MPC spec, checked against its robot, and the text it came from."""
 
     spec: MpcSpec
-    robot: RigidBodySpec
+    robot: WalkingRobot
     robot_text: str = ""  # of the file that a path names; empty for a built-in one
+    robot_urdf: str = ""  # of the URDF that it names
 
 
 def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
@@ -60,7 +70,10 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)
     source = read_source(text.directory / spec.robot).text if robot_path else ""
-    return LoadedMpc(spec=spec, robot=robot, robot_text=source, **origin_of(document, text))
+    urdf = robot.tree.text if isinstance(robot, UrdfRobot) else ""
+    return LoadedMpc(
+        spec=spec, robot=robot, robot_text=source, robot_urdf=urdf, **origin_of(document, text)
+    )
 
 
 def builtin_bodies() -> list[str]:
@@ -70,8 +83,8 @@ def builtin_bodies() -> list[str]:
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
-def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
-    """A rigid body by built-in name, or from a YAML file relative to `directory`.
+def load_body(reference: str, directory: Path | None = None) -> WalkingRobot:
+    """A robot that walks by built-in name, or from a YAML file relative to `directory`.
 
     Raises:
         SpecError: the file cannot be used; with its own lines.
@@ -79,6 +92,11 @@ def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
     if _is_path(reference):
         source = read_source((directory or Path()) / reference)
         document = parse_yaml(source.text, source.shown)
+        if isinstance(document.value, dict) and document.value.get("kind") == "robot":
+            robot = robot_of(document, source.directory)
+            if isinstance(robot, UrdfRobot):
+                return robot
+            raise SpecError(document.source, [document.mistake(Finding(("kind",), _LIMBS))])
     elif reference not in builtin_bodies():
         known = ", ".join(builtin_bodies())
         message = f"expected a built-in robot ({known}) or the path of a YAML file, got"
@@ -90,14 +108,23 @@ def load_body(reference: str, directory: Path | None = None) -> RigidBodySpec:
     return _body_of(document)
 
 
-def stored_body(spec: MpcSpec, text: str) -> RigidBodySpec:
-    """The robot of a spec, from the text that a plan file keeps of its file.
+def stored_body(spec: MpcSpec, text: str, urdf: str = "") -> WalkingRobot:
+    """The robot of a spec, from the texts that a plan file keeps of its files.
 
-    Raises SpecError for a text that is none.
+    Raises SpecError for texts that are none.
     """
     if not _is_path(spec.robot):
         return load_body(spec.robot)
-    return _body_of(parse_yaml(text, f"robot {spec.robot}"))
+    own = parse_yaml(text, f"robot {spec.robot}")
+    if not (isinstance(own.value, dict) and "urdf" in own.value):
+        return _body_of(own)
+    named = Document(own.source, own.text, {"robot": spec.robot})
+    try:
+        robot = stored_robot(named, RobotTexts(text, urdf)).robot
+    except NotKept as reason:
+        raise SpecError(own.source, [SpecMistake("robot", str(reason))]) from reason
+    assert isinstance(robot, UrdfRobot)  # as its text names a URDF
+    return robot
 
 
 def _is_path(reference: object) -> bool:
@@ -117,8 +144,8 @@ def _body_of(document: Document) -> RigidBodySpec:
 
 def body_of_document(
     document: Document, directory: Path, path: KeyPath = ("robot",)
-) -> tuple[RigidBodySpec | None, list[SpecMistake]]:
-    """The rigid body that a document names, or what is wrong with it or its file."""
+) -> tuple[WalkingRobot | None, list[SpecMistake]]:
+    """The robot that a document names, or what is wrong with it or its file."""
     holder = document.value
     for key in path[:-1]:
         holder = holder.get(key, {}) if isinstance(holder, dict) else {}
@@ -129,8 +156,8 @@ def body_of_document(
     if reference not in known and Path(reference).suffix not in (".yaml", ".yml"):
         words = ", ".join(f"`{name}`" for name in known)
         message = (
-            f"expected a built-in rigid body ({words}) or the path of a rigid-body YAML file, "
-            f"got {shown(reference)}"
+            f"expected a built-in rigid body ({words}) or the path of a YAML file, of a rigid body "
+            f"or of a robot from a URDF, got {shown(reference)}"
         )
         return None, [document.mistake(Finding(path, message, nearest(reference, known)))]
     try:
@@ -145,7 +172,7 @@ def body_of_document(
         ]
 
 
-def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
+def _legs(document: Document, robot: WalkingRobot | None) -> list[Finding]:
     """Toes of the start and lost contacts are those of legs that the robot has."""
     if robot is None:
         return []
@@ -153,7 +180,7 @@ def _legs(document: Document, robot: RigidBodySpec | None) -> list[Finding]:
         task = WalkTaskSpec.model_validate(document.value.get("task", {}))
     except ValidationError:
         return []  # reported with the whole
-    legs = list(robot.legs)
+    legs = list(robot.limb_names if isinstance(robot, UrdfRobot) else robot.legs)
     try:
         loop = WalkLoopSpec.model_validate(document.value.get("loop", {}))
     except ValidationError:

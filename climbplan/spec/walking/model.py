@@ -21,7 +21,8 @@ class MpcSpec(SpecModel):
     robot: str = Field(
         default="scaler",
         min_length=1,
-        description="built-in rigid body (`scaler`) or path of a rigid-body YAML file",
+        description="built-in rigid body (`scaler`), or path of a rigid-body YAML file or of a "
+        "robot file of a URDF (`climbplan new robot`)",
     )
     terrain: WalkTerrainSpec = WalkTerrainSpec()
     """The ground."""

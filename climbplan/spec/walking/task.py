@@ -15,8 +15,12 @@ class WalkStartSpec(SpecModel):
     """Where the body starts; the toes stand under it."""
 
     position: Pair = quantity("m", "x and y of the centre of mass", default=(0.0, 0.0))
-    height: Number = quantity(
-        "m", "of the centre of mass above the ground under it", default=0.2, gt=0, lt=2
+    height: Number | None = quantity(
+        "m",
+        "of the centre of mass above the ground under it; left out: as the robot stands",
+        default=None,
+        gt=0,
+        lt=2,
     )
     velocity: Vector = quantity("m/s", "world frame", default=(0.0, 0.0, 0.0))
     rpy_deg: Vector = quantity("deg", "roll, pitch, yaw", default=(0.0, 0.0, 0.0))
@@ -36,8 +40,12 @@ class WalkReferenceSpec(SpecModel):
 
     velocity: Vector = quantity("m/s", "world frame", default=(1.8, 0.0, 0.0))
     rpy_deg: Vector = quantity("deg", "roll, pitch, yaw", default=(0.0, 0.0, 0.0))
-    height: Number = quantity(
-        "m", "of the centre of mass above the ground", default=0.2, gt=0, lt=2
+    height: Number | None = quantity(
+        "m",
+        "of the centre of mass above the ground; left out: as the robot stands",
+        default=None,
+        gt=0,
+        lt=2,
     )
 
     @model_validator(mode="after")

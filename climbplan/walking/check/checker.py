@@ -18,6 +18,7 @@ from climbplan.walking.check.terrain import (
     plane_height,
     to_clear,
 )
+from climbplan.walking.check.torque import torque_residuals
 from climbplan.walking.check.truth import continuous_rollout, knot_step, toes_in_body
 from climbplan.walking.task import (
     ANGLE_RANGE,
@@ -53,6 +54,12 @@ LIMITS = {
     "state.tilt": Limit(0, "rad", "roll and pitch within a right angle (Table 8.4)"),
     "goal.position": Limit(1e-4, "m", "the body is at its goal at the end"),
     "gait.contacts": Limit(0, "", "intervals with fewer standing legs than asked for"),
+}
+LEG_LIMITS = {  # of robots from URDFs, whose plans have joints
+    "torque.reach": Limit(
+        1e-6, "m", "joints within their bounds get standing toes to where they are"
+    ),
+    "torque.limit": Limit(1e-3, "N m", "joint torques of standing legs, J' f, within their limits"),
 }
 LOOP_LIMITS = {
     "workspace.standing": Limit(
@@ -111,6 +118,7 @@ def _checks(task: WalkTask, found: WalkTrajectory, told: bool = True) -> Iterato
     yield from _steps(task, after, state)
     yield from _rollouts(task, found, told)
     yield from _forces(task, found)
+    yield from _torques(task, found)
     yield from _feet(task, found, told)
     tilt = np.abs(state[:, 6:8]).max(axis=1)
     yield worst(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
@@ -131,6 +139,7 @@ def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator
     after[:, VELOCITY] += push[1:]
     yield from _steps(task, after, state)
     yield from _forces(task, found)
+    yield from _torques(task, found)
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
     yield worst(task, "contact.no_slip", slip)
@@ -197,6 +206,11 @@ def _forces(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
     yield worst(task, "force.limit", largest - limit, largest / limit)
 
 
+def _torques(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
+    for name, residuals, used in torque_residuals(task, found):
+        yield worst(task, name, residuals, used)
+
+
 def _feet(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:
     toes, contact, region = found.toes, found.gait.contact, found.gait.region
     stays = contact[:-1] & contact[1:]
@@ -245,7 +259,7 @@ def worst(task: WalkTask, name: str, residuals: Array, used: Array | None = None
 
 def judge(name: str, residual: float) -> Check:
     """A check by its name in `LIMITS`; NaN never passes."""
-    limit = (LIMITS | LOOP_LIMITS)[name]
+    limit = (LIMITS | LEG_LIMITS | LOOP_LIMITS)[name]
     residual = float(residual) + 0.0
     if math.isnan(residual):
         residual = math.inf

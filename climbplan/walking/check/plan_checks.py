@@ -9,9 +9,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from climbplan.errors import SpecError
-from climbplan.plans.check import Check, Limit
+from climbplan.errors import MissingSolver, SpecError
+from climbplan.plans.check import Check, Limit, not_compared
 from climbplan.plans.held import held_check
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.spec.holding import HeldSpec
 from climbplan.spec.kinds import validate
 from climbplan.spec.walking.loading import stored_body
@@ -49,7 +50,9 @@ def plan_checks(plan: WalkPlan, held: HeldSpec | None = None) -> Iterator[Check]
         return
     if held is not None:
         yield held_check(held)
-        plan = replace(plan, spec_text=held.text, robot_text=held.robot_text)
+        plan = replace(
+            plan, spec_text=held.text, robot_text=held.robot_text, robot_urdf=held.robot_urdf
+        )
     yield _spec_values(plan)
     yield _objective(plan)
     if plan.loop is not None:
@@ -88,7 +91,10 @@ def _spec_values(plan: WalkPlan) -> Check:
     if spec is None:
         return _judge("file.spec_values", math.inf, findings[0].message)
     try:
-        asked = build_task(spec, stored_body(spec, plan.robot_text))
+        asked = build_task(spec, stored_body(spec, plan.robot_text, plan.robot_urdf))
+    except MissingSolver as reason:
+        taken = f"{reason}: robot and task are taken from the plan file"
+        return not_compared(_judge("file.spec_values", 0.0), taken, "robot as stored", taken)
     except SpecError as error:
         return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
     apart = {
@@ -109,9 +115,22 @@ def _task_apart(stored: WalkTask, asked: WalkTask) -> dict[str, float]:
         one, other = vars(stored)[holder], vars(asked)[holder]
         for name in (field.name for field in fields(one)):
             apart[f"{holder}.{name}"] = _difference(getattr(one, name), getattr(other, name))
+    apart |= _legs_apart(stored.legs, asked.legs)
     for name in ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance"):
         apart[name] = _difference(vars(stored)[name], vars(asked)[name])
     return apart
+
+
+def _legs_apart(stored: WalkingLegs | None, asked: WalkingLegs | None) -> dict[str, float]:
+    if stored is None or asked is None:
+        return {"legs": 0.0 if stored is asked else math.inf}
+    holders = ((stored.chain, asked.chain), (stored, asked))
+    return {
+        f"legs.{field.name}": _difference(getattr(one, field.name), getattr(other, field.name))
+        for one, other in holders
+        for field in fields(one)
+        if field.name != "chain"
+    }
 
 
 def _difference(one: object, other: object) -> float:

@@ -19,6 +19,7 @@ from climbplan.walking.footing import Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
 from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
+from climbplan.walking.kernels.legs import torque_rows
 from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
 from climbplan.walking.kernels.step import linearised
 from climbplan.walking.kernels.ways import swing_heights
@@ -33,6 +34,8 @@ _NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
 _SOFT = 8  # rows that DAQP may break at a price
 _FAR = 1e30
+_TORQUES = 6  # rows of a force: three joints, at both ends of its interval
+_IN_HAND = 0.999  # of torque limits, for what iterates still move
 _MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
 
@@ -266,6 +269,19 @@ class PinnedProgram:
             rows[count:] = qp.sensitivity[-1, :2]
             low[count:] = task.goal.lower - qp.offset[-1, :2]
             high[count:] = task.goal.upper - qp.offset[-1, :2]
+        if task.legs is not None:  # of motors, tau = J' R' f at both ends of every interval
+            chain = task.legs.chain
+            torque_rows(
+                chain.joint_zero,
+                chain.axis_zero,
+                chain.toe_zero,
+                chain.posture,
+                at.state,
+                toes,
+                contact,
+                self.force_scale,
+                qp.rows[self.motors :],
+            )
         return qp
 
     def step(
@@ -302,7 +318,7 @@ class PinnedProgram:
         reach: how DAQP is to take the rows of the workspace.
         """
         sense = np.zeros(len(qp.lower), np.int32)
-        sense[self.size + self.fixed :] = reach
+        sense[self.size + self.fixed : self.size + self.motors] = reach
         if multipliers is not None:
             sense[multipliers > 0], sense[multipliers < 0] = _AT_UPPER, _AT_LOWER
         unit = np.ones(self.size) if self._scale is None else self._scale
@@ -328,9 +344,10 @@ class PinnedProgram:
         standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
         leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
         friction = self.forces * FACETS
-        goal = 2 * int(self.task.goal.stated)
+        goal, motorised = 2 * int(self.task.goal.stated), self.task.legs is not None
         moving = 3 * int(standing + leaving) + 2 * int(lifted) + goal
-        rows = np.zeros((self.fixed + moving, self.size))
+        self.motors = self.fixed + moving  # first row of torques
+        rows = np.zeros((self.motors + _TORQUES * self.forces * motorised, self.size))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
         angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
         slope = self.task.ground.friction * np.cos(np.pi / FACETS)
@@ -349,6 +366,10 @@ class PinnedProgram:
         lower[self.foot_column : self.size] = (least[region] / FOOT_SCALE).ravel()
         upper[self.foot_column : self.size] = (largest[region] / FOOT_SCALE).ravel()
         lower[self.size :], upper[self.size :] = -_FAR, 0.0
+        if self.task.legs is not None:
+            most_torque = _IN_HAND * self.task.legs.max_torque[self.stand_leg]
+            upper[self.size + self.motors :] = np.repeat(most_torque[:, None], 2, axis=1).ravel()
+            lower[self.size + self.motors :] = -upper[self.size + self.motors :]
         sides = ground.corners.shape[1]
         for k in range(self.footing.count if sides else 0):
             first, column = friction + k * sides, self.foot_column + 2 * k

@@ -237,6 +237,7 @@ def _plan(
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         robot_text=loaded.robot_text,
+        robot_urdf=loaded.robot_urdf,
         seed=spec.seed,
         timings={"library": building, "walk": walking, "method": walking},
         solvers=_solvers(spec.solver.form),

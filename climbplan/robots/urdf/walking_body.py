@@ -1,0 +1,160 @@
+"""A quadruped from a URDF as walking has it: one rigid body, and legs with joints and motors.
+
+Body frame x forward, y to the left, z up, origin in the centre of mass of the whole robot in its
+standing posture, about which its inertia is: masses of legs count as if they were fixed there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, joint_limits
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
+from climbplan.robots.walking_legs import WalkingLegs
+from climbplan.spec.document import Finding
+from climbplan.spec.robots.urdf.source import UrdfRobot
+
+TO_WALKING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""From climbing's axes (x right, y forward) to walking's (x forward, y left)."""
+_LEGS, _JOINTS = 4, 3
+
+
+@dataclass(frozen=True)
+class WalkingBody:
+    """What walking needs to know of a robot."""
+
+    name: str
+    leg_names: tuple[str, ...]
+    mass: float  # [kg]
+    inertia: Array  # (3, 3) about the centre of mass [kg m^2]
+    gravity: float  # [m/s^2]
+    height: float  # [m] of the centre of mass above the standing toes
+    boxes: ToeBoxes
+    legs: WalkingLegs
+
+
+def walking_body(robot: UrdfRobot) -> WalkingBody:
+    """The body and legs of a robot section.
+
+    Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for a robot
+    that is no quadruped of legs with three joints, or has no room or no strength to walk.
+    """
+    names = leg_order(robot)
+    found = urdf_model(robot)
+    mass = robot.spec.mass or found.mass()
+    if not mass > 0:
+        raise robot.refused([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+    if not robot.spec.gravity > 0:
+        raise robot.refused([Finding(("gravity",), "expected more than 0 to walk")])
+    at_zero = [found.leg(name) for name in names]
+    lower, upper, posture = (
+        by_leg(_JOINTS, [[values[j] for j in leg.names] for leg in at_zero], 0.0)
+        for values in joint_angles_of(robot)
+    )
+    standing = {
+        joint: float(angle)
+        for leg, row in zip(at_zero, posture, strict=True)
+        for joint, angle in zip(leg.names, row, strict=True)
+    }
+    chain = chain_at_zero(at_zero, _JOINTS, found.center(standing), posture)
+    chain = _turned(chain)
+    toes = chain.joint_points(posture)[:, -1]
+    order = by_place(toes)
+    if order is None:
+        message = "expected one toe before and one behind the body's middle on either side"
+        raise robot.refused([Finding(("legs",), message)])
+    chain = _ordered(chain, order)
+    toes, names = toes[order], tuple(names[i] for i in order)
+    legs = WalkingLegs(
+        chain,
+        lower[order],
+        upper[order],
+        joint_limits(robot, [at_zero[i] for i in order], _JOINTS, "max_torque", "effort"),
+        joint_limits(robot, [at_zero[i] for i in order], _JOINTS, "max_speed", "velocity"),
+    )
+    boxes = toe_boxes(
+        chain, toes, legs.lower, legs.upper, legs.max_torque, mass * robot.spec.gravity
+    )
+    if isinstance(boxes, str):
+        raise robot.refused([Finding(("legs",), boxes)])
+    return WalkingBody(
+        name=robot.name,
+        leg_names=names,
+        mass=mass,
+        inertia=mass / found.mass() * inertia_of(found, standing),
+        gravity=robot.spec.gravity,
+        height=float(-toes[:, 2].mean()),
+        boxes=boxes,
+        legs=legs,
+    )
+
+
+def leg_order(robot: UrdfRobot) -> tuple[str, ...]:
+    """Legs as the section names them; raises SpecError for other than four of three joints."""
+    names = robot.limb_names
+    faults = []
+    if len(names) != _LEGS:
+        faults.append(Finding(("legs",), f"walking is of four legs, got {len(names)}"))
+    faults += [
+        Finding(
+            ("legs", name),
+            f"walking is of legs with three joints, got {len(robot.joints[name])}: "
+            + ", ".join(joint.name for joint in robot.joints[name]),
+        )
+        for name in names
+        if len(robot.joints[name]) != _JOINTS
+    ]
+    faults += [
+        Finding(("legs", name, "stance"), "walking stands as `posture_deg` has it")
+        for name in names
+        if robot.spec.legs[name].stance is not None
+    ]
+    if faults:
+        raise robot.refused(faults)
+    return names
+
+
+def by_place(toes: Array) -> list[int] | None:
+    """Left front, right front, left hind, right hind of toes (4, 3); None where there is none."""
+    middle = toes[:, :2].mean(axis=0)
+    ahead, left = (toes[:, :2] > middle).T
+    found = []
+    for front, side in ((True, True), (True, False), (False, True), (False, False)):
+        own = np.flatnonzero((ahead == front) & (left == side))
+        if len(own) != 1:
+            return None
+        found.append(int(own[0]))
+    return found
+
+
+def inertia_of(found: UrdfModel, standing: dict[str, float]) -> Array:
+    """(3, 3) of the whole robot about its centre of mass, axes of walking [kg m^2]."""
+    pin, model = found.library, found.model
+    data = model.createData()
+    pin.ccrba(model, data, found.angles(standing), np.zeros(model.nv))
+    turn = TO_WALKING @ found.turn
+    inertia: Array = turn @ np.array(data.Ig.inertia) @ turn.T
+    return 0.5 * (inertia + inertia.T)
+
+
+def _turned(chain: SerialChain) -> SerialChain:
+    turn = TO_WALKING.T
+    return SerialChain(
+        chain.names, chain.joint_zero @ turn, chain.axis_zero @ turn, chain.toe_zero @ turn,
+        chain.posture,
+    )  # fmt: skip
+
+
+def _ordered(chain: SerialChain, order: list[int]) -> SerialChain:
+    return SerialChain(
+        tuple(chain.names[i] for i in order),
+        chain.joint_zero[order],
+        chain.axis_zero[order],
+        chain.toe_zero[order],
+        chain.posture[order],
+    )

@@ -1,0 +1,307 @@
+"""One run of a walk in MuJoCo with the whole robot: links with mass, joints of limited torque.
+
+A tick is 2 ms: the state of the robot is taken as it is, a QP of its dynamics
+(`whole_body_control.py`) gives torques for what the plan asks, and MuJoCo moves links and contacts.
+A leg that is to stand and does not touch reaches down; one that touches late in its swing carries
+at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.replay import load_mujoco
+from climbplan.simulation.walking.model import TIME_STEP
+from climbplan.simulation.walking.replay import WalkRun, euler_angles, ground_forces
+from climbplan.simulation.walking.whole_body_control import (
+    BODY_STIFF,
+    SWING_STIFF,
+    Commanded,
+    Wanted,
+    WholeBodyControl,
+)
+from climbplan.simulation.walking.whole_reference import WholeReference
+from climbplan.simulation.walking.whole_robot import WholeRobot, whole_model, whole_robot
+from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.online.estimation import logarithm
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
+
+TICK = 2  # steps of the simulation
+PUSH = 0.05  # [s] that a push takes, as a force on the body
+_PLACE_STIFF = 5.0  # [rad/s] of the body's way back to its place on the level
+_HARDEST = 4.0  # [m/s^2] on the level, that the body is asked to speed up beside its plan
+_FELT = 0.015  # [s] after its last contact that a toe still counts as standing
+_EARLY = 0.6  # share of a swing after which a touching toe carries
+_DOWN = -0.4  # [m/s] of a toe that is to stand and does not touch
+_DOWN_GAIN = 60.0  # [1/s]
+_TIPPED = 1.0  # [rad]
+_SUNK = 0.5  # of the standing height
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """A push of the body."""
+
+    time: float  # [s]
+    velocity: Array  # (3,) change of the whole robot's velocity that its momentum is worth [m/s]
+
+
+@dataclass(frozen=True)
+class WholeRun(WalkRun):
+    """A run of the whole robot; maxima are until the next sample."""
+
+    torque: Array  # (S, 4, 3) largest share of the torque limit
+    speed: Array  # (S, 4, 3) largest share of the speed limit
+    unanswered: int  # ticks whose QP had no answer
+    pushes: tuple[Pushed, ...]
+    ticks: int
+
+
+def simulate_whole(
+    plan: WalkPlan,
+    conditions: Conditions,
+    pushes: tuple[Pushed, ...] = (),
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[int, Any, Any], None] | None = None,
+) -> WholeRun:
+    """Play a plan of a robot from a URDF.
+
+    Raises MissingSolver without MuJoCo or Pinocchio, UsageError for a robot without links.
+    """
+    return _Player(plan, conditions, pushes).play(progress, watch)
+
+
+class _Player:
+    def __init__(self, plan: WalkPlan, conditions: Conditions, pushes: tuple[Pushed, ...]) -> None:
+        assert plan.task.legs is not None
+        self.mujoco = load_mujoco()
+        self.plan, self.conditions, self.legs = plan, conditions, plan.task.legs
+        robot: WholeRobot = whole_robot(plan, conditions)
+        self.centre, self.mass = robot.centre, robot.mass
+        known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
+        make = self.mujoco.MjModel.from_xml_string
+        self.model = make(whole_model(plan, robot, conditions))
+        self.data = self.mujoco.MjData(self.model)
+        self.reference = WholeReference(plan)
+        hinges = [[self.model.joint(f"{leg}_{j}") for j in range(3)] for leg in range(LEGS)]
+        self.at = np.array([[hinge.qposadr[0] for hinge in row] for row in hinges])
+        self.dof = np.array([[hinge.dofadr[0] for hinge in row] for row in hinges])
+        self.control = WholeBodyControl(
+            self.mujoco, make(whole_model(plan, known, NOMINAL)), self.dof, self.legs.max_torque,
+            plan.task.ground.friction, plan.task.weight,
+        )  # fmt: skip
+        self.root = self.model.body("body").id
+        self.sites = [self.model.site(f"toe{leg}").id for leg in range(LEGS)]
+        self.toe_geom = np.array([self.model.geom(f"toe{leg}").id for leg in range(LEGS)])
+        self.leg_of = np.full(self.model.ngeom, -1)
+        self.leg_of[self.toe_geom] = np.arange(LEGS)
+        planned = plan.loop.push if plan.loop is not None else np.zeros((0, 3))
+        own = [
+            Pushed(float(self.reference.time[n]), planned[n])
+            for n in range(1, len(planned))
+            if planned[n].any()
+        ]
+        self.pushes = (*own, *pushes)
+        self.height = -float(plan.task.body.toe_center[:, 2].mean())
+        self.felt = np.full(LEGS, -np.inf)  # [s] when toes last touched
+        self.torque = np.zeros((LEGS, 3))
+        self.commanded: Commanded | None = None
+        self.unanswered = self.ticks = 0
+
+    def play(
+        self,
+        progress: Callable[[float], None] | None,
+        watch: Callable[[int, Any, Any], None] | None,
+    ) -> WholeRun:
+        time, rows, fell = self.reference.time, [], False
+        self._stand()
+        for sample in range(len(time)):
+            row = self._state()
+            if watch is not None:
+                watch(sample, self.model, self.data)
+            fell = self._lies(row)
+            last = sample + 1 == len(time) or fell
+            rows.append(row | (_nothing() if last else self._interval(sample)))
+            if progress is not None:
+                progress((sample + 1) / len(time))
+            if fell:
+                break
+        stacked = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return WholeRun(
+            conditions=self.conditions,
+            feedback=True,
+            time=time[: len(rows)],
+            fallen=fell,
+            unanswered=self.unanswered,
+            pushes=self.pushes,
+            ticks=self.ticks,
+            **stacked,
+        )
+
+    def _stand(self) -> None:
+        """As the plan begins, joints turning as fast as toes that stand ask for."""
+        state, toes = self.plan.trajectory.state[0], self.plan.trajectory.toes[0]
+        rotation, data, legs = rotation_world_body(state[ANGLES]), self.data, self.legs
+        spots = toes_in_body(state, toes)
+        angles = legs.chain.inverse(spots, legs.lower, legs.upper).best()
+        angles = np.where(np.isfinite(angles), angles, legs.chain.posture)
+        data.qpos[:3] = state[POSITION] - rotation @ self.centre
+        quat = np.empty(4)
+        self.mujoco.mju_mat2Quat(quat, rotation.ravel())
+        data.qpos[3:7] = quat
+        data.qpos[self.at] = angles
+        spin = rotation.T @ state[SPIN]
+        drift = rotation.T @ state[VELOCITY]
+        data.qvel[:3] = state[VELOCITY] - rotation @ np.cross(spin, self.centre)
+        data.qvel[3:6] = spin
+        away = -(drift + np.cross(spin, spots))  # (4, 3) of toes in the body
+        jacobian = legs.chain.jacobian(angles)
+        data.qvel[self.dof] = np.linalg.solve(jacobian, away[..., None])[..., 0]
+        self.mujoco.mj_forward(self.model, data)
+
+    def _interval(self, sample: int) -> dict[str, Any]:
+        begin, end = self.reference.time[sample], self.reference.time[sample + 1]
+        steps = max(round((end - begin) / TIME_STEP), 1)
+        stands = np.asarray(self.reference.contact[sample], bool)
+        planned = self.reference.planned_force(sample)
+        total = _nothing()
+        for step in range(steps):
+            now = begin + step * (end - begin) / steps
+            self._lose_contacts(now)
+            if round(now / TIME_STEP) % TICK == 0 or self.commanded is None:
+                self._command(sample, now, stands, planned)
+            self._push(now)
+            self.data.qfrc_applied[self.dof] = self.torque
+            self.mujoco.mj_step(self.model, self.data)
+            force, pressure, shear = ground_forces(self.mujoco, self.model, self.data, self.leg_of)
+            self.felt[pressure > 0] = now + TIME_STEP
+            total["force"] += force / steps
+            total["pressure"] += pressure / steps
+            total["shear"] += shear / steps
+            total["touching"] += (pressure > 0) / steps
+            assert self.commanded is not None
+            total["correction"] += (self.commanded.force - planned) / steps
+            over = self._overreach()[stands]
+            total["overreach"] = max(total["overreach"], float(over.max(initial=0.0)))
+            share = np.abs(self.torque) / self.legs.max_torque
+            total["torque"] = np.maximum(total["torque"], share)
+            fast = np.abs(self.data.qvel[self.dof]) / self.legs.max_speed
+            total["speed"] = np.maximum(total["speed"], fast)
+        return total
+
+    def _command(self, sample: int, now: float, stands: Flags, planned: Array) -> None:
+        """Torques until the next tick."""
+        data, wanted = self.data, self.reference.body(now)
+        rotation = data.xmat[self.root].reshape(3, 3)
+        spin = rotation @ data.qvel[3:6]
+        arm = rotation @ self.centre
+        position, velocity = data.qpos[:3] + arm, data.qvel[:3] + np.cross(spin, arm)
+        off, slow = wanted.position - position, wanted.velocity - velocity
+        stiff = np.array([_PLACE_STIFF, _PLACE_STIFF, BODY_STIFF])
+        more = stiff**2 * off + 2 * stiff * slow
+        level = float(np.linalg.norm(more[:2]))
+        more[:2] *= min(1.0, _HARDEST / max(level, 1e-9))
+        turned = logarithm(wanted.rotation @ rotation.T)
+        turning = wanted.turning + BODY_STIFF**2 * turned + 2 * BODY_STIFF * (wanted.spin - spin)
+        # Of the root body's origin, which the QP moves
+        swung = np.cross(wanted.turning, arm) + np.cross(spin, np.cross(spin, arm))
+        capture = -(off + self.reference.pendulum * slow)
+        toes = data.site_xpos[self.sites]
+        asked, carries = self._toes(now, stands, toes, capture)
+        self.commanded = self.control.command(
+            data.qpos, data.qvel,
+            Wanted(
+                acceleration=wanted.acceleration + more - swung,
+                turning=turning,
+                toes=asked,
+                carries=carries,
+                force=np.where(carries[:, None], planned, 0.0),
+                normal=self.reference.normal[sample],
+            ),
+        )  # fmt: skip
+        self.ticks += 1
+        self.unanswered += not self.commanded.solved
+        self.torque = self.commanded.torque.reshape(LEGS, 3)
+
+    def _toes(self, now: float, stands: Flags, toes: Array, capture: Array) -> tuple[Array, Flags]:
+        """Accelerations (4, 3) of toes that do not carry, and which carry."""
+        asked, carries = np.zeros((LEGS, 3)), np.zeros(LEGS, bool)
+        speeds = self._toe_speeds()
+        for leg in range(LEGS):
+            touches = now - self.felt[leg] <= _FELT or now == 0.0
+            if stands[leg]:
+                self.reference.stands(leg)
+                carries[leg] = touches
+                asked[leg] = _DOWN_GAIN * (np.array([0.0, 0.0, _DOWN]) - speeds[leg])
+                continue
+            way = self.reference.swing(leg, now, toes[leg], capture)
+            carries[leg] = touches and way.share > _EARLY
+            back = SWING_STIFF**2 * (way.place - toes[leg])
+            back += 2 * SWING_STIFF * (way.velocity - speeds[leg])
+            asked[leg] = way.acceleration + back
+        return asked, carries
+
+    def _toe_speeds(self) -> Array:
+        out, own = np.zeros((LEGS, 3)), np.zeros((3, self.model.nv))
+        for leg, site in enumerate(self.sites):
+            self.mujoco.mj_jacSite(self.model, self.data, own, None, site)
+            out[leg] = own @ self.data.qvel
+        return out
+
+    def _push(self, now: float) -> None:
+        force = np.zeros(3)
+        for push in self.pushes:
+            if push.time <= now < push.time + PUSH:
+                force += self.mass * push.velocity / PUSH
+        self.data.xfrc_applied[self.root, :3] = force
+
+    def _overreach(self) -> Array:
+        """(4,) how far toes are out of their boxes [m], <= 0 inside."""
+        body, data = self.plan.task.body, self.data
+        rotation = data.xmat[self.root].reshape(3, 3)
+        spots = (data.site_xpos[self.sites] - data.qpos[:3]) @ rotation - self.centre
+        return np.asarray((np.abs(spots - body.toe_center) - body.toe_half).max(axis=1))
+
+    def _lose_contacts(self, now: float) -> None:
+        for loss in self.conditions.losses:
+            gone = loss.start <= now < loss.start + loss.duration
+            self.model.geom_priority[self.toe_geom[loss.limb]] = int(gone)
+            self.model.geom_friction[self.toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
+
+    def _lies(self, row: dict[str, Any]) -> bool:
+        roll, pitch, _ = euler_angles(row["rotation"])
+        sunk = row["com"][2] - row["toes"][:, 2].min() < _SUNK * self.height
+        return bool(
+            max(abs(roll), abs(pitch)) > _TIPPED or sunk or not np.isfinite(row["com"]).all()
+        )
+
+    def _state(self) -> dict[str, Any]:
+        data = self.data
+        rotation = data.xmat[self.root].reshape(3, 3).copy()
+        arm = rotation @ self.centre
+        return {
+            "com": data.qpos[:3] + arm,
+            "rotation": rotation,
+            "velocity": data.qvel[:3] + np.cross(rotation @ data.qvel[3:6], arm),
+            "toes": data.site_xpos[self.sites].copy(),
+        }
+
+
+def _nothing() -> dict[str, Any]:
+    return {
+        "force": np.zeros((LEGS, 3)),
+        "pressure": np.zeros(LEGS),
+        "shear": np.zeros(LEGS),
+        "touching": np.zeros(LEGS),
+        "correction": np.zeros((LEGS, 3)),
+        "overreach": 0.0,
+        "torque": np.zeros((LEGS, 3)),
+        "speed": np.zeros((LEGS, 3)),
+    }

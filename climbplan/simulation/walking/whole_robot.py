@@ -1,0 +1,201 @@
+"""The MuJoCo model of a walk with the whole robot: all links of its URDF with mass and inertia.
+
+Built from Pinocchio's reading of the URDF that the plan carries. The root body of the model has the
+axes of walking (x forward, y left, z up) and its origin where the robot's root link has it; joints
+of the legs turn, all others are held where the robot file has them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.robots.urdf.walking_body import TO_WALKING
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.walking.model import (
+    BODY,
+    TOE,
+    TOE_RADIUS,
+    ground_of,
+    numbers,
+    world_of,
+)
+from climbplan.spec.kinds import validate
+from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.spec.walking.loading import stored_body
+from climbplan.spec.walking.model import MpcSpec
+from climbplan.spec.yaml_source import parse_yaml
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.task import LEGS, Array
+
+_ROOT = 1  # of Pinocchio's joints: the free one
+_LINK_RADIUS = 0.15  # of a link's length, as it is drawn
+_HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
+
+
+@dataclass(frozen=True)
+class WholeRobot:
+    """A robot that walks, link by link."""
+
+    found: UrdfModel
+    centre: Array  # (3,) of mass of the standing robot, from the root body in its axes [m]
+    mjcf: str  # of its bodies
+    mass: float  # [kg]
+
+
+def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
+    """The robot of a plan, from the texts that it carries.
+
+    Raises UsageError for a plan of a robot without links, MissingSolver without Pinocchio.
+    """
+    found = urdf_model(robot_of_plan(plan))
+    legs = plan.task.legs
+    assert legs is not None  # a robot from a URDF has them
+    turn = TO_WALKING @ found.turn  # from the root's axes to walking's
+    angles = {
+        name: float(angle)
+        for own, row in zip(legs.chain.names, legs.chain.posture, strict=True)
+        for name, angle in zip(own, row, strict=True)
+    }
+    pin, model = found.library, found.model
+    centre = turn @ np.array(pin.centerOfMass(model, model.createData(), found.angles(angles)))
+    tree = _Tree(found, plan, turn, conditions.payload, centre)
+    return WholeRobot(found, centre, tree.body(), found.mass())
+
+
+def whole_model(plan: WalkPlan, robot: WholeRobot, conditions: Conditions) -> str:
+    """The model of a walk by the whole robot; toes are centres of spheres on lowered ground."""
+    return world_of(plan, ground_of(plan, conditions, TOE_RADIUS), robot.mjcf)
+
+
+def robot_of_plan(plan: WalkPlan) -> UrdfRobot:
+    """The robot from a URDF that a plan carries; raises UsageError for any other."""
+    spec, _ = validate(parse_yaml(plan.spec_text, "spec"), MpcSpec)
+    robot = None if spec is None else stored_body(spec, plan.robot_text, plan.robot_urdf)
+    if not isinstance(robot, UrdfRobot):
+        raise UsageError(f"{plan.name}: its robot is one rigid body, without links")
+    return robot
+
+
+class _Tree:
+    """Bodies of the model, from the root on."""
+
+    def __init__(
+        self, found: UrdfModel, plan: WalkPlan, turn: Array, payload: float, centre: Array
+    ) -> None:
+        assert plan.task.legs is not None
+        self.found, self.turn, self.payload, self.centre = found, turn, payload, centre
+        self.legs = plan.task.legs
+        self.half = np.abs(plan.task.body.toe_center).max(axis=0)
+        pin, model = found.library, found.model
+        self.data = model.createData()
+        q = found.angles({})
+        pin.computeJointJacobians(model, self.data, q)
+        pin.updateFramePlacements(model, self.data)
+        self.turning = {
+            name: (leg, j)
+            for leg, own in enumerate(self.legs.chain.names)
+            for j, name in enumerate(own)
+        }
+        self.children: dict[int, list[int]] = {}
+        for joint in range(_ROOT + 1, model.njoints):
+            self.children.setdefault(int(model.parents[joint]), []).append(joint)
+
+    def body(self) -> str:
+        inertia = self.found.model.inertias[_ROOT]
+        lever = self.turn @ np.array(inertia.lever)
+        about = self.turn @ np.array(inertia.inertia) @ self.turn.T
+        mass, extra = float(inertia.mass), ""
+        if self.payload:
+            extra = (
+                f'<body pos="{numbers(self.centre)}"><inertial pos="0 0 0"'
+                f' mass="{self.payload:.9g}" diaginertia="1e-6 1e-6 1e-6"/></body>'
+            )
+        half = [0.5 * self.half[0], 0.35 * self.half[1], _HALF_HEIGHT]
+        below = "".join(self._link(child, self.turn) for child in self.children.get(_ROOT, []))
+        return (
+            f'<body name="body"><freejoint name="free"/>{_inertial(mass, lever, about)}'
+            f'<geom name="body" type="box" pos="{numbers(self.centre)}" size="{numbers(half)}"'
+            f' mass="0" material="body" contype="{BODY}" conaffinity="0"/>{extra}{below}</body>'
+        )
+
+    def _link(self, joint: int, turn: Array) -> str:
+        """A body that a joint moves; turn: from the parent's axes in Pinocchio to the model's."""
+        pin, model = self.found.library, self.found.model
+        place, name = self.data.liMi[joint], str(model.names[joint])
+        rotation = turn @ np.array(place.rotation)
+        quat = pin.Quaternion(rotation)
+        inertia = model.inertias[joint]
+        hinge, toe = "", ""
+        if name in self.turning:
+            leg, number = self.turning[name]
+            column = np.array(
+                pin.getJointJacobian(model, self.data, joint, pin.ReferenceFrame.LOCAL)
+            )[3:, int(model.idx_vs[joint])]
+            low, high = self.legs.lower[leg, number], self.legs.upper[leg, number]
+            hinge = (
+                f'<joint name="{leg}_{number}" type="hinge" axis="{numbers(column)}"'
+                f' range="{low:.9g} {high:.9g}" limited="true"/>'
+            )
+            toe = self._toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""
+        below = "".join(self._link(child, np.eye(3)) for child in self.children.get(joint, []))
+        drawn = "".join(
+            self._drawn(np.array(self.data.liMi[child].translation))
+            for child in self.children.get(joint, [])
+        )
+        own = _inertial(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
+        at = turn @ np.array(place.translation)
+        return (
+            f'<body pos="{numbers(at)}" quat="{quat.w:.12g} {quat.x:.12g} {quat.y:.12g}'
+            f' {quat.z:.12g}">{own}{hinge}{drawn}{toe}{below}</body>'
+        )
+
+    def _toe(self, leg: int, joint: int) -> str:
+        name = list(self.found.robot.spec.legs)
+        names = [self.found.robot.joints[n] for n in name]
+        own = next(
+            n
+            for n, joints in zip(name, names, strict=True)
+            if joints[-1].name == self.legs.chain.names[leg][-1]
+        )
+        spec = self.found.robot.spec.legs[own]
+        model = self.found.model
+        frame = model.frames[int(model.getFrameId(spec.toe, self.found.library.FrameType.BODY))]
+        place = frame.placement
+        point = np.array(place.translation) + np.array(place.rotation) @ np.array(spec.toe_offset)
+        return (
+            f'{self._drawn(point)}<geom name="toe{leg}" type="sphere" pos="{numbers(point)}"'
+            f' size="{TOE_RADIUS}" mass="0" material="toe" friction="0 0 0"'
+            f' contype="{TOE}" conaffinity="0"/><site name="toe{leg}" pos="{numbers(point)}"/>'
+        )
+
+    def _drawn(self, end: Array) -> str:
+        """A link as it is seen; nothing touches it."""
+        length = float(np.linalg.norm(end))
+        if length < 1e-3:
+            return ""
+        return (
+            f'<geom type="capsule" fromto="0 0 0 {numbers(end)}" size="{0.1 * length:.4g}" mass="0"'
+            ' rgba="0.35 0.55 0.80 1" contype="0" conaffinity="0"/>'
+        )
+
+
+def _inertial(mass: float, lever: Array, about: Array) -> str:
+    """Mass and inertia (3, 3) about the centre at lever (3,), both in the body's axes."""
+    if mass <= 0:
+        return '<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/>'
+    full = [*np.diag(about), about[0, 1], about[0, 2], about[1, 2]]
+    return (
+        f'<inertial pos="{numbers(lever)}" mass="{mass:.12g}" fullinertia="'
+        + " ".join(f"{v:.12g}" for v in full)
+        + '"/>'
+    )
+
+
+def joint_values(data: Any, address: Any) -> Array:
+    """(4, 3) of joints, by addresses (4, 3)."""
+    return np.asarray(data[address]).reshape(LEGS, -1)

@@ -1,0 +1,116 @@
+"""What motors of standing legs may give, as rows on contact forces, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.walking.kernels.body import rotation
+from climbplan.walking.kernels.compiling import compiled
+from climbplan.walking.task import Array, Flags
+
+_ITERATIONS = 60
+_NEAR = 1e-11  # [m]
+_LONGEST = (
+    0.3  # [rad] turned by a joint in one step: keeps to the bend of the knee that it stands in
+)
+_DAMPED = 1e-8  # of the Jacobian's squared size, where it is nearly singular
+
+
+@compiled
+def _turned_about(axis: Array, angle: float, R: Array) -> None:
+    """R (3, 3) of a turn about a unit axis (3,)."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = (1.0 - cosine) * axis[i] * axis[j]
+        R[i, i] += cosine
+    R[0, 1] -= sine * axis[2]
+    R[1, 0] += sine * axis[2]
+    R[0, 2] += sine * axis[1]
+    R[2, 0] -= sine * axis[1]
+    R[1, 2] -= sine * axis[0]
+    R[2, 1] += sine * axis[0]
+
+
+@compiled
+def leg_pose(joint: Array, axis: Array, toe: Array, angles: Array, jacobian: Array) -> Array:
+    """The toe (3,) of a leg of three joints at angles (3,), and its Jacobian (3, 3), body frame.
+
+    joint, axis (3, 3) and toe (3,) at zero angles.
+    """
+    R, one = np.eye(3), np.empty((3, 3))
+    at, points, axes = joint[0].copy(), np.empty((3, 3)), np.empty((3, 3))
+    for j in range(3):
+        points[j] = at
+        axes[j] = R @ axis[j]
+        _turned_about(axis[j], angles[j], one)
+        R = R @ one
+        end = joint[j + 1] if j < 2 else toe
+        at = at + R @ (end - joint[j])
+    for j in range(3):
+        arm = at - points[j]
+        jacobian[0, j] = axes[j, 1] * arm[2] - axes[j, 2] * arm[1]
+        jacobian[1, j] = axes[j, 2] * arm[0] - axes[j, 0] * arm[2]
+        jacobian[2, j] = axes[j, 0] * arm[1] - axes[j, 1] * arm[0]
+    return at
+
+
+@compiled
+def leg_jacobian(
+    joint: Array, axis: Array, toe: Array, posture: Array, spot: Array, jacobian: Array
+) -> bool:
+    """The Jacobian (3, 3) of a leg whose toe is at a spot (3,); False where it does not get there.
+
+    Newton's steps from the posture (3,), short enough to keep to its bend.
+    """
+    angles = posture.copy()
+    for _ in range(_ITERATIONS):
+        off = spot - leg_pose(joint, axis, toe, angles, jacobian)
+        distance = np.sqrt((off**2).sum())
+        if distance < _NEAR:
+            return True
+        square = jacobian @ jacobian.T
+        damping = _DAMPED * (square[0, 0] + square[1, 1] + square[2, 2])
+        for i in range(3):
+            square[i, i] += damping
+        step = jacobian.T @ np.linalg.solve(square, off)
+        longest = np.abs(step).max()
+        angles += step * min(1.0, _LONGEST / max(longest, 1e-300))
+    return distance < 1e-6
+
+
+@compiled
+def torque_rows(
+    joint: Array,
+    axis: Array,
+    toe: Array,
+    posture: Array,
+    state: Array,
+    toes: Array,
+    contact: Flags,
+    scale: float,
+    rows: Array,
+) -> None:
+    """Rows (6 F, Z): torques of the F standing legs' joints by force unknowns, J' R' f scale.
+
+    Of each leg at the beginning of an interval and at its end, when the body has moved on. joint,
+    axis (4, 3, 3), toe, posture (4, 3): legs; state (N + 1, 12); toes (N + 1, 4, 3); contact
+    (N + 1, 4). Where a leg does not reach, its workspace rows say so, and nothing is said here.
+    """
+    knots, legs = contact.shape
+    R, jacobian = np.empty((3, 3)), np.empty((3, 3))
+    count = 0
+    for n in range(knots - 1):
+        for leg in range(legs):
+            if not contact[n, leg]:
+                continue
+            for late in range(2):
+                rotation(state[n + late, 6:9], R)
+                spot = R.T @ (toes[n, leg] - state[n + late, :3])
+                there = leg_jacobian(joint[leg], axis[leg], toe[leg], posture[leg], spot, jacobian)
+                world = R @ jacobian
+                for j in range(3):
+                    row = 6 * count + 3 * late + j
+                    for i in range(3):
+                        rows[row, 3 * count + i] = scale * world[i, j] if there else 0.0
+            count += 1

@@ -1,0 +1,88 @@
+"""A quadruped from a URDF as walking has it: mass, inertia, axes, boxes of toes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from urdf_walkers import Walker
+from walking_urdf import walking_robot
+
+from climbplan.errors import SpecError
+from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
+from climbplan.spec.robots.urdf.source import UrdfRobot
+
+pytest.importorskip("pinocchio")
+QUADRUPED = Walker()
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> UrdfRobot:
+    return walking_robot(tmp_path_factory.mktemp("walker"))
+
+
+@pytest.fixture(scope="module")
+def found(robot: UrdfRobot) -> WalkingBody:
+    return walking_body(robot)
+
+
+def test_masses_and_inertia_are_those_of_all_links(robot: UrdfRobot, found: WalkingBody) -> None:
+    model = urdf_model(robot)
+    pin, data = model.library, model.model.createData()
+    standing = {
+        name: float(angle)
+        for own, row in zip(found.legs.chain.names, found.legs.chain.posture, strict=True)
+        for name, angle in zip(own, row, strict=True)
+    }
+    pin.forwardKinematics(model.model, data, model.angles(standing))
+    masses, middles, turned = [], [], []
+    for joint in range(1, model.model.njoints):
+        inertia, place = model.model.inertias[joint], data.oMi[joint]
+        masses.append(inertia.mass)
+        middles.append(place.translation + place.rotation @ inertia.lever)
+        turned.append(place.rotation @ inertia.inertia @ place.rotation.T)
+    mass = np.array(masses)
+    away = np.array(middles) - (mass @ np.array(middles)) / mass.sum()
+    about = sum(turned) + sum(
+        m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(mass, away, strict=True)
+    )
+    turn = TO_WALKING @ model.turn
+    assert found.mass == pytest.approx(pin.computeTotalMass(model.model), rel=1e-9)
+    np.testing.assert_allclose(found.inertia, turn @ about @ turn.T, atol=1e-9)
+
+
+def test_legs_stand_where_their_names_in_walking_say(found: WalkingBody) -> None:
+    assert found.leg_names == ("L1", "R1", "L2", "R2")
+    toes = found.boxes.center
+    assert (np.sign(toes[:, :2]) == [[1, 1], [1, -1], [-1, 1], [-1, -1]]).all()
+    assert found.height == pytest.approx(-toes[:, 2].mean())
+    stood = found.legs.chain.joint_points(found.legs.chain.posture)[:, -1]
+    np.testing.assert_allclose(stood, toes, atol=1e-12)
+
+
+def test_boxes_are_reached_and_held_at_points_that_were_not_looked_at(found: WalkingBody) -> None:
+    legs, boxes = found.legs, found.boxes
+    assert (boxes.half > 0.02).all()
+    drawn = np.random.default_rng(99).uniform(-1, 1, (400, 4, 3)) * boxes.half
+    solution = legs.chain.inverse(boxes.center + drawn, legs.lower, legs.upper)
+    assert solution.valid.all()
+    upward = np.abs(legs.chain.jacobian(solution.best())[..., 2, :])
+    most = (legs.max_torque / np.maximum(upward, 1e-9)).min()
+    assert most > 0.98 * boxes.force
+    assert boxes.force >= 0.5 * found.mass * found.gravity
+
+
+@pytest.mark.parametrize(
+    ("walker", "more", "words"),
+    [
+        (Walker(joints=4), "", "three joints, got 4"),
+        (Walker(forward=(0.2, 0.0, -0.2), sprawl_deg=(30.0, 0.0, -30.0)), "", "four legs, got 6"),
+        (Walker(effort=3.0), "", "cannot hold half the weight within its torque limits"),
+        (QUADRUPED, "gravity: 0", "expected more than 0 to walk"),
+    ],
+)
+def test_what_cannot_walk_is_refused(tmp_path: Path, walker: Walker, more: str, words: str) -> None:
+    with pytest.raises(SpecError, match=words):
+        walking_body(walking_robot(tmp_path, walker, more))

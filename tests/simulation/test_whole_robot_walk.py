@@ -1,0 +1,130 @@
+"""Walks simulated with the whole robot: its model against Pinocchio's dynamics, its controller."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from walking_urdf import planned_walk
+
+from climbplan.errors import UsageError
+from climbplan.robots.urdf.walking_body import TO_WALKING
+from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.study import Asked
+from climbplan.simulation.walking.whole_replay import Pushed, WholeRun, simulate_whole
+from climbplan.simulation.walking.whole_robot import whole_model, whole_robot
+from climbplan.simulation.walking.whole_study import simulate_whole_plan, tell
+from climbplan.walking.plan import WalkPlan
+
+mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("pinocchio")
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> WalkPlan:
+    return planned_walk(tmp_path_factory.mktemp("walker"))
+
+
+@pytest.fixture(scope="module")
+def run(plan: WalkPlan) -> WholeRun:
+    return simulate_whole(plan, NOMINAL)
+
+
+def test_the_model_moves_as_the_urdf_does(plan: WalkPlan) -> None:
+    """Inverse dynamics of MuJoCo's model and of Pinocchio's, at random states, to 1e-6."""
+    robot = whole_robot(plan, NOMINAL)
+    model = mujoco.MjModel.from_xml_string(whole_model(plan, robot, NOMINAL))
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-9)
+    data, found = mujoco.MjData(model), robot.found
+    pin, other = found.library, found.model.createData()
+    turn = TO_WALKING @ found.turn
+    rng = np.random.default_rng(1)
+    legs = plan.task.legs
+    assert legs is not None
+    names = [name for own in legs.chain.names for name in own]
+    at = [int(model.joint(f"{leg}_{j}").qposadr[0]) for leg in range(4) for j in range(3)]
+    dof = [int(model.joint(f"{leg}_{j}").dofadr[0]) for leg in range(4) for j in range(3)]
+    for _ in range(3):
+        angles, rates, faster = rng.uniform(-0.5, 0.5, (3, 12))
+        spin, turning = rng.uniform(-1, 1, (2, 3))  # of the body, in its own axes
+        push = rng.uniform(-2, 2, 3)  # [m/s^2] of its origin
+        data.qpos[:7] = [0, 0, 1, 1, 0, 0, 0]
+        data.qpos[at], data.qvel[dof], data.qacc[dof] = angles, rates, faster
+        data.qvel[:3], data.qvel[3:6] = 0.0, spin
+        data.qacc[:3], data.qacc[3:6] = push, turning
+        mujoco.mj_inverse(model, data)
+        # Pinocchio's base moves in its own axes, and tells its acceleration as a spatial one
+        q = found.angles(dict(zip(names, angles.tolist(), strict=True)))
+        q[3:7] = pin.Quaternion(turn).coeffs()
+        v, a = np.zeros(found.model.nv), np.zeros(found.model.nv)
+        index = [int(found.model.idx_vs[found.model.getJointId(name)]) for name in names]
+        v[3:6], v[index] = turn.T @ spin, rates
+        a[:3], a[3:6], a[index] = turn.T @ push, turn.T @ turning, faster
+        expected = pin.rnea(found.model, other, q, v, a)
+        np.testing.assert_allclose(data.qfrc_inverse[dof], expected[index], atol=1e-6)
+        np.testing.assert_allclose(data.qfrc_inverse[:3], turn @ expected[:3], atol=1e-6)
+        np.testing.assert_allclose(data.qfrc_inverse[3:6], turn @ expected[3:6], atol=1e-6)
+
+
+def test_it_walks_within_its_motors(plan: WalkPlan, run: WholeRun) -> None:
+    assert not run.fallen
+    assert run.samples == plan.task.knots + 1
+    assert run.unanswered == 0
+    assert 0.05 < run.torque.max() < 1.0
+    planned = plan.trajectory.state
+    assert np.abs(run.com[-1] - planned[-1, :3]).max() < 0.04
+    assert (run.pressure[:-1].sum(axis=1) > 0.5 * plan.task.weight).all()
+
+
+def test_motors_that_are_too_weak_give_no_more_than_they_have(plan: WalkPlan) -> None:
+    legs = plan.task.legs
+    assert legs is not None
+    weak = replace(legs, max_torque=0.08 * legs.max_torque)
+    run = simulate_whole(replace(plan, task=replace(plan.task, legs=weak)), NOMINAL)
+    assert run.torque.max() == pytest.approx(1.0)
+    assert run.fallen or np.abs(run.com[-1, 2] - plan.trajectory.state[-1, 2]) > 0.02
+
+
+def test_a_push_moves_it_and_it_comes_back_to_its_speed(plan: WalkPlan, run: WholeRun) -> None:
+    pushed = simulate_whole(plan, NOMINAL, (Pushed(0.1, np.array([0.0, 0.3, 0.0])),))
+    apart = pushed.velocity[:, 1] - run.velocity[:, 1]
+    assert not pushed.fallen
+    assert np.abs(apart).max() > 0.1
+    assert np.abs(apart[-1]) < 0.1
+
+
+def test_what_a_simulation_tells(plan: WalkPlan) -> None:
+    asked = Asked(NOMINAL, pictures=False, pushes=((0.1, (0.1, 0.0, 0.0)),))
+    found = simulate_whole_plan(plan, asked)
+    told = tell(found)
+    report: dict[str, Any] = dict(told.report)
+    assert found.velocity_off is not None
+    assert report["velocity_off"] == found.velocity_off < 0.5
+    assert report["torque"]["most"] == found.run.torque.max()
+    assert report["pushes"] == [{"time": 0.1, "velocity": [0.1, 0.0, 0.0]}]
+    assert set(told.figures) == {"path", "forces", "torques"}
+    assert told.headline.startswith("no fall")
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (Asked(NOMINAL, pictures=False, pushes=((9.0, (0.1, 0.0, 0.0)),)), "within the walk's"),
+        (Asked(Conditions(gain=2.0), pictures=False), "--gain"),
+    ],
+)
+def test_what_such_a_walk_does_not_have_is_refused(
+    plan: WalkPlan, asked: Asked, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        simulate_whole_plan(plan, asked)
+
+
+def test_a_rigid_body_has_no_links(tmp_path: Path, plan: WalkPlan) -> None:
+    text = plan.spec_text.replace("robot: robot.yaml", "robot: scaler")
+    with pytest.raises(UsageError, match="one rigid body, without links"):
+        whole_robot(replace(plan, spec_text=text), NOMINAL)

@@ -103,7 +103,9 @@ def block_fault(key: str, what: str, centre: Vector, size: Vector, space: Space)
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
     depth = max((_depth(centre, size, block) for block in walls), default=0.0)
     faults = []
-    if depth > TINY:
+    if not _inside_any(centre, space.free, TINY) and not _inside_any(centre, space.solid):
+        faults.append(Fault(key, f"{what} is outside the space"))
+    elif depth > TINY:
         faults.append(Fault(key, f"{what} reaches {1e3 * depth:.0f} mm out of the free space"))
     for name, block in space.obstacles:
         depth = _depth(centre, size, block)

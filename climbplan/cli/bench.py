@@ -27,7 +27,7 @@ BENCHMARKS = {
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
-    "limms": "search and consensus on the same scenes of modules, and on random ones",
+    "limms": "search and consensus on the same scenes of modules, random ones, and random rooms",
     "instances": "SCIP, HiGHS, Bonmin and the own tree on the public set of contact problems",
     "engine": "the compiled tree, cold and remembering, against DAQP, HiGHS, SCIP on a cart-pole",
 }
@@ -96,7 +96,7 @@ def bench(
         typer.Option(
             "--methods",
             metavar="NAMES",
-            help="Methods, by commas; of mpc: tables; of instances: solvers.",
+            help="Methods, by commas; of limms also rooms; of mpc: tables; of instances: solvers.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -106,7 +106,7 @@ def bench(
             "--count",
             metavar="N",
             min=0,
-            help="Scenes [40]; 0: only --published. Of modules: random throws, and jumps [30]. "
+            help="Scenes [40]; 0: only --published. Of modules: random throws, jumps, rooms [30]. "
             "Of mpc: walks under each push [100]. Of refusals: climbs [60]. Of judge: worlds of "
             "each scene [16]. Of instances: of each family and class [9].",
             rich_help_panel=_PANEL,

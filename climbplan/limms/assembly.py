@@ -120,6 +120,8 @@ def latch_arm(
     anchor = world.scene.wall_offset + wall
     if world.base_anchor[module] == anchor:
         return world, 1
+    if world.tip_anchor[module] == anchor:
+        return world, 0
     target = root_on_anchor(world.scene, wall, 1)
     return latch_from_ground(world, module, target, anchor, ARM, name, rng), 0
 

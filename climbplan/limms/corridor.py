@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Array, Index, Scene
 
 CLEARANCE = 5e-4  # [m] of the box from what is not the ground
 
@@ -44,34 +43,20 @@ def centre_blocks(scene: Scene) -> Array:
     for low, high in solids:
         taken |= ((grid > low) & (grid < high)).all(axis=-1)
     free = ~taken
-    spans = [
-        [(a, b) for a in range(size) for b in range(a + 1, size + 1)]
-        for size in (len(middle) for middle in middles)
-    ]
     # Summed-volume table: how many free cells a span of cells holds
     table = np.zeros(np.array(free.shape) + 1, int)
     table[1:, 1:, 1:] = free.cumsum(0).cumsum(1).cumsum(2)
-    found = []
-    for (a, b), (c, d), (e, f) in product(*spans):
-        inside = sum(
-            sign * table[i, j, k]
-            for i, si in ((b, 1), (a, -1))
-            for j, sj in ((d, 1), (c, -1))
-            for k, sk in ((f, 1), (e, -1))
-            for sign in (si * sj * sk,)
-        )
-        if inside == (b - a) * (d - c) * (f - e):
-            found.append((a, b, c, d, e, f))
-    spans_array = np.array(found)
-    low, high = spans_array[:, ::2], spans_array[:, 1::2]
-    largest = [
-        k
-        for k in range(len(found))
-        if not (
-            ((low <= low[k]) & (high >= high[k])).all(axis=1)
-            & ((low < low[k]) | (high > high[k])).any(axis=1)
-        ).any()
-    ]
+    counts: tuple[int, ...] = free.shape
+    spans = [np.array(np.triu_indices(count + 1, 1)) for count in counts]  # (2, spans)
+    for axis, (first, last) in enumerate(spans):
+        table = np.take(table, last, axis=axis) - np.take(table, first, axis=axis)
+    lengths = [last - first for first, last in spans]
+    whole = table == lengths[0][:, None, None] * lengths[1][:, None] * lengths[2]
+    found = np.argwhere(whole)
+    low, high = (
+        np.stack([spans[axis][end][found[:, axis]] for axis in range(3)], axis=1) for end in (0, 1)
+    )
+    largest = _largest(low, high)
     return np.array(
         [
             [
@@ -81,6 +66,23 @@ def centre_blocks(scene: Scene) -> Array:
             for k in largest
         ]
     )
+
+
+def _largest(low: Index, high: Index) -> list[int]:
+    """Which free spans of cells are in no larger one: beside each face something is taken.
+
+    low: (n, 3) first cells; high: (n, 3) those after the last.
+    """
+    found = set(map(tuple, np.hstack([low, high]).tolist()))
+    kept = []
+    for number, span in enumerate(np.hstack([low, high]).tolist()):
+        wider = [
+            tuple(value + step * (index == place) for index, value in enumerate(span))
+            for place, step in ((0, -1), (1, -1), (2, -1), (3, 1), (4, 1), (5, 1))
+        ]
+        if not any(other in found for other in wider):
+            kept.append(number)
+    return kept
 
 
 def ways(blocks: Array, start: Array, goal: Array) -> Way | None:

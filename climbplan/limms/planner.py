@@ -7,6 +7,7 @@ programs.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import carry_on_chains
+from climbplan.limms.arms.relaying import Relaying
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
@@ -23,6 +25,7 @@ from climbplan.limms.modules.weights import PACES, too_heavy
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, cut_short_warning, make_plan
 from climbplan.limms.refusal import ruled_out
+from climbplan.limms.relays import CHEAPEST, Relay, relays
 from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.sequences import search
@@ -88,9 +91,8 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
     report("modes", 0.0)
     found = search(scene)
     searched = time.perf_counter() - began
-    if not found.sequences:
-        raise ruled_out(scene, found.conflicts)
     rng = np.random.default_rng(loaded.spec.seed)
+    relaying = Relaying(scene, attempts, rng)
     most_steps = loaded.spec.solver.most_steps
     refused: list[tuple[PlanSoFar, str, int]] = []  # fail their verification
 
@@ -98,14 +100,14 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
         seconds = {"search": searched, "total": time.perf_counter() - began}
         sizes = {
             "configurations": found.configurations,
-            "sequences": len(found.sequences),
+            "sequences": max(len(found.sequences), tried),
             "sequences_tried": tried,
         }
         making = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
         plan = make_plan(loaded, scene, world, attempts, making)
         return replace(plan, summary=summary_lines(plan, attempts.notes))
 
-    def one(sequence: Modes, named: str, tried: int) -> PlanSoFar | None:
+    def one(sequence: Modes | Relay, named: str, tried: int) -> PlanSoFar | None:
         def fault(world: PlanSoFar) -> str:
             verification = verification_of(made(world, named, tried))
             if verification.passed:
@@ -113,6 +115,8 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
             refused.append((world, named, tried))
             return verification.headline()
 
+        if isinstance(sequence, Relay):
+            return relaying.plan(sequence)
         if sequence.kind == "quadruped":
             # Between samples feet slip and legs touch the box: only the check knows
             return walk(scene, attempts, most_steps, rng, fault=fault)
@@ -122,14 +126,15 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
             return carry_on_chains(scene, sequence, attempts, rng)
         return carry(scene, sequence, attempts, rng)
 
+    tried = 0
     try:
-        for number, sequence in enumerate(found.sequences):
-            report("plan", number / len(found.sequences))
-            named, told = sequence.named(scene), len(attempts.notes)
+        for number, sequence in enumerate(_candidates(scene, found.sequences)):
+            report("plan", number / max(len(found.sequences), number + 1))
+            tried, named, told = number + 1, sequence.named(scene), len(attempts.notes)
             attempts.begin(named)
-            world = one(sequence, named, number + 1)
+            world = one(sequence, named, tried)
             if world is not None:
-                return made(world, named, number + 1)
+                return made(world, named, tried)
             if len(attempts.notes) == told:
                 attempts.notes.append(f"{named}: no module can take its part")
         attempts.left()
@@ -138,8 +143,21 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
             raise
     if refused:  # better than none: it is written, and marked as failing
         return made(*refused[0])
+    if not tried:
+        raise ruled_out(scene, found.conflicts)
     raise LimitReached(
-        f"none of {len(found.sequences)} sequences of modes led to a plan, and none was proved "
+        f"none of {tried} sequences of modes led to a plan, and none was proved "
         f"impossible. {attempts.story()}",
         stage="motion",
     )
+
+
+def _candidates(scene: Scene, sequences: tuple[Modes, ...]) -> Iterator[Modes | Relay]:
+    """What is tried, cheapest first; relays are looked for when nothing cheaper is left."""
+    first = [each for each in sequences if each.cost() < CHEAPEST]
+    yield from first
+    if "arms" not in scene.allow:
+        yield from sequences[len(first) :]
+        return
+    rest: list[Modes | Relay] = [*sequences[len(first) :], *relays(scene)]
+    yield from sorted(rest, key=lambda each: each.cost())

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from climbplan.spec.limms.loading import LoadedLimms
 from climbplan.spec.limms.module import ModuleSpec
-from climbplan.spec.limms.space import free_blocks, solid_blocks
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -125,8 +124,8 @@ class Scene:
 def scene_of(loaded: LoadedLimms) -> Scene:
     """The scene that a spec describes."""
     spec = loaded.spec
-    free = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions])
-    solids = np.array(solid_blocks(free), float)
+    space = spec.terrain.space()
+    solids = np.array(space.solid, float)
     anchors = spec.terrain.anchors
     boxes = [spec.box.size, *(box.size for box in spec.parked)]
     starts = [spec.box.start, *(box.position for box in spec.parked)]
@@ -151,7 +150,7 @@ def scene_of(loaded: LoadedLimms) -> Scene:
         arrival_speed=spec.box.arrival_speed,
         friction=spec.terrain.friction,
         solids=solids,
-        patches=ground_patches(np.array(free, float), solids),
+        patches=ground_patches(np.array(space.free, float), solids),
         allow=spec.task.allow,
         massless=spec.massless,
     )

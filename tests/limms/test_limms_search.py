@@ -57,5 +57,18 @@ def test_no_way_for_the_box_is_told(tmp_path: Path) -> None:
             {"name": "loft", "lower": [0, -1.2, 1.34], "upper": [2.6, 1.2, 2.6]},
         ],
     )
-    with pytest.raises(NotProved, match="no way for the box"):
+    with pytest.raises(Infeasible, match="no way for the box"):
         plan_limms(load_limms(spec))
+
+
+def test_one_latch_that_holds_too_little_is_a_proof() -> None:
+    heavy = loaded("limms_throw", "box.mass=1.0")
+    with pytest.raises(Infeasible, match=r"holds 0.7 N m, 0.98 N m needed.*box.mass <= 0.71 kg"):
+        plan_limms(heavy)
+    assert search(scene("limms_throw", "box.mass=0.7")).sequences
+
+
+def test_a_box_that_nothing_reaches_is_a_proof() -> None:
+    far = loaded("limms_throw", "box.start=[2.0, 0, 0.1]")
+    with pytest.raises(Infeasible, match=r"span 0.74 m.*nearest anchor \(wall\).* it is 1.76"):
+        plan_limms(far)

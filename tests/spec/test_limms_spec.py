@@ -46,6 +46,7 @@ def test_good_one(tmp_path: Path) -> None:
         ("position: [0, 0, 1]", "position: [-0.5, 0, 1]", 6, "outside the free space"),
         ("position: [0, 0, 1]", "position: [1, 0, 1]", 6, "not on a face"),
         ("goal: [1, 0, 1]", "goal: [0.05, 0, 1]", 7, "50 mm out of the free space"),
+        ("goal: [1, 0, 1]", "goal: [4, 0, 1]", 7, "the box at its goal is outside the space"),
         ("goal: [1, 0, 1]", "goal: [1, 0.5, 0.1]", 7, "inside parked box 0"),
         ("start: [1, 0, 0.1]", "start: [1, 0, 0.4]", 7, "does not stand on the ground"),
         ("stand: [0.5, 0.5, 0]", "stand: [0.5, 0.5, 0.2]", 11, "does not stand on the ground"),

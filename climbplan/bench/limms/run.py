@@ -1,4 +1,4 @@
-"""The comparison: shipped scenes by both methods, and random ones."""
+"""The comparison: shipped scenes by both methods, random ones, and rooms drawn at random."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from climbplan.bench.limms.published import TABLE
+from climbplan.bench.limms.room_table import write_rooms
 from climbplan.bench.limms.table import write_beside, write_blocks, write_random
 from climbplan.bench.limms.trial import METHODS, Trial, attempt
 from climbplan.errors import UsageError
 from climbplan.limms.random_jumps import random_jump
+from climbplan.limms.random_rooms import random_room
 from climbplan.limms.random_throws import random_throw
 from climbplan.progress import Progress
 from climbplan.spec.examples import example_text
@@ -20,6 +22,7 @@ from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 
+ROOMS = "rooms"  # beside the methods: rooms drawn at random, by the search over modes
 RANDOM: dict[str, Callable[[int], LoadedLimms]] = {"throw": random_throw, "jump": random_jump}
 
 
@@ -40,6 +43,7 @@ class LimmsResult:
 
     shipped: tuple[Trial, ...]
     random: dict[str, tuple[Trial, ...]]
+    rooms: tuple[Trial, ...] = ()
 
 
 def bench_limms(options: LimmsOptions, report: Progress = lambda stage, share: None) -> LimmsResult:
@@ -49,23 +53,27 @@ def bench_limms(options: LimmsOptions, report: Progress = lambda stage, share: N
         UsageError: a method that is not known.
     """
     names = [name.strip() for name in options.methods.split(",") if name.strip()]
-    unknown = sorted(set(names) - set(METHODS))
-    if unknown or not names:
-        raise UsageError(f"--methods: expected some of {', '.join(METHODS)}, got {options.methods}")
+    known = (*METHODS, ROOMS)
+    if set(names) - set(known) or not names:
+        raise UsageError(f"--methods: expected some of {', '.join(known)}, got {options.methods}")
+    rooms = []
+    for number in range(options.count if ROOMS in names else 0):
+        report("rooms", number / options.count)
+        rooms.append(attempt(random_room(options.seed + number), "modes", options.seconds))
     chosen = [method for method in METHODS if method in names]
     shipped = []
-    for number, name in enumerate(options.scenes):
+    for number, name in enumerate(options.scenes if chosen else ()):
         report("scenes", number / len(options.scenes))
         shipped += [attempt(_shipped(name), method, options.seconds) for method in chosen]
     found: dict[str, tuple[Trial, ...]] = {}
-    for kind, draw in RANDOM.items():
+    for kind, draw in RANDOM.items() if chosen else ():
         trials = []
         for number in range(options.count):
             report(f"random {kind}", number / options.count)
             loaded = draw(options.seed + number)
             trials += [attempt(loaded, method, options.seconds) for method in chosen]
         found[kind] = tuple(trials)
-    return LimmsResult(tuple(shipped), found)
+    return LimmsResult(tuple(shipped), found, tuple(rooms))
 
 
 def _shipped(name: str) -> LoadedLimms:
@@ -81,6 +89,7 @@ def as_json(result: LimmsResult, options: LimmsOptions) -> dict[str, Any]:
         "time_limit": options.seconds,
         "shipped": [asdict(trial) for trial in result.shipped],
         "random": {kind: [asdict(t) for t in trials] for kind, trials in result.random.items()},
+        "rooms": [asdict(trial) for trial in result.rooms],
         "published": {name: asdict(row) for name, row in TABLE.items()},
     }
 
@@ -92,6 +101,7 @@ def write_text(result: LimmsResult, out: TextIO) -> None:
     for kind, trials in result.random.items():
         if trials:
             write_random(kind, trials, out)
+    write_rooms(result.rooms, out)
 
 
 def write_files(result: LimmsResult, options: LimmsOptions, directory: Path) -> None:

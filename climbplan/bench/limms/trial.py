@@ -47,6 +47,8 @@ class Trial:
     timings: dict[str, float]
     sizes: dict[str, Any]
     consensus: Consensus | None
+    title: str = ""  # of the scene
+    modules: int = 0
 
     @property
     def succeeded(self) -> bool:
@@ -72,8 +74,10 @@ def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: floa
     except LimitReached as error:
         outcome, reason = "limit", str(error)
     spent, waited = time.process_time() - clock, time.perf_counter() - wall
+    title, modules = loaded.spec.title, len(loaded.spec.modules)
     if plan is None:
-        return Trial(loaded.name, method, outcome, reason, "", spent, waited, {}, {}, None)
+        times = (spent, waited)
+        return Trial(loaded.name, method, outcome, reason, "", *times, {}, {}, None, title, modules)
     failed = verification_of(plan).failed
     if failed:
         outcome = "not verified"
@@ -89,6 +93,8 @@ def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: floa
         dict(plan.timings),
         dict(plan.sizes),
         None if plan.convergence is None else consensus_of(plan.convergence),
+        title,
+        modules,
     )
 
 

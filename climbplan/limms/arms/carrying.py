@@ -9,19 +9,16 @@ import numpy as np
 
 from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
-from climbplan.limms.arms.held_branches import clearance
 from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.densify import add_traces
 from climbplan.limms.modules.limbs import arm, root_on_anchor
-from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.modules.stretch_clearance import require_clear_of_all
+from climbplan.limms.scene import Scene
 from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import PlanSoFar, Stretch
-
-TOUCH = -5e-5  # [m] gap below which a motion is refused
+from climbplan.limms.timeline import PlanSoFar
 
 
 def carry(
@@ -102,22 +99,5 @@ def whole_carried(
     before = len(world.stretches)
     add_traces(world, limbs, outcome.traces)
     for stretch in world.stretches[before:]:
-        if stretch.name != "flight":
-            require_clear_stretch(scene, limbs, stretch)
+        require_clear_of_all(scene, stretch)
     return world
-
-
-def require_clear(
-    scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angles: Array
-) -> None:
-    """Raise Blocked if limbs touch anything on their way."""
-    worst = float(clearance(scene, limbs, box, feet, angles).min())
-    if worst < TOUCH:
-        raise Blocked(f"limbs reach {-1e3 * worst:.1f} mm into something on the way")
-
-
-def require_clear_stretch(scene: Scene, limbs: Sequence[Limb], stretch: Stretch) -> None:
-    """Raise Blocked if arms touch anything in a stretch of the plan."""
-    fixed = [np.tile(limb.fixed_position, (len(stretch.time), 1)) for limb in limbs]
-    angles = stretch.angles[:, [limb.module for limb in limbs]]
-    require_clear(scene, limbs, stretch.box, np.stack(fixed, axis=1), angles)

@@ -12,6 +12,7 @@ from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
+from climbplan.reports.limms.obstacles import obstacles_of
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain
 from climbplan.reports.view import silhouette
 
@@ -87,9 +88,13 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
         z = solid_high[2]
         top = np.array([[a[0], a[1], z], [b[0], a[1], z], [b[0], b[1], z], [a[0], b[1], z]])
         ax.add_patch(Polygon(_CAMERA.project(top), facecolor="#EEF1F5", edgecolor=palette.GRID))
-    for b, size in enumerate(plan.box_size):
-        centre = plan.motion.box_position[sample, b]
-        color = palette.OBSTACLE if b == 0 else palette.MUTED
+    for lower, upper in obstacles_of(plan):
+        a, b = np.maximum(lower, low), np.minimum(upper, high)
+        if (a < b).all():
+            _block(ax, a, b, palette.SURFACE, 0.5)
+    for number, size in enumerate(plan.box_size):
+        centre = plan.motion.box_position[sample, number]
+        color = palette.OBSTACLE if number == 0 else palette.MUTED
         _block(ax, centre - size / 2, centre + size / 2, color, 0.55)
     goal = silhouette(
         _CAMERA.project(

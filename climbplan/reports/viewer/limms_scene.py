@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
 from climbplan.reports import palette
+from climbplan.reports.limms.obstacles import obstacles_of
 from climbplan.reports.replay import key_frames
 from climbplan.reports.viewer.scene import (
     Array,
@@ -91,10 +92,15 @@ def _captions(plan: LimmsPlan, kept: Index) -> tuple[str, ...]:
 
 
 def _solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
-    near, far, shapes = lower - _AROUND, upper + _AROUND, []
+    near, far = lower - _AROUND, upper + _AROUND
+    obstacles, shapes = obstacles_of(plan), []
     for number, (low, high) in enumerate(plan.solids):
         a, b = np.maximum(low, near), np.minimum(high, far)
-        if (a < b).all():
+        if not (a < b).all():
+            continue
+        if (obstacles == np.stack([low, high])).all(axis=(1, 2)).any():
+            shapes.append(block(f"obstacle {number}", a, b, palette.MUTED, 0.8))
+        else:
             shapes.append(block(f"solid {number}", a, b, palette.SURFACE, 0.5))
     return shapes
 

@@ -8,11 +8,12 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.limms.space import (
+    Space,
     anchor_fault,
     block_fault,
-    free_blocks,
     overlaps,
-    solid_blocks,
+    reaches_free_space,
+    space_of,
     stand_fault,
 )
 
@@ -35,12 +36,32 @@ class AnchorSpec(SpecModel):
     normal: Vector = quantity("", "axis-parallel direction from the face into free space")
 
 
+class ObstacleSpec(SpecModel):
+    """A solid block in the free space; its faces hold anchors, its top may be stood on."""
+
+    name: str = Field(min_length=1, description="name used in messages")
+    lower: Vector = quantity("m", "corner with the least coordinates")
+    upper: Vector = quantity("m", "corner with the largest coordinates")
+
+
 class SpaceSpec(SpecModel):
-    """Free space, its anchors, and friction."""
+    """Free space, obstacles in it, anchors, and friction."""
 
     friction: Number = quantity("", "friction coefficient of the ground", default=0.8, gt=0)
     regions: tuple[RegionSpec, ...] = Field(min_length=1, description="free space")
-    anchors: tuple[AnchorSpec, ...] = Field(default=(), description="anchors on walls and ground")
+    obstacles: tuple[ObstacleSpec, ...] = Field(
+        default=(), description="solid blocks in the free space, axis-parallel"
+    )
+    anchors: tuple[AnchorSpec, ...] = Field(
+        default=(), description="anchors on walls, ceilings, obstacles and ground"
+    )
+
+    def space(self) -> Space:
+        """What is free and what is solid."""
+        return space_of(
+            [(r.lower, r.upper) for r in self.regions],
+            [(o.name, (o.lower, o.upper)) for o in self.obstacles],
+        )
 
 
 class BoxSpec(SpecModel):
@@ -146,6 +167,7 @@ class LimmsSpec(SpecModel):
         faults = [
             *_size_faults(self),
             *_name_faults("terrain.regions", [r.name for r in self.terrain.regions]),
+            *_name_faults("terrain.obstacles", [o.name for o in self.terrain.obstacles]),
             *_name_faults("terrain.anchors", [a.name for a in self.terrain.anchors]),
             *_name_faults("modules", [m.name for m in self.modules]),
             *_module_faults(self),
@@ -156,10 +178,15 @@ class LimmsSpec(SpecModel):
 
 
 def _size_faults(spec: LimmsSpec) -> list[Fault]:
+    terrain = spec.terrain
+    blocks = [(f"terrain.regions.{i}", r.lower, r.upper) for i, r in enumerate(terrain.regions)]
+    blocks += [
+        (f"terrain.obstacles.{i}", o.lower, o.upper) for i, o in enumerate(terrain.obstacles)
+    ]
     faults = [
-        Fault(f"terrain.regions.{i}.upper", f"expected more than lower {list(r.lower)}")
-        for i, r in enumerate(spec.terrain.regions)
-        if any(high <= low for low, high in zip(r.lower, r.upper, strict=True))
+        Fault(f"{key}.upper", f"expected more than lower {list(lower)}")
+        for key, lower, upper in blocks
+        if any(high <= low for low, high in zip(lower, upper, strict=True))
     ]
     sized = [("box.size", spec.box.size)]
     sized += [(f"parked.{i}.size", box.size) for i, box in enumerate(spec.parked)]
@@ -214,19 +241,22 @@ def _module_faults(spec: LimmsSpec) -> list[Fault]:
 
 def _place_faults(spec: LimmsSpec) -> list[Fault]:
     """What cannot be where it is said to be."""
-    free = free_blocks([(r.lower, r.upper) for r in spec.terrain.regions])
-    solid = solid_blocks(free)
-    box = spec.box
-    faults = []
+    space, box = spec.terrain.space(), spec.box
+    regions = [(r.lower, r.upper) for r in spec.terrain.regions]
+    faults = [
+        Fault(f"terrain.obstacles.{i}", f"obstacle {o.name!r} is nowhere in the free space")
+        for i, o in enumerate(spec.terrain.obstacles)
+        if not reaches_free_space((o.lower, o.upper), regions)
+    ]
     for key, centre, what in (
         ("box.start", box.start, "the box at its start"),
         ("box.goal", box.goal, "the box at its goal"),
     ):
-        faults += block_fault(key, what, centre, box.size, solid)
+        faults += block_fault(key, what, centre, box.size, space)
     standing = [("box.start", box.start, box.size)]
     for i, parked in enumerate(spec.parked):
         key = f"parked.{i}.position"
-        faults += block_fault(key, f"parked box {i}", parked.position, parked.size, solid)
+        faults += block_fault(key, f"parked box {i}", parked.position, parked.size, space)
         standing.append((key, parked.position, parked.size))
     for i, (key, centre, size) in enumerate(standing):
         for other, place, extent in standing[:i]:
@@ -241,11 +271,11 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         key = f"terrain.anchors.{i}.position"
         same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]
         faults += [Fault(key, f"anchor {name!r} is at the same place") for name in same]
-        faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, free, solid)
+        faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, space)
     for i, module in enumerate(spec.modules):
         if module.stand is not None:
-            faults += stand_fault(f"modules.{i}.stand", module.name, module.stand, free, solid)
+            faults += stand_fault(f"modules.{i}.stand", module.name, module.stand, space)
     for key, centre, size in standing:
         bottom = (centre[0], centre[1], centre[2] - size[2] / 2)
-        faults += stand_fault(key, "the box", bottom, free, solid)
+        faults += stand_fault(key, "the box", bottom, space)
     return faults

@@ -12,20 +12,22 @@ from climbplan.spec.base import Vector
 from climbplan.spec.document import Finding
 from climbplan.spec.limms.model import LimmsSpec
 from climbplan.spec.limms.module import ModuleSpec
-from climbplan.spec.limms.space import TINY, Block, free_blocks, solid_blocks
+from climbplan.spec.limms.space import TINY, Block
 
 
 def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
     """One finding for each module that is in something at the start."""
-    solid = solid_blocks(free_blocks([(r.lower, r.upper) for r in spec.terrain.regions]))
-    boxes = [("the box at its start", _block(spec.box.start, spec.box.size))]
+    space = spec.terrain.space()
+    walls = space.solid[: len(space.solid) - len(space.obstacles)]
+    boxes = [(f"obstacle {name!r}", block) for name, block in space.obstacles]
+    boxes += [("the box at its start", _block(spec.box.start, spec.box.size))]
     boxes += [
         (f"parked box {i}", _block(box.position, box.size)) for i, box in enumerate(spec.parked)
     ]
     lines = list(_lines(spec, module))
     findings = []
     for i, (key, line) in enumerate(lines):
-        inside = ["what is solid" for block in solid if _apart(line, block) < module.radius - TINY]
+        inside = ["what is solid" for block in walls if _apart(line, block) < module.radius - TINY]
         inside += [name for name, block in boxes if _apart(line, block) < module.radius - TINY]
         inside += [
             f"module {spec.modules[other].name!r}"

@@ -5,7 +5,8 @@ Plain Python, so that a spec is checked without numpy.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise, product
 
 from climbplan.spec.base import Fault, Vector
@@ -16,24 +17,57 @@ SKIN = 1.0  # [m] thickness of the solid round all regions
 TINY = 1e-6  # [m]
 
 
-def free_blocks(regions: Sequence[Block]) -> list[Block]:
-    """Regions as blocks of floats."""
-    return [(_floats(low), _floats(high)) for low, high in regions]
+@dataclass(frozen=True)
+class Space:
+    """Blocks that cover the free space, and those that cover the solid round it."""
+
+    free: tuple[Block, ...]
+    solid: tuple[Block, ...]  # what regions leave out, then obstacles
+    obstacles: tuple[tuple[str, Block], ...]  # by name, as far as they are among the regions
+
+
+def space_of(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()) -> Space:
+    """Regions without the obstacles in them; obstacles may reach into walls and into each other."""
+    free = [_floats_of(block) for block in regions]
+    solid = solid_blocks(free)
+    bounds = (
+        _vector(min(low[axis] for low, _ in free) for axis in range(3)),
+        _vector(max(high[axis] for _, high in free) for axis in range(3)),
+    )
+    kept = [(name, _common(_floats_of(block), bounds)) for name, block in obstacles]
+    inside = [(name, block) for name, block in kept if _has_room(block)]
+    if inside:
+        blocks = [block for _, block in inside]
+        free = _merged(
+            _edges([*free, *blocks]),
+            lambda point: _inside_any(point, free) and not _inside_any(point, blocks),
+        )
+        solid = [*solid, *blocks]
+    return Space(tuple(free), tuple(solid), tuple(inside))
 
 
 def solid_blocks(free: Sequence[Block]) -> list[Block]:
-    """What the free blocks leave out of a block that encloses them all by `SKIN`.
+    """What the free blocks leave out of a block that encloses them all by `SKIN`."""
+    edges = [[inner[0] - SKIN, *inner, inner[-1] + SKIN] for inner in _edges(free)]
+    return _merged(edges, lambda point: not _inside_any(point, free))
 
-    Cells between all face coordinates, merged along x, then y, then z.
-    """
-    edges = []
-    for axis in range(3):
-        inner = sorted({b[side][axis] for b in free for side in (0, 1)})
-        edges.append([inner[0] - SKIN, *inner, inner[-1] + SKIN])
+
+def reaches_free_space(block: Block, free: Sequence[Block]) -> bool:
+    """Whether a block covers some of the free blocks."""
+    return any(_has_room(_common(block, other)) for other in free)
+
+
+def _edges(blocks: Sequence[Block]) -> list[list[float]]:
+    """Coordinates of all faces, axis by axis."""
+    return [sorted({b[side][axis] for b in blocks for side in (0, 1)}) for axis in range(3)]
+
+
+def _merged(edges: list[list[float]], taken: Callable[[Vector], bool]) -> list[Block]:
+    """Cells between face coordinates whose middles are `taken`, merged along x, then y, then z."""
     cells = {
         index
         for index in product(*(range(len(e) - 1) for e in edges))
-        if not _inside_any(_middle(edges, index), free)
+        if taken(_middle(edges, index))
     }
     blocks = []
     while cells:
@@ -42,8 +76,7 @@ def solid_blocks(free: Sequence[Block]) -> list[Block]:
         for axis in (0, 1, 2):
             while _layer(first, high, axis) <= cells:
                 high[axis] += 1
-        taken = set(product(*(range(a, b + 1) for a, b in zip(first, high, strict=True))))
-        cells -= taken
+        cells -= set(product(*(range(a, b + 1) for a, b in zip(first, high, strict=True))))
         blocks.append(
             (
                 _vector(edges[a][first[a]] for a in range(3)),
@@ -53,33 +86,49 @@ def solid_blocks(free: Sequence[Block]) -> list[Block]:
     return blocks
 
 
-def block_fault(
-    key: str, what: str, centre: Vector, size: Vector, solid: Sequence[Block]
-) -> list[Fault]:
-    """That a block reaches into what is solid, and how deep."""
-    depth = 0.0
-    for low, high in solid:
-        into = min(
-            min(c + s / 2 - a, b - c + s / 2)
-            for c, s, a, b in zip(centre, size, low, high, strict=True)
-        )
-        depth = max(depth, into)
-    if depth <= TINY:
-        return []
-    return [Fault(key, f"{what} reaches {1e3 * depth:.0f} mm out of the free space")]
+def _common(one: Block, other: Block) -> Block:
+    """What two blocks share; with a lower corner beyond the upper one if it is nothing."""
+    return (
+        _vector(max(a, b) for a, b in zip(one[0], other[0], strict=True)),
+        _vector(min(a, b) for a, b in zip(one[1], other[1], strict=True)),
+    )
+
+
+def _has_room(block: Block) -> bool:
+    return all(high - low > TINY for low, high in zip(*block, strict=True))
+
+
+def block_fault(key: str, what: str, centre: Vector, size: Vector, space: Space) -> list[Fault]:
+    """That a block reaches into walls or obstacles, and how deep."""
+    walls = space.solid[: len(space.solid) - len(space.obstacles)]
+    depth = max((_depth(centre, size, block) for block in walls), default=0.0)
+    faults = []
+    if not _inside_any(centre, space.free, TINY) and not _inside_any(centre, space.solid):
+        faults.append(Fault(key, f"{what} is outside the space"))
+    elif depth > TINY:
+        faults.append(Fault(key, f"{what} reaches {1e3 * depth:.0f} mm out of the free space"))
+    for name, block in space.obstacles:
+        depth = _depth(centre, size, block)
+        if depth > TINY:
+            said = f"{what} reaches {1e3 * depth:.0f} mm into obstacle {name!r}"
+            faults.append(Fault(key, said))
+    return faults
+
+
+def _depth(centre: Vector, size: Vector, block: Block) -> float:
+    """How far a block given by centre and size reaches into another one [m]; < 0: apart."""
+    return min(
+        min(c + s / 2 - a, b - c + s / 2) for c, s, a, b in zip(centre, size, *block, strict=True)
+    )
 
 
 def anchor_fault(
-    key: str,
-    name: str,
-    position: Vector,
-    normal: Vector,
-    free: Sequence[Block],
-    solid: Sequence[Block],
+    key: str, name: str, position: Vector, normal: Vector, space: Space
 ) -> list[Fault]:
     """That an anchor is not on a face that its normal leaves into free space."""
     ahead = _vector(p + 1e-3 * n for p, n in zip(position, normal, strict=True))
     behind = _vector(p - 1e-3 * n for p, n in zip(position, normal, strict=True))
+    free, solid = space.free, space.solid
     if not _inside_any(position, free, TINY):
         return [Fault(key, f"anchor {name!r} is outside the free space")]
     if not _inside_any(ahead, free) or not _inside_any(behind, solid):
@@ -87,13 +136,11 @@ def anchor_fault(
     return []
 
 
-def stand_fault(
-    key: str, name: str, point: Vector, free: Sequence[Block], solid: Sequence[Block]
-) -> list[Fault]:
+def stand_fault(key: str, name: str, point: Vector, space: Space) -> list[Fault]:
     """That a point is not on the ground."""
     above = (point[0], point[1], point[2] + TINY)
     below = (point[0], point[1], point[2] - TINY)
-    if _inside_any(above, free) and _inside_any(below, solid):
+    if _inside_any(above, space.free) and _inside_any(below, space.solid):
         return []
     return [Fault(key, f"{name} does not stand on the ground there: no solid right below")]
 
@@ -125,8 +172,8 @@ def _middle(edges: list[list[float]], index: tuple[int, ...]) -> Vector:
     return _vector((a + b) / 2 for a, b in spans)
 
 
-def _floats(values: Sequence[float]) -> Vector:
-    return _vector(float(v) for v in values)
+def _floats_of(block: Block) -> Block:
+    return _vector(float(v) for v in block[0]), _vector(float(v) for v in block[1])
 
 
 def _vector(values: Iterable[float]) -> Vector:

@@ -1,0 +1,103 @@
+"""Relays: the box is put down on the way, modules come down from walls and go to others."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from limms_scenes import loaded
+
+from climbplan.limms.assembly import initial, latch_arm
+from climbplan.limms.bounds import Connection, within_reach
+from climbplan.limms.check.verification import verification_of
+from climbplan.limms.modules.climbing_down import climb_down
+from climbplan.limms.planner import plan_limms
+from climbplan.limms.relays import relays, standing_spots
+from climbplan.limms.scene import Scene, scene_of
+from climbplan.limms.timeline import DRIVES, NOWHERE
+from climbplan.spec.limms.loading import LoadedLimms, load_limms
+
+# One module; no anchor serves both the start of the box and its goal
+HALL = """\
+kind: limms
+terrain:
+  regions:
+    - {name: hall, lower: [-1.6, -0.6, 0], upper: [1.6, 0.7, 1.8]}
+  anchors:
+    - {name: west, position: [-0.6, 0.7, 0.6], normal: [0, -1, 0]}
+    - {name: east, position: [0.3, 0.7, 0.6], normal: [0, -1, 0]}
+box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [-0.9, 0.1, 0.1], goal: [0.7, 0.1, 0.4]}
+modules:
+  - {name: A, stand: [-0.3, -0.3, 0]}
+"""
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory: pytest.TempPathFactory) -> LoadedLimms:
+    path = tmp_path_factory.mktemp("relay") / "hall.yaml"
+    path.write_text(HALL, encoding="utf-8")
+    return load_limms(path)
+
+
+@pytest.fixture(scope="module")
+def scene(hall: LoadedLimms) -> Scene:
+    return scene_of(hall)
+
+
+def test_relays_lead_from_leg_to_leg_within_reach(scene: Scene) -> None:
+    found = list(relays(scene))
+    assert found
+    for relay in found:
+        assert len(relay.legs) == 2  # the fewest
+        assert relay.legs[0].begin == tuple(scene.box_start[0])
+        assert relay.legs[-1].end == tuple(scene.goal)
+        for leg, onward in itertools.pairwise(relay.legs):
+            assert leg.end == onward.begin
+        for leg in relay.legs:
+            for place in (leg.begin, leg.end):
+                assert within_reach(scene, leg.connections, np.array(place))
+    spots = standing_spots(scene)
+    assert np.allclose(spots[:, 2], 0.1)
+    assert (np.abs(spots[:, 0]) <= 1.5 + 1e-9).all()
+    away = np.abs(spots[:, :2] - scene.stand[0, :2])
+    assert (away > 0.13).any(axis=1).all()  # not on the module
+
+
+def test_no_relay_where_one_leg_serves(tmp_path: Path) -> None:
+    path = tmp_path / "near.yaml"
+    path.write_text(HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [-0.5, 0.1, 0.4]"), "utf-8")
+    near = scene_of(load_limms(path))
+    assert within_reach(near, (Connection(0, 2),), near.goal)
+    assert not list(relays(near))
+    assert not list(relays(scene_of(loaded("limms_walk"))))  # no anchor at all
+
+
+def test_a_module_comes_down_from_a_wall(scene: Scene) -> None:
+    rng = np.random.default_rng(0)
+    world, _ = latch_arm(initial(scene), 0, 1, "A", rng)
+    before = len(world.stretches)
+    down = climb_down(world, 0, rng)
+    assert down.mode[0] == DRIVES
+    assert down.tip_anchor[0] == NOWHERE
+    assert down.grounded[0] == 0
+    assert np.allclose(down.angles[0], 0.0, atol=1e-9)
+    assert down.base_position[0, 2] == 0.0
+    joined = down.stretches[before - 1 :]
+    for one, other in itertools.pairwise(joined):
+        assert np.abs(one.angles[-1] - other.angles[0]).max() < 1e-6
+        assert np.abs(one.base_position[-1] - other.base_position[0]).max() < 1e-6
+    # Its first end is on the wall for as long as the last one is not on the ground
+    assert [int(s.tip_anchor[0]) for s in joined].index(NOWHERE) > 0
+
+
+@pytest.mark.slow
+def test_one_module_carries_a_box_past_its_reach(hall: LoadedLimms) -> None:
+    plan = plan_limms(hall)
+    assert verification_of(plan).passed
+    assert plan.sequence.startswith("relay: arms: west to ")
+    assert "then arms: east to " in plan.sequence
+    modes = plan.motion.box_mode[:, 0]
+    changes = modes[np.flatnonzero(np.diff(modes, prepend=0))]
+    assert list(changes) == [1, 3, 1, 3]  # stands, is held, stands, is held

@@ -110,7 +110,7 @@ def build_task(spec: MpcSpec, robot: RigidBodySpec, source: str = "spec") -> Wal
     start, begin = spec.task.start, np.zeros(STATE)
     begin[:2] = start.position
     angles = np.deg2rad(start.rpy_deg)
-    begin[2] = start.height + float(_ground_under(ground, body, begin[None, :2], angles)[0])
+    begin[2] = start.height + float(ground_under(ground, body, begin[None, :2], angles)[0])
     begin[VELOCITY], begin[SPIN] = start.velocity, start.angular_velocity
     begin[ANGLES] = angles
     toes = begin[POSITION] + body.toe_center @ rotation_world_body(angles).T
@@ -163,7 +163,7 @@ def _reference(spec: MpcSpec, ground: Ground, body: RigidBody, begin: Array) -> 
     angles = np.deg2rad(wanted.rpy_deg)
     time = spec.task.step * np.arange(1, knots + 1)
     way = begin[:2] + time[:, None] * np.array(wanted.velocity[:2])
-    below = _ground_under(ground, body, way, angles)
+    below = ground_under(ground, body, way, angles)
     return Reference(
         velocity=np.tile(np.array(wanted.velocity, float), (knots, 1)),
         euler=np.tile(angles, (knots, 1)),
@@ -171,7 +171,7 @@ def _reference(spec: MpcSpec, ground: Ground, body: RigidBody, begin: Array) -> 
     )
 
 
-def _ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
+def ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
     """Mean height (n,) of the ground under the feet of a body at points (n, 2)."""
     feet = xy[:, None, :] + (body.toe_center @ rotation_world_body(angles).T)[:, :2]
     region = ground.nearest(feet)

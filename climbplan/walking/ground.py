@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
+_FAR = 900.0  # [m]
+
 
 @dataclass(frozen=True)
 class Ground:
@@ -53,6 +55,12 @@ class Ground:
     def rough(self) -> bool:
         """Not one level region."""
         return self.count > 1 or bool(self.slope.any())
+
+    @cached_property
+    def endless(self) -> bool:
+        """Flat ground at height 0, so far that nobody comes to its end."""
+        far = (self.lower < -_FAR).all() and (self.upper > _FAR).all()
+        return bool(self.count == 1 and far and not self.height.any() and not self.slope.any())
 
     @cached_property
     def inner(self) -> Array:

@@ -142,7 +142,7 @@ def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> Walk
     begin[:2] = start.position
     angles = np.deg2rad(start.rpy_deg)
     above = walker.height if start.height is None else start.height
-    begin[2] = above + float(_ground_under(ground, body, begin[None, :2], angles)[0])
+    begin[2] = above + float(ground_under(ground, body, begin[None, :2], angles)[0])
     begin[VELOCITY], begin[SPIN] = start.velocity, start.angular_velocity
     begin[ANGLES] = angles
     toes = begin[POSITION] + body.toe_center @ rotation_world_body(angles).T
@@ -196,7 +196,7 @@ def _reference(spec: MpcSpec, ground: Ground, walker: Walker, begin: Array) -> R
     angles = np.deg2rad(wanted.rpy_deg)
     time = spec.task.step * np.arange(1, knots + 1)
     way = begin[:2] + time[:, None] * np.array(wanted.velocity[:2])
-    below = _ground_under(ground, walker.body, way, angles)
+    below = ground_under(ground, walker.body, way, angles)
     height = walker.height if wanted.height is None else wanted.height
     return Reference(
         velocity=np.tile(np.array(wanted.velocity, float), (knots, 1)),
@@ -205,7 +205,7 @@ def _reference(spec: MpcSpec, ground: Ground, walker: Walker, begin: Array) -> R
     )
 
 
-def _ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
+def ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
     """Mean height (n,) of the ground under the feet of a body at points (n, 2)."""
     feet = xy[:, None, :] + (body.toe_center @ rotation_world_body(angles).T)[:, :2]
     region = ground.nearest(feet)

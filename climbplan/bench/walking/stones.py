@@ -1,4 +1,4 @@
-"""Random fields of stepping stones: how many are crossed offline, and what keeps the others."""
+"""Random fields of stepping stones: how many are crossed, and what keeps the others."""
 
 from __future__ import annotations
 
@@ -7,37 +7,44 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.bench.walking.shipped_tasks import shipped
-from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.bench.walking.shipped_tasks import shipped, shipped_task
+from climbplan.walking.check.checker import check_loop, check_trajectory, failures
 from climbplan.walking.gaps import widest_gap
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import WalkTask, WalkTrajectory
+from climbplan.walking.online.closed_loop import Loop, collected_before, run_loop
+from climbplan.walking.online.library import Library
+from climbplan.walking.online.run import library_key, library_of, settings_of, world_of
+from climbplan.walking.online.tick import OnlineController
+from climbplan.walking.online.warm_up import warm_up
+from climbplan.walking.problem import build_task, sampled_task
+from climbplan.walking.task import Array, WalkTask, WalkTrajectory
 
 SPEC = "mpc_stones"
 _FIELDS, _QUICK = 50, 2
+_SEARCHED = 10  # of them by `search`, which takes as long as thirty of the others
 _SECONDS = 120.0
-_METHODS = ("search", "nlp")
+_BEYOND = 0.6  # [s] longer than the horizon of an offline plan
+_ONLINE = ("solver.method=online", "task.goal=null")
 
 
 def stones_table(seed: int, quick: bool, stream: TextIO) -> None:
-    """Print how many random fields are crossed by each method, and the gaps of those that are not.
+    """Print how many random fields are crossed by each method, and what keeps the others.
 
-    A field is crossed if the exact check passes, goal included.
+    A field is crossed if the exact check passes, goal included; online if that of the loop does and
+    the body is as far as the goal at the end.
     """
     count = _QUICK if quick else _FIELDS
     print(
-        f"stones: {count} random fields of {SPEC}, to a goal beyond\n"
-        "method  crossed  CPU median [s]   95 %  cost median  to search",
+        f"stones: random fields of {SPEC}, to a goal beyond; online walks on at the reference\n"
+        "method  fields  crossed  CPU median [s]   95 %  cost median",
         file=stream,
     )
     kept: list[str] = []
-    searched = np.nan
-    for method in _METHODS:
-        times, costs = np.zeros(count), []
-        for k in range(count):
-            loaded = shipped(SPEC, f"terrain.stones.seed={seed + k}")
+    for method, fields in (("search", min(count, _SEARCHED)), ("nlp", count)):
+        times, costs = np.zeros(fields), []
+        for k in range(fields):
+            loaded = shipped(SPEC, _field(seed + k))
             task = build_task(loaded.spec, loaded.robot, loaded.source)
             begin = time.process_time()
             if method == "nlp":
@@ -47,20 +54,68 @@ def stones_table(seed: int, quick: bool, stream: TextIO) -> None:
             times[k] = time.process_time() - begin
             if _holds(task, answer.trajectory):
                 costs.append(answer.objective)
-            elif method == "search":
-                kept.append(f"  field {seed + k}: {widest_gap(task) or answer.word}")
-        median = float(np.median(costs)) if costs else np.inf
-        searched = median if method == "search" else searched
-        print(
-            f"{method:<7} {100 * len(costs) / count:6.0f} %  {np.median(times):13.2f}  "
-            f"{np.percentile(times, 95):5.2f}  {median:11.1f}  {median / searched:8.2f} x",
-            file=stream,
-            flush=True,
-        )
+            else:
+                kept.append(f"  {seed + k} by {method}: {widest_gap(task) or answer.word}")
+        median = f"{np.median(costs):11.1f}" if costs else "       none"
+        print(f"{_row(method, len(costs), times)}  {median}", file=stream, flush=True)
+    kept += _online(seed, count, stream)
     if kept:
-        print("not crossed by search, with the widest gap of the best way:", file=stream)
-        print("\n".join(kept), file=stream)
+        print("fields that were not crossed:", *kept, sep="\n", file=stream)
+
+
+def _online(seed: int, count: int, stream: TextIO) -> list[str]:
+    """Print the line of `online`; what keeps fields from being crossed."""
+    times, ticks = np.zeros(count), []
+    kept: list[str] = []
+    library: Library | None = None
+    for k in range(count):
+        loaded = shipped(SPEC, _field(seed + k), *_ONLINE)
+        spec, task = loaded.spec, build_task(loaded.spec, loaded.robot, loaded.source)
+        if library is None:  # one for all: it is of flat ground
+            warm_up(task)
+            key = library_key(task)
+            library = library_of(task, spec.library, loaded.directory, seed, key, _silent)
+        begin = time.process_time()
+        controller = OnlineController(task, library, settings_of(spec))
+        duration = task.knots * task.step + _BEYOND
+        with collected_before():
+            loop = run_loop(controller, task, duration, world_of(spec.loop, task), seed + k)
+        times[k] = time.process_time() - begin
+        ticks += [1e3 * command.tick_time for command in loop.commands]
+        asked = shipped_task(SPEC, _field(seed + k))
+        if why := _kept_from(task, loop, float(asked.goal.lower[0])):
+            told = [why] if (gap := widest_gap(asked)) is None else [why, str(gap)]
+            kept.append(f"  {seed + k} online: {'; '.join(told)}")
+    median, most = np.percentile(ticks, [50, 99])
+    row = _row("online", count - len(kept), times)
+    print(f"{row}  tick {median:.2f} ms, 99 % {most:.2f} ms", file=stream, flush=True)
+    return kept
+
+
+def _field(number: int) -> str:
+    return f"terrain.stones.seed={number}"
+
+
+def _row(method: str, crossed: int, times: Array) -> str:
+    median, most = np.percentile(times, [50, 95])
+    share = 100 * crossed / len(times)
+    return f"{method:<7} {len(times):6d} {share:6.0f} %  {median:14.2f}  {most:5.2f}"
+
+
+def _kept_from(task: WalkTask, loop: Loop, goal: float) -> str:
+    """Why a field was not crossed online, up to an x [m]; empty if it was."""
+    walk = loop.trajectory
+    if loop.fell is not None:
+        return f"fell after {loop.fell:.1f} s"
+    if told := failures(check_loop(sampled_task(task, len(walk.state) - 1), walk, loop.pushed)):
+        return told
+    short = goal - float(walk.state[-1, 0])
+    return f"{short:.2f} m short of the goal" if short > 0 else ""
 
 
 def _holds(task: WalkTask, found: WalkTrajectory | None) -> bool:
     return found is not None and not failures(check_trajectory(task, found))
+
+
+def _silent(stage: str, fraction: float) -> None:
+    pass

@@ -10,7 +10,7 @@ from climbplan.spec.base import Count, Fault, SpecModel, quantity, refuse
 from climbplan.spec.walking.loop import WalkLoopSpec
 from climbplan.spec.walking.solver import WalkLibrarySpec, WalkSolverSpec
 from climbplan.spec.walking.task import WalkTaskSpec, WalkWeightsSpec
-from climbplan.spec.walking.terrain import WalkTerrainSpec
+from climbplan.spec.walking.terrain import WalkTerrainSpec, plane_of
 
 
 class MpcSpec(SpecModel):
@@ -42,9 +42,7 @@ class MpcSpec(SpecModel):
     def _online_can(self) -> Self:
         faults = []
         if self.solver.method == "online":
-            for key in ("regions", "stones"):
-                if getattr(self.terrain, key):
-                    faults.append(Fault(f"terrain.{key}", "`online` walks on flat ground only"))
+            faults += self._online_ground()
             if self.task.goal is not None:
                 faults.append(Fault("task.goal", "`online` walks on at the reference's velocity"))
             if self.task.integrator != "mean":
@@ -62,3 +60,21 @@ class MpcSpec(SpecModel):
                 faults.append(Fault("terrain.stones.turn_deg", message))
         refuse(faults)
         return self
+
+    def _online_ground(self) -> list[Fault]:
+        """What of a ground that is not flat `online` does not know."""
+        terrain = self.terrain
+        if not terrain.regions and terrain.stones is None:
+            return []
+        faults = [
+            Fault(f"terrain.regions.{k}", "`online` walks on level regions only")
+            for k, region in enumerate(terrain.regions)
+            if any(plane_of(region.corners) if region.corners else region.slope)
+        ]
+        if self.loop.estimation == "ekf":
+            message = "`ekf` does not know where footholds are: `online` needs `none` on regions"
+            faults.append(Fault("loop.estimation", message))
+        if self.solver.form == "published":
+            message = "`published` knows flat ground only"
+            faults.append(Fault("solver.form", message))
+        return faults

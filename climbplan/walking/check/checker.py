@@ -13,9 +13,9 @@ import numpy as np
 
 from climbplan.plans.check import Check, Limit, unjudged
 from climbplan.walking.check.terrain import (
+    ground_at,
     normal_and_sideways,
     off_region,
-    plane_height,
     to_clear,
 )
 from climbplan.walking.check.torque import torque_residuals
@@ -65,6 +65,7 @@ LOOP_LIMITS = {
     "workspace.standing": Limit(
         0.02, "m", "standing toes at most so far outside their boxes, at every sample"
     ),
+    "swing.ground": Limit(1e-6, "m", "swinging toes are never in the ground, at every sample"),
     "loop.upright": Limit(1.05, "rad", "the body never falls"),
 }
 WINDOW = 0.4  # [s] of the rollouts
@@ -143,8 +144,11 @@ def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
     yield worst(task, "contact.no_slip", slip)
-    level = plane_height(task.ground, found.gait.region, toes[..., :2])
-    yield worst(task, "contact.region", np.where(contact, np.abs(toes[..., 2] - level), 0.0))
+    since_start = np.logical_and.accumulate(contact, axis=0)
+    off = off_region(task.ground, found.gait.region, toes, since_start)
+    yield worst(task, "contact.region", np.where(contact, off, 0.0))
+    sunk = np.maximum(ground_at(task.ground, toes[..., :2]) - toes[..., 2], 0.0)
+    yield worst(task, "swing.ground", np.where(contact, 0.0, sunk))
     spots = toes_in_body(state, toes)
     beyond = (np.abs(spots - task.body.toe_center) - task.body.toe_half).max(axis=-1)
     yield worst(task, "workspace.standing", np.where(contact, beyond, -1.0))

@@ -47,6 +47,19 @@ def off_region(ground: Ground, region: Whole, toes: Array, given: Flags) -> Arra
     return result
 
 
+def ground_at(ground: Ground, xy: Array) -> Array:
+    """Height (...) of the ground at points (..., 2) [m], the highest of several; else -inf."""
+    highest = np.full(xy.shape[:-1], _NOWHERE)
+    for region, corners in enumerate(outlines(ground)):
+        along = np.roll(corners, -1, axis=0) - corners
+        away = xy[..., None, :] - corners
+        turned = along[:, 0] * away[..., 1] - along[:, 1] * away[..., 0]  # below zero: outside
+        level = plane_height(ground, np.full(xy.shape[:-1], region), xy)
+        inside = (turned >= -1e-12).all(axis=-1)
+        highest = np.where(inside, np.maximum(highest, level), highest)
+    return highest
+
+
 def normal_and_sideways(ground: Ground, region: Whole, force: Array) -> tuple[Array, Array]:
     """Parts of forces (..., 3) along the normals of regions (...) and across them [N]."""
     rise = ground.slope[region]

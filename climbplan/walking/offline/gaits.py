@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.footing import gait_of
 from climbplan.walking.kernels.footing import stance_phases
+from climbplan.walking.kernels.regions import best_region, nearest_regions
 from climbplan.walking.offline.sqp import guessed_states
 from climbplan.walking.task import LEGS, POSITION, Array, Flags, Gait, WalkTask, Whole
 
@@ -16,7 +17,6 @@ from climbplan.walking.task import LEGS, POSITION, Array, Flags, Gait, WalkTask,
 _ALL, _NONE = (1, 1, 1, 1), (0, 0, 0, 0)
 _TROT = ((1, 0, 0, 1), (0, 1, 1, 0))
 MIRROR = [1, 0, 3, 2]
-_BEYOND = 100.0  # metres from the middle of its box that a metre outside is worth
 _ASIDE = np.array([1.0, -1.0, 1.0])
 CYCLES: dict[str, tuple[tuple[int, ...], ...]] = {
     "trot": _TROT,
@@ -47,7 +47,10 @@ def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
     if task.ground.count == 1:
         return np.zeros((task.knots + 1, LEGS), np.int64)
     motion = guessed_states(task) if state is None else state
-    region = task.ground.nearest(_under(task, motion)[..., :2])
+    ground, under = task.ground, _under(task, motion)[..., :2]
+    points = np.ascontiguousarray(under.reshape(-1, 2))
+    nearest = nearest_regions(points, ground.lower, ground.upper, ground.sides)
+    region: Whole = nearest.reshape(under.shape[:-1])
     region[0] = task.ground.nearest(task.start.toes[:, :2])
     return region
 
@@ -65,19 +68,27 @@ def _within_reach(task: WalkTask, contact: Flags, motion: Array, region: Whole) 
     Of several that do not leave them the one nearest to the boxes' middles.
     """
     ground, body = task.ground, task.body
-    every, chosen = np.arange(ground.count), region.copy()
+    chosen = region.copy()
+    lower, upper, sides = ground.footholds
     middle, R = _under(task, motion), rotation_world_body(motion[:, 6:9])
     for leg, first, last in stance_phases(contact)[1]:
         if first == 0:
             continue
         during = np.arange(first, min(last + task.whole_stance, task.knots) + 1)
         wanted = middle[during, leg, :2].mean(axis=0)
-        xy = ground.into(every, np.broadcast_to(wanted, (ground.count, 2)))
-        spots = np.column_stack([xy, ground.level_at(every, xy)])
-        seen = (spots - motion[during, None, POSITION]) @ R[during]  # (K, S, 3)
-        beyond = (np.abs(seen - body.toe_center[leg]) - body.toe_half).max(axis=(0, 2))
-        apart = np.linalg.norm(xy - wanted, axis=1)
-        chosen[first, leg] = np.argmin(_BEYOND * np.maximum(beyond, 0.0) + apart)
+        chosen[first, leg] = best_region(
+            wanted,
+            np.ascontiguousarray(motion[during, POSITION]),
+            R[during],
+            body.toe_center[leg],
+            body.toe_half,
+            lower,
+            upper,
+            sides,
+            ground.height,
+            ground.slope,
+            ground.inner,
+        )
     return chosen
 
 

@@ -101,6 +101,10 @@ class PinnedProgram:
     def begin(self, task: WalkTask) -> None:
         """The same gait from another start; a first guess of what will be active is kept."""
         self.start, self.steps = task.start, task.steps
+        if task.ground.rough:  # raised for the one before
+            self.height = toe_heights(task.ground, self.gait, task.lift)
+        reference = task.reference
+        self._wanted[:, 0] = reference.height
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Forces (N, 4, 3) [N] and free footholds (F, 2) [m] of the unknowns."""

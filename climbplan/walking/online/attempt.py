@@ -181,4 +181,6 @@ def fitting(task: WalkTask, program: PinnedProgram, at: Iterate) -> Iterate:
     spots = at.spots
     if len(spots) != program.footing.count:
         spots = guess(task, program.gait).spots
+    if not task.ground.endless:
+        spots = task.ground.into(program.footing.region, spots)
     return Iterate(at.state, force, spots)

@@ -79,5 +79,5 @@ def motion_of(last: WalkTrajectory) -> Iterate:
 
 
 def flat_gait(contact: Flags) -> Gait:
-    """A gait on flat ground."""
+    """A gait on a single region."""
     return Gait(np.array(contact, bool), np.zeros(contact.shape, np.int64))

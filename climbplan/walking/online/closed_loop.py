@@ -212,7 +212,7 @@ class _Run:
         self.rows.append((self.state, toes, np.zeros_like(toes), stood, np.zeros(3)))
         columns = [np.stack(part) for part in zip(*self.rows, strict=True)]
         states, feet, forces, contacts, jumps = columns
-        gait = Gait(contacts.astype(bool), np.zeros(contacts.shape, np.int64))
+        gait = Gait(contacts.astype(bool), self.task.ground.nearest(feet[..., :2]))
         walk = WalkTrajectory(states, feet, forces, gait)
         true = np.array(self.true).reshape(-1, STATE)
         told = np.array(self.told).reshape(-1, STATE)
@@ -309,7 +309,7 @@ class _Run:
         """A command comes into force: as planned, seen from where the body is."""
         self.true.append(self.state.copy())
         self.told.append(coming.told)
-        seen = replace(coming, phase=coming.phase.seen_from(self.state))
+        seen = replace(coming, phase=coming.phase.seen_from(self.task, self.state))
         self.stance = seen.after(self.stance, self.task, self.state)
         self.ends = coming.end
         if not coming.between:
@@ -357,7 +357,7 @@ class _Run:
     def shown(self, sample: int) -> Array:
         """Toes (4, 3) as they are."""
         share = (sample - self.begun) / (self.ends - self.begun)
-        return self.stance.shown(min(share, 1.0), self.task.lift)
+        return self.stance.shown(self.task, min(share, 1.0))
 
     def lost(self, sample: int) -> Flags:
         """(4,) legs that make no contact."""

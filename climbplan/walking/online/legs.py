@@ -8,6 +8,8 @@ import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.kernels.ways import highest_beneath
+from climbplan.walking.online.footholds import grounded
 from climbplan.walking.online.safe_stance import braced_forces
 from climbplan.walking.task import (
     ANGLES,
@@ -21,6 +23,7 @@ from climbplan.walking.task import (
 )
 
 _LANDING_MARGIN = 0.01  # [m]
+_RISING = 0.2  # share of a swing in which a toe goes up, and again down
 EDGE = 0.019  # [m] out of its box that a standing toe comes to before its leg lets go
 
 
@@ -33,7 +36,7 @@ class Phase:
     landing: Array  # (4, 3) where swinging toes are to come down
     plan: WalkTrajectory | None = None  # None before the first command
 
-    def seen_from(self, state: Array) -> Phase:
+    def seen_from(self, task: WalkTask, state: Array) -> Phase:
         """The same to the body that is in a state (12,) where the plan took it to be in its first.
 
         Legs act in the body's frame: what is planned turns and shifts with the error of that.
@@ -43,7 +46,7 @@ class Phase:
         thought = self.plan.state[0]
         turn = rotation_world_body(state[ANGLES]) @ rotation_world_body(thought[ANGLES]).T
         landing = state[POSITION] + (self.landing - thought[POSITION]) @ turn.T
-        return replace(self, force=self.force @ turn.T, landing=landing * [1.0, 1.0, 0.0])
+        return replace(self, force=self.force @ turn.T, landing=grounded(task.ground, landing))
 
 
 @dataclass(frozen=True)
@@ -100,13 +103,29 @@ class Stance:
         found: Flags = self.phase.contact & (off.max(axis=1) > EDGE)
         return found
 
-    def shown(self, share: float, lift: float) -> Array:
-        """Toes (4, 3) on the way: swinging ones straight on, lifted as half a sine."""
-        toes = self.toes.copy()
-        moving = ~self.phase.contact
-        landing = self.phase.landing
-        toes[moving, :2] += share * (landing[moving, :2] - toes[moving, :2])
-        toes[moving, 2] = lift * np.sin(np.pi * share)
+    def shown(self, task: WalkTask, share: float) -> Array:
+        """Toes (4, 3) on the way: swinging ones straight on, lifted as half a sine.
+
+        Where the ground is not flat: up, across above all that lies beneath, and down.
+        """
+        toes, ground = self.toes.copy(), task.ground
+        moving, landing = ~self.phase.contact, self.phase.landing
+        if ground.endless:
+            toes[moving, :2] += share * (landing[moving, :2] - toes[moving, :2])
+            toes[moving, 2] = task.lift * np.sin(np.pi * share)
+            return toes
+        across = float(np.clip((share - _RISING) / (1.0 - 2.0 * _RISING), 0.0, 1.0))
+        up = min(share, 1.0 - share, _RISING) / _RISING
+        for leg in np.flatnonzero(moving):
+            here, there = self.toes[leg], landing[leg]
+            beneath = highest_beneath(
+                here[:2], there[:2],
+                ground.lower, ground.upper, ground.sides, ground.height, ground.slope, ground.inner,
+            )  # fmt: skip
+            top = max(here[2], there[2], beneath) + task.lift
+            end = here[2] if share < 0.5 else there[2]
+            toes[leg, :2] += across * (there[:2] - here[:2])
+            toes[leg, 2] = end + up * (top - end)
         return toes
 
     def thought(self, toes: Array) -> Stance:
@@ -148,5 +167,4 @@ def landed(task: WalkTask, state: Array, landing: Array) -> Array:
     low = center - np.where(passed > 0, body.toe_half[:2] - room, half)
     high = center + np.where(passed < 0, body.toe_half[:2] - room, half)
     spots[:, :2] = np.clip(spots[:, :2], low, high)
-    result: Array = (state[POSITION] + spots @ R.T) * [1.0, 1.0, 0.0]
-    return result
+    return grounded(task.ground, state[POSITION] + spots @ R.T)

@@ -30,6 +30,7 @@ from climbplan.walking.online.closed_loop import (
 )
 from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
 from climbplan.walking.online.estimation import SensorQuality
+from climbplan.walking.online.footholds import on_flat_ground
 from climbplan.walking.online.library import Library, build_library, read_library
 from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.strategies import trained
@@ -131,8 +132,8 @@ def library_of(
 ) -> Library:
     """The first `size` walks of a file, or as many solved anew; deadline of `time.monotonic`."""
     if spec.file is None:
-        start = replace(task.start, state=_at_rest(task))
-        rested = replace(task, start=start)
+        flat = on_flat_ground(task)
+        rested = replace(flat, start=replace(flat.start, state=_at_rest(flat)))
         return build_library(
             rested,
             spec.size,
@@ -157,14 +158,14 @@ def stored_library(path: Path, key: str) -> Library:
 
 
 def library_key(task: WalkTask) -> str:
-    """Equal for tasks that differ in their start only."""
+    """Equal for tasks that differ in their start and in where the ground is only."""
     digest = hashlib.sha256()
-    ahead = horizon_of(task)
+    ahead = horizon_of(on_flat_ground(task))
     for holder in (ahead.body, ahead.ground, ahead.reference, ahead.weights):
         for field in fields(holder):
             value = getattr(holder, field.name)
             if holder is ahead.ground and field.name in ("slope", "corners", "edge"):
-                continue  # of flat ground, where all loops walk
+                continue  # of flat ground, where all libraries are made
             digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
     rest = (task.step, task.integrator, task.lift, task.least_contacts, task.whole_stance)
     digest.update(repr(rest).encode())

@@ -12,6 +12,7 @@ import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.online.footholds import grounded
 from climbplan.walking.task import (
     ANGLES,
     LEGS,
@@ -49,14 +50,15 @@ def safe_stance(task: WalkTask) -> WalkTrajectory:
     # Others are set down ahead of where the body moves.
     R = rotation_world_body(start.state[ANGLES])
     ahead = start.state[POSITION] + 1.5 * task.step * start.state[VELOCITY]
-    under = (ahead + task.body.toe_center @ R.T) * [1.0, 1.0, 0.0]
+    under = grounded(task.ground, ahead + task.body.toe_center @ R.T)
     toes[1:, ~stands] = under[~stands]
     force = np.zeros((task.knots + 1, LEGS, 3))
     force[:-1] = braced_forces(task, start.state, start.toes, stands)
     contact = np.ones((task.knots + 1, LEGS), bool)
     contact[0] = stands
     force[1:-1, ~stands] = 0.0
-    return WalkTrajectory(state, toes, force, Gait(contact, np.zeros(contact.shape, np.int64)))
+    region = np.tile(task.ground.nearest(toes[1, :, :2]), (len(contact), 1))
+    return WalkTrajectory(state, toes, force, Gait(contact, region))
 
 
 def _standing(task: WalkTask) -> Flags:

@@ -28,6 +28,13 @@ from climbplan.walking.online.candidates import (
 )
 from climbplan.walking.online.choice import FALLBACK, KEPT, LAST, SAFE, Choice, Command
 from climbplan.walking.online.features import features_of
+from climbplan.walking.online.footholds import (
+    following,
+    gait_on,
+    gone_on,
+    grounded,
+    height_above,
+)
 from climbplan.walking.online.legs import landed
 from climbplan.walking.online.library import SECTION, Library
 from climbplan.walking.online.measurement import Situation, fault_of
@@ -95,7 +102,7 @@ class OnlineController:
 
         ranking: of the library's sections; their nearest neighbours if None.
         """
-        self.task = horizon_of(task)
+        self.task, self._above = horizon_of(task), height_above(task)
         self.library, self.settings = library, settings
         self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
         self._trials = GaitTrials(self.task, settings.margin, settings.beside)
@@ -114,7 +121,7 @@ class OnlineController:
         if fault := fault_of(situation, self.task.body):
             return self._safe(choice, fault, self._expected)
         start = Start(situation.state, situation.toes)
-        task = replace(self.task, start=start, first=situation.left)
+        task = following(replace(self.task, start=start, first=situation.left), self._above)
         soon = replace(task, first=situation.shorter)
         firm = (self._doubted == 0) & ~situation.airborne
         able, able_soon = reachable(task) & firm, reachable(soon) & firm
@@ -136,6 +143,9 @@ class OnlineController:
                 continue
             seen.add((gait.key, candidate.short))
             this = soon if candidate.short else task
+            if gait is not candidate.gait:  # a leg that cannot stand now goes elsewhere
+                motion = None if candidate.at is None else candidate.at.state
+                gait = gait_on(this, gait.contact, motion)
             choice.tried += 1
             before = time.perf_counter()
             found = self._attempt(this, gait, candidate, choice.budget)
@@ -176,9 +186,12 @@ class OnlineController:
         """Load compiled code and make the programs of the commonest gaits, before time counts."""
         contact = self.library.contact.reshape(-1, (SECTION + 1) * LEGS)
         gaits, count = np.unique(contact, axis=0, return_counts=True)
-        for row in gaits[np.argsort(-count)[:_MADE_BEFORE]]:
+        # Where there are regions a gait has others in every tick.
+        made = _MADE_BEFORE if self.task.ground.endless else 0
+        for row in gaits[np.argsort(-count)[:made]]:
             self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
-        named = _Candidate(FALLBACK, flat_gait(cycle("stand", SECTION)), None, elastic=True)
+        stand = gait_on(self.task, cycle("stand", SECTION), None)
+        named = _Candidate(FALLBACK, stand, None, elastic=True)
         reachable(self.task)
         found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
         if found is not None:
@@ -193,22 +206,21 @@ class OnlineController:
         falls = early and able.sum() < task.least_contacts
         if self._last is not None and not self._published:
             # Between knots the plan before is still in its first interval
-            last = (
-                (self._last.gait, motion_of(self._last))
-                if situation.left
-                else continued(self._last)
-            )
-            first.append(_Candidate(LAST, *last))
+            between = situation.left > 0
+            last = self._last
+            gait, at = (last.gait, motion_of(last)) if between else continued(last)
+            gait = gone_on(task, gait, at, last, SECTION + between)
+            first.append(_Candidate(LAST, gait, at))
             yield replace(first[-1], short=falls)
         features = features_of(situation, float(task.reference.height[0]))
-        base = np.array([*situation.state[:2], 0.0])
+        below = 0.0 if task.ground.endless else task.reference.height[0] - self._above
+        base = np.array([*situation.state[:2], below])
         named = len(self.library) and not self._published
         kept = 0 if not named else round(_FALLBACK_SHARE * self.settings.effort)
         for index in self._ranking.ranked(features, self.settings.candidates):
             if choice.budget.left <= (0 if choice.held else kept):
                 break
-            gait = flat_gait(self.library.contact[index])
-            first.append(_Candidate(int(index), gait, self._section(int(index), gait, base)))
+            first.append(self._section(task, int(index), base))
             yield replace(first[-1], short=falls)
         if choice.held or self._published:
             return
@@ -217,17 +229,18 @@ class OnlineController:
         for candidate in first[:_SECOND_LOOKS]:
             yield replace(candidate, elastic=True, short=early)
         for name, phase in _FALLBACKS:
-            gait = flat_gait(cycle(name, SECTION, phase))
+            gait = gait_on(task, cycle(name, SECTION, phase), None)
             yield _Candidate(FALLBACK, gait, None, elastic=True, short=early)
 
-    def _section(self, index: int, gait: Gait, base: Array) -> Iterate:
-        """A section of the library as a point to linearise about, moved to where the body is."""
+    def _section(self, task: WalkTask, index: int, base: Array) -> _Candidate:
+        """A section of the library and its motion, moved to where the body is."""
         library = self.library
         state = library.state[index].copy()
         state[:, POSITION] += base
+        gait = gait_on(task, library.contact[index], state)
         footing = self._trials.program(self.task, gait).footing
         spots = library.toes[index][footing.first, footing.leg, :2] + base[:2]
-        return Iterate(state, library.force[index, :-1], spots)
+        return _Candidate(index, gait, Iterate(state, library.force[index, :-1], spots))
 
     def _attempt(
         self, task: WalkTask, gait: Gait, candidate: _Candidate, budget: Budget
@@ -274,7 +287,7 @@ def _after(task: WalkTask, walk: WalkTrajectory, state: Array) -> Start:
     """Where a plan's first knot leads: standing toes stay, others come down."""
     down = landed(task, state, walk.toes[1])
     toes = np.where(walk.gait.contact[0][:, None], walk.toes[0], down)
-    return Start(state, toes * [1.0, 1.0, 0.0])
+    return Start(state, grounded(task.ground, toes))
 
 
 def horizon_of(task: WalkTask) -> WalkTask:

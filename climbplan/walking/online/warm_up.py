@@ -7,7 +7,8 @@ from climbplan.walking.offline.gaits import cycle, with_regions
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.task import WalkTask
 
-_done: set[str] = set()  # what is compiled does not depend on numbers, only on what is called
+# What is compiled does not depend on numbers, only on what is called.
+_done: set[tuple[str, bool]] = set()
 
 
 def warm_up(task: WalkTask) -> None:
@@ -15,9 +16,10 @@ def warm_up(task: WalkTask) -> None:
 
     Limits in seconds are on searching, not on compiling, which a machine does once.
     """
-    if task.integrator in _done:
+    key = task.integrator, task.ground.rough
+    if key in _done:
         return
-    _done.add(task.integrator)
+    _done.add(key)
     found = solve_gait(task, with_regions(task, cycle("stand", task.knots)), None, 2)
     if found.trajectory is not None:
         passes(task, found.trajectory)

@@ -22,6 +22,7 @@ BENCHMARKS = {
     "mpc": "walking: offline methods, accuracy of envelopes, ticks online, recovery from pushes",
     "refusals": "random climbs: planned, proved impossible or not proved, limits, second tries",
     "stands": "shipped and random climbs in MuJoCo, with margins and without",
+    "scans": "meshes of hpp-environments: regions, rounds, verified, standing on the raw mesh",
     "judge": "the quasi-static engine against MuJoCo in the same worlds of shipped scenes",
     "zoo": "robots of example-robot-data from URDF to verified plans, and in MuJoCo",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
@@ -50,10 +51,11 @@ _KNOWN = {
     "refusals": ("count", "seconds"),
     "stands": ("count",),
     "judge": ("count",),
+    "scans": ("scenes",),
     "instances": ("methods", "count", "seconds"),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
-_PANEL = "bench bookshelf, strategies, limms, mpc, refusals, stands, judge, instances"
+_PANEL = "bench bookshelf, strategies, limms, mpc, refusals, stands, judge, scans, instances"
 
 
 def bench(
@@ -69,7 +71,8 @@ def bench(
         typer.Option(
             "--scenes",
             metavar="FILE[:GROUP]",
-            help="Scenes to solve [default: generated, with pymunk].",
+            help="Scenes to solve [default: generated, with pymunk]; of scans: folder of "
+            "meshes [.].",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -209,7 +212,7 @@ def bench(
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
     --methods (offline, envelopes, bounds, stones, ticks, recovery, pushes), --count, --library and
     --library-size, `bench refusals` --count and --time-limit, `bench stands` and `bench judge`
-    --count.
+    --count, `bench scans` --scenes, the folder of its meshes.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -237,7 +240,7 @@ def bench(
             "options from --scenes to --json go with `bench bookshelf`, `bench strategies` and, "
             "some of them, `bench limms`, `bench mpc`, `bench refusals` and `bench instances`"
         )
-    if name in ("refusals", "stands", "judge") and (out is not None or as_json):
+    if name in ("refusals", "stands", "judge", "scans") and (out is not None or as_json):
         raise UsageError(f"`bench {name}` has no --out and no --json")
     allowed = _KNOWN.get(name or "", tuple(set(given) - {"jobs", "assignments"}))
     if stray := sorted(set(given) - set(allowed)):
@@ -296,6 +299,12 @@ def bench(
 
             with standard_output() as stream:
                 bench_judge(seed, quick, stream, given.get("count"))
+            continue
+        if chosen == "scans":
+            from climbplan.bench.climb.scans import bench_scans
+
+            with standard_output() as stream:
+                bench_scans(quick, stream, scenes)
             continue
         if chosen == "zoo":
             from climbplan.bench.climb.zoo import bench_zoo

@@ -26,39 +26,50 @@ _HALVINGS = 6  # of the strip, until something of the region is left
 _LEFT = 0.25  # part of the area that is left at least
 
 
-def footing(
-    terrain: Terrain, edge: float, goal: tuple[Array, Index] | None = None
-) -> tuple[Region, ...]:
+def footing(terrain: Terrain, edge: float) -> tuple[Region, ...]:
     """The regions of a terrain, each without a strip of `edge` [m]; () where nothing changes.
 
-    goal: toes (N, 3) and their regions (N,), which are left in. Holds of grippers stay whole.
+    Holds of grippers stay whole.
     """
     if edge <= 0 or terrain.curved:
         return ()
-    regions = terrain.regions
-    lower = np.array([region.vertices.min(axis=0) for region in regions])
-    upper = np.array([region.vertices.max(axis=0) for region in regions])
-    kept = []
-    for index, region in enumerate(regions):
-        strip: Array = np.where(_goes_on(terrain, index, edge, lower, upper), 0.0, edge)
-        if goal is not None:
-            here = goal[0][goal[1] == index]
-            room = (region.b - here @ region.A.T).min(axis=0, initial=np.inf)
-            strip = np.minimum(strip, np.maximum(room, 0.0))
-        kept.append(region if region.hold is not None else _without(region, strip))
-    if all(new is old for new, old in zip(kept, regions, strict=True)):
+    return _changed(terrain, [_kept(terrain, index, edge) for index in range(len(terrain.regions))])
+
+
+def footing_with_goal(
+    terrain: Terrain, edge: float, plain: tuple[Region, ...], goal: tuple[Array, Index]
+) -> tuple[Region, ...]:
+    """The same with toes (N, 3) of the goal left in their regions (N,); plain: without them."""
+    if not plain:
+        return ()
+    kept = list(plain)
+    for index in sorted({int(r) for r in goal[1]}):
+        kept[index] = _kept(terrain, index, edge, goal[0][goal[1] == index])
+    return _changed(terrain, kept)
+
+
+def _changed(terrain: Terrain, kept: list[Region]) -> tuple[Region, ...]:
+    if all(new is old for new, old in zip(kept, terrain.regions, strict=True)):
         return ()
     return tuple(kept)
 
 
-def _goes_on(
-    terrain: Terrain, index: int, edge: float, lower: Array, upper: Array
-) -> NDArray[np.bool_]:
-    """(E,) edges of a region beyond which other regions, as good, hold the same limbs.
+def _kept(terrain: Terrain, index: int, edge: float, toes: Array | None = None) -> Region:
+    """One region without its strips; toes (K, 3) stay in it."""
+    region = terrain.regions[index]
+    if region.hold is not None:
+        return region
+    strip: Array = np.where(_goes_on(terrain, index, edge), 0.0, edge)
+    if toes is not None:
+        room = (region.b - toes @ region.A.T).min(axis=0, initial=np.inf)
+        strip = np.minimum(strip, np.maximum(room, 0.0))
+    return _without(region, strip)
 
-    lower, upper: (R, 3) bounds of all regions.
-    """
+
+def _goes_on(terrain: Terrain, index: int, edge: float) -> NDArray[np.bool_]:
+    """(E,) edges of a region beyond which other regions, as good, hold the same limbs."""
     regions, allowed = terrain.regions, terrain.allowed
+    lower, upper = terrain.bounds
     region = regions[index]
     beside = edge + _LEVEL + _SLACK
     low, high = region.vertices.min(axis=0) - beside, region.vertices.max(axis=0) + beside

@@ -25,12 +25,13 @@ from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.self_clearance import standing_overlap
-from climbplan.climb.swing import SwingBlocked, swing_paths
+from climbplan.climb.swing import SwingBlocked, SwingMeets, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.rotations import Array
 from climbplan.terrain.solids import Solid
 
+_Failure = ReachFailure | SwingBlocked | SwingMeets
 _OF_SCANS = 8  # more times, for parts of a scan that limbs come too close to
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
@@ -83,6 +84,7 @@ def plan_motion(
     save_model: Path | None = None,
     deadline: float | None = None,
     kept: int | None = None,
+    nodes: float = np.inf,
 ) -> Motion:
     """Postures whose every instant can be reached and whose body and limbs keep clear.
 
@@ -93,18 +95,19 @@ def plan_motion(
     Raises NoPostures if the statement has no solution, SwingBlocked if a swing stays blocked,
     NotProved if tightening does not lead to a plan and LimitReached if there is no time for it.
     kept: rounds that are checked and returned, where the others only say that it can go on.
+    nodes: of each search by branch and bound, at most.
     """
     if deadline is None:
         deadline = time.monotonic() + scene.spec.solver.time_limit
     try:
-        return _plan_motion(scene, clock, save_model, deadline, kept)
+        return _plan_motion(scene, clock, save_model, deadline, kept, nodes)
     except LimitReached:
         raise
     except NoPlanFound:
         if not scene.footing:
             raise
     # No room off the edges: toes may stand wherever there is ground
-    motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline, kept)
+    motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline, kept, nodes)
     edge = 1e3 * scene.spec.margins.edge
     note = f"fragile: toes may stand nearer than {edge:.0f} mm to edges of their regions"
     return replace(motion, tightenings=(*motion.tightenings, note))
@@ -116,6 +119,7 @@ def _plan_motion(
     save_model: Path | None,
     deadline: float,
     kept: int | None = None,
+    nodes: float = np.inf,
 ) -> Motion:
     if save_model is not None and _method(scene) != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
@@ -123,7 +127,7 @@ def _plan_motion(
     bound: float | None = None
     posture: PostureResult | None = None
     notes: list[str] = []
-    failure: ReachFailure | SwingBlocked | None = None
+    failure: _Failure | None = None
     planned = scene
     more = 0 if scene.terrain.scan is None else _OF_SCANS
     for _ in range(_TIGHTENINGS + more):
@@ -135,7 +139,8 @@ def _plan_motion(
                 posture = plan_postures_nlp(within(planned, left), clock.report)
             else:
                 try:
-                    posture = _convex_postures(within(planned, left), margins, save_model, posture)
+                    inside = within(planned, left)
+                    posture = _convex_postures(inside, margins, save_model, posture, nodes)
                 except NoPostures as error:
                     if not notes:
                         raise
@@ -184,6 +189,14 @@ def _plan_motion(
                 continue
             try:
                 swings = _clear_of_obstacles(scene, rounds, instants)
+            except SwingMeets as meeting:
+                if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
+                    raise
+                failure = meeting
+                margins = _nearer_stance(scene, margins, meeting.limb)
+                name = scene.robot.limb_names[meeting.limb]
+                notes.append(f"workspace of {name} tightened: {meeting.conflicts[0]}")
+                continue
             except _LimbsTooNear as near:
                 if scene.spec.solver.method == "nlp":  # its own exact check is the same
                     words = f"posture planner: {near}"
@@ -263,18 +276,17 @@ def _convex_postures(
     margins: PostureMargins,
     save_model: Path | None,
     earlier: PostureResult | None,
+    nodes: float,
 ) -> PostureResult:
     """Postures alone, or together with forces; earlier: with smaller margins."""
     if scene.spec.solver.method in COUPLED_METHODS:
         return plan_coupled(scene, margins)
-    return plan_postures(scene, margins, save_model, earlier)
+    return plan_postures(scene, margins, save_model, earlier, nodes)
 
 
-def _not_found(
-    scene: ClimbScene, notes: list[str], failure: ReachFailure | SwingBlocked | None
-) -> NoPlanFound:
+def _not_found(scene: ClimbScene, notes: list[str], failure: _Failure | None) -> NoPlanFound:
     """What to raise when tightening did not lead to a plan, which proves nothing."""
-    if isinstance(failure, SwingBlocked):
+    if isinstance(failure, SwingBlocked | SwingMeets):
         return failure
     last = str(failure) if failure is not None else notes[-1]
     method = _method(scene)

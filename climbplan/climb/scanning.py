@@ -6,7 +6,6 @@ As with a start taken from another plan, the spec's text then says the same with
 from __future__ import annotations
 
 import itertools
-import json
 import logging
 from functools import lru_cache
 from pathlib import Path
@@ -74,12 +73,12 @@ def scanned(loaded: Loaded) -> Loaded:
     )
     told = f"found in {scan.file}"
     changes = [
-        Override("terrain.regions", json.dumps([*listed, *regions]), told),
-        Override("terrain.scan.fit", "false", told),
+        Override.of("terrain.regions", [*listed, *regions], told),
+        Override.of("terrain.scan.fit", False, told),
     ]
     if not loaded.spec.terrain.free_regions:
         spaces = [_space(n, s) for n, s in enumerate(_spaces(loaded, raw, guide, robot), start=1)]
-        changes.append(Override("terrain.free_regions", json.dumps(spaces), told))
+        changes.append(Override.of("terrain.free_regions", spaces, told))
     return loaded.with_overrides(changes)
 
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.climb.footing import footing
+from climbplan.climb.footing import footing, footing_with_goal
 from climbplan.climb.plan.climb_plan import Index, Mask
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
@@ -27,6 +27,7 @@ from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
+from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.surfaces import Region, Surface
 
 Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
@@ -127,31 +128,39 @@ def stance_of(
 
 
 def _on_footing(
-    stance: Stance, posture: PostureSpec, robot: Robot, terrain: Terrain, edge: float, lift: float
+    stance: Stance,
+    posture: PostureSpec,
+    robot: Robot,
+    terrain: Terrain,
+    plain: tuple[Region, ...],
+    lift: float,
 ) -> Stance:
     """The stance with toes that the spec leaves open off edges, and on ground that holds.
 
-    A toe keeps its place where it cannot stand any better.
+    plain: regions without strips along edges. A toe keeps its place where it cannot stand any
+    better.
     """
-    regions = footing(terrain, edge) or (() if terrain.curved else terrain.regions)
+    regions = plain or terrain.regions
+    if not regions:
+        return stance
+    bounds = bounds_of(regions)
     toes, region = stance.toes.copy(), stance.region.copy()
     shoulders = stance.com + robot.shoulder_body @ rotation_world_body(stance.rpy).T
     for limb, name in enumerate(robot.limb_names):
-        open_toe = name not in posture.toes and edge > 0
-        if not regions or not open_toe or regions[region[limb]].hold is not None:
+        if name in posture.toes or regions[region[limb]].hold is not None:
             continue
         usable = np.flatnonzero(terrain.allowed[limb])
         best = max(regions[r].friction for r in usable)
         usable = usable[[regions[r].friction >= _HOLDS * best for r in usable]]
-        points = np.array([regions[r].project(toes[limb]) for r in usable])
-        far = np.linalg.norm(points - toes[limb], axis=1)
-        nearest = int(np.argmin(far))
-        surface, point = regions[usable[nearest]], points[nearest]
-        if far[nearest] < _MOVED or np.linalg.norm(point - shoulders[limb]) > robot.reach:
+        nearest = nearest_region(regions, bounds, usable, toes[limb])
+        surface = regions[nearest]
+        point = surface.project(toes[limb])
+        far = np.linalg.norm(point - toes[limb])
+        if far < _MOVED or np.linalg.norm(point - shoulders[limb]) > robot.reach:
             continue
         body = (stance.com, stance.rpy)
         if np.array_equal(within_joints(robot, limb, body, point, surface, lift), point):
-            toes[limb], region[limb] = point, usable[nearest]
+            toes[limb], region[limb] = point, nearest
     return replace(stance, toes=toes, region=region)
 
 
@@ -292,11 +301,14 @@ def build_scene(
     lift = spec.trajectory.lift
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
     edge = spec.margins.edge
-    start = _on_footing(start, spec.task.start, robot, terrain, edge, lift)
+    off_edges = footing(terrain, edge)
+    if edge > 0:
+        start = _on_footing(start, spec.task.start, robot, terrain, off_edges, lift)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
-    goal = _on_footing(goal, spec.task.goal, robot, terrain, edge, lift)
+    if edge > 0:
+        goal = _on_footing(goal, spec.task.goal, robot, terrain, off_edges, lift)
     if mistakes:
         raise SpecError(source, mistakes)
     warn_of_backs(terrain, (start, goal))
@@ -309,5 +321,5 @@ def build_scene(
         goal=goal,
         gait=tuple(robot.limb_names.index(name) for name in order),
         grippers=_grippers(spec, robot_spec, robot, terrain, directory or Path()),
-        footing=footing(terrain, edge, (goal.toes, goal.region)),
+        footing=footing_with_goal(terrain, edge, off_edges, (goal.toes, goal.region)),
     )

@@ -64,6 +64,15 @@ class SwingBlocked(NotProved):
         super().__init__("no clear swing path", [conflict], because=WAYS, stage="swing")
 
 
+class SwingMeets(NotProved):
+    """On all ways of a limb that are clear of the terrain it meets another one, or the body."""
+
+    def __init__(self, limb: int, where: str, words: str) -> None:
+        self.limb = limb
+        conflict = Conflict(where, (words,), in_words=True)
+        super().__init__("no clear swing path", [conflict], because=WAYS, stage="swing")
+
+
 def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
     """All limb moves of a posture sequence in their order, limbs that move at once by number."""
     names, toes, found = scene.robot.limb_names, rounds.toes[0], []
@@ -143,8 +152,7 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
         raise SwingBlocked(closest, f"{closest.words(scene)} on the clearest of {tried} ways")
     if met is not None:
         words = f"{met.words(scene.robot)} on the nearest way"
-        conflict = Conflict(swing.where, (words,), in_words=True)
-        raise NotProved("no clear swing path", [conflict], because=WAYS, stage="swing")
+        raise SwingMeets(swing.limb, swing.where, words)
     name = f"past {blocker!r}" if blocker is not None else "within the limb's reach"
     raise NotProved(
         "no clear swing path",

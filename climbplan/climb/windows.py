@@ -13,7 +13,6 @@ clearance and force checks before the next begins.
 
 from __future__ import annotations
 
-import itertools
 import logging
 import time
 from collections.abc import Iterator
@@ -21,21 +20,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.climb.body_way import BodyWay
 from climbplan.climb.clearance import body_shortfall
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import limb_shortfall
 from climbplan.climb.motion import Motion, StageClock, SupportedMotion, plan_motion, plan_support
-from climbplan.climb.plan.climb_plan import Mask, Rounds
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import posture_cost
 from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene, Stance
 from climbplan.climb.swing import swing_paths
+from climbplan.climb.within_reach import reachable, within_rounds
 from climbplan.errors import LimitReached, NoPlanFound, NotProved
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.spec.climb.model import MOST_ROUNDS
-from climbplan.terrain.model import Terrain
 
 WINDOW = 4  # rounds, where the spec leaves both them and their number open
 _KEPT = 0.5  # share of a window's rounds
@@ -43,57 +43,13 @@ _PACES = (1.0, 0.5)  # shares of what a window's rounds can cover, aimed at in t
 _PROGRESS = 5e-3  # [m] of the way that the rounds kept cover at least
 _DRAWN = 0.1  # factor on the weights of toes and angles at a window's end that is not the goal
 _ANYWHERE = 1e3  # [m] tolerance of such an end
-_EACH = 0.2  # share of the time that is left, for one attempt at a window
+_NODES = 400  # of a search for a window by branch and bound, at most
 _BACKINGS = 6  # times that rounds are given up at most
 _GAP = 0.02  # relative, of windows that are not the last: half of them is planned again
 _BEYOND = 2e-3  # [m]
 _METHODS = ("micp", "nlp")  # of `auto`, in turn
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class BodyWay:
-    """The body's way from start to goal, by the points of a scan's guide if it has one."""
-
-    points: Array  # (P, 3) [m]
-
-    @classmethod
-    def of(cls, scene: ClimbScene) -> BodyWay:
-        """That of a scene; pieces without length are left out."""
-        scan = scene.spec.terrain.scan
-        between = [] if scan is None else [np.array(point, float) for point in scan.guide]
-        points = [scene.start.com, *between, scene.goal.com]
-        kept = [points[0]]
-        kept += [b for a, b in itertools.pairwise(points) if np.linalg.norm(b - a) > 0]
-        return cls(np.array(kept))
-
-    @property
-    def lengths(self) -> Array:
-        """(P - 1,) of its pieces [m]."""
-        return np.asarray(np.linalg.norm(np.diff(self.points, axis=0), axis=1))
-
-    @property
-    def length(self) -> float:
-        """Of the whole [m]."""
-        return float(self.lengths.sum())
-
-    def at(self, distance: float) -> Array:
-        """(3,) the place that far from the start [m]."""
-        ends = np.concatenate([[0.0], np.cumsum(self.lengths)])
-        return np.array([np.interp(distance, ends, axis) for axis in self.points.T])
-
-    def nearest(self, com: Array, covered: float) -> float:
-        """How far along the place nearest to a body is [m], not before what was covered."""
-        best, before, least = covered, 0.0, np.inf
-        for (start, end), length in zip(itertools.pairwise(self.points), self.lengths, strict=True):
-            share = float((com - start) @ (end - start)) / length**2
-            share = min(max(share, 0.0), 1.0)
-            away = float(np.linalg.norm(start + share * (end - start) - com))
-            if before + length >= covered and away < least:
-                best, least = max(before + share * length, covered), away
-            before += length
-        return best
 
 
 @dataclass
@@ -156,8 +112,8 @@ def plan_in_windows(
             continue
         _append(done, found, way)
         _log.info(
-            "window    %d: round %d, %.2f of %.2f m",
-            *(done.windows, done.rounds.count, done.covered, way.length),
+            "window    %d: round %d, %.2f of %.2f m, %d nodes",
+            *(done.windows, done.rounds.count, done.covered, way.length, done.nodes),
         )
         if found.last:
             return _joined(scene, done, window, clock)
@@ -180,12 +136,10 @@ def _next(
         for part, last in _windows(scene, way, window, done):
             chosen = part if method is None else _by(part, method)
             try:
-                now = time.monotonic()
-                end = now + _EACH * (deadline - now)
                 count = part.spec.task.round_count
                 kept = count if last else max(int(_KEPT * count), 1)
-                motion = plan_motion(chosen, clock, deadline=end, kept=kept)
-                motion = plan_support(chosen, motion, clock, end).motion
+                motion = plan_motion(chosen, clock, None, deadline, kept, _NODES)
+                motion = plan_support(chosen, motion, clock, deadline).motion
             except NoPlanFound as error:
                 _log.info("window    %s: %s", chosen.spec.solver.method, error)
                 failure = failure or error
@@ -302,61 +256,6 @@ def _standing_at(scene: ClimbScene, com: Array, rpy: Array) -> Stance:
     )
     toes = [scene.terrain.surfaces[r].project(p) for r, p in zip(region, nominal, strict=True)]
     return Stance(com, rpy, np.array(toes), region)
-
-
-def within_rounds(scene: ClimbScene, count: int) -> Terrain:
-    """The terrain with only those alternatives that some limb can come to in so many rounds."""
-    terrain = scene.terrain
-    if terrain.curved:
-        return terrain
-    body = count * scene.spec.posture.steps.com_max
-    choices = tuple(
-        tuple(f for f in choice if float((f.A @ scene.start.com - f.b).max()) <= body) or choice
-        for choice in terrain.free_choices
-    )
-    allowed = np.asarray(np.any(reachable(scene, count), axis=0), bool)
-    limbs = np.arange(len(allowed))
-    allowed[limbs, scene.start.region] = True
-    return replace(terrain, allowed=allowed, free_choices=choices)
-
-
-def reachable(scene: ClimbScene, count: int) -> Mask:
-    """(M, N, R) whether limb i can come to surface r by the end of round j.
-
-    Nothing that a plan of these rounds could use is left out: only what is further from a toe than
-    its steps go, from the body than its steps and the limb's reach together, or from where the
-    limb's stance can be than its workspace.
-    """
-    terrain, robot, spec = scene.terrain, scene.robot, scene.spec.posture
-    start, steps = scene.start, spec.steps
-    corners = [region.vertices for region in terrain.regions]
-    low = np.array([v.min(axis=0) for v in corners])
-    high = np.array([v.max(axis=0) for v in corners])
-    rounds = np.arange(1, count + 1)[:, None]
-    size = np.linalg.norm(robot.stance_body, axis=1)
-    turn = np.sqrt(3) * np.minimum(
-        rounds * np.deg2rad(steps.rotation_max_deg), 2 * np.deg2rad(spec.rotation_limit_deg)
-    )
-    tilt = float(np.linalg.norm(start.rpy[:2]))  # by which turns to first order are off
-    shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
-    nominal = start.com + robot.stance_body @ rotation_world_body(start.rpy).T
-    far = [
-        (start.toes, rounds * steps.toe_max + np.zeros(len(size))),
-        (
-            np.broadcast_to(start.com, nominal.shape),
-            rounds * steps.com_max + shoulder + robot.reach,
-        ),
-    ]
-    if spec.stance_workspace:
-        room = robot.stance_radius + size * (turn + tilt**2)
-        far.append((nominal, rounds * steps.com_max + room))
-    found = np.broadcast_to(terrain.allowed, (count, *terrain.allowed.shape)).copy()
-    for places, most in far:
-        # Distances from bounding boxes, which are never more than those from regions
-        place = places[:, None]
-        away = np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0), axis=-1)
-        found &= away <= most[:, :, None]
-    return found
 
 
 def _back(done: _Done, way: BodyWay, window: int) -> bool:

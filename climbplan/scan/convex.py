@@ -9,6 +9,7 @@ import shapely
 
 from climbplan.robots.rotations import Array
 
+_POLYGON = int(shapely.GeometryType.POLYGON)
 _CONVEX = 1e-9  # [m^2] twice the area by which a corner may turn inwards
 
 
@@ -119,23 +120,20 @@ def _cut_convex(polygon: shapely.Polygon) -> shapely.Polygon:
         corner = corners[deepest]
         foot = rim.interpolate(rim.project(shapely.Point(corner)))
         lid = np.array([corner[1] - foot.y, foot.x - corner[0]])
-        kept: shapely.Polygon | None = None
-        for way in (before[deepest], after[deepest], lid):
-            length = float(np.hypot(*way))
-            if length < 1e-12:
-                continue
-            along = far / length * way
-            for side in (1.0, -1.0):
-                out = side * np.array([-along[1], along[0]])
-                half = np.array([corner - along, corner + along, corner + along + out])
-                square = shapely.Polygon([*half, corner - along + out])
-                parts = shapely.get_parts(shapely.intersection(polygon, square))
-                for part in parts:
-                    if part.geom_type == "Polygon" and (kept is None or part.area > kept.area):
-                        kept = part
-        if kept is None or kept.area > polygon.area * (1 - 1e-12):
+        ways = np.array([before[deepest], after[deepest], lid])
+        length = np.hypot(*ways.T)
+        along = (far / np.maximum(length, 1e-12))[:, None] * ways
+        along = np.repeat(along[length >= 1e-12], 2, axis=0)
+        out = np.column_stack([-along[:, 1], along[:, 0]])
+        out[1::2] *= -1.0  # either side of each line
+        ends = corner - along, corner + along, corner + along + out, corner - along + out
+        parts = shapely.get_parts(
+            shapely.intersection(polygon, shapely.polygons(np.stack(ends, 1)))
+        )
+        size = np.where(shapely.get_type_id(parts) == _POLYGON, shapely.area(parts), 0.0)
+        if size.max(initial=0.0) <= 0 or size.max() > polygon.area * (1 - 1e-12):
             return shapely.convex_hull(shapely.Point(corner))
-        polygon = kept
+        polygon = parts[int(np.argmax(size))]
 
 
 def crossed(first: Array, second: Array) -> Array:

@@ -34,6 +34,7 @@ class SolveKnowing(Protocol):
         time_limit: float = ...,
         *,
         known: Known | None = ...,
+        nodes: float = ...,
     ) -> SolverResult:
         """Solve an instance to a relative gap within a time limit [s]."""
 
@@ -284,11 +285,13 @@ def solve(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     known: Known | None = None,
+    nodes: float = np.inf,
 ) -> SolverResult:
     """Solve an instance by the solver of a name.
 
     gap: relative gap to prove. time_limit: [s]. known: from a laxer instance with the same choices,
-    for solvers that can use it. Raises UsageError for an unknown solver and for one
+    for solvers that can use it. nodes: at most, of the own tree; others have the time
+    alone. Raises UsageError for an unknown solver and for one
     that cannot hold what the instance has, MissingSolver for an absent one.
     """
     backend = require(solver)
@@ -299,6 +302,6 @@ def solve(
             f"{instance.name!r}): reformulate first, or use "
             + " or ".join(n for n, b in BACKENDS.items() if instance.features <= b.accepts)
         )
-    if known is not None and backend.load_knowing is not None:
-        return backend.load_knowing()(instance, gap, time_limit, known=known)
+    if backend.load_knowing is not None:
+        return backend.load_knowing()(instance, gap, time_limit, known=known, nodes=nodes)
     return backend.load()(instance, gap=gap, time_limit=time_limit)

@@ -42,7 +42,8 @@ class LoadedClimb(LoadedSpec):
         Raises:
             SpecError: with every mistake that the overrides bring.
         """
-        return _load(SourceText(self.source, self.name, self.directory, self.text), overrides)
+        text = SourceText(self.source, self.name, self.directory, self.text)
+        return _loaded(apply_overrides(self.document, overrides), text)
 
 
 def load_climb(

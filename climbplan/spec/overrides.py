@@ -21,6 +21,12 @@ class Override:
     value: str  # YAML
     option: str  # as in messages: "--set task.rounds=3", "--seed 4"
     bound: Literal["least", "most"] | None = None  # a number beyond it in the file stays
+    data: Any = None  # plain data that is taken as it is, instead of YAML; None: there is none
+
+    @classmethod
+    def of(cls, key: str, data: Any, option: str) -> Self:
+        """A value found by the program, which need not be written and read as YAML."""
+        return cls(key, "", option, data=data)
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -62,7 +68,10 @@ def apply_overrides(document: Document, overrides: Sequence[str | Override]) -> 
 
 
 def _apply(document: Document, override: Override) -> None:
-    parsed = parse_yaml(override.value, override.option)
+    if override.data is None:
+        parsed = parse_yaml(override.value, override.option)
+    else:
+        parsed = Document(override.option, "", copy.deepcopy(override.data))
     segments = override.key.split(".")
     holder: Any = document.value
     path: KeyPath = ()

@@ -15,6 +15,7 @@ from climbplan.robots.rotations import Array
 from climbplan.spec.climb.panel import HoldSpec, PanelSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
 from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
+from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
@@ -54,6 +55,11 @@ class Terrain:
         return tuple(s for s in self.surfaces if isinstance(s, Region))
 
     @cached_property
+    def bounds(self) -> Array:
+        """Least and largest coordinates of the flat regions, (2, R, 3) [m]."""
+        return bounds_of(self.regions)
+
+    @cached_property
     def stood_upon(self) -> NDArray[np.bool_]:
         """(N, O) obstacles with a face on which a surface lies that limb i may stand on."""
         # Regions of a scan lie as near to what was scanned as they were asked to
@@ -79,8 +85,10 @@ class Terrain:
     def nearest_surface(self, limb: int, point: Array) -> int:
         """Index of the surface nearest to a point among those the limb may use."""
         candidates = np.flatnonzero(self.allowed[limb])
-        distances = [self.surfaces[r].distance(point) for r in candidates]
-        return int(candidates[int(np.argmin(distances))])
+        if self.curved:
+            distances = [self.surfaces[r].distance(point) for r in candidates]
+            return int(candidates[int(np.argmin(distances))])
+        return nearest_region(self.regions, self.bounds, candidates, point)
 
 
 def _lies_on(surface: Surface, solid: Solid, near: float) -> bool:

@@ -150,7 +150,17 @@ def test_doctor_covers_every_dependency() -> None:
 def test_bench_list(run_command: RunCommand) -> None:
     listed = run_command("bench", "--list").out.splitlines()
     names = ["posture", "force", "plan", "coupled", "transition", "mpc"]
-    names += ["refusals", "stands", "judge", "zoo", "growth", "bookshelf", "strategies", "limms"]
+    names += [
+        "refusals",
+        "stands",
+        "scans",
+        "judge",
+        "zoo",
+        "growth",
+        "bookshelf",
+        "strategies",
+        "limms",
+    ]
     names += ["instances", "engine"]
     assert [line.split()[0] for line in listed] == names
 
@@ -350,3 +360,9 @@ def test_doctor_says_what_each_solver_of_programs_holds(run_command: RunCommand)
     assert "implications" in listed["minlp-scip"]["holds"]
     assert all(solver["purpose"] for solver in listed.values())
     assert re.search(r"^bonmin +present +local +everything", run_command("doctor").out, re.M)
+
+
+def test_bench_scans_says_which_meshes_it_wants(run_command: RunCommand, tmp_path: Path) -> None:
+    outcome = run_command("bench", "scans", "--scenes", str(tmp_path))
+    assert outcome.code == 2
+    assert "give the folder with the meshes of hpp-environments by --scenes DIR" in outcome.err

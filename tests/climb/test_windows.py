@@ -12,17 +12,12 @@ from test_many_regions import triangles
 
 import climbplan
 from climbplan.api.plan import Plan
+from climbplan.climb.body_way import BodyWay
 from climbplan.climb.motion import StageClock
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.climb.windows import (
-    BodyWay,
-    least_cost,
-    plan_in_windows,
-    reachable,
-    window_of,
-    within_rounds,
-)
+from climbplan.climb.windows import least_cost, plan_in_windows, window_of
+from climbplan.climb.within_reach import reachable, within_rounds
 from climbplan.errors import NotProved, SpecError
 from climbplan.spec.loading import load_text
 

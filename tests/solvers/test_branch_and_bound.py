@@ -286,3 +286,15 @@ def test_choices_that_do_not_fit_are_not_tried() -> None:
     for wrong in (np.array([0, 0, 0]), np.array([7])):
         known = Known(wrong, -np.inf)
         assert solve_branch_and_bound(instance, known=known).status == "optimal"
+
+
+def test_a_budget_of_nodes_ends_the_search_with_what_it_has() -> None:
+    instance = max(
+        (tiny_instance(seed) for seed in range(60)),
+        key=lambda one: solve_branch_and_bound(one, gap=GAP).nodes,
+    )
+    whole = solve_branch_and_bound(instance, gap=GAP)
+    cut = solve_branch_and_bound(instance, gap=GAP, nodes=whole.nodes - 1)
+    assert cut.nodes == whole.nodes - 1
+    assert cut.bound <= whole.bound + 1e-9
+    assert solve_branch_and_bound(instance, gap=GAP, nodes=whole.nodes).status == whole.status

@@ -64,6 +64,26 @@ def test_a_loaded_climb_takes_more_overrides(spec_path: Path) -> None:
     assert loaded.spec.terrain.friction == 0.9
 
 
+def test_mistakes_of_more_overrides_are_placed_in_the_file(spec_path: Path) -> None:
+    loaded = load_climb(spec_path, ["seed=4"])
+    with pytest.raises(SpecError) as caught:
+        loaded.with_overrides(["task.goal.com=3"])
+    assert "task.goal.com" in str(caught.value)
+    line = loaded.document.lines["task", "rounds"]
+    assert spec_path.read_text().splitlines()[line - 1].strip().startswith("rounds:")
+    assert loaded.with_overrides(["seed=5"]).document.lines["task", "rounds"] == line
+
+
+def test_data_needs_no_yaml_and_is_in_the_text(spec_path: Path) -> None:
+    data = {"com": [0.0, 0.1, 0.25]}
+    loaded = load_climb(spec_path, [Override.of("task.start", data, "found")])
+    data["com"][0] = 9.0
+    assert loaded.spec.task.start.com == (0.0, 0.1, 0.25)
+    assert "com: [0.0, 0.1, 0.25]" in loaded.text
+    off = load_climb(spec_path, [Override.of("posture.stance_workspace", False, "found")])
+    assert not off.spec.posture.stance_workspace
+
+
 def test_the_last_override_wins(spec_path: Path) -> None:
     assert load_climb(spec_path, ["seed=2", "seed=3"]).spec.seed == 3
 

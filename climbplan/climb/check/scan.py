@@ -8,7 +8,7 @@ What limbs keep, and where, is stated in `climbplan/terrain/raw_surface.py`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,7 +81,8 @@ def _friction(subject: Subject, scan: RawSurface) -> Check:
         margin = "held by grippers" if len(toes) else "no toe on the scan"
         return judge_worst("scan.friction", np.zeros(1), lambda _: "", margin=margin)
     planned = plan.instants.normal[instant, limb]
-    normals = _normals(toes, planned, scan)
+    places, number = np.unique(np.hstack([toes, planned]), axis=0, return_inverse=True)
+    normals = _normals(places[:, :3], places[:, 3:], scan)[number.reshape(-1)]
     force, mu = plan.forces.force[instant, limb], plan.instants.mu[instant, limb]
     pressing = (force * normals).sum(axis=1)
     sideways = np.linalg.norm(force - pressing[:, None] * normals, axis=1)
@@ -192,18 +193,10 @@ def judge_scan_links(
     assert scan is not None
     columns = []
     for capsule in capsules:
-        radius = capsule.radius
-        starts, ends = capsule.starts, capsule.ends
-        lacks = np.full(len(starts), -_TOLD)
-        if np.isfinite(capsule.to_toe):
-            whole = max((radius + scan.flatness) / SLENDER, NARROW)
-            lacks = _end_lacks(capsule, contacts, scan)
-            ends = _before_toe(capsule, np.array([whole]))[:, 0]
-            if whole > capsule.to_toe + _length(capsule):
-                columns.append(radius - lacks)  # near the toe as a whole
-                continue
-        clear = _distances(starts, ends, scan.corners, radius + _TOLD)
-        columns.append(np.minimum(clear, radius - lacks))
+        # While one limb swings the others stand still: what is alike is measured once
+        first, back = _different(capsule, contacts)
+        alone = replace(capsule, starts=capsule.starts[first], ends=capsule.ends[first])
+        columns.append(_room(alone, contacts.at(first), scan)[back])
     clear = np.stack(columns, axis=1)  # (P, C)
     radii = np.array([capsule.radius for capsule in capsules])
 
@@ -213,6 +206,35 @@ def judge_scan_links(
 
     margin = told_room(clear - radii, radii)
     return judge_worst(name, radii - clear, where, margin, radii / np.maximum(clear, 1e-9))
+
+
+def _different(capsule: Capsule, contacts: Contacts) -> tuple[Index, Index]:
+    """Poses (K,) that differ in a capsule or its contacts, and which of them each is (P,)."""
+    limb = capsule.limb
+    stands = np.concatenate([contacts.places[:, limb], contacts.normals[:, limb]], axis=1)
+    told = np.hstack([capsule.starts, capsule.ends, stands.reshape(len(stands), -1)])
+    told = np.where(np.isnan(told), np.inf, told)  # as that all are alike
+    _, first, back = np.unique(told, axis=0, return_index=True, return_inverse=True)
+    # In the order of motion, in which neighbours are near each other
+    order = np.argsort(first)
+    place = np.empty(len(first), np.int64)
+    place[order] = np.arange(len(first))
+    return np.asarray(first[order], np.int64), place[back.reshape(-1)]
+
+
+def _room(capsule: Capsule, contacts: Contacts, scan: RawSurface) -> Array:
+    """Room (P,) beside the axis of a capsule, as if it had to keep its radius everywhere."""
+    radius = capsule.radius
+    starts, ends = capsule.starts, capsule.ends
+    lacks = np.full(len(starts), -_TOLD)
+    if np.isfinite(capsule.to_toe):
+        whole = max((radius + scan.flatness) / SLENDER, NARROW)
+        lacks = _end_lacks(capsule, contacts, scan)
+        ends = _before_toe(capsule, np.array([whole]))[:, 0]
+        if whole > capsule.to_toe + _length(capsule):
+            return radius - lacks  # near the toe as a whole
+    clear = _distances(starts, ends, scan.corners, radius + _TOLD)
+    return np.minimum(clear, radius - lacks)
 
 
 def _length(capsule: Capsule) -> float:

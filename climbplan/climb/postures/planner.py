@@ -48,12 +48,14 @@ def plan_postures(
     margins: PostureMargins | None = None,
     save_model: Path | None = None,
     earlier: PostureResult | None = None,
+    nodes: float = np.inf,
 ) -> PostureResult:
     """Globally optimal postures under linearised rotation (method `micp`).
 
     earlier: postures of the same scene with smaller margins. Their bound holds here too, and their
-    choices are tried first. The spec's time limit is that of statement and search together. Raises
-    NoPostures naming round, limb and constraint, or LimitReached without an incumbent.
+    choices are tried first. nodes: of the own tree, at most. The spec's time limit is that
+    of statement and search together. Raises NoPostures naming round, limb and
+    constraint, or LimitReached without an incumbent.
     """
     begin = time.monotonic()
     refuse_unsuitable(scene)
@@ -66,16 +68,17 @@ def plan_postures(
         write_model(instance, save_model)
     left = max(options.time_limit - (time.monotonic() - begin), 0.0)
     known = None if earlier is None else earlier.known
-    result = solve(instance, options.posture, options.gap, left, known)
+    result = solve(instance, options.posture, options.gap, left, known, nodes)
     if result.status == "infeasible":
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
         limit = f"within {options.time_limit:g} s"
-        if result.time < 0.9 * left:
+        if result.nodes >= nodes:
+            limit = f"in the {nodes:g} nodes that the search may take"
+        elif result.time < 0.9 * left:
             limit = "in the memory that open nodes may take"
-        raise LimitReached(
-            f"posture planner: no plan {limit} ({result.nodes} nodes searched)", stage="posture"
-        )
+        searched = f"{result.nodes} nodes searched"
+        raise LimitReached(f"posture planner: no plan {limit} ({searched})", stage="posture")
     rounds = to_rounds(scene, program, result)
     return PostureResult(
         rounds=rounds,

@@ -32,15 +32,20 @@ def solve_branch_and_bound(
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
     known: Known | None = None,
+    nodes: float = np.inf,
 ) -> SolverResult:
-    """Globally optimal x of an instance, or the best one found in the time given.
+    """Globally optimal x of an instance, or the best one found in the time or nodes given.
 
     gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    known: from a laxer instance, solved before. Deterministic unless the time limit is hit.
+    known: from a laxer instance, solved before. nodes: at most; where
+    they end it, the answer is the same on every machine. Deterministic
+    unless the time limit is hit.
     Directions without cost must be bounded, by bounds, rows, balls or choices; otherwise no finite
     bound can be given.
     """
     if instance.features & {"integers", "implications"}:
+        if np.isfinite(nodes):
+            return solve_mixed_integer(instance, gap, time_limit, tolerance, known, int(nodes))
         return solve_mixed_integer(instance, gap, time_limit, tolerance, known)
     begin = time.perf_counter()
     deadline = begin + time_limit
@@ -70,7 +75,7 @@ def solve_branch_and_bound(
         return judged(instance, answer, gap, tolerance)
     if form.size == 0:
         return _only_point(instance, form.cost.center, gap, tolerance, begin)
-    search = TreeSearch(instance, form, gap, deadline, tolerance, known)
+    search = TreeSearch(instance, form, gap, deadline, tolerance, known, nodes)
     search.run()
     found = search.incumbents.best
     answer = Answer(

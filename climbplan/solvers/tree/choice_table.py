@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from climbplan.program.instance import Choice
 from climbplan.program.polytope import Array, Polytope
@@ -251,19 +252,24 @@ def _stated(alternatives: tuple[Polytope, ...]) -> _Stated:
 
 def _directions(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Unit rows as index and sign among different directions, numbered as they first appear."""
-    known = np.empty_like(rows)
     place, sign = np.empty(len(rows), np.intp), np.ones(len(rows), np.intp)
-    count = 0
-    for k, row in enumerate(rows):
+    if not len(rows):
+        return place, sign, rows.copy()
+    tree = cKDTree(rows)
+    near = {
+        turn: tree.query_ball_point(turn * rows, _PARALLEL, p=np.inf, return_sorted=True)
+        for turn in (1, -1)
+    }
+    number: dict[int, int] = {}  # of the row that a direction first appeared in
+    for k in range(len(rows)):
         for turn in (1, -1):
-            same = np.abs(known[:count] - turn * row).max(axis=1, initial=0.0) < _PARALLEL
-            if same.any():
-                place[k], sign[k] = int(np.argmax(same)), turn
+            first = next((i for i in near[turn][k] if i < k and i in number), None)
+            if first is not None:
+                place[k], sign[k] = number[first], turn
                 break
         else:
-            known[count], place[k] = row, count
-            count += 1
-    return place, sign, known[:count].copy()
+            number[k] = place[k] = len(number)
+    return place, sign, rows[list(number)]
 
 
 def _spread(directions: Array, planes: NDArray[np.intp]) -> NDArray[np.intp]:

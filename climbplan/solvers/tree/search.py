@@ -48,8 +48,9 @@ class TreeSearch:
         deadline: float,
         tolerance: float,
         known: Known | None = None,
+        most: float = np.inf,
     ) -> None:
-        self.instance, self.form, self.gap = instance, form, gap
+        self.instance, self.form, self.gap, self.most = instance, form, gap, most
         self.deadline, self.tolerance = deadline, tolerance
         self.known = known or Known()
         self.relaxation = Relaxation(form, self._late)
@@ -66,7 +67,7 @@ class TreeSearch:
     # ---- the loop
 
     def run(self) -> None:
-        """Search until the gap is proved, nothing is left, or the deadline."""
+        """Search until the gap is proved, nothing is left, `most` nodes, or the deadline."""
         root = self.root()
         self._open.append((root.bound, 0, root))
         if self.known.assignment is not None and self._possible(self.known.assignment):
@@ -75,6 +76,9 @@ class TreeSearch:
         while (self._open or self._dive) and not self._late():
             if self._bytes() > MEMORY:
                 self._note(f"open nodes and rows fill {1e-6 * MEMORY:.0f} MB")
+                break
+            if self.nodes >= self.most:
+                self._note(f"{self.nodes} nodes, as many as it may take")
                 break
             node = self._dive.pop() if self._dive else heapq.heappop(self._open)[2]
             if node.bound >= self.incumbents.cutoff:

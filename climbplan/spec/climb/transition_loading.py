@@ -35,7 +35,7 @@ class LoadedTransition(LoadedSpec):
             SpecError: with every mistake that the overrides bring.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        return transition_of_text(text, overrides)
+        return transition_of_document(apply_overrides(self.document, overrides), text)
 
 
 def load_transition(

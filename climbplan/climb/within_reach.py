@@ -1,0 +1,63 @@
+"""What of a terrain limbs and body can come to in some rounds: the alternatives of a window."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from climbplan.climb.plan.climb_plan import Mask
+from climbplan.climb.scene import ClimbScene
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.terrain.model import Terrain
+from climbplan.terrain.nearest import beyond_bounds
+
+
+def within_rounds(scene: ClimbScene, count: int) -> Terrain:
+    """The terrain with only those alternatives that some limb can come to in so many rounds."""
+    terrain = scene.terrain
+    if terrain.curved:
+        return terrain
+    body = count * scene.spec.posture.steps.com_max
+    choices = tuple(
+        tuple(f for f in choice if float((f.A @ scene.start.com - f.b).max()) <= body) or choice
+        for choice in terrain.free_choices
+    )
+    allowed = np.asarray(np.any(reachable(scene, count), axis=0), bool)
+    limbs = np.arange(len(allowed))
+    allowed[limbs, scene.start.region] = True
+    return replace(terrain, allowed=allowed, free_choices=choices)
+
+
+def reachable(scene: ClimbScene, count: int) -> Mask:
+    """(M, N, R) whether limb i can come to surface r by the end of round j.
+
+    Nothing that a plan of these rounds could use is left out: only what is further from a toe than
+    its steps go, from the body than its steps and the limb's reach together, or from where the
+    limb's stance can be than its workspace.
+    """
+    terrain, robot, spec = scene.terrain, scene.robot, scene.spec.posture
+    start, steps = scene.start, spec.steps
+    rounds = np.arange(1, count + 1)[:, None]
+    size = np.linalg.norm(robot.stance_body, axis=1)
+    turn = np.sqrt(3) * np.minimum(
+        rounds * np.deg2rad(steps.rotation_max_deg), 2 * np.deg2rad(spec.rotation_limit_deg)
+    )
+    tilt = float(np.linalg.norm(start.rpy[:2]))  # by which turns to first order are off
+    shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
+    nominal = start.com + robot.stance_body @ rotation_world_body(start.rpy).T
+    far = [
+        (start.toes, rounds * steps.toe_max + np.zeros(len(size))),
+        (
+            np.broadcast_to(start.com, nominal.shape),
+            rounds * steps.com_max + shoulder + robot.reach,
+        ),
+    ]
+    if spec.stance_workspace:
+        room = robot.stance_radius + size * (turn + tilt**2)
+        far.append((nominal, rounds * steps.com_max + room))
+    found = np.broadcast_to(terrain.allowed, (count, *terrain.allowed.shape)).copy()
+    for places, most in far:
+        away = beyond_bounds(terrain.bounds, places)
+        found &= away <= most[:, :, None]
+    return found

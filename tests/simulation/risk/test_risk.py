@@ -120,7 +120,7 @@ def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(
         judged.append((worlds, seed))
         layout = layout_of(plan, uncertainty_of(plan))
         falls = 12 if worlds > 40 and "margins" not in plan.spec_text else 0
-        ends = [Outcome(k < falls, 1.0, "", 0, 0) for k in range(worlds)]
+        ends = [Outcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
         return Judged("statics", seed, layout, tuple(ends))
 
     monkeypatch.setattr(planning, "judge_plan", judge)
@@ -149,7 +149,7 @@ def test_more_is_asked_for_by_what_tells_falls_apart() -> None:
         """Worlds that fall by the first number of a quantity."""
         part = dict(layout.parts)[name]
         numbers = [numbers_of(0, k, layout.size)[part.start] for k in range(200)]
-        ends = [Outcome(bool(n < -1), 1.0, "", 0, 0) for n in numbers]
+        ends = [Outcome(bool(n < -1), 1.0, "", 0, 0, 0.0) for n in numbers]
         return Judged("statics", 0, layout, tuple(ends))
 
     slippery, elsewhere = (more(stated, fallen(n), plan) for n in ("friction", "surface"))
@@ -173,7 +173,7 @@ def test_where_margins_do_not_help_limbs_move_in_other_orders(
     ) -> Judged:
         """All stand whose middle limbs move first."""
         falls = 0 if "RM, LM" in plan.spec_text.replace("'", "").split("gait")[-1][:12] else worlds
-        ends = [Outcome(k < falls, 1.0, "", 0, 0) for k in range(worlds)]
+        ends = [Outcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
         layout = layout_of(plan, uncertainty_of(plan))
         return Judged("statics", seed, layout, tuple(ends))
 

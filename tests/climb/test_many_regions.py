@@ -101,35 +101,36 @@ def test_a_limit_ends_with_what_there_is(limit: float) -> None:
 
 
 _RUN = """
-import sys
+import sys, time
 sys.path.insert(0, sys.argv[1])
 from test_many_regions import clock, limited, plan_motion, triangles
 from climbplan.errors import NoPlanFound
-scene = limited(triangles(320, gap=float(sys.argv[2])), 120.0)
+scene = limited(triangles(320, gap=float(sys.argv[2])), 1000.0)
 try:
     print(plan_motion(scene, clock()).posture.status)
 except NoPlanFound as error:
     print(type(error).__name__)
+print(time.process_time())
 """
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.0, 0.3, 0.6])
 def test_320_triangles_in_less_than_2_gigabytes(gap: float) -> None:
-    """They took 14.4 GB and 362 s under a limit of 120 s."""
+    """They took 14.4 GB and 362 s. Seconds are a processor's: others may keep it busy."""
     folder = __file__.rpartition("/")[0]
 
     def at_most_2_gigabytes() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (2 << 30, 2 << 30))
 
-    begin = time.monotonic()
     run = subprocess.run(
         [sys.executable, "-c", _RUN, folder, str(gap)],
         capture_output=True,
         text=True,
         preexec_fn=at_most_2_gigabytes,
         check=True,
-        timeout=300,
+        timeout=1200,
     )
-    assert run.stdout.strip() in ("optimal", "feasible")
-    assert time.monotonic() - begin < 1.1 * 120.0 + 20.0  # imports included
+    status, seconds = run.stdout.split()
+    assert status in ("optimal", "feasible")
+    assert float(seconds) < 120.0  # imports included

@@ -9,6 +9,7 @@ from pathlib import Path
 from climbplan.climb.proposed import planned_proposal
 from climbplan.reports.robot_page import robot_page
 from climbplan.robots.urdf.proposal.proposing import propose
+from climbplan.walking.proposed import proposed_walk
 
 
 @dataclass(frozen=True)
@@ -31,13 +32,19 @@ def new_robot(
     report("proposing legs, toes and postures")
     found = propose(urdf)
     made = planned_proposal(found, directory, report)
-    outcomes = (made.walk, made.climb)
+    report("planning a walk at speed")
+    robot_file, walk_file = f"{made.name}.yaml", f"{made.name}_walk.yaml"
+    walk = proposed_walk(found, robot_file)
+    outcomes = (made.walk, made.climb, walk)
     notes = [f"implausible: {text}" for text in found.odd]
     notes += [f"assumed: {text}" for text in found.assumed]
     notes += [str(outcome) for outcome in outcomes]
     badges = [
         (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
-        for one in outcomes
+        for one in (made.walk, made.climb)
     ]
+    what = "walks at speed"
+    badges.append((what if walk.verified else f"not found: {what}", walk.verified))
+    walks = {walk_file: walk.text} if walk.text else {}
     page = {f"{made.name}.html": robot_page(found, made.brace, badges)}
-    return NewRobot(made.name, made.files | page, tuple(notes))
+    return NewRobot(made.name, made.files | walks | page, tuple(notes))

@@ -35,8 +35,9 @@ def test_the_specs_plan_as_they_are(folder: Path, capsys: pytest.CaptureFixture[
         "walker4.yaml",
         "walker4_chimney.yaml",
         "walker4_ground.yaml",
+        "walker4_walk.yaml",
     ]
-    for spec in ("ground", "chimney"):
+    for spec in ("ground", "chimney", "walk"):
         plan = climbplan.plan(folder / f"walker4_{spec}.yaml")
         assert plan.verify().passed
         assert spec != "ground" or "found by" not in " ".join(plan.warnings)  # not by trials
@@ -57,6 +58,7 @@ def test_the_page_shows_both_postures(folder: Path) -> None:
     assert page.count("data:image/png") == 2
     assert "walks on ground" in page
     assert "climbs between walls" in page
+    assert "walks at speed" in page
     assert "L1_knee" in page
     assert "IMPLAUSIBLE" not in page or "inside their own feet" in page
     assert "<script" not in page

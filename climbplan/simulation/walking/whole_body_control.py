@@ -19,9 +19,11 @@ from climbplan.robots.rotations import skew
 from climbplan.walking.task import LEGS, Array, Flags, Whole
 
 BODY_STIFF = 12.0  # [rad/s] of the body's way back to its path, critically damped
-SWING_STIFF = 40.0  # [rad/s] of a swinging toe's, critically damped
+SWING_STIFF = 60.0  # [rad/s] of a swinging toe's, critically damped
 _STAND_DAMPING = 60.0  # [1/s] of what speed a standing toe has
-_BODY, _TURN, _SWING, _STAND = 10.0, 10.0, 1.0, 30.0  # weights of squared accelerations
+# Weights of squared accelerations: on two legs a body that is pushed aside can be slowed down by
+# leaning alone, and rather keeps upright until a leg has stepped aside.
+_LEVEL, _UP, _TURN, _SWING, _STAND = 5.0, 50.0, 50.0, 5.0, 50.0
 _FORCE = 20.0  # of squared departures from planned forces, in robot's weights
 _CALM = 1e-4  # of squared joint accelerations
 _LEAST = 1.0  # [N] pressure of a leg that stands
@@ -143,7 +145,8 @@ class WholeBodyControl:
         tasks: list[tuple[Array, Array, float]] = []
         body = np.zeros((3, unknowns))
         body[:, :3] = np.eye(3)
-        tasks.append((body, wanted.acceleration, _BODY))
+        tasks.append((body[:2], wanted.acceleration[:2], _LEVEL))
+        tasks.append((body[2:], wanted.acceleration[2:], _UP))
         turn = np.zeros((3, unknowns))
         turn[:, 3:6] = self.data.xmat[self.root].reshape(3, 3)  # MuJoCo's is in the body's frame
         tasks.append((turn, wanted.turning, _TURN))

@@ -16,7 +16,7 @@ from climbplan.simulation.walking.reference import walk_reference
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array
 
-_STEP_ASIDE = 1.5  # of a box's half extents, that a toe lands off its plan at most
+_STEP_ASIDE = 2.0  # of a box's half extents, that a toe lands off its plan at most
 _BEYOND = 1.1  # times as far as the capture point, so that the body comes back
 _SETTLED = 0.9  # share of a swing after which its landing stays
 _TOUCHDOWN = 0.01  # [m] below the ground that swings aim for, so that toes do land

@@ -36,7 +36,7 @@ from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array
 TICK = 2  # steps of the simulation
 PUSH = 0.05  # [s] that a push takes, as a force on the body
 _PLACE_STIFF = 5.0  # [rad/s] of the body's way back to its place on the level
-_HARDEST = 4.0  # [m/s^2] on the level, that the body is asked to speed up beside its plan
+_HARDEST = 2.5  # [m/s^2] on the level, that the body is asked to speed up beside its plan
 _FELT = 0.015  # [s] after its last contact that a toe still counts as standing
 _EARLY = 0.6  # share of a swing after which a touching toe carries
 _DOWN = -0.4  # [m/s] of a toe that is to stand and does not touch

@@ -1,0 +1,49 @@
+"""A walk of a proposed quadruped, as a spec of `plan-mpc`."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from climbplan.robots.urdf.walking_body import WalkingBody
+
+_SPEED = 0.5  # [m/s]
+_FROUDE = 0.35  # of the speed at which a pendulum of the standing height takes off, at most
+_STEP = 0.27  # [s / sqrt(m)] of an interval by the standing height: a pendulum's time
+_STANCE = 3  # intervals that a leg stands in a walking trot
+_IN_REACH = 0.8  # of its box, that the body moves on meanwhile
+_LIFT = 0.8  # of a box's half height, at most
+_HIGHEST = 0.05  # [m]
+_KNOTS = 16
+_FRICTION = 0.8
+
+
+def walk_document(body: WalkingBody, robot_file: str) -> str:
+    """The spec: forward from rest by a walking trot, a pair of legs at a time."""
+    half, height = body.boxes.half, body.height
+    speed = min(_SPEED, _FROUDE * float(np.sqrt(body.gravity * height)))
+    step = min(_STEP * float(np.sqrt(height)), 2 * _IN_REACH * float(half[0]) / (_STANCE * speed))
+    size = " x ".join(f"{2e3 * value:.0f}" for value in half)
+    return f"""# {body.name} walks forward at {speed:.2g} m/s, a pair of legs at a time.
+#
+#     climbplan plan-mpc {robot_file.removesuffix(".yaml")}_walk.yaml
+#
+# Axes of walking: x forward, y to the left. As it stands the body is {height:.3f} m above the toes;
+# boxes of toes are {size} mm, in which every leg holds {body.boxes.force:.0f} N upright anywhere.
+kind: mpc
+title: {json.dumps(f"{body.name} walks forward")}
+robot: {json.dumps(robot_file)}
+terrain: {{friction: {_FRICTION:g}}}  # ASSUMED: rubber on a floor
+
+task:
+  knots: {_KNOTS}  # up to 40
+  step: {step:.3f}  # [s]
+  least_contacts: 2
+  lift: {min(_LIFT * float(half[2]), _HIGHEST):.3f}
+  reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, 0]}}
+
+weights: {{velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}}  # a calm body
+solver: {{method: nlp, guess: walking trot}}
+seed: 0
+"""

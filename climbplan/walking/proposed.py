@@ -1,0 +1,50 @@
+"""A proposed robot's walk put to the test: its spec, planned before it is written."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from climbplan.errors import NoPlanFound, SpecError
+from climbplan.robots.urdf.proposal.document import robot_document
+from climbplan.robots.urdf.proposal.proposing import Proposal
+from climbplan.robots.urdf.proposal.walk_document import walk_document
+from climbplan.robots.urdf.walking_body import walking_body
+from climbplan.spec.walking.loading import load_mpc
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.planner import plan_walk
+
+_TIME_LIMIT = "solver.time_limit=60"
+
+
+@dataclass(frozen=True)
+class ProposedWalk:
+    """A spec, or why there is none; and what became of it."""
+
+    text: str  # empty where the robot cannot walk by `plan-mpc`
+    verified: bool
+    words: str  # "verified"; else the reason
+
+    def __str__(self) -> str:
+        return f"walks at speed: {self.words}"
+
+
+def proposed_walk(found: Proposal, robot_file: str) -> ProposedWalk:
+    """The spec of a walk by a proposed robot; robot_file: how it names the robot's file."""
+    try:
+        body = walking_body(found.draft.robot(meshes=False))
+    except SpecError as error:
+        return ProposedWalk("", False, f"no spec: {error.mistakes[0].message}")
+    text = walk_document(body, robot_file)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        absolute = robot_document(found, str(found.draft.urdf), "")
+        (place / robot_file).write_text(absolute, encoding="utf-8")
+        (place / "walk.yaml").write_text(text, encoding="utf-8")
+        try:
+            plan = plan_walk(load_mpc(place / "walk.yaml", [_TIME_LIMIT]))
+        except (NoPlanFound, SpecError) as error:
+            return ProposedWalk(text, False, str(error).partition("\n")[0])
+    broken = failures(check_trajectory(plan.task, plan.trajectory))
+    return ProposedWalk(text, not broken, broken or "verified")

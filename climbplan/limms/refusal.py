@@ -7,15 +7,17 @@ not turn, as the model has it:
 - Force: each module holds the box with one end, and carries no more than its latch holds.
 - Moment: a single latch is off the middle of the box, and holds no more than its moment. With less
   than the weight the box falls from rest at once, and it stands on the ground.
-- Reach: a box that stands is moved by four legs, or by a chain of modules that hangs on an anchor
-  and holds the box where it stands.
+- Reach: a box that stands is moved by four legs, or by chains of modules that hang on anchors and
+  hold the box where it stands. All of them together are no longer than there are modules, and hold
+  its moment: one latch alone, two beside each other with less, two opposite ones with none at all.
 - Way: the box fits through nothing that joins its start to its goal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor
+from itertools import combinations
+from math import floor, hypot
 
 from climbplan.errors import Conflict, Infeasible, NoPlanFound, NotProved, Remedy
 from climbplan.limms.bounds import anchor_wrist, chain_stretch, side_wrist, span
@@ -37,6 +39,7 @@ def ruled_out(scene: Scene, conflicts: Sequence[Conflict]) -> NoPlanFound:
     for reason, found in (
         ("a latch holds too little", one_latch_too_weak(scene)),
         ("no module reaches the box", out_of_reach(scene)),
+        ("too few modules reach the box", unliftable(scene)),
     ):
         if found:
             return Infeasible(f"no plan exists: {reason}", found, stage="modes")
@@ -101,5 +104,39 @@ def out_of_reach(scene: Scene) -> tuple[Conflict, ...]:
     words = (
         f"all {scene.count} modules, stretched out, span {stretch:.2f} m between their outer "
         f"wrists, from the nearest anchor ({name}) to the box at its start it is {nearest:.2f} m"
+    )
+    return (Conflict("arms", (words,), in_words=True),)
+
+
+def unliftable(scene: Scene) -> tuple[Conflict, ...]:
+    """Why no chains that reach the box at its start together can hold it up, if none can.
+
+    Of three sides two are opposite to each other, so that single chains and pairs are enough to
+    look at. Latches share a moment evenly, as the model has it.
+    """
+    if not _as_arms_only(scene):
+        return ()
+    half, start = scene.box_size[0, :2] / 2, scene.box_start[0]
+    lever = (half[0], half[0], half[1], half[1])  # of sides +x, -x, +y, -y
+    beside = half[0] * half[1] / hypot(*half) / 2
+    chains = [
+        (root, side, links)
+        for root in range(scene.walls)
+        for side in range(4)
+        for links in range(1, scene.count + 1)
+        if span(anchor_wrist(scene, root), side_wrist(scene, side, start))
+        <= chain_stretch(scene, links)
+    ]
+    needed = [lever[side] * scene.weight for _, side, _ in chains]
+    for one, other in combinations(chains, 2):
+        if one[0] != other[0] and one[1] != other[1] and one[2] + other[2] <= scene.count:
+            is_opposite = one[1] // 2 == other[1] // 2
+            needed.append(0.0 if is_opposite else beside * scene.weight)
+    held = scene.module.latch_moment
+    if not needed or min(needed) <= held:
+        return ()
+    words = (
+        f"chains of {scene.count} modules in all that reach the box at its start leave "
+        f"{min(needed):.2f} N m to a latch, which holds {held:g} N m"
     )
     return (Conflict("arms", (words,), in_words=True),)

@@ -17,11 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.limms.arms.held_branches import clearance
-from climbplan.limms.bounds import Connection, access, holding_misfit, within_reach
+from climbplan.limms.bounds import (
+    Connection,
+    access,
+    anchor_wrist,
+    chain_stretch,
+    holding_misfit,
+    side_wrist,
+    span,
+    within_reach,
+)
 from climbplan.limms.corridor import centre_blocks
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
 from climbplan.limms.scene import SIDES, Array, Scene
+from climbplan.limms.sequences import FLIGHT
 
 STEP = 0.12  # [m] between places
 MOST = 10  # relays that are listed
@@ -177,10 +187,18 @@ def _held_at(scene: Scene, connection: Connection, places: Array) -> Mask:
 
 
 def _thrown(scene: Scene, sets: list[tuple[tuple[Connection, ...], Mask]]) -> list[bool]:
-    """Which arms may throw the box to its goal, as far as that is looked at here: none hold it."""
+    """Which arms may throw the box to its goal: they do not hold it there, but nearly."""
     if "flight" not in scene.allow or scene.arrival_speed <= 0:
         return [False] * len(sets)
-    return [not mask[:, 1].any() for _, mask in sets]
+    reach = chain_stretch(scene, 1) + FLIGHT
+    return [
+        not mask[:, 1].any()
+        and all(
+            span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal)) <= reach
+            for c in arms
+        )
+        for arms, mask in sets
+    ]
 
 
 def _legs_left(

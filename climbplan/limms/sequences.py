@@ -18,6 +18,7 @@ from climbplan.limms.bounds import (
     access,
     access_over_box,
     anchor_wrist,
+    chain_stretch,
     holding_misfit,
     on_ground,
     side_wrist,
@@ -28,6 +29,7 @@ from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.scene import GRAVITY, SIDES, Scene
 
 LONGEST = 2  # modules in a chain
+FLIGHT = 0.3  # [m] beyond the reach of arms: what throws do easily
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Sequence:
     kind: str  # "arms", "throw", "relatch", "quadruped"
     connections: tuple[Connection, ...] = ()
     away: float = 0.0  # [m] how far wrists are apart that the chains have to bring together
+    flight: float = 0.0  # [m] that a throw is longer than throws that are tried early
     lets_go: bool = False  # a module on an anchor of the ground drives, before it relatches
 
     @property
@@ -50,7 +53,8 @@ class Sequence:
     def cost(self) -> float:
         """What is tried first: few modules, no change of latches, steps or flight; near ones."""
         extra = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}.get(self.kind, 0.0)
-        return self.modules + extra + (0.1 if self.lets_go else 0.0) + 0.01 * self.away
+        near = 2 * self.flight + 0.01 * self.away
+        return self.modules + extra + (0.1 if self.lets_go else 0.0) + near
 
     def named(self, scene: Scene) -> str:
         """In words."""
@@ -188,7 +192,7 @@ def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] |
         if carried:
             found.append(Sequence("arms", connections, away))
         if thrown and single:
-            found.append(Sequence("throw", connections, away))
+            found.append(Sequence("throw", connections, away, _flight(scene, connections)))
     relatched = len(connections) == 1 and single and carried
     if relatched and access_over_box(scene, connections[0]):
         found.append(Sequence("relatch", connections, away))
@@ -204,6 +208,16 @@ def _away(scene: Scene, connections: tuple[Connection, ...]) -> float:
         for c in connections
         for box in (scene.box_start[0], scene.goal)
     )
+
+
+def _flight(scene: Scene, connections: tuple[Connection, ...]) -> float:
+    """How much further beyond the reach of arms their goal is than `FLIGHT` [m]."""
+    beyond = max(
+        span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal))
+        - chain_stretch(scene, c.links)
+        for c in connections
+    )
+    return max(beyond - FLIGHT, 0.0)
 
 
 def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequence]:

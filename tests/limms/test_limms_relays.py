@@ -16,6 +16,7 @@ from climbplan.limms.modules.climbing_down import climb_down
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.relays import relays, standing_spots
 from climbplan.limms.scene import Scene, scene_of
+from climbplan.limms.sequences import search
 from climbplan.limms.timeline import DRIVES, NOWHERE
 from climbplan.spec.limms.loading import LoadedLimms, load_limms
 
@@ -101,3 +102,31 @@ def test_one_module_carries_a_box_past_its_reach(hall: LoadedLimms) -> None:
     modes = plan.motion.box_mode[:, 0]
     changes = modes[np.flatnonzero(np.diff(modes, prepend=0))]
     assert list(changes) == [1, 3, 1, 3]  # stands, is held, stands, is held
+
+
+def test_a_throw_may_follow_a_carry(tmp_path: Path) -> None:
+    high = HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [0.4, 0.1, 1.42], arrival_speed: 1.5")
+    path = tmp_path / "high.yaml"
+    path.write_text(high, encoding="utf-8")
+    found = list(relays(scene_of(load_limms(path))))
+    assert found
+    for relay in found:
+        assert [leg.is_thrown for leg in relay.legs] == [False, True]
+        assert [leg.connections[0].root for leg in relay.legs] == [0, 1]
+    # From the first anchor the goal is too far to be among the first throws to try
+    (far, *_) = search(scene_of(load_limms(path))).sequences
+    assert far.kind == "throw"
+    assert far.cost() > found[0].cost()
+
+
+@pytest.mark.slow
+def test_one_module_carries_comes_down_and_throws(tmp_path: Path) -> None:
+    text = HALL.replace("kind: limms", "kind: limms\nrobot: limms_quick")
+    text = text.replace("goal: [0.7, 0.1, 0.4]", "goal: [0.4, 0.1, 1.42], arrival_speed: 1.5")
+    path = tmp_path / "high.yaml"
+    path.write_text(text, encoding="utf-8")
+    plan = plan_limms(load_limms(path))
+    assert verification_of(plan).passed
+    modes = plan.motion.box_mode[:, 0]
+    changes = modes[np.flatnonzero(np.diff(modes, prepend=0))]
+    assert list(changes) == [1, 3, 1, 3, 2]  # held, put down, held, thrown

@@ -9,6 +9,8 @@ from limms_scenes import changed, loaded, scene
 
 from climbplan.errors import Infeasible, NotProved
 from climbplan.limms.planner import plan_limms
+from climbplan.limms.random_rooms import random_room
+from climbplan.limms.refusal import one_latch_too_weak, out_of_reach, unliftable
 from climbplan.limms.sequences import search
 from climbplan.spec.limms.loading import load_limms
 
@@ -72,3 +74,17 @@ def test_a_box_that_nothing_reaches_is_a_proof() -> None:
     far = loaded("limms_throw", "box.start=[2.0, 0, 0.1]")
     with pytest.raises(Infeasible, match=r"span 0.74 m.*nearest anchor \(wall\).* it is 1.76"):
         plan_limms(far)
+
+
+def test_arms_that_reach_but_do_not_hold_are_a_proof() -> None:
+    """Chains of three modules in all come to the box, and none of them hold its moment."""
+    with pytest.raises(Infeasible, match=r"leave 0\.92 N m to a latch, which holds 0\.7 N m"):
+        plan_limms(random_room(16))
+
+
+@pytest.mark.parametrize("name", ["lift_light", "throw", "relatch", "double_arm"])
+def test_proofs_leave_alone_what_arms_can_do(name: str) -> None:
+    possible = scene(f"limms_{name}", "task.allow=[arms, flight]")
+    assert not unliftable(possible)
+    assert not out_of_reach(possible)
+    assert not one_latch_too_weak(possible)

@@ -12,6 +12,7 @@ from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
+from climbplan.walking.micp.frame import Frame
 from climbplan.walking.micp.method import MicpLimits, solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import ranges_below
@@ -70,6 +71,30 @@ def test_a_motion_on_steps_is_in_the_relaxation() -> None:
     assert lifted_cost(task, answer) <= answer.objective * (1 + 1e-6)
 
 
+def test_ways_of_cheaper_motions_are_shorter_than_their_fastest() -> None:
+    task = shorter(stairs_task(), 6)
+    answer = known(task, 150)
+    found = answer.trajectory
+    assert found is not None
+    tube = tube_about(task, found.state, ANGLES, SPIN)
+    frame = Frame(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, None)
+    spared = []
+    for n in range(6):
+        for last in range(n + 1, 6):
+            way = found.state[last, :2] - found.state[n, :2]
+            least, most = frame.ways(n, last)
+            assert (way >= least - 1e-9).all()
+            assert (way <= most + 1e-9).all()
+            fastest = task.step * frame.v_high[n:last, 0].sum()
+            spared.append(most[0] < fastest - 0.02)
+    assert sum(spared) >= 3
+    off = np.array([1e-4, 1e-4])  # next to nothing is left for other velocities
+    narrow = Frame(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, off)
+    least, most = narrow.ways(1, 5)
+    assert most[0] - least[0] < 0.002
+    assert 0.5 * (most + least)[0] == pytest.approx(4 * 0.08 * 0.8, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_shrinking_keeps_cheaper_motions() -> None:
     task = shorter(walk_task((1.0, 0, 0)), 4)
@@ -82,6 +107,11 @@ def test_shrinking_keeps_cheaper_motions() -> None:
     assert box is not None
     assert (found.state >= box.low - 1e-6).all()
     assert (found.state <= box.high + 1e-6).all()
+    weights = task.weights.velocity[:2] + task.weights.motion * task.step**2
+    cheapest = task.weights.velocity[:2] / weights * task.reference.velocity[:-1, :2]
+    paid = (weights * (found.state[1:-1, 3:5] - cheapest) ** 2).sum(axis=0)
+    assert (paid <= box.off).all()
+    assert (box.off < answer.objective).all()
     closer = box.tube(tube)
     assert closer.holds(found.state)
     before = ranges_below(task, answer.objective * 1.02).velocity
@@ -162,6 +192,7 @@ def test_what_turns_stays_within_its_bounds() -> None:
         inverse = R @ np.linalg.inv(inertia) @ R.T
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
         world = R @ inertia @ R.T
+        assert (np.abs(world - t.inertia) <= t.inertia_off + 1e-9).all()
         gyro = -np.linalg.solve(world, np.cross(omega, world @ omega))
         assert (np.abs(gyro - t.gyro) <= t.gyro_off + 1e-9).all()
 

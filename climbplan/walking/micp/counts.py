@@ -82,7 +82,11 @@ class Counts(Legs):
             model.constant += track * wanted**2 - weight * middle**2
             ends = float(self.v_low[n, k]) - middle, float(self.v_high[n, k]) - middle
             if k < 2:
-                self.square("cost.tracking", weight, self.v[n][k] - middle, ends)
+                paid = self.square("cost.tracking", weight, self.v[n][k] - middle, ends)
+                if n < task.knots and paid.terms:
+                    self.aside[k].append(paid.column)
+                elif n < task.knots:
+                    self.given[k] += paid.constant
                 continue
             cost = model.variable(0.0, np.inf, cost=1.0)
             for shares in ([(c.after, c) for c in come], [(c.before, c) for c in go]):

@@ -22,8 +22,12 @@ class Frame:
         heights: int,
         ratio: float,
         within: tuple[Array, Array] | None,
+        off: Array | None,
     ) -> None:
         self.task, self.tube, self.cost = task, tube, cost
+        self.off = np.full(2, cost) if off is None else off
+        self.aside: tuple[list[int], list[int]] = ([], [])
+        self.given = np.zeros(2)
         self.arm_pieces, self.height_pieces, self.ratio = arms, heights, ratio
         self.model = LinearModel()
         self.arms: dict[tuple[int, int], tuple[Lin, Lin]] = {}
@@ -38,6 +42,10 @@ class Frame:
             self.p_high = np.maximum(np.minimum(self.p_high, within[1][:, POSITION]), self.p_low)
             self.v_low = np.maximum(self.v_low, within[0][:, VELOCITY])
             self.v_high = np.maximum(np.minimum(self.v_high, within[1][:, VELOCITY]), self.v_low)
+        for n in range(1, task.knots):
+            least, most = self.ways(0, n)
+            self.p_low[n, :2] = np.maximum(self.p_low[n, :2], self.p_low[0, :2] + least)
+            self.p_high[n, :2] = np.minimum(self.p_high[n, :2], self.p_high[0, :2] + most)
         level = task.ground.height
         for n in range(2, task.knots):
             low, high = self.body_heights(n)
@@ -117,6 +125,26 @@ class Frame:
         """Least and largest height of the body above a toe within its box."""
         ends = [self.arm_range(self.turns[n], leg) for leg in range(LEGS)]
         return float(max(-high[2] for _, high in ends)), float(min(-low[2] for low, _ in ends))
+
+    def ways(self, n: int, last: int) -> tuple[Array, Array]:
+        """Least and largest ways (2,) of the body along x and y from one knot to a later one [m].
+
+        Velocities that are off what is cheapest cost no more than `off` together: by Cauchy and
+        Schwarz the root of their number bounds their sum, and not their number. n < last < N.
+        """
+        task = self.task
+        slow, fast = self.v_low[n:last, :2].sum(axis=0), self.v_high[n:last, :2].sum(axis=0)
+        first = max(n, 1)  # the first velocity is given, and nothing is paid for it
+        track = task.weights.velocity[:2]
+        weight = track + task.weights.motion * task.step**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cheapest = np.where(weight > 0, track / weight, 0.0)
+            room = np.where(weight > 0, np.sqrt((last - first) * self.off / weight), np.inf)
+        wanted = cheapest * task.reference.velocity[first - 1 : last - 1, :2].sum(axis=0)
+        wanted = wanted + self.v_low[n:first, :2].sum(axis=0)
+        least: Array = task.step * np.maximum(slow, wanted - room)
+        most: Array = task.step * np.minimum(fast, wanted + room)
+        return least, most
 
     def extent(self, expression: Lin) -> tuple[float, float]:
         """Least and largest value within the bounds of columns."""

@@ -183,7 +183,7 @@ class Legs(Frame):
 
     def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
         """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
-        knots, dt, held = self.task.knots, self.task.step, self.task.start
+        knots, held = self.task.knots, self.task.start
         reach = [[self.arm_range(self.turns[n], leg) for leg in range(LEGS)] for n in range(knots)]
         for leg in range(LEGS):
             there = held.toes[leg] - held.state[POSITION]
@@ -191,8 +191,7 @@ class Legs(Frame):
             standing = [total(q.chosen for q in pieces[n][leg]) for n in range(knots)]
             for n in range(knots):
                 for last in range(n + 1, knots):
-                    slow = dt * self.v_low[n:last, :2].sum(axis=0)
-                    fast = dt * self.v_high[n:last, :2].sum(axis=0)
+                    slow, fast = self.ways(n, last)
                     # The arm changes by minus the way of the body.
                     least = reach[n][leg][0][:2] - reach[last][leg][1][:2]
                     most = reach[n][leg][1][:2] - reach[last][leg][0][:2]

@@ -10,6 +10,7 @@ bound is told.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -53,6 +54,7 @@ class MicpLimits:
     angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
     spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
     heuristics: float = 0.0  # of HiGHS; after a search time is for the bound
+    clock: Callable[[], float] = time.perf_counter  # `process_time` where others share the machine
 
 
 def limits_of(solver: WalkSolverSpec) -> MicpLimits:
@@ -77,7 +79,7 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
     if known is None:
         return WalkAnswer(None, np.inf, warm.seconds, f"nothing to start from: {warm.word}")
     stated = replace(task, integrator="euler")
-    run = _Run(task, stated, limits, known, warm.objective, time.perf_counter())
+    run = _Run(task, stated, limits, known, warm.objective, limits.clock())
     while run.left > 0 and not run.closed:
         tube = tube_about(stated, run.best.state, np.array(limits.angles), np.array(limits.spin))
         run.begin_tube()
@@ -127,7 +129,7 @@ class _Run:
 
     @property
     def seconds(self) -> float:
-        return time.perf_counter() - self.begin
+        return self.limits.clock() - self.begin
 
     @property
     def left(self) -> float:
@@ -136,6 +138,14 @@ class _Run:
     @property
     def closed(self) -> bool:
         return self.objective - self.bound <= self.limits.gap * self.objective * (1 + 1e-9)
+
+    def quiet(self) -> Any:
+        """HiGHS until the time is over: its own limit is by the wall's clock."""
+        by_wall = self.limits.clock is time.perf_counter
+        solver = highs(self.left if by_wall else np.inf)
+        solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
+        solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
+        return solver
 
     def begin_tube(self) -> None:
         """What was proved of another tube counts no more."""
@@ -160,6 +170,7 @@ class _Run:
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
         self.solved = False
         within: tuple[Array, Array] | None = None
+        off: Array | None = None
         closer = tube
         for k in range(_SHRINKS + 1):
             program = relaxation(
@@ -170,16 +181,17 @@ class _Run:
                 parts * limits.height_pieces,
                 _TANGENTS,
                 within,
+                off,
             )
             if not self.tighten(program, most):
                 return
             if k < _SHRINKS:
-                box = shrunk(program, _SHRINKING * self.left)
+                box = shrunk(program, _SHRINKING * self.left, limits.clock)
                 if box is None:
                     self.raise_bound(most, most)
                     self.word = "no motion is cheaper by the gap, by linear programs alone"
                     return
-                within, closer = (box.low, box.high), box.tube(tube)
+                within, off, closer = (box.low, box.high), box.off, box.tube(tube)
         # What is solved may owe its cost to squares that tangents leave too small.
         x = self.branch(program, known, most)
         while x is not None and not self.closed and self.left > 0:
@@ -195,7 +207,7 @@ class _Run:
         model = program.model
         x: Array | None = None
         for _ in range(_ROUNDS):
-            solver = _quiet(self.left)
+            solver = self.quiet()
             solver.passModel(rows_model(model, relaxed=True))
             run_highs(solver)
             status = solver.getModelStatus()
@@ -217,7 +229,7 @@ class _Run:
     def branch(self, program: Relaxation, known: WalkTrajectory, most: float) -> Array | None:
         """The program with binaries, the known gait as a partial start; a point if it is solved."""
         model, basis = program.model, self.objective
-        solver = _quiet(self.left)
+        solver = self.quiet()
         solver.setOptionValue("mip_rel_gap", 0.0)
         solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
         solver.passModel(rows_model(model))
@@ -234,7 +246,7 @@ class _Run:
 
         def interrupt(event: Any) -> None:
             self.again = self.objective < _NEW_START * basis
-            if self.closed or self.again:
+            if self.closed or self.again or self.left <= 0:
                 event.interrupt()
 
         solver.cbMipImprovingSolution.subscribe(improved)
@@ -292,10 +304,3 @@ class _Run:
             if settled.holds and passes(self.task, settled.trajectory):
                 self.best, self.objective = settled.trajectory, settled.objective
                 self.note()
-
-
-def _quiet(seconds: float) -> Any:
-    solver = highs(seconds)
-    solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
-    solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
-    return solver

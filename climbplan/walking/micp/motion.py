@@ -100,6 +100,25 @@ class Motion(Counts):
             model.least("dynamics.spin", change + slack)
             model.least("dynamics.spin", slack - change)
 
+        if n + 1 < task.knots:
+            self.turned_by(n, moment)
+
+    def turned_by(self, n: int, moment: list[Lin]) -> None:
+        """What turns the body, eq. (8.15) times the inertia: |I - I_middle| meets accelerations.
+
+        Those are small beside moments at their largest, which the rows above have to reckon with.
+        """
+        model, dt, t = self.model, self.task.step, self.turns[n]
+        change = [self.spin[n + 1][j] - self.spin[n][j] for j in range(3)]
+        fastest = np.array([max(map(abs, self.extent(one))) / dt for one in change])
+        most = fastest + np.abs(t.gyro) + t.gyro_off
+        slack = t.inertia_off @ most + np.abs(t.inertia) @ t.gyro_off
+        given = t.inertia @ t.gyro
+        for k in range(3):
+            heavy = total(change[j] * float(t.inertia[k, j] / dt) for j in range(3))
+            left = heavy - moment[k] * self.unit - float(given[k])
+            model.add("dynamics.spin", left, -float(slack[k]), float(slack[k]))
+
     # Objective, eq. (8.30)
     def costs(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> list[tuple[Count, ...]]:
         task, w = self.task, self.task.weights

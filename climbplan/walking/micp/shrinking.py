@@ -7,10 +7,13 @@ and with them all envelopes may be drawn closer: the bound stays one of the firs
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import highspy
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.micp.statement import Relaxation
@@ -27,6 +30,7 @@ class Box:
 
     low: Array
     high: Array
+    off: Array  # (2,) the most that velocities along x and y cost: as of `relaxation`
 
     def tube(self, tube: Tube) -> Tube:
         """What a tube and the box have in common."""
@@ -37,12 +41,14 @@ class Box:
         return replace(tube, angles=a, angles_half=a_half, spin=s, spin_half=s_half)
 
 
-def shrunk(program: Relaxation, seconds: float) -> Box | None:
+def shrunk(
+    program: Relaxation, seconds: float, clock: Callable[[], float] = time.perf_counter
+) -> Box | None:
     """The box of a program's relaxed states; None if it has no point at all.
 
     Those that time does not suffice for stay as they are. Raises nothing.
     """
-    end = time.perf_counter() + seconds
+    end = clock() + seconds
     model = program.model
     columns = np.array([[c.column for c in row] for row in program.states])
     low, high = np.array(model.lower)[columns], np.array(model.upper)[columns]
@@ -51,6 +57,9 @@ def shrunk(program: Relaxation, seconds: float) -> Box | None:
     solver.setOptionValue("presolve", "off")  # the next one starts from where the last one ended
     solver.passModel(rows_model(model, relaxed=True))
     everything = np.arange(len(model.lower), dtype=np.int32)
+    off = _velocities_cost(program, solver, everything)
+    if off is None:
+        return None
     solver.changeColsCost(len(everything), everything, np.zeros(len(everything)))
     for n in range(1, len(columns)):
         for k in range(columns.shape[1]):
@@ -58,9 +67,9 @@ def shrunk(program: Relaxation, seconds: float) -> Box | None:
                 continue
             column = int(columns[n, k])
             for sign in (1.0, -1.0):
-                left = end - time.perf_counter()
+                left = end - clock()
                 if left <= 0:
-                    return Box(low, high)
+                    return Box(low, high, off)
                 solver.setOptionValue("time_limit", solver.getRunTime() + left)
                 solver.changeColCost(column, sign)
                 run_highs(solver)
@@ -75,7 +84,30 @@ def shrunk(program: Relaxation, seconds: float) -> Box | None:
                         high[n, k] = min(high[n, k], -found + _PAD)
             solver.changeColCost(column, 0.0)
             solver.changeColBounds(column, low[n, k], high[n, k])
-    return Box(low, high)
+    return Box(low, high, off)
+
+
+def _velocities_cost(
+    program: Relaxation, solver: Any, everything: NDArray[np.int32]
+) -> Array | None:
+    """(2,) what all may cost less what all but velocities along x or y costs at least.
+
+    None if the program has no point. Costs of the solver's columns are others afterwards.
+    """
+    off = np.full(2, program.most)
+    for k, columns in enumerate(program.aside):
+        cost = np.array(program.model.cost)
+        cost[list(columns)] = 0.0
+        solver.changeColsCost(len(everything), everything, cost)
+        run_highs(solver)
+        status = solver.getModelStatus()
+        if status == highspy.HighsModelStatus.kInfeasible:
+            return None
+        if status == highspy.HighsModelStatus.kOptimal:
+            others = float(solver.getInfo().objective_function_value)
+            left = max(program.most - others, 0.0) + float(program.given[k])
+            off[k] = min(off[k], left + _PAD * program.most)
+    return off
 
 
 def _common(middle: Array, half: Array, low: Array, high: Array) -> tuple[Array, Array]:

@@ -32,6 +32,11 @@ class Relaxation:
     counts: tuple[tuple[Count, ...], ...]  # by knot
     unit: float  # [N] of forces
     states: tuple[tuple[Lin, ...], ...]  # (N + 1) of 12 columns
+    aside: tuple[
+        tuple[int, ...], ...
+    ]  # columns of what velocities along x and y cost, but the last
+    given: Array  # (2,) cost of those of them that are no variables
+    most: float  # that motions cost
 
     def integers(self, found: WalkTrajectory) -> dict[int, float]:
         """Values of all binaries at a motion, by column."""
@@ -86,13 +91,15 @@ def relaxation(
     height_pieces: int,
     ratio: float,
     within: tuple[Array, Array] | None = None,
+    off: Array | None = None,
 ) -> Relaxation:
     """The program of all motions within a tube that cost no more than so much.
 
-    ratio: of tangents, as of `LinearModel.square`; within: least and largest states (N + 1, 12) of
-    such motions, where more is known of them.
+    ratio: of tangents, as of `LinearModel.square`; where more is known of such motions: within:
+    their least and largest states (N + 1, 12); off: (2,) the most that velocities along x and y
+    that are not the cheapest cost them.
     """
-    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, within).done()
+    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, within, off).done()
 
 
 class _Statement(Motion):
@@ -119,5 +126,13 @@ class _Statement(Motion):
         self.model.add("cost.known", Lin(priced), 0.0, self.cost - self.model.constant)
         states = [(*p[n], *v[n], *angles[n], *spin[n]) for n in range(knots + 1)]
         return Relaxation(
-            self.model, tuple(pieces), tuple(heights), tuple(counts), self.unit, tuple(states)
+            self.model,
+            tuple(pieces),
+            tuple(heights),
+            tuple(counts),
+            self.unit,
+            tuple(states),
+            tuple(tuple(columns) for columns in self.aside),
+            self.given,
+            self.cost,
         )

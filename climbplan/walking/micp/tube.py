@@ -31,9 +31,17 @@ class Tube:
 
     def holds(self, state: Array) -> bool:
         """Whether a motion (N + 1, 12) is within it."""
-        inside = np.abs(state[:, ANGLES] - self.angles) <= self.angles_half + 1e-9
-        slow = np.abs(state[:, SPIN] - self.spin) <= self.spin_half + 1e-9
-        return bool(inside.all() and slow[:-1].all())
+        turned, turning = self.beyond(state)
+        return bool(turned.max() <= 1e-9 and turning.max() <= 1e-9)
+
+    def beyond(self, state: Array) -> tuple[Array, Array]:
+        """How far a motion (N + 1, 12) leaves it (3,) [rad], (3,) [rad/s]; 0 or less within it.
+
+        The angular velocity at the end turns nothing.
+        """
+        turned = np.abs(state[:, ANGLES] - self.angles) - self.angles_half
+        turning = np.abs(state[:-1, SPIN] - self.spin[:-1]) - self.spin_half[:-1]
+        return turned.max(axis=0), turning.max(axis=0)
 
 
 def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube:
@@ -59,7 +67,7 @@ def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube
 
 @dataclass(frozen=True)
 class Turning:
-    """Rotation, rates and inverse inertia at a knot of a tube, and how far off they are at most."""
+    """Rotation, rates and inertia at a knot of a tube, and how far off they are at most."""
 
     R: Array  # (3, 3) at the middle
     R_off: Array  # (3, 3)
@@ -67,6 +75,8 @@ class Turning:
     rates_off: Array  # (3, 3)
     inverse: Array  # (3, 3) inverse inertia, world frame
     inverse_off: Array  # (3, 3)
+    inertia: Array  # (3, 3) world frame
+    inertia_off: Array  # (3, 3)
     gyro: Array  # (3,) angular acceleration by gyroscopic moments
     gyro_off: Array  # (3,)
     axes: Array  # (3, 3) small turn about the body's axes at the middle, by each angle
@@ -92,6 +102,7 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
     inverse = R @ body_inverse @ R.T
     inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
+    heavy, heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
     rates = _rates(middle[None])[0]
     steep = 1.0 / np.cos(np.abs(middle[1]) + half[1]) ** 2 if half.any() else 0.0
     beside = 0.5 * apart  # an entry of R changes by at most the turn
@@ -109,6 +120,8 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         np.abs(_rates(grid) - rates).max(axis=0) + steep * beside,
         inverse,
         np.abs(inverses - inverse).max(axis=0) + spread * beside,
+        heavy,
+        np.abs(heavies - heavy).max(axis=0) + float(np.ptp(np.linalg.eigvalsh(inertia))) * beside,
         gyro,
         gyro_off,
         turns_by,

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.climb.plan.climb_plan import Instants, Rounds
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import grasp_matrix, total_load
 from climbplan.mechanics.friction import contact_frame
 from climbplan.robots.kinematics import inverse, jacobian_world, to_body
@@ -38,20 +38,28 @@ _SOLVED = ("Solved", "AlmostSolved")
 _POSES = 6  # looked at along the body's way from one lift to the next
 
 
-def balancing_shifts(scene: ClimbScene, lifts: Instants) -> Array:
+def balancing_shifts(
+    scene: MotionScene, lifts: Instants, most: float | None = None, narrower: float = 1.0
+) -> Array:
     """(L, 3) level shifts of the body [m] at instants with lifted limbs; zeros where none helps.
 
     lifts: L instants with the body on its straight way; their joint angles are not looked at.
+    most: the largest shift if not the spec's; narrower: factor on friction.
     """
+    most = scene.spec.posture.steps.shift_max if most is None else most
     robot = scene.robot
     angles = inverse(robot, to_body(lifts.com, lifts.rpy, lifts.toes)).best()
     out_of_reach = np.isnan(angles).any(axis=-1)  # which a shift may mend: torques are left open
     jacobian = jacobian_world(robot, lifts.rpy, np.nan_to_num(angles))
     jacobian[out_of_reach] = 0.0
-    return np.array([_least_shift(scene, lifts, k, jacobian[k]) for k in range(lifts.count)])
+    return np.array(
+        [_least_shift(scene, lifts, k, jacobian[k], most, narrower) for k in range(lifts.count)]
+    )
 
 
-def _least_shift(scene: ClimbScene, lifts: Instants, k: int, jacobian: Array) -> Array:
+def _least_shift(
+    scene: MotionScene, lifts: Instants, k: int, jacobian: Array, most: float, narrower: float
+) -> Array:
     """(3,) for one instant; jacobian: (N, 3, J), world."""
     spec, robot = scene.spec, scene.robot
     stands = np.flatnonzero(lifts.contact[k])
@@ -66,7 +74,7 @@ def _least_shift(scene: ClimbScene, lifts: Instants, k: int, jacobian: Array) ->
     equal[3:, 0] = np.cross([1.0, 0.0, 0.0], force)
     equal[3:, 1] = np.cross([0.0, 1.0, 0.0], force)
     frame = contact_frame(lifts.normal[k, stands]).axes  # (n, 3, 3)
-    steep = lifts.mu[k, stands] / spec.force.safety_friction
+    steep = narrower * lifts.mu[k, stands] / spec.force.safety_friction
     taken = jacobian[stands] * unit * spec.force.safety_torque / robot.max_torque[stands, None]
     turns = np.zeros((n, 2, robot.joint_count, size))
     press = np.zeros((n, size))
@@ -98,8 +106,8 @@ def _least_shift(scene: ClimbScene, lifts: Instants, k: int, jacobian: Array) ->
         reserve = share * spec.margins.friction * weight
         ends = np.zeros((n, 3))
         ends[:, 0] = -steep * reserve
-        most = np.array([spec.posture.steps.shift_max, 0.0, 0.0])
-        b = np.concatenate([-force, -moment, np.full(n, -least), *limits, ends.ravel(), most])
+        ball_ends = np.array([most, 0.0, 0.0])
+        b = np.concatenate([-force, -moment, np.full(n, -least), *limits, ends.ravel(), ball_ends])
         solution = clarabel.DefaultSolver(P, np.zeros(size), A, b, kinds, settings).solve()
         if str(solution.status) in _SOLVED:
             shift = np.array([*solution.x[:2], 0.0])

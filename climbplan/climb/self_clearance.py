@@ -61,7 +61,7 @@ def self_shortfall(
         body = body[body[:, 0] == of_limb]
         beside = np.where(limbs[:, 0] == of_limb, limbs[:, 2], limbs[:, 0])
         limbs = limbs[(limbs[:, [0, 2]] == of_limb).any(axis=1) & still[beside]]
-    room = np.concatenate([_from_body(robot, links, body), limbs_room(links, limbs)], axis=-1)
+    room = np.concatenate([body_room(robot, links, body), limbs_room(links, limbs)], axis=-1)
     if not room.size:
         return SelfShortfall(-np.inf, 0, 0, 0, -1, 0)
     known = np.where(np.isnan(room), np.inf, room)
@@ -97,7 +97,7 @@ def standing_overlap(scene: MotionScene, instants: Instants) -> tuple[SelfShortf
     return worst, instants.label(k, robot.limb_names)
 
 
-def _from_body(robot: Robot, links: Capsules, pairs: Pairs) -> Array:
+def body_room(robot: Robot, links: Capsules, pairs: Pairs) -> Array:
     """Room (P, B) [m] of links beside the body; below zero where they touch."""
     own = pairs[:, 0].astype(int), pairs[:, 1].astype(int)
     starts, ends = (v[..., own[0], own[1], :] for v in (links.starts, links.ends))
@@ -109,13 +109,15 @@ def _from_body(robot: Robot, links: Capsules, pairs: Pairs) -> Array:
         length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
         starts = starts + np.minimum(cut / length, 1.0)[..., None] * along
         radius = np.hypot(radius, cut / 2)
-    parts = robot.body_parts or (robot.body_hull,)
     enough = float(radius.max(initial=0.0)) + _TOLD
-    away = [
-        link_distances(_solid(np.ascontiguousarray(part).tobytes()), starts, ends, enough)
-        for part in parts
-    ]
+    away = [link_distances(part, starts, ends, enough) for part in body_solids(robot)]
     return np.asarray(np.min(away, axis=0) - radius)
+
+
+def body_solids(robot: Robot) -> list[Solid]:
+    """Convex parts of the body that limbs keep off, body frame."""
+    parts = robot.body_parts or (robot.body_hull,)
+    return [_solid(np.ascontiguousarray(part).tobytes()) for part in parts]
 
 
 @lru_cache(maxsize=64)

@@ -16,6 +16,7 @@ from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.windows import window_of
 from climbplan.errors import NoPlanFound, ReachFailure
+from climbplan.robots.five_bar import FiveBar
 from climbplan.spec.overrides import Override
 from climbplan.spec.stated import stated
 
@@ -75,8 +76,8 @@ def _needs_choices(error: NoPlanFound) -> bool:
 def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
     """Methods beside the first that can state this robot and terrain."""
     robot = scene.robot
-    if robot.mechanism is not None or robot.gripper is not None:
-        return ()  # the others state coxa, femur and tibia in closed form, and no grips
+    if isinstance(robot.mechanism, FiveBar) or robot.gripper is not None:
+        return ()  # the others state no closed linkages and no grips
     if first_trial(scene).method == "nlp":
         return ()  # the others are convex
     if error.stage in _FORCE_STAGES:

@@ -28,10 +28,3 @@ def test_stances_are_tried(run_command: RunCommand, workplace: Path) -> None:
     assert outcome.code == 2
     expected = f"robot_walker.yaml:{line}: legs.L1.stance: stance (-0.900, 0.330, -0.150) m cannot"
     assert expected in outcome.err
-
-
-def test_methods_that_need_a_closed_form(run_command: RunCommand, workplace: Path) -> None:
-    run_command("new", "climb", "--example", "climb_walker")
-    outcome = run_command("plan-climb", "climb_walker.yaml", "--method", "nlp")
-    assert outcome.code == 2
-    assert "solver.method: `nlp` states limbs of coxa, femur and tibia" in outcome.err

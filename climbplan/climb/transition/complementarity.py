@@ -44,11 +44,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.transition.round_rows import RoundRows
+from climbplan.climb.transition.round_rows import RoundRows, at_points
 from climbplan.program.trajectory import Trajectory
+from climbplan.robots.stated_limbs import StatedLimbs
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 
 FACETS = 8
+POINTS = 2  # at which a toe has to be in reach: before and after the round
 MOST_LOAD = 1.5  # of a limb, in units of the weight
 DISTANCE = 0.2  # [m] distances and steps are measured in, so that both sides are about one
 COMPLEMENTS = 2e-3  # largest product of a pair that complements
@@ -63,11 +65,16 @@ class Shape:
     """What a program is built for."""
 
     rounds: int  # M
-    limbs: int  # N
+    stated: StatedLimbs
     surfaces: int  # S, that each limb may use
     edges: int  # E of the surfaces that do not bound the room, 0 if all do
     solids: int  # B that toes keep out of
     faces: int  # F of each
+
+    @property
+    def limbs(self) -> int:
+        """N."""
+        return self.stated.limbs
 
     @property
     def variables(self) -> dict[str, tuple[int, int]]:
@@ -80,6 +87,7 @@ class Shape:
             "hold": (1, n),  # u
             "side": (self.faces, n * self.solids),  # g
             "s": (1, 1),
+            **at_points(self.stated.found, POINTS),
         }
 
     @property
@@ -96,6 +104,7 @@ class Shape:
             "face_end": (1, self.solids * self.faces),
             "mu": (1, most),
             "load": (6, 1),
+            **at_points(self.stated.given, POINTS),
         }
 
 
@@ -137,7 +146,7 @@ def complementarity_statement(shape: Shape) -> Trajectory:
 def _stated(shape: Shape, penalised: bool) -> Trajectory:
     """penalised: products as a cost with the weight "penalty", binaries' among them."""
     numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
-    rows = RoundRows("complementarity", shape.limbs, shape.variables, numbers)
+    rows = RoundRows("complementarity", shape.stated, shape.variables, numbers)
     pairs = _round(shape, rows)
     if penalised:
         hold = rows.symbols["hold"]
@@ -174,7 +183,7 @@ def _round(shape: Shape, rows: RoundRows) -> Any:
 
     each = (ca.repmat(local[k, :], 3, 1) * axis for k, axis in enumerate((normal, along, across)))
     force = sum(each, ca.SX.zeros(3, n * count)) @ of_limb
-    limbs = [rows.limbs(point, -1) for point in (old, new)]
+    limbs = [rows.limbs(point, k) for k, point in enumerate((old, new))]
     rows.reach(limbs, _STRETCH_ROOM)
     torque = rows.torques(limbs[0], force)
     rows.command(limbs[0], torque)

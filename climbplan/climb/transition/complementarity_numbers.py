@@ -11,16 +11,25 @@ from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.complementarity import (
     MOST_LOAD,
+    POINTS,
     ComplementarityProgram,
     Shape,
     complementarity_program,
 )
-from climbplan.climb.transition.round_rows import as_columns, joint_bounds, robot_numbers
+from climbplan.climb.transition.round_rows import (
+    as_columns,
+    first_ends,
+    joint_bounds,
+    joint_ends,
+    robot_numbers,
+)
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import toe_step_limits
 from climbplan.mechanics.friction import contact_frame
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
+from climbplan.robots.kinematics import to_body
+from climbplan.robots.stated_limbs import stated_limbs
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
@@ -102,7 +111,7 @@ def _shape_of(scene: TransitionScene, surfaces: Index) -> Shape:
     polygons = not _bounds_room(scene).all()
     return Shape(
         rounds=scene.spec.task.rounds,
-        limbs=scene.robot.limb_count,
+        stated=stated_limbs(scene.robot),
         surfaces=surfaces.shape[1],
         edges=max((len(r.b) for r in _regions(scene)), default=0) if polygons else 0,
         solids=len(solids),
@@ -126,6 +135,8 @@ def _numbers(scene: TransitionScene, shape: Shape, surfaces: Index) -> dict[str,
         "face_end": np.concatenate([nothing, *(b for _, b in faces)]),
         "mu": np.array([r.friction for r in used]) / scene.spec.force.safety_friction,
         "load": load_wrench(scene.spec, scene.robot, scene.start.rpy) / scene.robot.weight,
+        # Knees up, where the closed form has branches
+        **{name: np.full(POINTS * shape.limbs, -1.0) for name in shape.stated.given},
     }
     return {**robot_numbers(scene, scene.start.toes), **as_columns(own)}
 
@@ -153,7 +164,7 @@ def _variable_bounds(
     least = np.minimum(least, body.min(axis=0))
     pose_lower = np.tile(np.concatenate([least, -turn]), (m, 1))
     pose_upper = np.tile(np.concatenate([body.max(axis=0) + span, turn]), (m, 1))
-    pose_lower[0] = pose_upper[0] = np.concatenate([scene.start.com, scene.start.rpy])
+    pose_lower[0], pose_upper[0] = first_ends(scene)
     limbs, contacts = program.shape.limbs, program.shape.limbs * program.shape.surfaces
     toe_lower, toe_upper = np.tile(low, (m, limbs)), np.tile(high, (m, limbs))
     toe_lower[-1] = toe_upper[-1] = scene.goal.toes.ravel()
@@ -167,6 +178,11 @@ def _variable_bounds(
         "side": (0.0, 1.0),
         "s": (0.0, largest),
     }
+    if "angles" in program.shape.stated.found:
+        low_angle, high_angle = joint_ends(scene.robot, _JOINT_ROOM)
+        both["angles"] = np.tile(low_angle.ravel(), POINTS), np.tile(high_angle.ravel(), POINTS)
+    if "pull" in program.shape.stated.found:
+        both["pull"] = -np.inf, np.inf
     point = program.stated.point
     return point({k: b[0] for k, b in both.items()}), point({k: b[1] for k, b in both.items()})
 
@@ -174,13 +190,26 @@ def _variable_bounds(
 def _row_bounds(scene: TransitionScene, stated: Trajectory, surfaces: Index) -> tuple[Array, Array]:
     """Of one of a program's statements, the same in each round."""
     in_front = np.where(_bounds_room(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)
+    joints = joint_bounds(scene.robot, _JOINT_ROOM, POINTS)
+    rows = {"transition.joints": joints} if "transition.joints" in stated.sizes() else {}
     return stated.bounded(
         {
+            **rows,
             "contact.distance": (in_front, np.inf),
             "switch.supporting": (scene.spec.task.supporting, scene.robot.limb_count - 1.0),
             "force.command": joint_bounds(scene.robot, _JOINT_ROOM / 2),
-            "transition.joints": joint_bounds(scene.robot, _JOINT_ROOM, 2),
             "steps.toe": (-np.inf, toe_step_limits(scene) ** 2),
             "steps.com": (-np.inf, scene.spec.posture.steps.com_max**2),
         }
     )
+
+
+def found_at(scene: TransitionScene, pose: Array, toe: Array) -> dict[str, Array]:
+    """Where variables of limbs start, (M, d), for poses (M, 6) and toes (M, N, 3) after rounds."""
+    limbs = stated_limbs(scene.robot)
+    if not limbs.found:
+        return {}
+    before = np.concatenate([scene.start.toes[None], toe[:-1]])
+    both = np.stack([to_body(pose[:, :3], pose[:, 3:], toes) for toes in (before, toe)], axis=1)
+    values = limbs.at_toes(scene.robot, both)
+    return {name: values[name].reshape(len(pose), -1) for name in limbs.found}

@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.raw_clearance import raw_body_room
+from climbplan.climb.transition.clear_standing import ClearStanding, clear_standing
 from climbplan.climb.transition.scene import TransitionScene, hull_room
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body
@@ -52,8 +53,9 @@ class Poses:
 class Reach:
     """Which footholds limbs reach from which poses, and how."""
 
-    valid: Mask  # (B, N, C)
-    angles: Array  # (B, N, C, 3) [rad], NaN where not valid
+    valid: Mask  # (B, N, C) in reach, and no limb in the terrain or the body
+    clear: ClearStanding
+    angles: Array  # (B, N, C, J) [rad], NaN where not valid
 
 
 def footholds_of(scene: TransitionScene) -> Footholds:
@@ -116,8 +118,11 @@ def _inside(surface: Surface, point: Array) -> Array:
     return surface.project(point)
 
 
-def poses_of(scene: TransitionScene) -> Poses:
-    """Poses on the straight way from start to goal and beside it, as far as the body has room."""
+def poses_of(scene: TransitionScene, beside: Poses | None = None) -> Poses:
+    """Poses on the straight way from start to goal and beside it, as far as the body has room.
+
+    beside: further ones to look at.
+    """
     start, goal, search = scene.start, scene.goal, scene.spec.search
     share = np.linspace(0.0, 1.0, search.heights)
     aside = [0.0] if search.aside == 0 else [0.0, -search.aside, search.aside]
@@ -127,6 +132,10 @@ def poses_of(scene: TransitionScene) -> Poses:
         turn = start.rpy + part * (goal.rpy - start.rpy)
         at_end = part in (0.0, 1.0) and dx == 0.0 and dy == 0.0
         if not at_end and _has_room(scene, pose, turn):
+            com.append(pose)
+            rpy.append(turn)
+    for pose, turn in () if beside is None else zip(beside.com, beside.rpy, strict=True):
+        if _has_room(scene, pose, turn):
             com.append(pose)
             rpy.append(turn)
     com.append(goal.com)
@@ -158,4 +167,6 @@ def reach_of(scene: TransitionScene, footholds: Footholds, poses: Poses) -> Reac
             found.append(inverse(robot, to_body(poses.com, poses.rpy, all_poses)))
         angles.append(found[0].best())
         valid.append(found[0].valid & found[1].valid & footholds.real[:, number])
-    return Reach(np.stack(valid, axis=2), np.stack(angles, axis=2))
+    both = np.stack(valid, axis=2), np.stack(angles, axis=2)
+    clear = clear_standing(scene, poses.com, poses.rpy, both[1])
+    return Reach(both[0] & clear.alone, clear, both[1])

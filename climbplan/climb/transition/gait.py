@@ -5,24 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.climb.instants import instants_at, joint_angles
-from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
+from climbplan.climb.plan.climb_plan import Array, Instants, Mask, Rounds
 from climbplan.climb.transition.scene import TransitionScene
 
 
-def plan_instants(scene: TransitionScene, rounds: Rounds, moved: Mask) -> Instants:
+def plan_instants(scene: TransitionScene, rounds: Rounds, moved: Mask, first: Array) -> Instants:
     """The 2 M instants of a transition with their joint angles.
 
-    moved: (M, N) limbs of each round. The body waits while limbs swing. Joint angles are those of
-    the planned pose, without sag. Raises ReachFailure naming round, limb and missing reach.
+    moved: (M, N) limbs of each round; first: (3,) where the body is at the first lift. The body
+    waits while limbs swing. Joint angles are those of the planned pose, without sag. Raises
+    ReachFailure naming round, limb and missing reach.
     """
     m, n = moved.shape
     row = np.repeat(np.arange(m), 2) + np.tile([0, 1], m)  # posture of each instant
     lifted = np.zeros((2 * m, n), bool)
     lifted[::2] = moved
+    com = rounds.com[row]
+    com[0] = first
     instants = instants_at(
         scene,
         np.repeat(np.arange(1, m + 1), 2),
-        rounds.com[row],
+        com,
         rounds.rpy[row],
         rounds.toes[row],
         rounds.region[row],

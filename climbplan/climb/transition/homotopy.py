@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Index, Mask
-from climbplan.climb.transition.complementarity_numbers import FreeMotion, free_motion
+from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
@@ -135,6 +135,7 @@ def _random_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
             "hold": hold,
             "side": 1 / max(shape.faces, 1),
             "s": 0.3,
+            **found_at(scene, pose, toe),
         }
     )
 
@@ -196,7 +197,10 @@ def _along(motion: FreeMotion, holds: Footholds, v: Array, path: Index, moved: M
     first = np.argmax(motion.surfaces == region[:, :, None], axis=2)
     force[np.arange(shape.rounds)[:, None], limb, first, 0] = np.where(moved, 0.0, _PRESS)
     out = v.copy()
-    out[stated.place("toe")] = holds.toe[limb, path].reshape(shape.rounds, -1)
+    toes = holds.toe[limb, path]
+    out[stated.place("toe")] = toes.reshape(shape.rounds, -1)
+    for name, value in found_at(motion.scene, motion.value("pose", v), toes).items():
+        out[stated.place(name)] = value
     out[stated.place("hold")] = np.where(moved, 0.05, 0.95)
     out[stated.place("force")] = force.reshape(shape.rounds, -1)
     return out

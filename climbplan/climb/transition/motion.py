@@ -27,6 +27,7 @@ class Motion:
     """What IPOPT found for one sequence; not yet checked by forces and verification."""
 
     rounds: Rounds
+    first: Array  # (3,) where the body waits at the first lift [m]
     violation: float  # of the worst row, by our own evaluation
     block: str  # of that row
     iterations: int
@@ -40,19 +41,24 @@ class Motion:
 
 
 def plan_motion(
-    lab: Laboratory, sequence: Sequence, safety_torque: float | None = None, share: float = 0.0
+    lab: Laboratory,
+    sequence: Sequence,
+    safety_torque: float | None = None,
+    share: float = 0.0,
+    parted: bool = False,
 ) -> Motion:
     """The motion of least cost near the search's way.
 
     safety_torque: S_tau asked for instead of the spec's; share: of its margins that forces keep.
+    parted: with rows that keep limbs off the terrain and the body.
     """
     scene = lab.scene
     begin = time.perf_counter()
     rounds = len(sequence.states) - 1
-    program = motion_program(shape_of(scene, rounds))
+    program = motion_program(shape_of(scene, rounds, parted))
     stated = program.stated
     least = scene.spec.force.safety_torque if safety_torque is None else safety_torque
-    numbers = motion_numbers(lab, stated, sequence, least, share)
+    numbers = motion_numbers(lab, stated, sequence, least, share, parted)
     bounds, p = numbers.bounds, stated.theta(numbers.parameters)
     until = time.monotonic() + scene.spec.solver.time_limit
     point = program.solver.solve(numbers.start, p, bounds, until)
@@ -63,6 +69,7 @@ def plan_motion(
     number = worst.index[0] // (stated.sizes()[worst.name] // rounds) + 1
     return Motion(
         rounds=rounds_at(lab, stated, sequence, v),
+        first=first_at(stated, v),
         violation=worst.residual,
         block=f"round {number}, {worst.name}",
         iterations=point.iterations,
@@ -72,14 +79,23 @@ def plan_motion(
 
 
 def rounds_at(lab: Laboratory, stated: Trajectory, sequence: Sequence, v: Array) -> Rounds:
-    """Postures of a point of the program, toes put exactly on their surfaces."""
+    """Postures of a point of the program, toes put exactly on their surfaces.
+
+    The first is the start; where the body waits at the first lift tells `first_at`.
+    """
     scene, limb = lab.scene, np.arange(lab.scene.robot.limb_count)
     states = np.array(sequence.states)
     toes, region = toes_of(lab, sequence), lab.footholds.region[limb, states]
     pose = np.vstack([v[stated.place("pose")], np.append(scene.goal.com, scene.goal.rpy)])
+    pose[0, :3] = scene.start.com
     found = v[stated.place("toe")].reshape(-1, len(limb), 3)
     for j, i in np.argwhere(open_footholds(sequence)):  # never in the start posture
         stays = states[j - 1, i] == states[j, i]
         surface = scene.terrain.surfaces[region[j, i]]
         toes[j, i] = toes[j - 1, i] if stays else surface.project(found[j - 1, i])
     return Rounds(pose[:, :3], pose[:, 3:], toes, region)
+
+
+def first_at(stated: Trajectory, v: Array) -> Array:
+    """(3,) where the body waits at the first lift, at a point of the program."""
+    return np.asarray(v[stated.place("pose")][0, :3])

@@ -13,15 +13,23 @@ from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.motion_statement import POINTS, Shape
+from climbplan.climb.transition.parting_faces import parting_faces
 from climbplan.climb.transition.pose_ways import Sequence, stance_of_move
-from climbplan.climb.transition.round_rows import joint_bounds, robot_numbers
+from climbplan.climb.transition.round_rows import (
+    TIES,
+    first_ends,
+    joint_bounds,
+    joint_ends,
+    robot_numbers,
+)
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import toe_step_limits
 from climbplan.climb.transition.stances import Laboratory, stance_forces
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import to_body
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.stated_limbs import stated_limbs
 from climbplan.terrain.surfaces import Region
 
 _JOINT_ROOM = 2e-3  # [rad] off joint bounds, so that motions between instants have room
@@ -38,11 +46,14 @@ class MotionNumbers:
     bounds: Bounds
 
 
-def shape_of(scene: TransitionScene, rounds: int) -> Shape:
-    """The shape of the program of a scene."""
+def shape_of(scene: TransitionScene, rounds: int, parted: bool = False) -> Shape:
+    """The shape of the program of a scene; parted: with rows that keep limbs off things."""
+    robot = scene.robot
+    pieces = robot.joint_count if robot.capsules is None else robot.capsules.joint.shape[1]
     return Shape(
+        pieces=pieces if parted else 0,
         rounds=rounds,
-        limbs=scene.robot.limb_count,
+        stated=stated_limbs(scene.robot),
         solids=len(scene.terrain.solids),
         edges=max(len(s.b) for s in scene.terrain.surfaces if isinstance(s, Region)),
     )
@@ -101,8 +112,12 @@ def motion_numbers(
     sequence: Sequence,
     safety_torque: float,
     share: float = 0.0,
+    parted: bool = False,
 ) -> MotionNumbers:
-    """Numbers of a sequence; safety_torque: least S_tau, share: of the margins asked for."""
+    """Numbers of a sequence; safety_torque: least S_tau, share: of the margins asked for.
+
+    parted: with rows that keep limbs off the terrain and the body.
+    """
     kept = kept_by(lab.scene, share)
     scene = lab.scene
     poses = np.array(sequence.poses)[:-1]
@@ -112,7 +127,8 @@ def motion_numbers(
     turn = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
     body = np.stack([scene.start.com, scene.goal.com])
     span = scene.spec.posture.steps.com_max
-    pose_lower, pose_upper = pose.copy(), pose.copy()  # the first is fixed
+    pose_lower, pose_upper = pose.copy(), pose.copy()
+    pose_lower[0], pose_upper[0] = first_ends(scene)
     pose_lower[1:] = np.concatenate([body.min(axis=0) - span, -turn])
     pose_upper[1:] = np.concatenate([body.max(axis=0) + span, turn])
     m = len(poses)
@@ -123,8 +139,23 @@ def motion_numbers(
     start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": in_use}
     lower = {"pose": pose_lower, "toe": toe - room, "force": -most, "s": np.zeros(1)}
     upper = {"pose": pose_upper, "toe": toe + room, "force": most, "s": np.array([largest])}
+    toes, limbs = _toes_at_points(lab, sequence), stated_limbs(scene.robot)
+    at_toes = limbs.at_toes(scene.robot, toes)
+    asked = np.swapaxes(_asked(scene, sequence), 1, 2)[..., None]  # (M, POINTS, N, 1)
+    for name in limbs.found:
+        here = at_toes[name]
+        ends = (np.full(here.shape[-1], -np.inf), np.full(here.shape[-1], np.inf))
+        if name == "angles":
+            ends = joint_ends(scene.robot, _JOINT_ROOM)
+        # Where no row ties them they stay: what starts there is fixed, or nobody asks
+        start[name] = here.reshape(m, -1)
+        lower[name] = np.where(asked, ends[0], here).reshape(m, -1)
+        upper[name] = np.where(asked, ends[1], here).reshape(m, -1)
+    given = {name: at_toes[name] for name in limbs.given}
+    if parted:
+        given |= parting_faces(scene, pose[:, :3], pose[:, 3:], toes, asked[..., 0])
     return MotionNumbers(
-        _parameters(lab, sequence, kept),
+        _parameters(lab, sequence, kept, given),
         stated.point(start),
         Bounds(
             stated.point(lower), stated.point(upper), *_row_bounds(scene, stated, sequence, kept)
@@ -132,7 +163,36 @@ def motion_numbers(
     )
 
 
-def _parameters(lab: Laboratory, sequence: Sequence, kept: Kept) -> dict[str, Array]:
+def _open_poses(scene: TransitionScene, rounds: int) -> Mask:
+    """(M, 1) whether the pose of a round is open: but for the first, unless it may be shifted."""
+    return ((np.arange(rounds) > 0) | (scene.spec.posture.steps.shift_max > 0))[:, None]
+
+
+def _asked(scene: TransitionScene, sequence: Sequence) -> Mask:
+    """(M, N, POINTS) which toes are to be in reach: old, new, hovering over old, over new."""
+    open_toes, moved = open_footholds(sequence), sequence.moved
+    later = _open_poses(scene, len(moved))
+    old, new = later | open_toes[:-1], moved & (later | open_toes[1:])
+    return np.stack([old, new, moved & old, new], axis=-1)
+
+
+def _toes_at_points(lab: Laboratory, sequence: Sequence) -> Array:
+    """Toes (M, POINTS, N, 3) old, new and hovering over both, body frame."""
+    scene, holds = lab.scene, lab.footholds
+    limb, states = np.arange(scene.robot.limb_count), np.array(sequence.states)
+    poses = np.array(sequence.poses)[:-1]
+    com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
+    ends = (states[:-1], states[1:])
+    points = [holds.toe[limb, state] for state in ends]
+    lift = scene.spec.trajectory.lift
+    points += [p + lift * holds.normal[limb, s] for p, s in zip(points, ends, strict=True)]
+    return np.stack([to_body(com, rpy, p) for p in points], axis=1)
+
+
+def _parameters(
+    lab: Laboratory, sequence: Sequence, kept: Kept, given: dict[str, Array]
+) -> dict[str, Array]:
+    """given: of limbs at their toes."""
     scene, robot, holds = lab.scene, lab.scene.robot, lab.footholds
     limb, states = np.arange(robot.limb_count), np.array(sequence.states)
     old, new = states[:-1], states[1:]  # (M, N)
@@ -140,12 +200,6 @@ def _parameters(lab: Laboratory, sequence: Sequence, kept: Kept) -> dict[str, Ar
     com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
     shape = shape_of(scene, len(old))
     mu = holds.mu[limb, old] / scene.spec.force.safety_friction * (1 - _MARGIN)
-
-    lift = scene.spec.trajectory.lift
-    points = [holds.toe[limb, state] for state in (old, new)]
-    points += [p + lift * holds.normal[limb, s] for p, s in zip(points, (old, new), strict=True)]
-    branch = np.stack([_branch(scene, com, rpy, p) for p in points], axis=-1)
-
     region = holds.region[limb, new]
     edges = np.zeros((*region.shape, shape.edges, 3))
     ends, plane = np.ones((*region.shape, shape.edges)), np.empty(region.shape)
@@ -165,7 +219,7 @@ def _parameters(lab: Laboratory, sequence: Sequence, kept: Kept) -> dict[str, Ar
         "normal_old": holds.normal[limb, old],
         "normal_new": holds.normal[limb, new],
         "mu": np.where(old == new, mu, 0.0),
-        "branch": branch,
+        **given,
         "edge_row": edges,
         "edge_end": ends,
         "plane": plane,
@@ -177,19 +231,12 @@ def _parameters(lab: Laboratory, sequence: Sequence, kept: Kept) -> dict[str, Ar
         **robot_numbers(scene, holds.toe[limb, states[0]]),
         **{name: value.reshape(len(old), -1).T for name, value in every_round.items()},
         "hull": robot.body_hull.reshape(-1, 1),
-        "lift": np.array([[lift]]),
+        "lift": np.array([[scene.spec.trajectory.lift]]),
         "least_load": np.array([[kept.pressure]]),
         "least_depth": np.array([[kept.least_depth or 0.0]]),
         "margin_depth": np.array([[kept.depth or 0.0]]),
         "reserve": np.array([[kept.reserve]]),
     }
-
-
-def _branch(scene: TransitionScene, com: Array, rpy: Array, toes: Array) -> Array:
-    """(M, N) knee branch in use: -1 up, 1 down."""
-    within = inverse(scene.robot, to_body(com, rpy, toes)).within_bounds
-    up, down = within[:, 0], within[:, 1]
-    return np.where(~up & down, 1.0, -1.0)
 
 
 def _row_bounds(
@@ -200,32 +247,32 @@ def _row_bounds(
     open_toes, moved = open_footholds(sequence), sequence.moved
     was_open, is_open = open_toes[:-1], open_toes[1:]
     m, n = moved.shape
-    later = (np.arange(m) > 0)[:, None]  # the pose is open
+    later = _open_poses(scene, m)
     held, either = ~moved, later | (np.arange(m) + 1 < m)[:, None]
-    # Which of the toes old, new, hovering over old, hovering over new are to be checked
-    old, new = later | was_open, moved & (later | is_open)
-    check = np.stack([old, new, moved & old, new], axis=-1).reshape(m, POINTS * n)
+    check, sizes = _asked(scene, sequence).reshape(m, POINTS * n), stated.sizes()
+    joints = robot.joint_count
     steps = spec.posture.steps
     turn = np.deg2rad(steps.rotation_max_deg)
     given = {
-        "transition.joints": joint_bounds(robot, _JOINT_ROOM, POINTS),
         "force.command": joint_bounds(robot, _JOINT_ROOM),
         "steps.toe": (-np.inf, (toe_step_limits(scene) - 1e-6) ** 2),
         "steps.com": (-np.inf, (steps.com_max - 1e-6) ** 2),
         "steps.rotation": (-turn, turn),
         "body.clearance": (spec.posture.body_clearance + 1e-6, np.inf),
     }
+    if "transition.joints" in sizes:
+        given["transition.joints"] = joint_bounds(robot, _JOINT_ROOM, POINTS)
     placed = moved & is_open
+    ties = [name for name in TIES if name in sizes]
     holds = {
-        "transition.reach": check,
-        "transition.joints": np.repeat(check, 3, axis=1),
+        **{name: np.repeat(check, sizes[name] // check.size, axis=1) for name in ties},
         "force.friction": held,
         "force.contact": held,
-        "force.torque": np.repeat(held, 6, axis=1),
+        "force.torque": np.repeat(held, 2 * joints, axis=1),
         "force.inward": held & (kept.least_depth is not None),
         "force.inside": held & (kept.depth is not None),
-        "force.command": np.repeat(held, 3, axis=1),
-        "foothold.inside": np.repeat(placed, stated.sizes()["foothold.inside"] // (m * n), axis=1),
+        "force.command": np.repeat(held, joints, axis=1),
+        "foothold.inside": np.repeat(placed, sizes["foothold.inside"] // (m * n), axis=1),
         "steps.toe": moved & (was_open | is_open),
         "foothold.stays": np.repeat(held & is_open, 3, axis=1),
         "foothold.plane": placed,

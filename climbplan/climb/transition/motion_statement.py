@@ -5,13 +5,16 @@ are the poses between start and goal, toes on footholds between, contact forces 
 hold the body and the share s of the torque limits they take. Beside the rows of every round
 (`round_rows`):
 
-    transition.reach, .joints  of every toe old, new, and hovering over both
+    transition.reach, kinematics.toes, transition.joints
+                           of every toe old, new, and hovering over both
     force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f - reserve)^2
     force.contact          n . f >= least load of a limb that supports
     force.inward           toes commanded into their surface by the least depth, to first order
     force.inside           and by what margins ask, where a free toe would really be
     steps.rotation         turns of the body within their bound
     body.clearance         hull corners beyond a face of every solid, the face pinned
+    limbs.clearance        joints beyond such faces, and
+    limbs.self_collision   links beyond a face of the body each, where limbs came too close without
     foothold.plane         toes on footholds between lie on their surface,
     foothold.inside        within its edges,
     foothold.stays         and stay until their limb moves
@@ -24,12 +27,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.transition.round_rows import RoundRows
+from climbplan.climb.postures.nlp.statement import CONVEXITY
+from climbplan.climb.transition.round_rows import RoundRows, at_points
 from climbplan.program.trajectory import Trajectory
+from climbplan.robots.stated_limbs import StatedLimbs
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
 
 CORNERS = 8
@@ -45,14 +51,23 @@ class Shape:
     """What a program is built for."""
 
     rounds: int  # M
-    limbs: int  # N
+    stated: StatedLimbs
     solids: int  # S
     edges: int  # E, of the surfaces of footholds between
+    pieces: int = 0  # C capsules of a limb that keep off the body; 0: limbs are not looked at
+
+    @property
+    def limbs(self) -> int:
+        """N."""
+        return self.stated.limbs
 
     @property
     def variables(self) -> dict[str, tuple[int, int]]:
         """Names and shapes of the variables of one round: the pose it starts from, toes after."""
-        return {"pose": (6, 1), "toe": (3, self.limbs), "force": (3, self.limbs), "s": (1, 1)}
+        n = self.limbs
+        own = {"pose": (6, 1), "toe": (3, n), "force": (3, n), "s": (1, 1)}
+        # With the toe old, new, hovering over both
+        return own | at_points(self.stated.found, POINTS)
 
     @property
     def every_round(self) -> dict[str, tuple[int, int]]:
@@ -62,13 +77,28 @@ class Shape:
             "normal_old": (3, n),
             "normal_new": (3, n),
             "mu": (1, n),  # mu / S_mu of the surface under each limb, 0 for those that move
-            "branch": (POINTS, n),  # knee branch with the toe old, new, hovering over both
+            **at_points(self.stated.given, POINTS),
             "edge_row": (3, n * self.edges),  # of each toe's new surface
             "edge_end": (1, n * self.edges),
             "plane": (1, n),  # offset of the new surface
             "face": (3, self.solids),
             "face_end": (1, self.solids),
             "load": (6, 1),  # payload and external wrench [weight, weight m]
+            **self._parting,
+        }
+
+    @property
+    def _parting(self) -> dict[str, tuple[int, int]]:
+        """Faces that joints are to be beyond, world, and links beside the body, body frame."""
+        if not self.pieces:
+            return {}
+        joints = POINTS * self.solids * (self.stated.joints - 1) * self.limbs
+        links = POINTS * self.pieces * self.limbs
+        return {
+            "joint_face": (3, joints),
+            "joint_end": (1, joints),
+            "link_face": (3, links),
+            "link_end": (1, links),  # with the radius of the link
         }
 
     @property
@@ -105,12 +135,12 @@ def motion_program(shape: Shape) -> CompiledTrajectory:
 def _round(shape: Shape) -> RoundRows:
     """One round between two poses."""
     rows = RoundRows(
-        "transition", shape.limbs, shape.variables, {**shape.every_round, **shape.common}
+        "transition", shape.stated, shape.variables, {**shape.every_round, **shape.common}
     )
     stage, s = rows.stage, rows.symbols
     old, new, force = s["toe_before"], s["toe"], s["force"]
     over = (old + s["lift"] * s["normal_old"], new + s["lift"] * s["normal_new"])
-    limbs = [rows.limbs(p, s["branch"][k, :]) for k, p in enumerate((old, new, *over))]
+    limbs = [rows.limbs(p, k) for k, p in enumerate((old, new, *over))]
     rows.reach(limbs, _STRETCH_ROOM)
 
     pressure = ca.sum1(s["normal_old"] * force)
@@ -138,6 +168,30 @@ def _round(shape: Shape) -> RoundRows:
     stage.between("steps.rotation", rows.turning, unit="rad")
     corners = ca.repmat(s["pose"][:3], 1, CORNERS) + rows.turn @ s["hull"]
     room = corners.T @ s["face"] - ca.repmat(s["face_end"], CORNERS, 1)
+    if shape.pieces:
+        # A turning corner leaves its chord by a bulge; four of them at one end are enough
+        room -= 4 * CONVEXITY * ca.sqrt(ca.sumsqr(s["hull"][:, 0])) * ca.sumsqr(rows.turning)
+        _keep_apart(shape, rows, [standing.angles for standing in limbs])
     stage.between("body.clearance", room, unit="m")
     rows.costs(_FORCE_PREFERENCE)
     return rows
+
+
+def _keep_apart(shape: Shape, rows: RoundRows, angles: list[Any]) -> None:
+    """Joints beyond a face of every solid, links beyond one of the body, all pinned."""
+    s, n = rows.symbols, shape.limbs
+    clear, beside = [], []
+    for k, own in enumerate(angles):
+        joints = shape.stated.points(s, own)[1:-1]
+        world = [rows.world(point) for point in joints]
+        for solid in range(shape.solids):
+            for j, point in enumerate(world):
+                at = ((k * shape.solids + solid) * len(world) + j) * n
+                face, end = (s[name][:, at : at + n] for name in ("joint_face", "joint_end"))
+                clear.append(ca.sum1(face * point) - end)
+        for c, ends in enumerate(shape.stated.pieces(s, own)):
+            at = (k * shape.pieces + c) * n
+            face, end = (s[name][:, at : at + n] for name in ("link_face", "link_end"))
+            beside += [ca.sum1(face * point) - end for point in ends]
+    rows.stage.between("limbs.clearance", ca.vertcat(*clear), 0.0, unit="m")
+    rows.stage.between("limbs.self_collision", ca.vertcat(*beside), 0.0, unit="m")

@@ -14,6 +14,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
+    Array,
     ClimbPlan,
     Forces,
     Instants,
@@ -25,6 +26,8 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance, on_scan
 from climbplan.climb.trajectory import plan_trajectory
+from climbplan.climb.transition.balanced_poses import balanced_poses
+from climbplan.climb.transition.clear_standing import standing_trouble
 from climbplan.climb.transition.gait import plan_instants
 from climbplan.climb.transition.homotopy import run_start
 from climbplan.climb.transition.mission import Tail, climb_after, joined_instants, joined_rounds
@@ -39,6 +42,7 @@ from climbplan.climb.transition.summary import summary_lines
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
 from climbplan.plans.verification import Verification
 from climbplan.progress import Progress
+from climbplan.robots.any_robot import assumptions
 from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.robots.stored import robot_texts
 
@@ -46,6 +50,12 @@ _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies
 # Of the margins, tried in turn; forces of the body that goes on, after each lift, take some
 _SHARES = (1.2, 0.9, 0.6, 0.3, 0.0)
+# Checks that rows for limbs and body may mend
+_TOO_CLOSE = frozenset(
+    f"{part}.{what}"
+    for part in ("limbs", "body", "trajectory")
+    for what in ("clearance", "capsules", "self_collision")
+)
 _FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
 
 
@@ -69,11 +79,25 @@ class Run:
     tail: Tail | None = None  # the climb that follows
 
 
-def complete(run: Run, rounds: Rounds, moved: Mask) -> Complete:
-    """Instants, forces and trajectory of postures; raises what each of them raises."""
+class LimbsMeet(NotProved):
+    """Limbs meet the terrain, the body or one another."""
+
+    def __init__(self, words: str) -> None:
+        because = "the motion of a sequence is found by a local method"
+        super().__init__(f"limbs meet: {words}", because=because, stage="motion")
+
+
+def complete(run: Run, rounds: Rounds, moved: Mask, first: Array) -> Complete:
+    """Instants, forces and trajectory of postures; raises what each of them raises.
+
+    first: (3,) where the body is at the first lift.
+    """
     scene, clock = run.scene, run.clock
     with clock.stage("kinematics"):
-        instants = plan_instants(scene, rounds, moved)
+        instants = plan_instants(scene, rounds, moved, first)
+        trouble = standing_trouble(scene, instants)
+        if trouble is not None:
+            raise LimbsMeet(trouble)
     if run.tail is not None:
         rounds = joined_rounds(rounds, run.tail.rounds)
         instants = joined_instants(instants, run.tail.instants)
@@ -84,9 +108,9 @@ def complete(run: Run, rounds: Rounds, moved: Mask) -> Complete:
     return Complete(rounds, instants, forces, trajectory)
 
 
-def verified(run: Run, rounds: Rounds, moved: Mask) -> tuple[Complete, Verification]:
+def verified(run: Run, rounds: Rounds, moved: Mask, first: Array) -> tuple[Complete, Verification]:
     """What follows from postures, and all checks of their plan; raises what `complete` raises."""
-    done = complete(run, rounds, moved)
+    done = complete(run, rounds, moved, first)
     with run.clock.stage("check"):
         return done, verification_of(assemble(run, Found(done, {})))
 
@@ -129,9 +153,10 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
 
     The program of the motion knows neither buckling nor links that hit a box: where the forces, the
     trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
-    It is asked for all margins first, and for less where it finds no motion with them.
+    It is asked for all margins first, and for less where it finds no motion with them. Where limbs
+    or body come too close to anything it is planned again with rows that keep them off.
     """
-    scene = run.scene
+    scene, parted = run.scene, False
     reason, iterations = "", 0
     shares = (0.0,) if not scene.spec.margins.asked else _SHARES
     beyond = 0.0  # share of the margins for which there is no motion
@@ -139,21 +164,29 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
         asked = factor * scene.spec.force.safety_torque
         if asked > sequence.safety_torque or share == beyond > 0:
             continue
-        with run.clock.stage("motion"):
-            motion = plan_motion(lab, sequence, asked, share)
-        iterations += motion.iterations
-        if not motion.accepted:
-            beyond = share
-            reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
-            continue
-        try:
-            done, verification = verified(run, motion.rounds, sequence.moved)
-        except NoPlanFound as error:
-            reason = " ".join(str(error).split())
-            continue
-        if verification.passed:
-            return Attempt(done, iterations)
-        reason = f"fails its verification: {verification.headline()}"
+        for with_rows in (False, True):
+            if parted and not with_rows:
+                continue
+            with run.clock.stage("motion"):
+                motion = plan_motion(lab, sequence, asked, share, with_rows)
+            iterations += motion.iterations
+            if not motion.accepted:
+                beyond = share
+                reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
+                break
+            try:
+                done, verification = verified(run, motion.rounds, sequence.moved, motion.first)
+            except NoPlanFound as error:
+                reason = " ".join(str(error).split())
+                parted |= isinstance(error, LimbsMeet)
+            else:
+                if verification.passed:
+                    return Attempt(done, iterations)
+                reason = f"fails its verification: {verification.headline()}"
+                failed = {check.name for check in verification.checks if not check.passed}
+                parted |= not failed.isdisjoint(_TOO_CLOSE)
+            if not parted:
+                break
     return Attempt(None, iterations, reason or "no room for a safety margin")
 
 
@@ -192,7 +225,7 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
 def assemble(run: Run, found: Found) -> ClimbPlan:
     """The plan of what a method found."""
     loaded, scene, done = run.loaded, run.scene, found.complete
-    limits = step_limits(scene)
+    limits, assumed = step_limits(scene), assumptions(loaded.robot, scene.robot)
     goal = run.tail.goal if run.tail is not None else scene.goal
     if run.tail is not None:
         last = scene.spec.last_goal
@@ -223,7 +256,7 @@ def assemble(run: Run, found: Found) -> ClimbPlan:
         timings=dict(run.clock.seconds),
         solvers={"motion": "ipopt (mumps)", "force": scene.spec.solver.force},
         sizes={**found.sizes, "force": {"instants": done.instants.count}},
-        warnings=(*found.warnings, *deflection_warnings(done.forces), *done.forces.notes),
+        warnings=(*assumed, *found.warnings, *deflection_warnings(done.forces), *done.forces.notes),
         kind="transition",
         sequences=found.sequences,
         robot_texts=robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
@@ -232,15 +265,28 @@ def assemble(run: Run, found: Found) -> ClimbPlan:
     return replace(plan, summary=summary_lines(plan))
 
 
+def searched(scene: TransitionScene, deadline: float) -> tuple[Search, list[Sequence]]:
+    """Sequences on the grid of poses, or where that has none on poses that balance stances too.
+
+    Raises NotProved where there are none.
+    """
+    search = Search(scene, deadline=deadline)
+    found = search.sequences()
+    if not found:
+        beside = balanced_poses(scene, deadline)
+        search = Search(scene, deadline=deadline, beside=beside)
+        found = search.sequences()
+    if not found:
+        raise no_sequence(scene, deadline, search.beside)
+    return search, found
+
+
 def _by_search(run: Run, share: float = 1.0) -> Found:
     """All sequences, and the motion of the best that holds; share: of the time limit."""
     scene, clock = run.scene, run.clock
     with clock.stage("search"):
         deadline = time.monotonic() + share * scene.spec.solver.time_limit
-        search = Search(scene, deadline=deadline)
-        found = search.sequences()
-        if not found:
-            raise no_sequence(scene, deadline)
+        search, found = searched(scene, deadline)
     outcome = [""] * len(found)
     done: Complete | None = None
     iterations = tried = 0

@@ -36,20 +36,22 @@ class Sequence:
 
 
 def cheapest_way(
-    lab: Laboratory, states: tuple[State, ...], uses: Many[Array], step_cost: Array
+    lab: Laboratory, states: tuple[State, ...], uses: Many[Array], step_cost: Array, first: Array
 ) -> Sequence | None:
     """The cheapest way of states and the one of the largest S_tau; None if steps are too long.
 
     uses: torque use (B,) of each round by pose. step_cost: (B, B) between poses, infinite where a
-    step is too long.
+    step is too long. first: (B,) cost of shifting the body there before the first lift, likewise;
+    the step of the first round counts from the start.
     """
     weights = lab.scene.spec.posture.weights
     last = lab.poses.count - 1
-    cost, back = np.where(np.arange(last + 1) == 0, 0.0, np.inf), []
-    firm, firm_back = np.where(np.arange(last + 1) == 0, 0.0, np.inf), []
-    allowed = np.where(np.isfinite(step_cost), 0.0, np.inf)
-    for use in uses:
-        ways = (cost + weights.effort * use)[:, None] + step_cost
+    cost, back = first, []
+    firm, firm_back = np.where(np.isfinite(first), 0.0, np.inf), []
+    for number, use in enumerate(uses):
+        steps = np.broadcast_to(step_cost[0], step_cost.shape) if number == 0 else step_cost
+        allowed = np.where(np.isfinite(steps), 0.0, np.inf)
+        ways = (cost + weights.effort * use)[:, None] + steps
         back.append(ways.argmin(axis=0))
         cost = ways.min(axis=0)
         worst = np.maximum(np.maximum(firm, use)[:, None], allowed)

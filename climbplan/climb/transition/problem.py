@@ -18,10 +18,10 @@ import numpy as np
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.transition.complementarity import complementarity_statement
-from climbplan.climb.transition.complementarity_numbers import FreeMotion, free_motion
+from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion
 from climbplan.climb.transition.homotopy import admissible, sequence_at
 from climbplan.climb.transition.mission import climb_after
-from climbplan.climb.transition.motion import rounds_at
+from climbplan.climb.transition.motion import first_at, rounds_at
 from climbplan.climb.transition.motion_numbers import (
     motion_numbers,
     searched_forces,
@@ -29,11 +29,9 @@ from climbplan.climb.transition.motion_numbers import (
     toes_of,
 )
 from climbplan.climb.transition.motion_statement import motion_statement
-from climbplan.climb.transition.planner import Run, carry_through, verified
+from climbplan.climb.transition.planner import Run, carry_through, searched, verified
 from climbplan.climb.transition.pose_ways import Sequence
-from climbplan.climb.transition.refusal import no_sequence
 from climbplan.climb.transition.scene import build_transition
-from climbplan.climb.transition.search import Search
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.errors import NoPlanFound
 from climbplan.mechanics.friction import contact_frame
@@ -56,10 +54,7 @@ def stated_transition(loaded: LoadedTransition) -> Stated:
     clock = StageClock(lambda stage, fraction: None)
     run = Run(loaded, scene, clock, climb_after(loaded, scene, clock))
     deadline = time.monotonic() + scene.spec.solver.time_limit
-    search = Search(scene, deadline=deadline)
-    found = search.sequences()
-    if not found:
-        raise no_sequence(scene, deadline)
+    search, found = searched(scene, deadline)
     fixed = scene.spec.task.sequence is not None
     return (motion_problem if fixed else transition_problem)(run, search.lab, found[0])
 
@@ -72,9 +67,10 @@ def motion_problem(run: Run, lab: Laboratory, sequence: Sequence) -> Stated:
 
     def check(theta: object, values: Values) -> dict[str, float]:
         with run.clock.stage("motion"):
-            rounds = rounds_at(lab, stated, sequence, np.concatenate(list(values.values())))
+            v = np.concatenate(list(values.values()))
+            rounds = rounds_at(lab, stated, sequence, v)
         try:
-            _, verification = verified(run, rounds, sequence.moved)
+            _, verification = verified(run, rounds, sequence.moved, first_at(stated, v))
         except NoPlanFound as error:
             return {" ".join(str(error).split()): 1.0}
         return {c.name: 0.0 if c.passed else c.residual - c.limit for c in verification.checks}
@@ -129,9 +125,11 @@ def _searched(motion: FreeMotion, lab: Laboratory, sequence: Sequence) -> Array:
     ends = motion.parameters["face_end"].reshape(shape.solids, shape.faces)
     out = np.einsum("bfk,mnk->mnbf", rows, toe) - ends
     side = out == out.max(axis=-1, keepdims=True, initial=-np.inf)
+    pose = np.concatenate([lab.poses.com[poses], lab.poses.rpy[poses]], axis=1)
     return motion.program.stated.point(
         {
-            "pose": np.concatenate([lab.poses.com[poses], lab.poses.rpy[poses]], axis=1),
+            "pose": pose,
+            **found_at(scene, pose, toe),
             "toe": toe.reshape(m, -1),
             "force": local.reshape(m, -1),
             "hold": ~sequence.moved,

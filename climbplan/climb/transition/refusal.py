@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.plan.climb_plan import Index, sequence_name
-from climbplan.climb.transition.footholds import GOAL, START
+from climbplan.climb.transition.footholds import GOAL, START, Poses
 from climbplan.climb.transition.pose_ways import Sequence, State, stance_of_move
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import Search, toe_step_limits
@@ -23,6 +23,7 @@ from climbplan.climb.transition.stances import (
 from climbplan.errors import Conflict, NotProved, Remedy
 
 _LISTED = 3  # sequences whose refusal is told
+_SHIFT = 0.6  # of the level distance of the farthest toe
 _LOOKED_INTO = 400  # kinematic sequences whose forces are asked for
 
 
@@ -33,9 +34,14 @@ class OutOfReach(NotProved):
     """No sequence is within reach: another way to find forces would not help."""
 
 
-def no_sequence(scene: TransitionScene, deadline: float = np.inf) -> NotProved:
-    """The error that says why the search found nothing on the footholds and poses it looks at."""
-    kinematic = Search(scene, forces=False, deadline=deadline)
+def no_sequence(
+    scene: TransitionScene, deadline: float = np.inf, beside: Poses | None = None
+) -> NotProved:
+    """The error that says why the search found nothing on the footholds and poses it looks at.
+
+    beside: poses that it looked at beside those of the grid.
+    """
+    kinematic = Search(scene, forces=False, deadline=deadline, beside=beside)
     found = kinematic.sequences()
     task = scene.spec.task
     asked = f"{task.rounds} round{'s' * (task.rounds != 1)}"
@@ -172,7 +178,7 @@ def _refusal(
         held = " ".join(names[i] for i in np.flatnonzero(~moved[j]))
         least = f"each pressing with {100 * scene.spec.search.least_load:.3g} % of the weight"
         text = f"the body does not balance on {held}, {least} (`search.least_load`) or more"
-        return Conflict(where, (text,), in_words=True)
+        return Conflict(where, (text,), _shifted(scene) if j == 0 else (), in_words=True)
     if factor <= 0:
         return Conflict(where, ("torque limits of the limbs that stay",))
     asked = scene.spec.force.safety_friction
@@ -190,6 +196,16 @@ def _refusal(
     remedies += _rougher(scene, {_surface_name(lab, s.limb, row) for s in slips}, asked / factor)
     remedies.append(Remedy(f"friction {asked / factor:.2f} times as high"))
     return Conflict(where, tuple(words) or ("friction",), tuple(remedies), in_words=bool(words))
+
+
+def _shifted(scene: TransitionScene) -> tuple[Remedy, ...]:
+    """The body over the limbs that stay before the first lift, where it may not shift as yet."""
+    level = np.linalg.norm((scene.start.toes - scene.start.com)[:, :2], axis=1).max()
+    value = float(np.ceil(1e2 * _SHIFT * level) / 1e2)
+    if scene.spec.posture.steps.shift_max >= value:
+        return ()
+    words = f"a body that shifts by up to {1e3 * value:.0f} mm before the first lift"
+    return (Remedy(words, "posture.steps.shift_max", value),)
 
 
 def _surface_name(lab: Laboratory, limb: int, stance: Index) -> str:

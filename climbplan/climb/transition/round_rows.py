@@ -1,9 +1,14 @@
 """Rows and costs of one round that hold whether its contact sequence is given or free, each once.
 
-In a round the body waits at a pose while some limbs move, then it goes on to the next pose. Joint
-angles are closed-form functions of poses and toes. Forces are in units of the robot's weight.
+In a round the body waits at a pose while some limbs move, then it goes on to the next pose; before
+the first round it may shift off its start (`posture.steps.shift_max`). Joint
+angles at each point where a toe has to be in reach are functions of pose and toe, or variables with
+rows that tie them to these (`climbplan/robots/stated_limbs.py`). Forces are in units of the robot's
+weight.
 
-    transition.reach    |cos(knee)| within 1: a toe is in reach
+    transition.reach    |cos(knee)| within 1: a toe is in reach (closed form)
+    kinematics.toes     forward kinematics meets the toe (chains)
+    kinematics.settled  the nearest such angles to the posture (chains of more than 3 joints)
     transition.joints   joint angles within bounds there
     force.torque        |J^T f| <= s max_torque, s <= 1 / S_tau
     force.command       angles less what forces bend them within joint bounds
@@ -23,20 +28,18 @@ import casadi as ca
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array
-from climbplan.climb.transition.limb_expressions import (
-    LimbExpressions,
-    free_toes,
-    limb_expressions,
-    torques,
-)
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.program.stage import Stage
 from climbplan.program.trajectory import Trajectory
 from climbplan.robots.model import Robot
+from climbplan.robots.stated_limbs import StandingLimbs, StatedLimbs, stated_limbs
 from climbplan.robots.symbols import rotation
 
 COST_SCALE = 100.0  # cost of about one, so that tolerances mean something
+
+# Blocks of what ties limbs to their toes, each with rows for every limb and point
+TIES = ("transition.reach", "kinematics.toes", "kinematics.settled", "transition.joints")
 
 Shapes = Mapping[str, tuple[int, int]]
 
@@ -44,37 +47,53 @@ Shapes = Mapping[str, tuple[int, int]]
 class RoundRows:
     """A stage between two poses, with its symbols by name; matrices have one column a limb."""
 
-    def __init__(self, name: str, limbs: int, variables: Shapes, numbers: Shapes) -> None:
-        """variables, numbers: shapes of those of a round, numbers beside the robot's."""
-        ends = {"toe_before": (3, limbs), "pose_after": (6, 1)}
-        self._variables, self._numbers = variables, {**_robot_shapes(limbs), **numbers}
+    def __init__(self, name: str, stated: StatedLimbs, variables: Shapes, numbers: Shapes) -> None:
+        """variables, numbers: shapes of those of a round, numbers beside the robot's.
+
+        Both have what is found and given of `stated` at as many points as `limbs` is asked for,
+        one point's columns behind another's.
+        """
+        limbs = stated.limbs
+        ends = {"toe_before": (3, limbs), "pose_after": (6, 1), "com_before": (3, 1)}
+        self._stated = stated
+        self._variables, self._numbers = variables, {**_robot_shapes(stated), **numbers}
         shapes = {**variables, **ends, **self._numbers}
         self.symbols: dict[str, Any] = {n: ca.SX.sym(n, *shape) for n, shape in shapes.items()}
         self.stage = Stage(name, self.symbols)
         pose = self.symbols["pose"]
         self.turn = rotation(pose[3:])
         self._com = ca.repmat(pose[:3], 1, limbs)
-        self.forward = self.symbols["pose_after"][:3] - pose[:3]
+        # The first round's step counts from the start, which a shift may leave before any lift
+        self.forward = self.symbols["pose_after"][:3] - self.symbols["com_before"]
         self.turning = self.symbols["pose_after"][3:] - pose[3:]
         self.step = self.symbols["toe"] - self.symbols["toe_before"]
 
-    def limbs(self, points: Any, branch: Any) -> LimbExpressions:
-        """Limbs with toes at points (3, N), world frame."""
-        s = self.symbols
+    def limbs(self, points: Any, number: int) -> StandingLimbs:
+        """Limbs with toes at points (3, N), world frame; number: of these points in the round."""
+        s, n = self.symbols, self._stated.limbs
         toes = self.turn.T @ (points - self._com)
-        return limb_expressions(
-            s["shoulder"], s["links"], s["mount_yaw"], s["middle"], toes, branch
-        )
+        own = {
+            name: s[name][:, number * n : (number + 1) * n]
+            for name in (*self._stated.given, *self._stated.found)
+        }
+        return self._stated.standing(s, toes, own)
 
-    def reach(self, limbs: Sequence[LimbExpressions], room: float) -> None:
+    def world(self, points: Any) -> Any:
+        """Points (3, N) of the body frame in the world."""
+        return self._com + self.turn @ points
+
+    def reach(self, limbs: Sequence[StandingLimbs], room: float) -> None:
         """Toes at one point of each limb after another in reach, `room` off full stretch."""
-        stretch = ca.vertcat(*(limb.stretch for limb in limbs))
-        self.stage.between("transition.reach", stretch, room - 1, 1 - room)
-        self.stage.between("transition.joints", ca.vertcat(*(x.angles for x in limbs)), unit="rad")
+        for each in zip(*(standing.ties(room) for standing in limbs), strict=True):
+            one = each[0]
+            rows = ca.vertcat(*(tie.rows for tie in each))
+            low = -np.inf if one.lower is None else one.lower
+            high = np.inf if one.upper is None else one.upper
+            self.stage.between(one.name, rows, low, high, one.unit)
 
-    def torques(self, limbs: LimbExpressions, force: Any) -> Any:
-        """J^T f (3, N) of forces (3, N), world frame."""
-        return torques(limbs, self.symbols["links"], self.turn.T @ force)
+    def torques(self, limbs: StandingLimbs, force: Any) -> Any:
+        """J^T f (J, N) of forces (3, N), world frame."""
+        return limbs.torques(self.turn.T @ force)
 
     def torque(self, torque: Any) -> None:
         """Within a share s of the limits."""
@@ -82,15 +101,15 @@ class RoundRows:
         s = self.symbols["s"]
         self.stage.between("force.torque", ca.vertcat(use - s, -use - s), upper=0.0)
 
-    def command(self, limbs: LimbExpressions, torque: Any) -> None:
+    def command(self, limbs: StandingLimbs, torque: Any) -> None:
         """Commanded angles, beyond which joints bend."""
         bent = self.symbols["softness"] * torque
         self.stage.between("force.command", limbs.angles - bent, unit="rad")
 
-    def commanded_depth(self, limbs: LimbExpressions, points: Any, torque: Any) -> Any:
+    def commanded_depth(self, limbs: StandingLimbs, points: Any, torque: Any) -> Any:
         """(1, N) how deep below points (3, N) on their surfaces toes are commanded [m], exactly."""
         s = self.symbols
-        free = free_toes(limbs, s["shoulder"], s["links"], s["softness"] * torque)
+        free = limbs.free_toes(s["softness"] * torque)
         toes = self.turn.T @ (points - self._com)
         return ca.sum1((self.turn.T @ s["normal_old"]) * (toes - free))
 
@@ -133,7 +152,7 @@ class RoundRows:
                 zero = np.zeros(shape[0] * shape[1])
                 x[name].append(stated.variable(name, zero, binary=name in binaries))
         first = stated.parameter("first_toe", x["toe"][0].numel())
-        last = stated.parameter("last_pose", 6)
+        start, last = stated.parameter("first_com", 3), stated.parameter("last_pose", 6)
         p = {
             name: stated.parameter(name, shape[0] * shape[1], rounds if name in every_round else 1)
             for name, shape in self._numbers.items()
@@ -143,19 +162,23 @@ class RoundRows:
             **{name: ca.horzcat(*columns) for name, columns in x.items()},
             toe_before=ca.horzcat(first, *x["toe"][:-1]),
             pose_after=ca.horzcat(*x["pose"][1:], last),
+            com_before=ca.horzcat(start, *(pose[:3] for pose in x["pose"][1:])),
             **p,
         )
         return stated
 
 
-def _robot_shapes(limbs: int) -> dict[str, tuple[int, int]]:
+def at_points(shapes: Shapes, points: int) -> dict[str, tuple[int, int]]:
+    """Shapes of what is given or found at one point, for as many points."""
+    return {name: (rows, points * columns) for name, (rows, columns) in shapes.items()}
+
+
+def _robot_shapes(stated: StatedLimbs) -> dict[str, tuple[int, int]]:
+    by_joint = (stated.joints, stated.limbs)
     return {
-        "shoulder": (3, limbs),
-        "links": (3, limbs),
-        "mount_yaw": (1, limbs),
-        "middle": (1, limbs),
-        "torque_limit": (3, limbs),  # over the weight [m]
-        "softness": (3, limbs),  # times the weight [rad / m]
+        **stated.numbers,
+        "torque_limit": by_joint,  # over the weight [m]
+        "softness": by_joint,  # times the weight [rad / m]
         "least_load": (1, 1),
         "weights": (4, 1),  # com, rotation, toe, effort
     }
@@ -165,12 +188,10 @@ def robot_numbers(scene: TransitionScene, first_toes: Array) -> dict[str, Array]
     """Numbers that all programs of a scene have, as columns; first_toes: (N, 3)."""
     robot, weights = scene.robot, scene.spec.posture.weights
     own = {
+        **{name: v.T.ravel() for name, v in stated_limbs(robot).values(robot).items()},
         "first_toe": first_toes.ravel(),
+        "first_com": scene.start.com,
         "last_pose": np.concatenate([scene.goal.com, scene.goal.rpy]),
-        "shoulder": robot.shoulder_body.ravel(),
-        "links": robot.link_lengths.ravel(),
-        "mount_yaw": robot.mount_yaw,
-        "middle": (robot.joint_lower[:, 0] + robot.joint_upper[:, 0]) / 2,
         "torque_limit": (robot.max_torque / robot.weight).ravel(),
         "softness": (joint_softness(robot) * robot.weight).ravel(),
         "least_load": np.array([scene.spec.search.least_load]),
@@ -184,8 +205,24 @@ def as_columns(numbers: Mapping[str, Array]) -> dict[str, Array]:
     return {name: value.reshape(-1, 1) for name, value in numbers.items()}
 
 
+def first_ends(scene: TransitionScene) -> tuple[Array, Array]:
+    """Bounds (6,) of the pose at the first lift: a square within the circle of allowed shifts."""
+    pose = np.concatenate([scene.start.com, scene.start.rpy])
+    side = scene.spec.posture.steps.shift_max / np.sqrt(2)
+    room = np.array([side, side, 0.0, 0.0, 0.0, 0.0])
+    return pose - room, pose + room
+
+
+def joint_ends(robot: Robot, room: float) -> tuple[Array, Array]:
+    """Joint bounds (N, J) with room off them; joints that a limb does not have stay at zero."""
+    has = robot.has_joint
+    return np.where(has, robot.joint_lower + room, 0.0), np.where(
+        has, robot.joint_upper - room, 0.0
+    )
+
+
 def joint_bounds(robot: Robot, room: float, points: int = 1) -> tuple[Array, Array]:
-    """Of (3 points N) angles, limb by limb."""
+    """Of rows of (J points N) angles, limb by limb, with room off their bounds."""
     lower = np.repeat(robot.joint_lower[:, None] + room, points, axis=1)
     upper = np.repeat(robot.joint_upper[:, None] - room, points, axis=1)
     return lower.ravel(), upper.ravel()

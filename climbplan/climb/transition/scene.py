@@ -19,6 +19,7 @@ from climbplan.errors import (
     SpecError,
     SpecMistake,
 )
+from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
@@ -46,7 +47,7 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
     proved.
     """
     spec = loaded.spec
-    robot = with_stance(Robot.from_spec(loaded.robot), spec.task.stance)
+    robot = with_stance(build_robot(loaded.robot), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     terrain = with_scan(terrain, spec, robot, loaded.directory)
     mistakes: list[SpecMistake] = []

@@ -19,6 +19,7 @@ from climbplan.climb.plan.climb_plan import Array, Mask, sequence_name
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
+    Poses,
     footholds_of,
     poses_of,
     reach_of,
@@ -31,9 +32,10 @@ from climbplan.climb.transition.pose_ways import (
     with_friction,
 )
 from climbplan.climb.transition.scene import TransitionScene
-from climbplan.climb.transition.stances import Laboratory, stance_forces
+from climbplan.climb.transition.stances import LIFTED, Laboratory, stance_forces
 from climbplan.errors import LimitReached
 
+_LEVEL = 1e-9  # [m] and [rad] that count for nothing
 _BATCH = 5000  # force problems between two looks at the clock
 
 
@@ -56,10 +58,12 @@ class Search:
     deadline: float = np.inf  # in `time.monotonic` seconds
     lab: Laboratory = field(init=False)
     tally: Tally = field(default_factory=Tally)
+    beside: Poses | None = None  # poses to look at beside those of the grid
+    _clear: dict[State, Mask] = field(default_factory=dict)  # state -> (B,) no limbs meet
     _use: dict[State, Array] = field(default_factory=dict)  # stance -> (B,) 1 / S_tau
 
     def __post_init__(self) -> None:
-        footholds, poses = footholds_of(self.scene), poses_of(self.scene)
+        footholds, poses = footholds_of(self.scene), poses_of(self.scene, self.beside)
         self.lab = Laboratory(self.scene, footholds, poses, reach_of(self.scene, footholds, poses))
         com = poses.com
         steps = self.scene.spec.posture.steps
@@ -69,6 +73,13 @@ class Search:
         weights = self.scene.spec.posture.weights
         turn = np.sum((poses.rpy[:, None] - poses.rpy[None]) ** 2, axis=-1)
         self.step_max = toe_step_limits(self.scene)
+        # Where the body may be at the first lift: level with its start, turned like it
+        off = com - com[0]
+        level = (np.abs(off[:, 2]) < _LEVEL) & (
+            np.abs(poses.rpy - poses.rpy[0]).max(axis=1) < _LEVEL
+        )
+        near = level & (np.linalg.norm(off, axis=1) <= max(steps.shift_max, _LEVEL))
+        self.first = np.where(near, weights.com * np.sum(off**2, axis=1), np.inf)
         self.step_cost = np.where(far, np.inf, weights.com * apart**2 + weights.rotation * turn)
 
     def sequences(self) -> list[Sequence]:
@@ -86,7 +97,7 @@ class Search:
                 self.tally.truncated = True
                 break
             uses = [self.uses(j, a, b) for j, (a, b) in enumerate(itertools.pairwise(states))]
-            found = cheapest_way(self.lab, states, uses, self.step_cost)
+            found = cheapest_way(self.lab, states, uses, self.step_cost, self.first)
             if found is None:
                 continue
             key = found.moved.tobytes()
@@ -102,6 +113,16 @@ class Search:
         elif rank == "friction":
             listed.sort(key=lambda s: -s.safety_friction)
         return listed
+
+    def stances(self) -> list[State]:
+        """Stance sets of all rounds that are possible, those of most standing limbs first."""
+        found = {
+            stance_of_move(state, after)
+            for edges in self._edges.values()
+            for state, following in edges.items()
+            for after in following
+        }
+        return sorted(found, key=lambda stance: (stance.count(LIFTED), stance))
 
     def name(self, sequence: Sequence) -> str:
         """Such as "3-3: RF RM LR | RR LM LF"."""
@@ -218,12 +239,19 @@ class Search:
             self._use.setdefault(stance, np.full(self.lab.poses.count, np.nan))[b] = use
 
     def _reachable(self, number: int, state: State, after: State) -> Mask:
-        """(B,) poses from which all limbs reach the footholds of a round, old and new."""
-        valid, limb = self.lab.reach.valid, np.arange(len(state))
-        at: Mask = np.asarray(valid[:, limb, state].all(axis=1) & valid[:, limb, after].all(axis=1))
-        if number == 0:  # the first round starts from the start pose
-            at = at & (np.arange(len(at)) == 0)
+        """(B,) poses from which all limbs reach the footholds of a round, old and new, apart."""
+        reach, limb = self.lab.reach, np.arange(len(state))
+        both = [reach.valid[:, limb, own].all(axis=1) & self._apart(own) for own in (state, after)]
+        at: Mask = np.asarray(both[0] & both[1])
+        if number == 0:  # the first round starts near the start pose
+            at = at & np.isfinite(self.first)
         return at
+
+    def _apart(self, state: State) -> Mask:
+        """(B,) poses from which no two limbs meet, each on its foothold."""
+        if state not in self._clear:
+            self._clear[state] = self.lab.reach.clear.apart(state)
+        return self._clear[state]
 
     def uses(self, number: int, state: State, after: State) -> Array:
         """(B,) torque use 1 / S_tau of a round by pose, infinite where it is not possible."""

@@ -16,7 +16,7 @@ from climbplan.climb.forces.reduction import halfspaces, reduce_forces
 from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torques_of
 from climbplan.climb.plan.climb_plan import Array, Index, Instants
 from climbplan.climb.scene import load_wrench
-from climbplan.climb.transition.footholds import Footholds, Poses, Reach
+from climbplan.climb.transition.footholds import Footholds, Poses, Reach, reach_of
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.friction import regular_corners, split_force
 
@@ -44,6 +44,11 @@ class Laboratory:
     footholds: Footholds
     poses: Poses
     reach: Reach
+
+    def at(self, poses: Poses) -> Laboratory:
+        """With other poses."""
+        reach = reach_of(self.scene, self.footholds, poses)
+        return Laboratory(self.scene, self.footholds, poses, reach)
 
 
 def stance_instants(lab: Laboratory, stance: Index, pose: Index) -> Instants:

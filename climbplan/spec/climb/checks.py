@@ -113,7 +113,7 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
     """What the method cannot state.
 
     `micp` is convex but for the choice of regions: no curved walls, no lower step bounds. The other
-    methods state limbs by their closed form, and know no grippers.
+    methods know no grippers, and `nlp` no closed linkages.
     """
     if parts.solver is None:
         return []
@@ -127,16 +127,8 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
             found_by = "`micp`, `nlp` or `auto` for windows"
             return [Finding(key, message + found_by)]
     if parts.solver.method != "micp":
-        if isinstance(parts.robot, UrdfRobot):
-            message = (
-                f"`{parts.solver.method}` states limbs of coxa, femur and tibia; expected `micp` "
-                "for a robot from a URDF"
-            )
-        elif parts.robot is not None and parts.robot.gripper is not None:
-            message = f"{parts.robot.name} has grippers, whose postures only `micp` plans"
-        else:
-            return []
-        return [Finding(("solver", "method"), message)]
+        message = _beyond(parts.robot)
+        return [Finding(("solver", "method"), message)] if message else []
     cure = "which `micp` cannot state"
     if not _only_micp(parts.robot):
         cure += "; use `--method nlp`"
@@ -154,16 +146,29 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
     return found
 
 
+def _beyond(robot: AnyRobot | None) -> str:
+    """Why the robot's limbs or grippers are beyond all methods but `micp`; empty if not."""
+    if robot is None or isinstance(robot, UrdfRobot):
+        return ""
+    if robot.gripper is not None:
+        return f"{robot.name} has grippers, whose postures only `micp` plans"
+    if robot.five_bar is not None:
+        return f"{robot.name} has closed linkages for legs, whose postures only `micp` plans"
+    return ""
+
+
 def _only_micp(robot: AnyRobot | None) -> bool:
     """Whether the robot's limbs or grippers are beyond all other methods."""
-    return isinstance(robot, UrdfRobot) or (robot is not None and robot.gripper is not None)
+    return bool(_beyond(robot))
 
 
 def _without_method(parts: ClimbParts) -> list[Finding]:
     """What `micp` cannot state, by robots that no other method knows."""
     if not _only_micp(parts.robot):
         return []
-    only = "a robot from a URDF or with grippers is planned by `micp`, which has flat terrain and"
+    only = (
+        "a robot with grippers or closed linkages is planned by `micp`, which has flat terrain and"
+    )
     found = []
     if parts.terrain is not None and parts.terrain.tube is not None:
         found.append(Finding(("terrain", "tube"), f"{only} no curved surface"))

@@ -25,6 +25,7 @@ from climbplan.spec.climb.model import (
 from climbplan.spec.climb.stated_margins import margins_stated
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.uncertainty import UncertaintySpec
+from climbplan.spec.robots.urdf.model import RobotReference
 
 _SEQUENCE = re.compile(r"[1-9]\d?(-[1-9]\d?)*")
 
@@ -96,6 +97,14 @@ class TransitionSteps(SpecModel):
     com_max: Number = quantity("m", "largest body step", default=0.25, gt=0)
     toe_max: Number = quantity("m", "largest toe step", default=0.8, gt=0)
     rotation_max_deg: Number = quantity("deg", "largest turn about each axis", default=15.0, gt=0)
+    shift_max: Number = quantity(
+        "m",
+        "largest level shift of the body off its start before the first limbs lift, so that the "
+        "others hold it: a quadruped on ground has to stand over three legs. In a `climb` that "
+        "follows, before each lift",
+        default=0.0,
+        ge=0,
+    )
 
     @property
     def com_min(self) -> float:
@@ -105,11 +114,6 @@ class TransitionSteps(SpecModel):
     @property
     def toe_min(self) -> float:
         """Smallest toe step [m]: toes may rest."""
-        return 0.0
-
-    @property
-    def shift_max(self) -> float:
-        """Largest shift of the body off its way [m]: body poses are chosen as they are needed."""
         return 0.0
 
 
@@ -198,8 +202,9 @@ class TransitionSpec(SpecModel):
 
     kind: Literal["transition"] = Field(description="always `transition`")
     title: str = Field(default="", description="one line for reports")
-    robot: str = Field(
-        min_length=1, description="built-in robot (`silvia`) or path of a robot YAML file"
+    robot: RobotReference = Field(
+        description="built-in robot (`silvia`), path of a robot YAML file, or a URDF with its legs "
+        "(`{urdf: PATH, legs: {NAME: {toe: LINK}}}`)"
     )
     terrain: TerrainSpec
     """Where toes may stand and what must not be touched."""

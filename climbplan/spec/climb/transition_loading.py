@@ -9,14 +9,14 @@ from pathlib import Path
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.climb.checks import ClimbParts, check_parts
-from climbplan.spec.climb.motion_loading import part_of, robot_of_document
+from climbplan.spec.climb.motion_loading import any_robot_of_document, part_of
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.transition import TransitionSpec, TransitionTaskSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import parse_yaml
 
@@ -26,7 +26,7 @@ class LoadedTransition(LoadedSpec):
     """A transition spec, checked against its robot, and the text it came from."""
 
     spec: TransitionSpec
-    robot: RobotSpec
+    robot: AnyRobot
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedTransition:
         """The same transition with other values.
@@ -65,7 +65,7 @@ def transition_of_document(document: Document, text: SourceText) -> LoadedTransi
     """
     root_paths(document, [("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "transition", TransitionSpec)
-    robot, robot_mistakes = robot_of_document(document, text.directory)
+    robot, robot_mistakes = any_robot_of_document(document, text.directory)
     task = part_of(document, "task", TransitionTaskSpec)
     terrain = part_of(document, "terrain", TerrainSpec)
     findings += check_parts(ClimbParts(terrain, task, None, None, robot))
@@ -81,9 +81,9 @@ def transition_of_document(document: Document, text: SourceText) -> LoadedTransi
     return LoadedTransition(spec=spec, robot=robot, **origin_of(document, text))
 
 
-def _too_few_limbs(task: TransitionTaskSpec, robot: RobotSpec) -> list[Finding]:
+def _too_few_limbs(task: TransitionTaskSpec, robot: AnyRobot) -> list[Finding]:
     """Some limb can move while enough others support the body."""
-    count = len(robot.limbs)
+    count = len(robot.limb_names)
     most = count - task.supporting
     if most < 1:
         message = (
@@ -100,9 +100,9 @@ def _too_few_limbs(task: TransitionTaskSpec, robot: RobotSpec) -> list[Finding]:
     return []
 
 
-def _gait_of_climb(gait: tuple[str, ...] | None, robot: RobotSpec) -> list[Finding]:
+def _gait_of_climb(gait: tuple[str, ...] | None, robot: AnyRobot) -> list[Finding]:
     """The climb's gait moves each limb once."""
-    limbs = [limb.name for limb in robot.limbs]
+    limbs = list(robot.limb_names)
     if gait is None or sorted(gait) == sorted(limbs):
         return []
     message = f"expected each limb once ({', '.join(limbs)}), got {', '.join(gait)}"

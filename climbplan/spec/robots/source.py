@@ -17,7 +17,7 @@ from climbplan.spec.yaml_source import parse_yaml
 
 AnyRobot = RobotSpec | UrdfRobot
 NO_CHAINS = (
-    "expected limbs of coxa, femur and tibia; a robot from a URDF plans climbs (`micp`) only"
+    "expected limbs of coxa, femur and tibia; a robot from a URDF plans climbs and transitions"
 )
 URDF_HINT = "; a URDF needs to be told its legs: `robot: {urdf: PATH, legs: {NAME: {toe: LINK}}}`"
 

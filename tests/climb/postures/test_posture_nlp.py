@@ -19,7 +19,7 @@ from climbplan.climb.limb_clearance import BETWEEN, limb_points
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, posture_cost
 from climbplan.climb.postures.nlp.layout import variable_layout
-from climbplan.climb.postures.nlp.links import link_points, parting_planes
+from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.postures.nlp.method import plan_postures_nlp, refined, solve_from
 from climbplan.climb.postures.nlp.numbers import (
     first_iterate,
@@ -226,19 +226,6 @@ def test_parting_planes_touch_the_solid_and_part_what_is_apart() -> None:
     by_face = np.minimum(*(x @ box.A.T - box.b for x in (starts, ends))).max(axis=1) > 0
     assert (parted | ~by_face).all()
     assert by_face.sum() < parted.sum() > 0.85 * (~inside).sum()
-
-
-def test_link_expressions_are_the_robots_kinematics(walls: ClimbScene) -> None:
-    robot = walls.robot
-    rng = np.random.default_rng(0)
-    angles = rng.uniform(robot.joint_lower, robot.joint_upper)
-    expected = joint_points_body(robot, angles)
-    for i in range(robot.limb_count):
-        chain = link_points(
-            robot.shoulder_body[i], robot.link_lengths[i], robot.mount_yaw[i], angles[i]
-        )
-        found = [np.asarray(ca.DM(point)).ravel() for point in chain]
-        np.testing.assert_allclose(found, expected[i], atol=1e-12)
 
 
 def test_same_seed_same_plan_whatever_ran_before(walls: ClimbScene, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from climbplan.climb.motion import StageClock
 from climbplan.climb.transition.complementarity_numbers import free_motion
 from climbplan.climb.transition.homotopy import complements, sequence_at
-from climbplan.climb.transition.motion import plan_motion, rounds_at
+from climbplan.climb.transition.motion import first_at, plan_motion, rounds_at
 from climbplan.climb.transition.motion_numbers import shape_of
 from climbplan.climb.transition.motion_statement import motion_program, motion_statement
 from climbplan.climb.transition.planner import Run, carry_through, transition_cost, verified
@@ -42,7 +42,7 @@ def test_the_motion_of_a_sequence_by_methods_of_the_table(method: Method) -> Non
     rounds = rounds_at(search.lab, stated, sequence, result.x)
     planned = plan_motion(search.lab, sequence).rounds
     np.testing.assert_allclose(rounds.com, planned.com, atol=1e-4)
-    done, verification = verified(run, rounds, sequence.moved)
+    done, verification = verified(run, rounds, sequence.moved, first_at(stated, result.x))
     assert verification.passed, verification.table()
     assert result.objective is not None
     cost = transition_cost(run.scene, done.rounds, done.forces)

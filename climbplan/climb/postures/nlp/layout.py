@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from climbplan.program.layout import Layout
+from climbplan.robots.stated_limbs import StatedLimbs
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,6 @@ MOMENTS = (
     Moment("place", at_end=False, new_place=True, clear=False),
 )
 
-LINKS = 3  # coxa, femur, tibia
-
 
 @dataclass(frozen=True)
 class Shape:
@@ -47,6 +46,12 @@ class Shape:
     intermediate: bool  # workspace balls also while the body moves within a round
     com_min: bool  # lower bounds on steps
     toe_min: bool
+    stated: StatedLimbs
+
+    @property
+    def links(self) -> int:
+        """Straight pieces of a limb, from joint to joint and toe."""
+        return self.stated.joints
 
     @property
     def limbs(self) -> int:
@@ -54,15 +59,15 @@ class Shape:
         return len(self.gait)
 
 
-def variable_layout(n: int) -> Layout:
+def variable_layout(n: int, joints: int) -> Layout:
     """Variables of one round; the first three arrays are the posture itself."""
-    angles = tuple((f"angles_{moment.name}", (3, n)) for moment in MOMENTS)
+    angles = tuple((f"angles_{moment.name}", (joints, n)) for moment in MOMENTS)
     return Layout((("com", (3, 1)), ("rpy", (3, 1)), ("toes", (3, n)), *angles))
 
 
 def posture_layout(n: int) -> Layout:
     """Body pose and toes."""
-    return Layout(variable_layout(n).shapes[:3])
+    return Layout(variable_layout(n, 0).shapes[:3])
 
 
 def pin_layout(shape: Shape) -> Layout:
@@ -82,7 +87,7 @@ def pin_layout(shape: Shape) -> Layout:
     )
     free = (("free_rows", (3, f)), ("free_bounds", (1, f)))
     planes = tuple(
-        (f"planes_{moment.name}", (4, LINKS * n * shape.obstacles)) for moment in MOMENTS
+        (f"planes_{moment.name}", (4, shape.links * n * shape.obstacles)) for moment in MOMENTS
     )
     return Layout((*(() if shape.curved else flat), *free, *planes))
 
@@ -90,7 +95,7 @@ def pin_layout(shape: Shape) -> Layout:
 def number_layout(shape: Shape) -> Layout:
     """Numbers of robot, terrain and planner that hold for all rounds."""
     n = shape.limbs
-    per_limb = ("shoulder", "stance", "links")
+    per_limb = ("first_joint", "stance")
     scalars = (
         *("reach", "stance_radius", "lift", "clearance", "hull_radius", "limb_room"),
         *("com_max", "com_min", "toe_max", "toe_min", "rotation_max", "tolerance"),
@@ -100,7 +105,7 @@ def number_layout(shape: Shape) -> Layout:
     return Layout(
         (
             *((name, (3, n)) for name in per_limb),
-            ("mount_yaw", (1, n)),
+            *shape.stated.numbers.items(),
             ("hull", (3, shape.hull)),
             ("axis", (2, 1)),
             ("radius", (1, 1)),

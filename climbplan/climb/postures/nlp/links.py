@@ -7,27 +7,12 @@ rows left for the NLP are linear in the link's ends.
 
 from __future__ import annotations
 
-from typing import Any
-
-import casadi as ca
 import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.terrain.solids import Solid
 
 _TOUCHING = 1e-6  # [m] a corner this close to a face belongs to it
-
-
-def link_points(shoulder: Any, links: Any, mount_yaw: Any, angles: Any) -> list[Any]:
-    """Shoulder, femur joint, knee and toe (3,) of a limb as expressions, body frame [m]."""
-    psi, tilt = mount_yaw + angles[0], angles[1] + angles[2]
-    knee = links[0] + links[1] * ca.cos(angles[1]), links[1] * ca.sin(angles[1])
-    toe = knee[0] + links[2] * ca.sin(tilt), knee[1] - links[2] * ca.cos(tilt)
-
-    def point(radius: Any, height: Any) -> Any:
-        return shoulder + ca.vertcat(radius * ca.cos(psi), radius * ca.sin(psi), height)
-
-    return [shoulder, point(links[0], 0), point(*knee), point(*toe)]
 
 
 def parting_planes(solid: Solid, starts: Array, ends: Array) -> Array:

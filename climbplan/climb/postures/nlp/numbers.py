@@ -23,6 +23,7 @@ from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.stated_limbs import stated_limbs
 from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.surfaces import Region, Tube
 
@@ -56,6 +57,7 @@ def shape_of(scene: ClimbScene) -> Shape:
         intermediate=spec.intermediate_reach,
         com_min=spec.steps.com_min > 0,
         toe_min=spec.steps.toe_min > 0,
+        stated=stated_limbs(scene.robot),
     )
 
 
@@ -75,10 +77,9 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
     steps, wall = spec.steps, scene.terrain.surfaces[0]
     tube = wall if isinstance(wall, Tube) else None
     arrays = {
-        "shoulder": robot.shoulder_body.T,
+        **stated_limbs(robot).values(robot),
+        "first_joint": robot.shoulder_body.T,
         "stance": robot.stance_body.T,
-        "links": robot.link_lengths.T,
-        "mount_yaw": robot.mount_yaw[None],
         "hull": robot.body_hull.T,
         "axis": np.zeros((2, 1)) if tube is None else tube.center[:, None],
         "goal_com": goal.com[:, None],
@@ -173,9 +174,11 @@ def variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Arra
         low["toes"] = np.array([[-np.inf], [-np.inf], [wall.lower]])
         high["toes"] = np.array([[np.inf], [np.inf], [wall.upper]])
     for moment in MOMENTS:
-        low[f"angles_{moment.name}"] = robot.joint_lower.T + joint_margin
-        high[f"angles_{moment.name}"] = robot.joint_upper.T - joint_margin
-    layout = variable_layout(shape.limbs)
+        # Joints that a limb does not have stay at zero
+        has = robot.has_joint.T
+        low[f"angles_{moment.name}"] = np.where(has, robot.joint_lower.T + joint_margin, 0.0)
+        high[f"angles_{moment.name}"] = np.where(has, robot.joint_upper.T - joint_margin, 0.0)
+    layout = variable_layout(shape.limbs, robot.joint_count)
     lower, upper = (np.tile(layout.pack(side), shape.rounds) for side in (low, high))
     return lower, upper
 
@@ -186,7 +189,7 @@ class _LimbsAt:
 
     com: Array  # (M, N, 3)
     rpy: Array  # (M, N, 3)
-    angles: Array  # (M, N, 3)
+    angles: Array  # (M, N, J)
 
 
 def _limbs_at(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbsAt:
@@ -219,13 +222,13 @@ def first_iterate(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Array]) 
     for moment in MOMENTS:
         angles = _limbs_at(scene, guess, moment).angles
         values[f"angles_{moment.name}"] = np.swapaxes(angles, 1, 2)
-    layout = variable_layout(scene.robot.limb_count)
+    layout = variable_layout(scene.robot.limb_count, scene.robot.joint_count)
     return layout.pack(values).ravel().clip(*bounds)
 
 
 def to_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
     """Postures of a solution vector, toes put exactly on their regions."""
-    start, layout = scene.start, variable_layout(scene.robot.limb_count)
+    start, layout = scene.start, variable_layout(scene.robot.limb_count, scene.robot.joint_count)
     parts = layout.unpack(np.reshape(x, (-1, layout.size)))
     toes = np.concatenate([start.toes[None], np.swapaxes(parts["toes"], 1, 2)])
     put_on_surfaces(scene, toes, guess.rounds.region)

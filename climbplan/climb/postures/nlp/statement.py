@@ -20,7 +20,6 @@ import casadi as ca
 import numpy as np
 
 from climbplan.climb.postures.nlp.layout import (
-    LINKS,
     MOMENTS,
     Shape,
     number_layout,
@@ -28,7 +27,6 @@ from climbplan.climb.postures.nlp.layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.postures.nlp.links import link_points
 from climbplan.program.layout import Layout
 from climbplan.program.stage import Stage
 from climbplan.program.trajectory import Trajectory
@@ -81,7 +79,7 @@ def _round(shape: Shape) -> Stage:
     stage = _Laid(
         "round",
         old=posture_layout(n),
-        new=variable_layout(n),
+        new=variable_layout(n, shape.stated.joints),
         pins=pin_layout(shape),
         numbers=number_layout(shape),
     )
@@ -117,25 +115,24 @@ def _round(shape: Shape) -> Stage:
     for moment in MOMENTS:
         ties, parted = [], []
         planes = pins[f"planes_{moment.name}"]
+        chains = shape.stated.points(c, new[f"angles_{moment.name}"])
         for i in limbs:
             origin, turned = end if moment.at_end else moving[i]
-            angles = new[f"angles_{moment.name}"][:, i]
-            chain = link_points(c["shoulder"][:, i], c["links"][:, i], c["mount_yaw"][i], angles)
-            points = [origin + turned @ point for point in chain]
+            points = [origin + turned @ point[:, i] for point in chains]
             toes, pinned = (new, "normal") if moment.new_place else (old, "old_normal")
             target = toes["toes"][:, i]
             if moment.clear:
                 target = target + c["lift"] * normal(toes["toes"], pinned, i)
             ties.append(points[-1] - target)
-            for obstacle, link in itertools.product(range(shape.obstacles), range(LINKS)):
-                plane = planes[:, (obstacle * n + i) * LINKS + link]
+            for obstacle, link in itertools.product(range(shape.obstacles), range(shape.links)):
+                plane = planes[:, (obstacle * n + i) * shape.links + link]
                 least = plane[3] + c["limb_room"]
                 parted += [least - ca.dot(plane[:3], at) for at in points[link : link + 2]]
         stage.equal("kinematics.toes", ca.vertcat(*ties), "m")
         stage.below("limbs.clearance", *parted)
 
     # C: workspace balls about shoulder and nominal stance, also at lift and placing
-    balls = [("reach", "shoulder", "reach")]
+    balls = [("reach", "first_joint", "reach")]
     if shape.stance:
         balls.append(("stance", "stance", "stance_radius"))
     events = [(new["toes"], dict.fromkeys(limbs, end))]
@@ -203,7 +200,7 @@ def posture_trajectory(shape: Shape) -> Trajectory:
     start = stated.parameter("start", base)
     pins = stated.parameter("pins", pin_layout(shape).size, m)
     numbers = stated.parameter("numbers", number_layout(shape).size)
-    arrays = variable_layout(shape.limbs).shapes
+    arrays = variable_layout(shape.limbs, shape.stated.joints).shapes
     columns = [
         [stated.variable(f"{name}{j + 1}", np.zeros(rows * cols)) for name, (rows, cols) in arrays]
         for j in range(m)

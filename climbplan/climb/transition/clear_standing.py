@@ -1,0 +1,119 @@
+"""Where limbs may stand without meeting the terrain, the body or one another, for the search.
+
+Of every limb on every foothold from every body pose: its link axes out of all solids, its capsules
+off obstacles and off the body. Of every two of them: their capsules apart. What is compared is as
+in the checks `limbs.clearance`, `limbs.capsules` and `limbs.self_collision`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from climbplan.climb.limb_clearance import link_distances, narrowed
+from climbplan.climb.plan.climb_plan import Array, Instants, Mask
+from climbplan.climb.self_clearance import body_room, standing_overlap
+from climbplan.climb.transition.scene import TransitionScene
+from climbplan.robots.capsules import Capsules, limb_capsules
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.touching_parts import Pairs, limbs_room, parts_beside
+
+_DEEP = 5e-4  # [m] that link axes may be inside a solid: toes lie on its face
+_APART = 1e-3  # [m] that capsules keep from one another, from the body and from obstacles
+
+
+@dataclass
+class ClearStanding:
+    """Limbs on footholds from poses, of joint angles (B, N, C, J), NaN where out of reach."""
+
+    scene: TransitionScene
+    links: tuple[Capsules, ...]  # by foothold: (B, N, K) in the body frame
+    alone: Mask  # (B, N, C) whether a limb meets neither terrain nor body there
+    _between: Pairs = field(repr=False)
+    _known: dict[tuple[int, int, int, int], Mask] = field(default_factory=dict, repr=False)
+
+    def apart(self, state: tuple[int, ...]) -> Mask:
+        """(B,) whether no two limbs meet, each on a foothold or, at a number below zero, left out.
+
+        True where a limb is out of reach.
+        """
+        clear = np.ones(len(self.alone), bool)
+        for (i, c), (k, d) in itertools.combinations(enumerate(state), 2):
+            if c < 0 or d < 0:
+                continue
+            known = self._known.get((i, c, k, d))
+            if known is None:
+                known = self._known[i, c, k, d] = self._two_apart(i, c, k, d)
+            clear &= known
+        return clear
+
+    def _two_apart(self, i: int, c: int, k: int, d: int) -> Mask:
+        own = self._between[(self._between[:, [0, 2]] == [i, k]).all(axis=1)]
+        if not len(own):
+            return np.ones(len(self.alone), bool)
+        one, other = self.links[c], self.links[d]
+        both = Capsules(
+            np.stack([one.starts[:, i], other.starts[:, k]], axis=1),
+            np.stack([one.ends[:, i], other.ends[:, k]], axis=1),
+            np.stack([one.radius[i], other.radius[k]]),
+            np.stack([one.link[i], other.link[k]]),
+            np.stack([one.to_toe[i], other.to_toe[k]]),
+        )
+        pairs = own.copy()
+        pairs[:, 0], pairs[:, 2] = 0, 1
+        room = limbs_room(both, pairs).min(axis=-1)
+        return np.asarray(np.isnan(room) | (room > _APART))
+
+
+def clear_standing(scene: TransitionScene, com: Array, rpy: Array, angles: Array) -> ClearStanding:
+    """The tables for poses (B, 3), (B, 3) and joint angles (B, N, C, J)."""
+    robot, rotation = scene.robot, rotation_world_body(rpy)
+    links = tuple(limb_capsules(robot, angles[:, :, c]) for c in range(angles.shape[2]))
+    pairs, between = parts_beside(robot, links[0])
+    alone = []
+    for c, own in enumerate(links):
+        points = robot.limbs.joint_points(angles[:, :, c]) @ np.swapaxes(rotation, -1, -2)[:, None]
+        points = points + com[:, None, None]
+        clear = np.ones(angles.shape[:2], bool)
+        for solid in scene.terrain.solids:
+            away = link_distances(solid, points[..., :-1, :], points[..., 1:, :], 0.0)
+            clear &= _kept(away.min(axis=-1), -_DEEP)
+        for o, solid in enumerate(scene.terrain.obstacles):
+            placed = own.moved(com, rotation)
+            stands = scene.terrain.stood_upon[:, o, None, None]
+            ends = np.where(stands, narrowed(placed), placed.ends)
+            away = link_distances(solid, placed.starts, ends, float(own.radius.max()) + _APART)
+            # A link that is all narrow has no ends there, and keeps all room
+            room = np.where(np.isnan(ends).any(axis=-1), np.inf, away - own.radius)
+            clear &= _kept(room.min(axis=-1), _APART)
+        off = body_room(robot, own, pairs)  # (B, P)
+        for limb in range(robot.limb_count):
+            rows = pairs[:, 0] == limb
+            clear[:, limb] &= _kept(off[:, rows].min(axis=-1, initial=np.inf), _APART)
+        alone.append(clear)
+    return ClearStanding(scene, links, np.stack(alone, axis=2), between)
+
+
+def standing_trouble(scene: TransitionScene, instants: Instants) -> str | None:
+    """Where limbs meet the terrain, the body or one another at instants, in words; None if not."""
+    robot, rotation = scene.robot, rotation_world_body(instants.rpy)
+    points = (
+        robot.limbs.joint_points(instants.joint_angles) @ np.swapaxes(rotation, -1, -2)[:, None]
+    )
+    points = points + instants.com[:, None, None]
+    for solid in scene.terrain.solids:
+        away = link_distances(solid, points[..., :-1, :], points[..., 1:, :], 0.0)
+        if away.min() < -2 * _DEEP:
+            k, limb, link = np.unravel_index(int(np.argmin(away)), away.shape)
+            where = instants.label(int(k), robot.limb_names)
+            one = f"{robot.limb_names[limb]}'s {robot.joint_name(int(limb), int(link))}"
+            return f"{where}, {one} would be {-1e3 * away.min():.1f} mm deep in {solid.name!r}"
+    meets = standing_overlap(scene, instants)
+    return None if meets is None else f"{meets[1]}, {meets[0].words(robot)}"
+
+
+def _kept(room: Array, least: float) -> Mask:
+    """Whether there is room; so it counts where nothing is known."""
+    return np.asarray(np.isnan(room) | (room > least))

@@ -1,0 +1,122 @@
+"""From the ground to the walls with legs of four joints from a URDF."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.transition.clear_standing import clear_standing
+from climbplan.climb.transition.planner import plan_transition, searched
+from climbplan.climb.transition.scene import TransitionScene, build_transition
+from climbplan.errors import NotProved, SpecError
+from climbplan.robots.capsules import limb_capsules
+from climbplan.robots.touching_parts import limbs_room, parts_beside
+from climbplan.spec.climb.transition_loading import load_transition
+
+SPECS = Path(__file__).parents[3] / "specs"
+SPEC = """kind: transition
+robot: robot_walker.yaml
+terrain:
+  friction: 1.2
+  walls: {gap: 1.23, along: [-0.8, 0.8], up: [0.0, 1.6]}
+  ground: {height: 0.0, across: [-0.615, 0.615], along: [-0.8, 0.8]}
+task:
+  rounds: 4
+  start:
+    com: [0, 0, 0.24]
+    toes: {L1: [-0.45, 0.35, 0], R1: [0.45, 0.35, 0], L2: [-0.45, -0.35, 0], R2: [0.45, -0.35, 0]}
+  goal: {com: [0, 0, 0.32]}
+posture: {steps: {shift_max: 0.2, com_max: 0.3}}
+search: {aside: 0.08, heights: 3}
+force: {safety_torque: 1.2}
+"""
+FAR = np.inf
+
+
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walker")
+    for name in ("robot_walker.yaml", "walker.urdf"):
+        shutil.copy(SPECS / name, folder)
+    (folder / "wall.yaml").write_text(SPEC)
+    return folder / "wall.yaml"
+
+
+@pytest.fixture(scope="module")
+def scene(spec: Path) -> TransitionScene:
+    return build_transition(load_transition(spec))
+
+
+def without_shift(scene: TransitionScene) -> TransitionScene:
+    steps = scene.spec.posture.steps.model_copy(update={"shift_max": 0.0})
+    posture = scene.spec.posture.model_copy(update={"steps": steps})
+    return replace(scene, spec=scene.spec.model_copy(update={"posture": posture}))
+
+
+def test_a_quadruped_has_to_shift_before_its_first_lift(scene: TransitionScene) -> None:
+    search, found = searched(scene, FAR)
+    assert found
+    for sequence in found:
+        assert (sequence.moved.sum(axis=1) == 1).all()
+        first = search.lab.poses.com[sequence.poses[0]] - scene.start.com
+        assert 0 < np.linalg.norm(first) <= scene.spec.posture.steps.shift_max
+    with pytest.raises(NotProved) as refused:
+        searched(without_shift(scene), FAR)
+    assert "does not balance" in str(refused.value)
+    remedies = [r for conflict in refused.value.conflicts for r in conflict.remedies]
+    assert {r.key for r in remedies} == {"posture.steps.shift_max"}
+
+
+def test_limbs_that_meet_are_not_chosen(scene: TransitionScene) -> None:
+    """The table of two limbs on two footholds is what the distance of their capsules says."""
+    robot = replace(scene.robot, capsules=None, limb_radius=0.15)  # thick, so that some meet
+    scene, com = replace(scene, robot=robot), np.array([scene.start.com, scene.goal.com])
+    rng = np.random.default_rng(3)
+    share = rng.random((2, robot.limb_count, 5, robot.joint_count))
+    span = robot.joint_upper - robot.joint_lower
+    angles = robot.joint_lower[:, None] + share * span[:, None]
+    table = clear_standing(scene, com, np.zeros((2, 3)), angles)
+    meets = 0
+    for state in rng.integers(0, 5, (40, robot.limb_count)):
+        own = angles[:, np.arange(robot.limb_count), state]
+        links = limb_capsules(robot, own)
+        room = limbs_room(links, parts_beside(robot, links)[1])
+        apart = np.asarray((room > 1e-3).all(axis=-1))
+        np.testing.assert_array_equal(table.apart(tuple(state)), apart)
+        meets += int((~apart).sum())
+    assert meets
+
+
+def test_mistakes_in_a_urdf_stay_at_their_keys(spec: Path) -> None:
+    with pytest.raises(SpecError, match=r"step_max.*L9"):
+        load_transition(spec, ["task.step_max={L9: 0.1}"])
+    with pytest.raises(SpecError, match="4 limbs"):
+        load_transition(spec, ["task.supporting=4"])
+
+
+@pytest.fixture(scope="module")
+def plan(spec: Path) -> ClimbPlan:
+    return plan_transition(load_transition(spec, ["climb={rounds: 1, goal: {com: [0, 0, 0.4]}}"]))
+
+
+@pytest.mark.slow
+def test_a_mission_is_verified_from_its_file(plan: ClimbPlan, tmp_path: Path) -> None:
+    assert any(text.startswith("assumed of walker: ") for text in plan.warnings)
+    write_climb(plan, tmp_path / "plan.h5")
+    verification = verification_of(read_climb(tmp_path / "plan.h5"))
+    assert verification.passed, verification.table()
+    assert {"steps.shift", "limbs.self_collision"} <= {c.name for c in verification.checks}
+
+
+@pytest.mark.slow
+def test_a_shift_beyond_its_bound_is_caught(plan: ClimbPlan) -> None:
+    limits = replace(plan.limits, shift_max=0.01)
+    failed = {c.name for c in verification_of(replace(plan, limits=limits)).checks if not c.passed}
+    assert "steps.shift" in failed

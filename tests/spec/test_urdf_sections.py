@@ -86,7 +86,6 @@ def test_a_sound_section_loads(tmp_path: Path) -> None:
         ),
         ("joint_stiffness: 150", "forward: z", "expected one of `x`, `-x`, `y`, `-y`, got 'z'"),
         ("legs:", "leggs:", "unknown key (did you mean 'legs'?)"),
-        ("terrain:", "solver: {method: nlp}\nterrain:", "expected `micp` for a robot from a URDF"),
         (
             "rounds: 1",
             "rounds: 1\n  gait: [L1, R1, L2]",

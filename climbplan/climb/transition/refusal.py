@@ -17,6 +17,7 @@ from climbplan.climb.transition.stances import (
     Laboratory,
     balances,
     largest_friction_factor,
+    largest_torque_factor,
     slipping,
     stance_instants,
 )
@@ -179,23 +180,36 @@ def _refusal(
         least = f"each pressing with {100 * scene.spec.search.least_load:.3g} % of the weight"
         text = f"the body does not balance on {held}, {least} (`search.least_load`) or more"
         return Conflict(where, (text,), _shifted(scene) if j == 0 else (), in_words=True)
+    words, remedies = _weak(scene, largest_torque_factor(lab, row, pose))
     if factor <= 0:
-        return Conflict(where, ("torque limits of the limbs that stay",))
+        named = tuple(words) or ("torque limits of the limbs that stay",)
+        return Conflict(where, named, tuple(remedies), in_words=bool(words))
     asked = scene.spec.force.safety_friction
     slips = slipping(lab, row, pose, factor)
-    words = []
     for slip in slips[:3]:
         surface = _surface_name(lab, slip.limb, row)
         words.append(
             f"{names[slip.limb]} slips on {surface!r}: it needs mu {slip.needed:.2f}, "
             f"and has {slip.available:.2f} / S_mu {asked:g} = {slip.available / asked:.2f}"
         )
-    remedies: list[Remedy] = []
     if factor >= 1:
         remedies.append(Remedy(f"S_mu <= {factor:.3g}", "force.safety_friction", factor))
     remedies += _rougher(scene, {_surface_name(lab, s.limb, row) for s in slips}, asked / factor)
     remedies.append(Remedy(f"friction {asked / factor:.2f} times as high"))
     return Conflict(where, tuple(words) or ("friction",), tuple(remedies), in_words=bool(words))
+
+
+def _weak(scene: TransitionScene, holds: float) -> tuple[list[str], list[Remedy]]:
+    """Torque limits that are in the way, holds: the largest S_tau with the friction asked for."""
+    asked = scene.spec.force.safety_torque
+    if not 0 < holds < asked:
+        return [], []
+    words = f"motors would have S_tau {holds:.3g} at the friction there is, {asked:g} is asked"
+    if holds < 1:
+        times = f"{np.ceil(1e2 * asked / holds) / 1e2:.2f} times the torque limits"
+        return [words], [Remedy(times)]
+    value = float(np.floor(1e2 * holds) / 1e2)
+    return [words], [Remedy(f"S_tau <= {value:g}", "force.safety_torque", value)]
 
 
 def _shifted(scene: TransitionScene) -> tuple[Remedy, ...]:

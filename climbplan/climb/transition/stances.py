@@ -25,6 +25,7 @@ _CHUNK = 2000  # problems assembled at once
 _PASSES = 1e-6  # residual of accepted forces; the force planner solves again to 1e-7
 _LEAST_FACTOR, _MOST_FACTOR = 0.05, 20.0  # S_mu looked for between these
 _HALVINGS = 12
+_STRONGER = 10.0  # times the torque limits, to see which would do
 _STRONG = 1e3  # times the torque limits, which then limit nothing
 
 
@@ -137,6 +138,14 @@ def balances(lab: Laboratory, stance: Index, pose: int) -> bool:
     mu = statement.mu * statement.safety_friction / _LEAST_FACTOR
     strong = replace(statement, mu=mu, max_torque=statement.max_torque * _STRONG)
     return bool(np.isfinite(_solved(lab, strong)[0][0]))
+
+
+def largest_torque_factor(lab: Laboratory, stance: Index, pose: int) -> float:
+    """The largest S_tau at which a stance (N,) holds with the friction asked for; 0 for none."""
+    statement = state_forces(lab.scene, stance_instants(lab, stance[None], np.array([pose])))
+    motors = replace(statement, max_torque=statement.max_torque * _STRONGER)
+    use = float(_solved(lab, motors)[0][0])
+    return 0.0 if not np.isfinite(use) else 1.0 / max(use * _STRONGER, 1e-9)
 
 
 @dataclass(frozen=True)

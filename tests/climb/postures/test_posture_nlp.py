@@ -253,7 +253,7 @@ def test_yaw_is_bounded_on_flat_terrain_only(walls: ClimbScene, tmp_path: Path) 
     limits = ((walls, 20.0), (turned, 25.0), (shipped("climb_tube"), np.inf))
     for scene, expected in limits:
         _, upper = variable_bounds(scene, 0.0)
-        layout = variable_layout(scene.robot.limb_count)
+        layout = variable_layout(scene.robot.limb_count, scene.robot.joint_count)
         upper = layout.unpack(upper.reshape(-1, layout.size))["rpy"]
         np.testing.assert_allclose(upper[:, 2, 0], np.deg2rad(expected))
 
@@ -278,7 +278,7 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
         rng = np.random.default_rng(1)
         for _ in range(5):
             moved = x + 0.0
-            layout = variable_layout(scene.robot.limb_count)
+            layout = variable_layout(scene.robot.limb_count, scene.robot.joint_count)
             j = int(rng.integers(scene.spec.task.rounds))
             moved[j * layout.size : j * layout.size + 3] += rng.normal(0.0, 0.3, 3)
             blocks = program.stated.residuals(program.solver.rows(moved, numbers))

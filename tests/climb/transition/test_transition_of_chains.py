@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +11,13 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.transition.clear_standing import clear_standing
 from climbplan.climb.transition.planner import plan_transition, searched
 from climbplan.climb.transition.scene import TransitionScene, build_transition
+from climbplan.climb.transition.search import Search
+from climbplan.climb.transition.stances import stance_forces
 from climbplan.errors import NotProved, SpecError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.touching_parts import limbs_room, parts_beside
@@ -72,6 +75,25 @@ def test_a_quadruped_has_to_shift_before_its_first_lift(scene: TransitionScene) 
     assert "does not balance" in str(refused.value)
     remedies = [r for conflict in refused.value.conflicts for r in conflict.remedies]
     assert {r.key for r in remedies} == {"posture.steps.shift_max"}
+
+
+def test_a_refusal_tells_weak_motors_from_smooth_walls() -> None:
+    """How far S_tau is off is right: motors that are so much stronger hold, these do not."""
+    changes = ["terrain.friction=0.3", "task.sequence=RF RR LM | RM LR LF"]
+    smooth = build_transition(load_transition(SPECS / "transition_flat.yaml", changes))
+    with pytest.raises(NotProved, match="motors would have S_tau") as refused:
+        searched(smooth, FAR)
+    told = " ".join(r.words for c in refused.value.conflicts for r in c.remedies)
+    found = re.search(r"([0-9.]+) times the torque limits", told)
+    assert found is not None
+    times = float(found[1])
+    stance: Index = np.array([[1, -1, 1, -1, 1, -1]])  # RM LR LF lifted, the others on the walls
+    for factor, holds in ((1.0, False), (1.01 * times, True)):
+        robot = replace(smooth.robot, max_torque=factor * smooth.robot.max_torque)
+        lab = Search(replace(smooth, robot=robot)).lab
+        pose = np.flatnonzero(lab.reach.valid[:, stance[0] >= 0, 1].all(axis=1))
+        use = stance_forces(lab, np.repeat(stance, len(pose), axis=0), pose).use
+        assert bool(np.isfinite(use).any()) is holds
 
 
 def test_limbs_that_meet_are_not_chosen(scene: TransitionScene) -> None:

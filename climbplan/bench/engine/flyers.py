@@ -53,6 +53,9 @@ def run_flyers(seed: int, quick: bool, stream: TextIO) -> None:
     spent: dict[str, list[float]] = {name: [] for name in CONTENDERS}
     proved = dict.fromkeys(CONTENDERS, 0)
     off = dict.fromkeys(CONTENDERS, 0.0)
+    small = free_flyer(np.random.default_rng(seed), 2, 2)
+    for contender in CONTENDERS.values():  # loads and compiles where it has to
+        contender(small)
     for number in range(count):
         instance = free_flyer(np.random.default_rng([seed, number]), STEPS, RECTANGLES)
         own: float | None = None

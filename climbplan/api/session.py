@@ -24,20 +24,26 @@ class Session:
 
     The statement's coefficients are taken once; each tree begins with the leaves of the last, and
     its integers are tried first. Every answer has its own proof of optimality.
+
+    Where a controller cannot wait, a limit of time or work ends the tree early: the answer is then
+    the best that was found, `status` "feasible" with the `gap` that is proved, or "limit" where
+    nothing was. What is remembered is kept, so that the next tree goes on from there.
     """
 
     def __init__(self, problem: Problem | Program, **settings: Any) -> None:
         """settings: `gap`, `time_limit` [s] of one solve, `tolerance`, as of `climbplan.solve`.
 
+        `work`: dual steps of one solve, each some microseconds; the same answer whatever the load.
         Raises UsageError for settings that there are not.
         """
         from climbplan.methods.sequence import ProblemSequence
         from climbplan.methods.task import MethodSettings
 
-        strange = sorted(set(settings) - {"gap", "time_limit", "tolerance"})
+        strange = sorted(set(settings) - {"gap", "time_limit", "tolerance", "work"})
         if strange:
             raise UsageError(
-                f"no setting {', '.join(strange)} of a session: expected gap, time_limit, tolerance"
+                f"no setting {', '.join(strange)} of a session: expected gap, time_limit, "
+                "tolerance, work"
             )
         self.problem = Problem(problem.name, problem) if isinstance(problem, Program) else problem
         self._sequence: ProblemSequence = ProblemSequence(self.problem, MethodSettings(**settings))

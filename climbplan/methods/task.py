@@ -63,6 +63,7 @@ class MethodSettings:
     tolerance: float = 1e-6  # largest violation of any row, in its own unit
     own_tolerance: float | None = None  # of the problem's own check, the same if left out
     start: Start | None = None  # of mpcc: manual if the problem states a guess, else zero
+    work: int | None = None  # of a sequence: dual steps of one tree, which count the same each time
     certificate: bool = False  # branch-and-bound: a proof of the bound comes with the answer
     neighbours: int | None = None  # sets of integers to try: 10, 3 for mpcc
     fallback: Method | None = "minlp-scip"  # of learned methods, where no candidate holds

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -21,20 +22,29 @@ Pairs = list[tuple[int, int]]  # (i, j) with i <= j: the product x_i x_j
 class Affine:
     """Coefficients of stacked affine expressions as functions of theta."""
 
-    function: Any  # theta -> (nonzeros of the Jacobian, constants)
+    slopes: Any  # theta -> nonzeros of the Jacobian
+    offsets: Any  # theta -> constants
     indptr: NDArray[np.int32]
     indices: NDArray[np.int32]
     rows: int
     columns: int
+    matrix: sparse.csr_matrix | None = None  # where no parameter enters the slopes
 
     def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Matrix (rows, n) and constants (rows,)."""
-        values, constants = self.function(theta)
+        """Matrix (rows, n), the same object each time where it can be, and constants (rows,)."""
+        matrix = self._at(theta) if self.matrix is None else self.matrix
+        return matrix, np.array(self.offsets(theta)).ravel()
+
+    def kept(self, theta: Array) -> Affine:
+        """The same with its matrix made once; theta: any, as no parameter enters the slopes."""
+        return replace(self, matrix=self._at(theta))
+
+    def _at(self, theta: Array) -> sparse.csr_matrix:
         # CasADi stores columns; its transpose read as compressed rows is the matrix itself.
-        matrix = sparse.csr_matrix(
-            (np.array(values).ravel(), self.indices, self.indptr), shape=(self.rows, self.columns)
+        values = np.array(self.slopes(theta)).ravel()
+        return sparse.csr_matrix(
+            (values, self.indices, self.indptr), shape=(self.rows, self.columns)
         )
-        return matrix, np.array(constants).ravel()
 
 
 @dataclass(frozen=True)
@@ -68,12 +78,16 @@ class JoinedAffine:
     parts: tuple[Affine | FixedAffine, ...]
     order: NDArray[np.int64]  # row of the parts, one after another, that stands at each place
     columns: int
+    _last: list[Any] = field(default_factory=list)  # matrices of the parts, and what they made
 
     def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Matrix (rows, n) and constants (rows,)."""
+        """Matrix (rows, n), the same object while those of its parts are, and constants (rows,)."""
         found = [part.at(theta) for part in self.parts]
-        matrix = sparse.vstack([m for m, _ in found]).tocsr()
-        return matrix[self.order], np.concatenate([c for _, c in found])[self.order]
+        parts = [m for m, _ in found]
+        same = self._last and all(a is b for a, b in zip(parts, self._last[0], strict=True))
+        if not same:
+            self._last[:] = [parts, sparse.vstack(parts).tocsr()[self.order]]
+        return self._last[1], np.concatenate([c for _, c in found])[self.order]
 
 
 @dataclass(frozen=True)
@@ -90,10 +104,20 @@ class Bilinear:
         """Matrix (rows, K) over the products numbered by `position`."""
         shape = (self.rows, len(position))
         if not self.product_pair:
-            return sparse.csr_matrix(shape)
+            return _nothing(*shape)
         values = np.array(self.product_function(theta)).ravel()
         column = [position[pair] for pair in self.product_pair]
         return sparse.csr_matrix((values, (self.product_row, column)), shape=shape)
+
+
+@lru_cache(maxsize=64)
+def _nothing(rows: int, columns: int) -> sparse.csr_matrix:
+    return sparse.csr_matrix((rows, columns))
+
+
+def enters(theta: Any, numbers: Any) -> bool:
+    """Whether parameters enter some numbers, which need be no symbols at all."""
+    return isinstance(numbers, ca.SX) and bool(ca.depends_on(numbers, theta))
 
 
 def affine_coefficients(
@@ -180,11 +204,14 @@ def bilinear_coefficients(
     linear = ca.substitute(slopes, x, zero)
     constants = ca.substitute(stacked, x, zero)
     affine = Affine(
-        ca.Function("affine", [theta], [linear, constants]),
+        ca.Function("slopes", [theta], [linear]),
+        ca.Function("offsets", [theta], [constants]),
         indptr,
         indices,
         len(expression),
         len(x_symbols),
     )
+    if not enters(theta, linear):
+        affine = affine.kept(np.zeros(theta.shape[0]))
     product = ca.Function("products", [theta], [ca.vertcat(*coefficients)])
     return Bilinear(affine, product, np.array(row, np.int64), pairs, len(expression))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -19,6 +19,7 @@ from climbplan.program.coefficients import (
     FixedAffine,
     JoinedAffine,
     affine_coefficients,
+    enters,
     joined_coefficients,
 )
 from climbplan.program.instance import Balls, Choice, Implications, Instance, Products
@@ -38,11 +39,13 @@ class CompiledProgram:
     balls: tuple[Affine | FixedAffine | JoinedAffine, ...]
     choices: tuple[Affine | FixedAffine | JoinedAffine, ...]  # one a block; rows of all its points
     products: dict[tuple[int, int], int]  # pair -> number of the product
-    cost: Any  # theta -> (P nonzeros, q, constant)
+    cost: Any  # theta -> (q, constant)
+    curvature: Any  # theta -> nonzeros of P
     P_indptr: NDArray[np.int32]
     P_indices: NDArray[np.int32]
     numeric: tuple[Quadratic, ...]  # cost terms that no parameter enters
     smooth: SmoothForm | None
+    P: sparse.csc_matrix | None = None  # where no parameter enters it
 
     @property
     def product_count(self) -> int:
@@ -51,7 +54,6 @@ class CompiledProgram:
 
     def instance(self, theta: Array) -> Instance:
         """The numbers at theta."""
-        n = self.rows.affine.columns
         blocks = self.blocks
         A, constants = self.rows.affine.at(theta)
         balls = []
@@ -64,22 +66,16 @@ class CompiledProgram:
             for k, alternatives in enumerate(group.alternatives):
                 here = slice(k * group.dimension, (k + 1) * group.dimension)
                 choices.append(Choice(f"{group.name}[{k}]", E[here], e[here], alternatives))
-        values, q, constant = self.cost(theta)
-        P = sparse.csc_matrix(
-            (np.array(values).ravel(), self.P_indices, self.P_indptr), shape=(n, n)
-        )
-        q, constant = np.array(q).ravel(), float(constant)
+        gradient, at_zero = self.cost(theta)
+        q, constant = np.array(gradient).ravel(), float(at_zero)
         for term in self.numeric:
-            held = len(term.q)
-            P = P + _widened(term.P, n).tocsc()
-            q[:held] += term.q
+            q[: len(term.q)] += term.q
             constant += term.constant
-        P.sort_indices()
         pairs = np.array(list(self.products), np.int64).reshape(-1, 2)
         integer = [np.full(v.lower.size, v.integer) for v in blocks.variables]
         return Instance(
             name=self.name,
-            P=P,
+            P=self._curvature(theta) if self.P is None else self.P,
             q=q,
             constant=constant,
             lower=_stack([v.lower for v in blocks.variables]),
@@ -95,6 +91,19 @@ class CompiledProgram:
             implications=self._implications(theta),
             smooth=self._smooth_rows(theta),
         )
+
+    def kept(self, theta: Array) -> CompiledProgram:
+        """The same with P made once; theta: any, as no parameter enters it."""
+        return replace(self, P=self._curvature(theta))
+
+    def _curvature(self, theta: Array) -> sparse.csc_matrix:
+        n = self.rows.affine.columns
+        values = np.array(self.curvature(theta)).ravel()
+        P = sparse.csc_matrix((values, self.P_indices, self.P_indptr), shape=(n, n))
+        for term in self.numeric:
+            P = P + _widened(term.P, n).tocsc()
+        P.sort_indices()
+        return P
 
     def _smooth_rows(self, theta: Array) -> Smooth | None:
         if self.smooth is None:
@@ -164,7 +173,7 @@ def compile_program(
     if ca.depends_on(nonzeros, x):
         raise ValueError(f"{name}: the cost is not quadratic in the variables")
     offsets = [ca.substitute(gradient, x, zero), ca.substitute(cost, x, zero)]
-    return CompiledProgram(
+    made = CompiledProgram(
         name=name,
         blocks=blocks,
         rows=rows,
@@ -173,12 +182,14 @@ def compile_program(
         balls=tuple(affine(b.name, b.expression) for b in blocks.balls),
         choices=tuple(affine(b.name, b.expression) for b in blocks.choices),
         products=products,
-        cost=ca.Function("cost", [theta], [nonzeros, *offsets]),
+        cost=ca.Function("cost", [theta], offsets),
+        curvature=ca.Function("curvature", [theta], [nonzeros]),
         P_indptr=np.array(hessian.sparsity().colind(), np.int32),
         P_indices=np.array(hessian.sparsity().row(), np.int32),
         numeric=tuple(numeric),
         smooth=SmoothForm.of(blocks.smooth, x_symbols, theta_symbols),
     )
+    return made if enters(theta, nonzeros) else made.kept(np.zeros(theta.shape[0]))
 
 
 def _binaries(

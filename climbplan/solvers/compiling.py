@@ -41,13 +41,15 @@ class Compiler(Protocol):
 
 def compiler(
     room: Path,
-    sources: str,
+    sources: str | tuple[str, ...],
     generated_from: bytes = b"",
     *,
     borrows: bool = False,
     lets_go: bool = False,
 ) -> Compiler:
-    """The decorator of a room's functions; `sources`: glob of the room's files that have such ones.
+    """The decorator of a room's functions.
+
+    sources: globs of the room's files that have such ones, or that these take numbers from.
 
     borrows: functions whose names begin with an underscore make no arrays and return none, and so
     need not count references to those that they are given, nor to rows of them: atomic additions
@@ -85,10 +87,11 @@ def compiler(
 
 
 @cache
-def _directory(room: Path, sources: str, generated_from: bytes) -> str | None:
+def _directory(room: Path, sources: str | tuple[str, ...], generated_from: bytes) -> str | None:
     """Where the code of a room is kept, None if nowhere."""
     digest = hashlib.sha256(numba.__version__.encode() + generated_from)
-    for source in (Path(__file__), *sorted(room.glob(sources))):
+    globs = (sources,) if isinstance(sources, str) else sources
+    for source in (Path(__file__), *sorted(file for glob in globs for file in room.glob(glob))):
         digest.update(source.read_bytes())
     name = f"compiled-{digest.hexdigest()[:16]}"
     bases = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []

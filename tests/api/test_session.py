@@ -34,11 +34,30 @@ def test_a_session_agrees_with_single_solves() -> None:
     assert "remembered" not in session.solve(theta).method
 
 
+def test_a_session_that_may_not_work_long_says_how_far_it_came() -> None:
+    problem = springs()
+    theta = {"start": np.array([0.30, 0.05, 0.6, -1.4]), "walls": _WALLS}
+    best = climbplan.solve(problem, theta, gap=1e-6)
+    session = climbplan.Session(problem, gap=1e-6, work=100)
+    first = session.solve(theta)
+    assert first.status in ("feasible", "limit")
+    assert best.objective is not None
+    assert first.bound <= best.objective
+    for _ in range(4):
+        last = session.solve(theta)
+        if last.objective is not None:
+            assert last.check().passed(1e-6)
+            assert last.objective >= best.objective * (1 - 1e-6)
+    assert last.status == "optimal"
+
+
 def test_a_session_refuses_what_the_tree_cannot_hold() -> None:
     session = climbplan.Session(damped())
     with pytest.raises(UsageError, match="holds no products"):
         session.solve({"start": _START, "walls": _WALLS})
     with pytest.raises(UsageError, match="no setting solver of a session"):
         climbplan.Session(springs(), solver="highs")
+    with pytest.raises(UsageError, match="1 dual step or more"):
+        climbplan.Session(springs(), work=0)
     with pytest.raises(UsageError, match="0 steps or more"):
         climbplan.Session(springs()).solve({"start": _START, "walls": _WALLS}, shift=-1)

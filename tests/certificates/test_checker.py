@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
 from climbplan.program import Polytope, Program
 from climbplan.program.instance import Instance
+from climbplan.solvers.mixed_integer import method, proof
 from climbplan.solvers.mixed_integer.method import TreeMemory
+from climbplan.solvers.mixed_integer.search import settle
 from climbplan.solvers.result import SolverResult
 
 GAP = 1e-5
@@ -93,6 +96,34 @@ def test_a_search_that_stops_early_proves_what_it_has() -> None:
     assert best is not None
     assert found.status in ("feasible", "limit")
     assert -np.inf < bound <= best * (1.0 + 1e-6)
+
+
+def test_a_certificate_that_may_take_no_time_tells_what_leaves_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = walled_cart_pole()
+    instance = problem.instance({"start": np.array([0.1, 0.05, 0.1, -0.3])})
+    again: list[int] = []
+
+    def counted(numbers: Any, search: Any, tree: Any, leaf: int) -> None:
+        again.append(leaf)
+        settle(numbers, search, tree, leaf)
+
+    monkeypatch.setattr(proof, "settle", counted)
+    tree = TreeMemory(1e-6, 1e-6, proves=True)
+    found = tree.solve(instance, 60.0, nodes=8)
+    assert tree.certificate is not None
+    assert found.status in ("feasible", "limit")
+    assert check(instance, tree.certificate).bound == pytest.approx(found.bound, rel=1e-5)
+    assert again
+    again.clear()
+    whole = method.certificate_of
+    monkeypatch.setattr(method, "certificate_of", lambda *given: whole(*given[:-1], 0.0))
+    late = TreeMemory(1e-6, 1e-6, proves=True)
+    late.solve(instance, 60.0, nodes=8)
+    assert late.certificate is not None
+    assert not again
+    assert -np.inf < check(instance, late.certificate).bound <= found.bound * (1.0 + 1e-9)
 
 
 def test_the_margin_of_infeasibility_is_how_far_rows_must_be_let_out() -> None:

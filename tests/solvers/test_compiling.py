@@ -18,6 +18,7 @@ import pytest
 import climbplan
 from climbplan.cli.console import Session, plain_messages
 from climbplan.solvers import compiling
+from climbplan.solvers.mixed_integer.compiling import SOURCES
 
 PACKAGE = Path(climbplan.__file__).parent
 ROOM = """
@@ -170,3 +171,17 @@ def test_first_run_of_a_package_that_cannot_be_written(tmp_path: Path) -> None:
     lines = [re.sub(r"\d+\.\d+ m?s", "", text) for text in (first.stderr, second.stderr)]
     assert len(lines[0].splitlines()) == len(lines[1].splitlines()) + 1
     assert any((tmp_path / "home" / ".cache" / "climbplan").rglob("*.nbc"))
+
+
+def test_files_that_the_tree_compiles_are_those_that_its_cache_is_named_after() -> None:
+    room = PACKAGE / "solvers" / "mixed_integer"
+    marks = ("@compiled", "mixed_integer.compiling import")
+    with_code = {
+        file.name for file in room.glob("*.py") if any(mark in file.read_text() for mark in marks)
+    }
+    assert with_code <= set(SOURCES)
+    assert all((room / name).is_file() for name in SOURCES)
+    # What they read from the room is named, too
+    read = re.compile(r"from climbplan\.solvers\.mixed_integer\.(\w+) import")
+    needed = {f"{name}.py" for file in SOURCES for name in read.findall((room / file).read_text())}
+    assert needed <= set(SOURCES) | {"conditional.py"}  # of which only the type is read

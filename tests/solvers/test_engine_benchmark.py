@@ -6,6 +6,7 @@ import io
 
 import pytest
 
+from climbplan.bench.engine import flyers, ticks
 from climbplan.bench.engine import run as benchmark
 
 
@@ -14,6 +15,8 @@ def test_every_contender_proves_the_same_cost(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(benchmark, "_STEPS", 3)
     monkeypatch.setattr(benchmark, "_QUICK", 1)
     monkeypatch.setattr(benchmark, "_NOISE", (0.001,))
+    for table in ("run_ticks", "run_flyers"):  # of the next tests
+        monkeypatch.setattr(benchmark, table, lambda *_: None)
     stream = io.StringIO()
     benchmark.run_engine(0, True, stream)
     rows = [line.split() for line in stream.getvalue().splitlines()[1:]]
@@ -22,3 +25,26 @@ def test_every_contender_proves_the_same_cost(monkeypatch: pytest.MonkeyPatch) -
         assert float(row[-1]) < 2e-3  # cost off by
         # problems, proved: DAQP's own mode has no bound to show
         assert row[-7] == ("0" if row[1] == "daqp," else row[-8])
+
+
+@pytest.mark.slow
+def test_a_table_of_ticks_has_a_row_for_each_horizon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ticks, "QUICK_SECONDS", 0.4)
+    stream = io.StringIO()
+    ticks.run_ticks(0, True, stream)
+    rows = [line.split() for line in stream.getvalue().splitlines()[3:]]
+    assert [(row[0], row[1]) for row in rows] == [("10", "20"), ("20", "20")]
+    assert all(row[-1] == "0" for row in rows)  # falls
+
+
+@pytest.mark.slow
+def test_free_flyers_have_the_same_cost_by_every_contender(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flyers, "QUICK_COUNT", 2)
+    monkeypatch.setattr(flyers, "QUICK_OTHERS", 1)
+    stream = io.StringIO()
+    flyers.run_flyers(0, True, stream)
+    rows = [line.rsplit(maxsplit=6) for line in stream.getvalue().splitlines()[3:]]
+    assert [row[0] for row in rows] == list(flyers.CONTENDERS)
+    for row in rows:
+        assert row[1] == row[2] == ("2" if row[0] == "tree" else "1")  # problems, proved
+        assert float(row[-1]) < 2e-3

@@ -126,6 +126,44 @@ def test_memory_without_a_move_serves_other_parameters() -> None:
         assert warm.objective == pytest.approx(cold.objective, rel=1e-3, abs=1e-8)
 
 
+def test_a_tree_out_of_work_answers_feasibly_and_goes_on_the_next_time() -> None:
+    problem = walled_cart_pole()
+    instance = problem.instance({"start": PUSHED})
+    whole = solve_mixed_integer(instance, 1e-4, tolerance=1e-6)
+    assert whole.objective is not None
+    answers = []
+    for _ in range(2):  # the same answers however fast the machine is
+        memory = TreeMemory(1e-4, 1e-6, work=150)
+        answers.append([memory.solve(instance) for _ in range(12)])
+    for one, other in zip(*answers, strict=True):
+        assert (one.objective, one.bound, one.nodes) == (other.objective, other.bound, other.nodes)
+    bounds = [found.bound for found in answers[0]]
+    assert answers[0][0].status != "optimal"
+    for found in answers[0]:
+        assert found.bound <= whole.objective * (1 + 1e-9)
+        if found.x is not None:
+            assert instance.violation(found.x) <= 1e-6
+            assert found.objective is not None
+            assert found.objective >= whole.bound - 1e-9
+    assert bounds[-1] > bounds[0]  # what is remembered is gone on with
+    assert answers[0][-1].status == "optimal"
+
+
+@pytest.mark.parametrize("most", [1, 5, 20])
+def test_the_upper_part_of_a_tree_covers_as_its_leaves_do(most: int) -> None:
+    problem = walled_cart_pole()
+    memory = TreeMemory(1e-3, 1e-6, work=8 * most)
+    for push in (1.0, 0.97, 0.94, 0.91):
+        memory.solve(problem.instance({"start": push * PUSHED}))
+        assert memory.leaves is not None
+        assert len(memory.leaves.low) <= most
+    memory.work = 10**9  # whatever was stopped early and thinned out has still all integers
+    instance = problem.instance({"start": 0.9 * PUSHED})
+    warm, cold = memory.solve(instance), solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
+    assert warm.status == "optimal"
+    assert warm.objective == pytest.approx(cold.objective, rel=1e-3)
+
+
 def test_a_limit_of_nodes_leaves_a_valid_bound() -> None:
     instance = random_program(13).at({})
     whole = solve_mixed_integer(instance, 1e-6, tolerance=1e-6)

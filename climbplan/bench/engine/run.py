@@ -17,6 +17,8 @@ import numpy as np
 
 from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.bench.engine.daqp_mode import solve_daqp_mode
+from climbplan.bench.engine.flyers import run_flyers
+from climbplan.bench.engine.ticks import run_ticks
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.memory import shifted
@@ -53,7 +55,7 @@ class _Column:
 
 
 def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
-    """Print one table for each noise."""
+    """Print one table for each noise, and one of moving walls, one of a free-flyer."""
     print(
         "noise   engine             problems  proved  median [ms]   99 % [ms]  nodes   99 %  "
         "of the tree   cost off by",
@@ -71,6 +73,8 @@ def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
                 f"{np.median(seconds) / own:11.2f}  {column.worst:11.1e}",
                 file=stream,
             )
+    run_ticks(seed, quick, stream)
+    run_flyers(seed, quick, stream)
 
 
 def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Column]:

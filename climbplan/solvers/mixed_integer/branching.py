@@ -29,7 +29,9 @@ from climbplan.solvers.mixed_integer.nodes import (
     BRANCHED,
     FEASIBILITY,
     HEAP,
+    MOST,
     PROBES,
+    WORK,
     Search,
     Tree,
     Whole,
@@ -181,7 +183,14 @@ def _branch(n: Numbers, s: Search, tree: Tree, node: int) -> int:
                 best, chosen = score, e
     below, above = parent, parent  # bounds of the children
     made_below, made_above = False, False  # children that their probes have closed
-    for _ in range(_PROBED):
+    probed = _PROBED
+    if np.isinf(s.real[BEST]) and s.whole[WORK] < MOST:
+        # Steps are counted, and without an incumbent nothing is closed: dive
+        probed = 0
+        e = _most_promising(s)
+        if s.score[e] > best:
+            chosen = e
+    for _ in range(probed):
         e = _most_promising(s)
         if s.score[e] < 0.0:
             break

@@ -144,7 +144,11 @@ def _cost(instance: Instance, space: Coordinates) -> _Cost:
     own = float(np.max(np.diag(H) * reach**2, initial=0.0, where=bounded))
     eta = _PROXIMAL * (own or float(np.sum(np.abs(g) * reach, where=bounded)) or 1.0)
     eps = np.where(bounded, eta / reach**2, 0.0)
-    eps = np.where(bounded, np.maximum(eps, 1e-9 * np.abs(np.diag(H)).max(initial=0.0)), 0.0)
+    top = float(np.abs(np.diag(H)).max(initial=0.0))
+    # Where bounds leave next to nothing the term need not grow beyond all others
+    wide = float(np.median(reach[bounded])) if bounded.any() else 1.0
+    eps = np.clip(eps, 1e-9 * top, max(top, eta / wide**2))
+    eps = np.where(bounded, eps, 0.0)
     eps = np.minimum(eps, np.where(half > 0, np.inf, 1.0))
     center = np.zeros(k)
     center[bounded] = 0.5 * (low[bounded] + high[bounded])

@@ -12,7 +12,7 @@ the others still cover all integers that are left, so nothing is lost whatever w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.search import revive
 from climbplan.solvers.result import Indices
 
-_MOST_LEAVES = 400  # more are worth less than a new tree
 _LEAST, _MOST = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of integers that are free
 _LEFT = (place.OPEN, place.CLOSED, place.EMPTY_NODE, place.LEFT)
 
@@ -56,13 +55,15 @@ class Leaves:
 
     @classmethod
     def of(
-        cls, program: MixedIntegerProgram, form: Conditional, search: Search, tree: Tree
-    ) -> Leaves | None:
-        """Of a tree that has run; None if they are too many to be of use."""
-        count = int(search.whole[place.COUNT])
-        here = np.flatnonzero(np.isin(tree.state[:count], _LEFT))
-        if len(here) > _MOST_LEAVES:
-            return None
+        cls,
+        program: MixedIntegerProgram,
+        form: Conditional,
+        search: Search,
+        tree: Tree,
+        most: int,
+    ) -> Leaves:
+        """Of a tree that has run; where they are more than `most`, of its upper part."""
+        here = _cover(tree, int(search.whole[place.COUNT]), most)
         stated = np.append(program.key, -1)
         row = np.minimum(tree.row[here], len(program.key))  # tangents are forgotten
         behind = np.arange(tree.row.shape[1]) >= tree.active[here][:, None]
@@ -83,6 +84,18 @@ class Leaves:
             space=KeySpace(form.size, len(form.row_lower), len(form.when)),
         )
 
+    def root(self) -> Leaves:
+        """A cover that knows no more than its best integers."""
+        size = len(self.entities)
+        return replace(
+            self,
+            low=np.full((1, size), _LEAST, np.int64),
+            high=np.full((1, size), _MOST, np.int64),
+            key=np.full((1, self.key.shape[1]), -1),
+            side=np.zeros((1, self.key.shape[1]), np.int8),
+            multiplier=np.zeros((1, self.key.shape[1])),
+        )
+
     def moved(self, move: Move) -> Leaves:
         """The same cover for a problem in which everything has moved; those that are over go."""
         size = len(move.variable)
@@ -96,8 +109,6 @@ class Leaves:
         if over.any() and self.best is not None:
             inside = (self.low <= self.best) & (self.best <= self.high)
             keep = np.asarray(inside[:, over].all(axis=1))
-        elif over.any():
-            keep[:] = False
         low = np.full((int(keep.sum()), len(to)), _LEAST, np.int64)
         high = np.full_like(low, _MOST)
         low[:, to[~over]], high[:, to[~over]] = self.low[keep][:, ~over], self.high[keep][:, ~over]
@@ -136,6 +147,22 @@ class Leaves:
             search.whole[place.HINTED] = 1
         revive(n, search, tree)
         return True
+
+
+def _cover(tree: Tree, count: int, most: int) -> Indices:
+    """Nodes that cover all integers: the leaves, or the parents of those that lie too deep.
+
+    Nodes of a depth cover what lies below them, so that leaves above it and all nodes at it do.
+    """
+    left = np.isin(tree.state[:count], _LEFT)
+    if np.count_nonzero(left) <= most:
+        return np.flatnonzero(left)
+    depth = tree.depth[:count]
+    levels = int(depth.max()) + 1
+    above = np.cumsum(np.bincount(depth[left], minlength=levels))
+    at = np.bincount(depth[~left], minlength=levels)
+    deepest = int(np.flatnonzero(above + at <= most).max(initial=0))
+    return np.flatnonzero((left & (depth <= deepest)) | (~left & (depth == deepest)))
 
 
 def shifted(blocks: Blocks, form: Conditional, steps: int) -> Move:

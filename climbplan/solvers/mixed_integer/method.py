@@ -1,179 +1,32 @@
-"""Mixed-integer convex instances by the compiled tree: presolve, search, answer.
-
-The search runs in pieces of some nodes, between which Python looks at the clock and at signals.
-Where one node may take long it runs aside, and is stopped within the node.
-"""
+"""Mixed-integer convex instances by the compiled tree: presolve, search, answer."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
-from climbplan.solvers.interruption import run_aside
 from climbplan.solvers.mixed_integer import nodes as place
-from climbplan.solvers.mixed_integer.active_set import Rows, working
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
-from climbplan.solvers.mixed_integer.nodes import Search, Tree
-from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram, with_room
+from climbplan.solvers.mixed_integer.nodes import MOST
+from climbplan.solvers.mixed_integer.numbers import Impossible
 from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
-from climbplan.solvers.mixed_integer.search import run as run_tree
+from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
 
 NAME = "branch-and-bound"
-_FIRST_ROOM = 256  # nodes
-_LONG = 300_000  # entries of rows from which a node may take a tenth of a second
-_WORK = 2e8  # about how many entries of rows are looked at between two looks at the clock
-_TANGENTS = 120  # rows of room for the tangents of each ball, to begin with
 _PATIENCE = 4  # nodes for each leaf that is remembered
-_MEMORY = 600e6  # [bytes] of nodes
-_MOST_NODES = 10**9
-
-
-@contextmanager
-def _alarm(deadline: float, stop: NDArray[np.uint8]) -> Iterator[None]:
-    """Set `stop` at the deadline."""
-    if np.isinf(deadline):
-        yield
-        return
-    timer = threading.Timer(max(deadline - time.perf_counter(), 0.0), stop.fill, (1,))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
-@dataclass
-class TreeRun:
-    """One search, in pieces."""
-
-    program: MixedIntegerProgram
-    search: Search
-    tree: Tree
-    full: bool = False  # stopped because its nodes fill the memory
-
-    @classmethod
-    def of(
-        cls,
-        program: MixedIntegerProgram,
-        gap: float,
-        tolerance: float,
-        leaves: Leaves | None = None,
-    ) -> TreeRun:
-        """A tree with its root, or with the leaves of an earlier one."""
-        tangents = _TANGENTS * len(program.numbers.radius)
-        program = replace(program, numbers=with_room(program.numbers, tangents))
-        search = _search(program, tangents, gap, tolerance)
-        room = _FIRST_ROOM + (0 if leaves is None else 2 * len(leaves.low))
-        tree = _tree(len(program.entities), len(search.main.row), room)
-        n = program.numbers
-        if leaves is not None and leaves.into(program, search, tree):
-            return cls(program, search, tree)
-        tree.low[0], tree.high[0] = n.lowest, n.highest
-        tree.bound[0] = -np.inf
-        search.whole[place.COUNT] = search.whole[place.HEAP] = 1
-        return cls(program, search, tree)
-
-    def go(self, deadline: float, nodes: int = _MOST_NODES) -> None:
-        """Search until the gap is proved, nothing is left, or a limit.
-
-        deadline: of `time.perf_counter` [s]. What is open at a limit stays open.
-        """
-        stop = self.search.rows.stop
-        stop[0] = 0
-        if self.program.M.size < _LONG:
-            self._pieces(deadline, nodes)
-            return
-        with _alarm(deadline, stop):
-            run_aside(lambda: self._pieces(deadline, nodes), lambda: stop.fill(1))
-
-    def _pieces(self, deadline: float, nodes: int) -> None:
-        m, k = self.program.M.shape
-        piece = int(np.clip(_WORK / (max(m, 1) * max(k, 1) * 40), 1, 2000))
-        while True:
-            end = run_tree(self.program.numbers, self.search, self.tree, piece, nodes)
-            if end == place.DONE:
-                return
-            if end == place.GROW:
-                if 2 * _bytes(self.tree) > _MEMORY:
-                    self.full = True
-                    return
-                self.tree = _grown(self.tree)
-            if end == place.GROW_ROWS:
-                self._more_rows()
-            if time.perf_counter() >= deadline:
-                return
-
-    def _more_rows(self) -> None:
-        """Twice the room for rows."""
-        s, m = self.search, len(self.search.rows.on)
-        self.program = replace(self.program, numbers=with_room(self.program.numbers, m))
-        rows = s.rows._replace(
-            M=_longer(s.rows.M, 0, m),
-            T=_longer(s.rows.T, 1, m),
-            lower=_longer(s.rows.lower, 0, m),
-            upper=_longer(s.rows.upper, 0, m),
-            on=_longer(s.rows.on, 0, m),
-            tolerance=_longer(s.rows.tolerance, 0, m),
-        )
-        main, probe = (
-            w._replace(active=_longer(w.active, 0, m), value=_longer(w.value, 0, m))
-            for w in (s.main, s.probe)
-        )
-        self.search = s._replace(
-            rows=rows,
-            main=main,
-            probe=probe,
-            base_lower=_longer(s.base_lower, 0, m),
-            base_upper=_longer(s.base_upper, 0, m),
-            offset=_longer(s.offset, 0, m),
-            tangent_to=_longer(s.tangent_to, 0, m),
-            direction=_longer(s.direction, 0, m),
-        )
-
-    @property
-    def bound(self) -> float:
-        """A lower bound on the optimum."""
-        real, whole = self.search.real, self.search.whole
-        bound = float(real[place.LEFT_BOUND])
-        waiting = self.tree.heap[: whole[place.HEAP]]
-        bound = min(bound, float(self.tree.bound[waiting].min(initial=np.inf)))
-        if whole[place.NEXT] >= 0:
-            bound = min(bound, float(self.tree.bound[whole[place.NEXT]]))
-        return min(bound, float(real[place.BEST]))
-
-    @property
-    def finished(self) -> bool:
-        """Whether every node was closed by a proof."""
-        whole = self.search.whole
-        waiting = whole[place.HEAP] + (whole[place.NEXT] >= 0) + whole[place.UNPROVED]
-        return bool(waiting == 0)
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether nothing is left open and everything was proved empty."""
-        whole = self.search.whole
-        open_nodes = whole[place.HEAP] + (whole[place.NEXT] >= 0)
-        return bool(open_nodes == 0 and self.search.real[place.LEFT_BOUND] == np.inf)
-
-    def best(self) -> Array | None:
-        """The incumbent, in the variables of the conditional form."""
-        if np.isinf(self.search.real[place.BEST]):
-            return None
-        return self.program.point(self.search.best_w, self.search.best_whole)
+_PATIENT = 256  # and for all of them together
+_MOST_LEAVES, _LEAF_SHARE = 400, 8  # that are remembered; dual steps for each
+_LEAST_PROOF = 1.0  # [s] that a certificate may take after the time limit
+_WORSE = 2.0  # times the nodes of a tree from its root: leaves that need more are dropped
+_FEW = 8  # nodes that do not count in this
 
 
 def solve_mixed_integer(
@@ -182,7 +35,7 @@ def solve_mixed_integer(
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
     known: Known | None = None,
-    nodes: int = _MOST_NODES,
+    nodes: int = MOST,
 ) -> SolverResult:
     """Globally optimal x of an instance with binaries, implications and choices.
 
@@ -202,6 +55,14 @@ class TreeMemory:
     leaves: Leaves | None = None
     proves: bool = False  # whether each answer comes with its certificate
     certificate: Certificate | None = None  # of the last answer
+    work: int = MOST  # dual steps after which a tree stops with what it has found
+    _from_root: int = MOST  # nodes of the last finished tree that began with its root
+    _worse: bool = False  # whether the last tree would have been smaller from its root
+
+    @property
+    def _most_leaves(self) -> int:
+        """More are worth less than a new tree: each costs about a dual step to look at."""
+        return int(np.clip(self.work // _LEAF_SHARE, 1, _MOST_LEAVES))
 
     def solve(
         self,
@@ -209,7 +70,7 @@ class TreeMemory:
         time_limit: float = np.inf,
         move: Callable[[Conditional], Move] | None = None,
         known: Known | None = None,
-        nodes: int = _MOST_NODES,
+        nodes: int = MOST,
     ) -> SolverResult:
         """As `solve_mixed_integer`. move: where what is remembered stands now."""
         begin = time.perf_counter()
@@ -227,16 +88,32 @@ class TreeMemory:
         leaves = self.leaves
         if leaves is not None and move is not None:
             leaves = leaves.moved(move(form))
-        run = TreeRun.of(program, self.gap, self.tolerance, leaves)
-        if leaves is not None:
+        if leaves is not None and self._worse:
+            leaves = leaves.root()
+        remembers = leaves is not None and len(leaves.low) > 1
+        run = TreeRun.of(program, self.gap, self.tolerance, leaves, self.work)
+        deadline = begin + time_limit
+        if leaves is not None and remembers:
             # What is remembered may fit badly: then it is dropped, after work that counts bound
-            run.go(begin + time_limit, min(nodes, _PATIENCE * len(leaves.low) + _FIRST_ROOM))
-            if not run.finished and time.perf_counter() < begin + time_limit:
-                run = TreeRun.of(program, self.gap, self.tolerance)
-        run.go(begin + time_limit, nodes)
-        self.leaves = Leaves.of(program, form, run.search, run.tree)
+            run.go(deadline, min(nodes, _PATIENCE * len(leaves.low) + _PATIENT))
+            if not run.finished and not run.worked and time.perf_counter() < deadline:
+                run = TreeRun.of(program, self.gap, self.tolerance, leaves.root(), self.work)
+                remembers = False
+        run.go(deadline, nodes)
+        self.leaves = Leaves.of(program, form, run.search, run.tree, self._most_leaves)
+        if self.leaves.best is None and leaves is not None:
+            self.leaves = replace(self.leaves, best=leaves.best)
+        made = int(run.search.whole[place.NODES])
+        if not remembers:
+            self._from_root = made if run.finished else MOST
+        self._worse = remembers and made > _WORSE * self._from_root + _FEW
         if self.proves:
-            self.certificate = certificate_of(instance, form, run.program, run.search, run.tree)
+            # After the limit as long again as the search was, so that it limits proofs, too
+            now = time.perf_counter()
+            until = np.inf if now < deadline else now + max(now - begin, _LEAST_PROOF)
+            self.certificate = certificate_of(
+                instance, form, run.program, run.search, run.tree, run.bound, until
+            )
         answer = answer_of(instance, form, run, begin, known)
         return judged(instance, answer, self.gap, self.tolerance)
 
@@ -258,7 +135,7 @@ def answer_of(
         f"{whole[place.NODES]} nodes, {whole[place.PROBES]} probes, {steps} dual steps",
     ]
     if run.full:
-        log.append(f"nodes fill {1e-6 * _MEMORY:.0f} MB")
+        log.append(f"nodes fill {1e-6 * MEMORY:.0f} MB")
     if whole[place.UNPROVED]:
         log.append(f"{whole[place.UNPROVED]} leaves could not be solved to the end")
     return Answer(
@@ -296,86 +173,3 @@ def _impossible(why: str, begin: float) -> Answer:
         solver=NAME,
         log=(f"infeasible: {why}",),
     )
-
-
-def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: float) -> Search:
-    n = program.numbers
-    stated, k = program.M.shape
-    m = stated + tangents
-    E = len(program.entities)
-    real = np.zeros(8)
-    real[place.BEST] = real[place.LEFT_BOUND] = np.inf
-    real[place.GAP] = gap
-    real[place.FEASIBILITY] = 0.3 * tolerance
-    real[place.CONSTANT] = n.constant + 0.5 * float(n.eps @ n.center**2) - 0.5 * float(n.u @ n.u)
-    whole = np.zeros(12, np.int64)
-    whole[place.NEXT] = -1
-    rows = Rows(
-        M=_longer(program.M, 0, tangents),
-        T=_longer(program.T, 1, tangents),
-        lower=n.lower.copy(),
-        upper=n.upper.copy(),
-        on=np.ones(m, np.uint8),
-        tolerance=_longer(program.tolerance, 0, tangents),
-        used=np.array([stated]),
-        stop=np.zeros(1, np.uint8),
-    )
-    return Search(
-        real=real,
-        whole=whole,
-        rows=rows,
-        main=working(m, k),
-        probe=working(m, k),
-        base_lower=n.lower.copy(),
-        base_upper=n.upper.copy(),
-        offset=n.offset.copy(),
-        u=n.u.copy(),
-        center=n.center.copy(),
-        tangent_to=np.full(m, -1),
-        direction=np.zeros((m, n.ball.shape[1])),
-        w=np.zeros(k),
-        best_w=np.zeros(k),
-        best_whole=np.zeros(E, np.int64),
-        gain=np.zeros((2, E)),
-        seen=np.zeros((2, E), np.int64),
-        distance=np.zeros((2, E)),
-        low=np.zeros(E, np.int64),
-        high=np.zeros(E, np.int64),
-        hint=np.zeros(E, np.int64),
-        chosen=np.zeros(E, np.int64),
-        spare=np.zeros((2, k)),
-        shift=np.zeros(m),
-        score=np.zeros(E),
-        vector=np.zeros(n.ball.shape[1]),
-    )
-
-
-def _longer(part: Any, axis: int, by: int) -> Any:
-    """An array with room behind it."""
-    shape = list(part.shape)
-    shape[axis] = by
-    return np.ascontiguousarray(np.concatenate([part, np.zeros(shape, part.dtype)], axis=axis))
-
-
-def _tree(integers: int, active: int, room: int) -> Tree:
-    return Tree(
-        low=np.zeros((room, integers), np.int32),
-        high=np.zeros((room, integers), np.int32),
-        bound=np.zeros(room),
-        state=np.zeros(room, np.int8),
-        depth=np.zeros(room, np.int32),
-        row=np.zeros((room, active), np.int32),
-        side=np.zeros((room, active), np.int8),
-        multiplier=np.zeros((room, active)),
-        active=np.zeros(room, np.int32),
-        heap=np.zeros(room, np.int32),
-    )
-
-
-def _grown(tree: Tree) -> Tree:
-    """The same tree with twice the room."""
-    return Tree(*(np.concatenate([part, np.zeros_like(part)]) for part in tree))
-
-
-def _bytes(tree: Tree) -> int:
-    return sum(part.nbytes for part in tree)

@@ -35,6 +35,8 @@ BEST, CONSTANT, LEFT_BOUND, GAP, FEASIBILITY = 0, 1, 2, 3, 4
 COUNT, HEAP, NODES, NEXT, INCUMBENTS, UNPROVED = 0, 1, 2, 3, 4, 5
 # Probed children, guessed incumbents, whether a hint waits, rounds of tangents at a leaf
 PROBES, GUESSES, HINTED, AGAIN = 6, 7, 8, 9
+WORK = 10  # dual steps after which no further node is begun
+MOST = 10**15  # nodes or dual steps: no limit
 
 _LOSS = 0.05  # share of the gap that the proximal term may cost a bound
 

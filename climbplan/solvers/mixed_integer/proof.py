@@ -8,6 +8,7 @@ linear program that asks by how much their rows must be let out (`empty_leaf`).
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -35,13 +36,24 @@ from climbplan.solvers.result import LEAST_OBJECTIVE
 
 _LEFT = (place.OPEN, place.CLOSED, place.EMPTY_NODE, place.LEFT)
 _ROUNDING = 1e-9  # by which bounds are let out that nothing else uses
+_SHORT = 1e-9  # by which a leaf may prove less than the tree says, relative
 _WIDEST = 1e6  # weight of a variable's slope, at most
 
 
 def certificate_of(
-    instance: Instance, form: Conditional, program: MixedIntegerProgram, search: Search, tree: Tree
+    instance: Instance,
+    form: Conditional,
+    program: MixedIntegerProgram,
+    search: Search,
+    tree: Tree,
+    bound: float,
+    deadline: float = np.inf,
 ) -> Certificate:
-    """What a tree that has run proves, as far as it has come."""
+    """What a tree that has run proves, as far as it has come.
+
+    bound: what it says itself; leaves are worked on only where they prove less. deadline: of
+    `time.perf_counter` [s], after which they keep what they have, and the certificate proves less.
+    """
     count = int(search.whole[place.COUNT])
     leaves = np.flatnonzero(np.isin(tree.state[:count], _LEFT))
     low, high = tree.low[leaves].astype(np.int64), tree.high[leaves].astype(np.int64)
@@ -55,10 +67,13 @@ def certificate_of(
     reached = proved(instance, rows, told, TOLERANCE).bound
     best, gap = search.real[place.BEST], search.real[place.GAP]
     enough = best - gap * max(abs(best), LEAST_OBJECTIVE) if np.isfinite(best) else np.inf
-    weak = np.flatnonzero(reached < enough)
-    told = _settled(instance, form, program, search, tree, leaves, told, weak)
-    empty = np.flatnonzero(tree.state[leaves] == place.EMPTY_NODE)
-    return _finished(instance, form, told, empty)
+    short = min(enough, bound - _SHORT * max(abs(bound), 1.0)) if np.isfinite(bound) else enough
+    weak = np.flatnonzero(reached < short)
+    told = _settled(instance, form, program, search, tree, leaves, told, weak, deadline)
+    empty = tree.state[leaves] == place.EMPTY_NODE
+    if np.isfinite(short):
+        empty &= proved(instance, rows, told, TOLERANCE).bound < short
+    return _finished(instance, form, told, np.flatnonzero(empty), deadline)
 
 
 def _box(instance: Instance, rows: StatedRows, program: MixedIntegerProgram) -> tuple[Array, Array]:
@@ -111,11 +126,14 @@ def _settled(
     leaves: Index,
     told: Certificate,
     weak: Index,
+    deadline: float,
 ) -> Certificate:
     """Some leaves solved again, each told while the proximal term has its centre where it was."""
     point, multiplier, ball = told.point.copy(), told.multiplier.tolil(), told.ball.copy()
     telling: _Telling | None = None
     for s in weak:
+        if time.perf_counter() >= deadline:
+            break
         settle(program.numbers, search, tree, leaves[s])
         used = int(search.rows.used[0])
         if telling is None or telling.used != used:  # tangents were found
@@ -166,12 +184,18 @@ def certificate_of_nothing(instance: Instance, form: Conditional) -> Certificate
 
 
 def _finished(
-    instance: Instance, form: Conditional, certificate: Certificate, empty: Index
+    instance: Instance,
+    form: Conditional,
+    certificate: Certificate,
+    empty: Index,
+    deadline: float = np.inf,
 ) -> Certificate:
     """With the multipliers of empty leaves, and the bound that the checker finds."""
     multiplier = certificate.multiplier.tolil()
     ball, proved = certificate.ball.copy(), np.zeros(certificate.count, bool)
     for s in empty:
+        if time.perf_counter() >= deadline:
+            break
         found = multipliers_of_empty(instance, form, certificate, int(s))
         if found is not None:
             multiplier[s], ball[s], proved[s] = found.multiplier, found.ball, True

@@ -60,6 +60,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     OPEN,
     PAUSE,
     UNPROVED,
+    WORK,
     Search,
     Tree,
     Whole,
@@ -270,9 +271,9 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
 def run(n: Numbers, s: Search, tree: Tree, nodes: int, most: int) -> int:
     """Process up to `nodes` nodes, `most` in all: DONE, GROW if the tree needs room, or PAUSE.
 
-    DONE, too, once another thread sets `stop` of the rows; what is open then stays open.
+    DONE, too, after the dual steps of WORK, and once another thread sets `stop` of the rows.
     """
-    whole = s.whole
+    whole = s.whole  # what is left open stays so
     room = len(tree.bound) - 4
     for _ in range(nodes):
         if s.rows.stop[0]:
@@ -291,7 +292,7 @@ def run(n: Numbers, s: Search, tree: Tree, nodes: int, most: int) -> int:
         if tree.bound[node] >= _cutoff(s):
             _close(s, tree, node, tree.bound[node])
             continue
-        if whole[NODES] >= most:
+        if whole[NODES] >= most or s.main.iterations[0] + s.probe.iterations[0] >= whole[WORK]:
             _push(tree, whole, node)
             return DONE
         whole[NODES] += 1

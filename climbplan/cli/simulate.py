@@ -226,7 +226,7 @@ def simulate(
         seed=seed or 0,
         jobs=workers or jobs,
         pictures=pictures,
-        pushes=tuple(map(_push, push or ())),
+        pushes=tuple(map(parsed_push, push or ())),
         worlds=worlds,
         engine=engine.value,
         rare=rare,
@@ -256,7 +256,8 @@ def simulate(
         raise PlanFails(failure)
 
 
-def _push(text: str) -> tuple[float, tuple[float, float, float]]:
+def parsed_push(text: str) -> tuple[float, tuple[float, float, float]]:
+    """Time and velocity of a push as a command line has it; raises UsageError."""
     when, mark, velocity = text.partition(":")
     try:
         time, parts = float(when), [float(part) for part in velocity.split(",")]

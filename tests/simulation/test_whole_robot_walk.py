@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from walking_urdf import planned_walk
 
+from climbplan.cli.simulate import parsed_push
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -128,3 +129,10 @@ def test_a_rigid_body_has_no_links(tmp_path: Path, plan: WalkPlan) -> None:
     text = plan.spec_text.replace("robot: robot.yaml", "robot: scaler")
     with pytest.raises(UsageError, match="one rigid body, without links"):
         whole_robot(replace(plan, spec_text=text), NOMINAL)
+
+
+@pytest.mark.parametrize("text", ["1.0", "1.0:0,1", "x:0,0,1", "1:0,0,nan"])
+def test_pushes_that_are_none_are_told(text: str) -> None:
+    with pytest.raises(UsageError, match="expected TIME:VX,VY,VZ"):
+        parsed_push(text)
+    assert parsed_push("1.5:0,-0.5,0") == (1.5, (0.0, -0.5, 0.0))

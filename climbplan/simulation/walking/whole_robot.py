@@ -8,7 +8,6 @@ of the legs turn, all others are held where the robot file has them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -30,10 +29,10 @@ from climbplan.spec.walking.loading import stored_body
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import LEGS, Array
+from climbplan.walking.task import Array
 
 _ROOT = 1  # of Pinocchio's joints: the free one
-_LINK_RADIUS = 0.15  # of a link's length, as it is drawn
+_THICK = 0.1  # of a link's length, as it is drawn
 _HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
 
 
@@ -179,7 +178,7 @@ class _Tree:
         if length < 1e-3:
             return ""
         return (
-            f'<geom type="capsule" fromto="0 0 0 {numbers(end)}" size="{0.1 * length:.4g}" mass="0"'
+            f'<geom type="capsule" fromto="0 0 0 {numbers(end)}" size="{_THICK * length:.4g}" mass="0"'
             ' rgba="0.35 0.55 0.80 1" contype="0" conaffinity="0"/>'
         )
 
@@ -194,8 +193,3 @@ def _inertial(mass: float, lever: Array, about: Array) -> str:
         + " ".join(f"{v:.12g}" for v in full)
         + '"/>'
     )
-
-
-def joint_values(data: Any, address: Any) -> Array:
-    """(4, 3) of joints, by addresses (4, 3)."""
-    return np.asarray(data[address]).reshape(LEGS, -1)

@@ -139,10 +139,14 @@ class _Run:
     def closed(self) -> bool:
         return self.objective - self.bound <= self.limits.gap * self.objective * (1 + 1e-9)
 
+    @property
+    def by_wall(self) -> bool:
+        """HiGHS can watch the time itself."""
+        return self.limits.clock is time.perf_counter
+
     def quiet(self) -> Any:
         """HiGHS until the time is over: its own limit is by the wall's clock."""
-        by_wall = self.limits.clock is time.perf_counter
-        solver = highs(self.left if by_wall else np.inf)
+        solver = highs(self.left if self.by_wall else np.inf)
         solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
         solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
         return solver
@@ -246,7 +250,7 @@ class _Run:
 
         def interrupt(event: Any) -> None:
             self.again = self.objective < _NEW_START * basis
-            if self.closed or self.again or self.left <= 0:
+            if self.closed or self.again or (not self.by_wall and self.left <= 0):
                 event.interrupt()
 
         solver.cbMipImprovingSolution.subscribe(improved)

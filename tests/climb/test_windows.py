@@ -12,10 +12,12 @@ from test_many_regions import triangles
 
 import climbplan
 from climbplan.api.plan import Plan
+from climbplan.climb import motion
 from climbplan.climb.body_way import BodyWay
 from climbplan.climb.motion import StageClock
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.swing import SwingMeets
 from climbplan.climb.windows import least_cost, plan_in_windows, window_of
 from climbplan.climb.within_reach import reachable, within_rounds
 from climbplan.errors import NotProved, SpecError
@@ -154,6 +156,23 @@ def test_methods_that_plan_all_at_once_are_refused(tmp_path: Path) -> None:
     spec.write_text(f"{SPEC}solver: {{method: coupled}}\n")
     with pytest.raises(SpecError, match=r"coupled.yaml:\d+: task.rounds: `coupled` plans a stated"):
         climbplan.plan(spec)
+
+
+def test_a_limb_that_meets_the_body_on_its_swing_is_planned_nearer_its_stance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    passed, met = motion._clear_of_obstacles, []
+
+    def meets_once(*given: object) -> object:
+        if met:
+            return passed(*given)  # type: ignore[arg-type]
+        met.append(True)
+        raise SwingMeets(2, "round 1, RR lifted", "RR's femur would be 3.0 mm deep in the body")
+
+    monkeypatch.setattr(motion, "_clear_of_obstacles", meets_once)
+    found = motion.plan_motion(scene_of(NUMBERED), StageClock(lambda stage, fraction: None))
+    assert len(found.tightenings) == 1
+    assert found.tightenings[0].startswith("workspace of RR tightened: round 1, RR lifted")
 
 
 @pytest.mark.slow

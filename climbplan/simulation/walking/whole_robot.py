@@ -178,7 +178,8 @@ class _Tree:
         if length < 1e-3:
             return ""
         return (
-            f'<geom type="capsule" fromto="0 0 0 {numbers(end)}" size="{_THICK * length:.4g}" mass="0"'
+            f'<geom type="capsule" fromto="0 0 0 {numbers(end)}"'
+            f' size="{_THICK * length:.4g}" mass="0"'
             ' rgba="0.35 0.55 0.80 1" contype="0" conaffinity="0"/>'
         )
 

@@ -42,6 +42,7 @@ _KEPT = 0.5  # share of a window's rounds
 _PACES = (1.0, 0.5)  # shares of what a window's rounds can cover, aimed at in turn
 _PROGRESS = 5e-3  # [m] of the way that the rounds kept cover at least
 _DRAWN = 0.1  # factor on the weights of toes and angles at a window's end that is not the goal
+_CATCHING_UP = 4.0  # factor on the relative lag behind an even pace
 _ANYWHERE = 1e3  # [m] tolerance of such an end
 _NODES = 100  # of a search for a window by branch and bound, at most
 _BACKINGS = 6  # times that rounds are given up at most
@@ -173,7 +174,9 @@ def _windows(
         if left <= window:
             yield _part(here, left), True
             return
-        pace = min(ahead / left, com_max)
+        # Windows fall short of what they are drawn to: who is behind is drawn further
+        needed, even = ahead / left, max(way.length / most, 1e-9)
+        pace = min(needed * (1.0 + _CATCHING_UP * max(needed / even - 1.0, 0.0)), com_max)
         yield _towards(here, way, done.covered + window * pace, window), False
         return
     least = max([1, *(one.needed for one in ways_too_long(_with_rounds(here, 1)))])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,11 +162,12 @@ def test_methods_that_plan_all_at_once_are_refused(tmp_path: Path) -> None:
 def test_a_limb_that_meets_the_body_on_its_swing_is_planned_nearer_its_stance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    passed, met = motion._clear_of_obstacles, []
+    passed: Any = motion._clear_of_obstacles
+    met: list[bool] = []
 
     def meets_once(*given: object) -> object:
         if met:
-            return passed(*given)  # type: ignore[arg-type]
+            return passed(*given)
         met.append(True)
         raise SwingMeets(2, "round 1, RR lifted", "RR's femur would be 3.0 mm deep in the body")
 

@@ -100,6 +100,36 @@ def _crosses(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
 
 
 @compiled
+def _apart(p: Array, q: Array, x: Array, y: Array, z: Array) -> float:
+    """Square of the distance of a segment from a triangle that it does not pass through."""
+    away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
+    return float(min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z)))
+
+
+@compiled
+def _boxes(corners: Array) -> tuple[Array, Array]:
+    """Lowest and highest corners (T, 3) of boxes round triangles (T, 3, 3)."""
+    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
+    for t in range(len(corners)):
+        for k in range(3):
+            a, b, c = corners[t, 0, k], corners[t, 1, k], corners[t, 2, k]
+            low[t, k], high[t, k] = min(a, b, c), max(a, b, c)
+    return low, high
+
+
+@compiled
+def _box_gap(p: Array, q: Array, low: Array, high: Array) -> float:
+    """Square of the distance of a box from that round a segment: none is nearer."""
+    gap = 0.0
+    for k in range(3):
+        a, b = min(p[k], q[k]), max(p[k], q[k])
+        apart = max(low[k] - b, a - high[k])
+        if apart > 0:
+            gap += apart * apart
+    return gap
+
+
+@compiled
 def nearest_triangles(
     starts: Array, ends: Array, corners: Array, enough: float
 ) -> tuple[Array, Index]:
@@ -110,29 +140,19 @@ def nearest_triangles(
     """
     out = np.full(len(starts), enough)
     nearest = np.full(len(starts), -1, np.int64)
-    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
-    for t in range(len(corners)):
-        for k in range(3):
-            a, b, c = corners[t, 0, k], corners[t, 1, k], corners[t, 2, k]
-            low[t, k], high[t, k] = min(a, b, c), max(a, b, c)
+    low, high = _boxes(corners)
     for i in range(len(starts)):
         p, q = starts[i], ends[i]
         best = enough * enough
         for t in range(len(corners)):
-            gap = 0.0
-            for k in range(3):
-                a, b = min(p[k], q[k]), max(p[k], q[k])
-                apart = max(low[t, k] - b, a - high[t, k])
-                if apart > 0:
-                    gap += apart * apart
+            gap = _box_gap(p, q, low[t], high[t])
             if gap >= best:
                 continue
             x, y, z = corners[t, 0], corners[t, 1], corners[t, 2]
             if _crosses(p, q, x, y, z):
                 best, nearest[i] = 0.0, t
                 break
-            away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
-            away = min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z))
+            away = _apart(p, q, x, y, z)
             if away < best:
                 best, nearest[i] = away, t
         out[i] = np.sqrt(best)
@@ -185,11 +205,7 @@ def missing_room(
     """
     short = np.zeros(len(starts))
     nearest = np.full(len(starts), -1, np.int64)
-    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
-    for t in range(len(corners)):
-        for k in range(3):
-            a, b, c = corners[t, 0, k], corners[t, 1, k], corners[t, 2, k]
-            low[t, k], high[t, k] = min(a, b, c), max(a, b, c)
+    low, high = _boxes(corners)
     for i in range(len(starts)):
         p, q = starts[i], ends[i]
         if np.isnan(p).any() or np.isnan(q).any():
@@ -198,12 +214,7 @@ def missing_room(
         for j in range(contact.shape[1]):
             widest = max(widest, need[i, 1 + j])
         for t in range(len(corners)):
-            gap = 0.0
-            for k in range(3):
-                a, b = min(p[k], q[k]), max(p[k], q[k])
-                apart = max(low[t, k] - b, a - high[t, k])
-                if apart > 0:
-                    gap += apart * apart
+            gap = _box_gap(p, q, low[t], high[t])
             if widest < 0 or gap > widest * widest:
                 continue
             asked = need[i, 0]
@@ -216,8 +227,7 @@ def missing_room(
             if _crosses(p, q, x, y, z):
                 short[i], nearest[i] = most, t
                 break
-            away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
-            away = min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z))
+            away = _apart(p, q, x, y, z)
             missing = asked - np.sqrt(away)
             if missing > short[i]:
                 short[i], nearest[i] = missing, t

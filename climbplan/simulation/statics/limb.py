@@ -9,7 +9,16 @@ from __future__ import annotations
 
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.links import _arcs, _bent, _chain, _volume
+from climbplan.simulation.statics.links import (
+    CURVED,
+    SQUASHED,
+    STILL,
+    TURNED,
+    _arcs,
+    _bent,
+    _chain,
+    _volume,
+)
 from climbplan.simulation.statics.redundant_limb import _held_by_more
 from climbplan.simulation.statics.small_algebra import (
     _both_sides,
@@ -20,12 +29,8 @@ from climbplan.simulation.statics.small_algebra import (
 )
 from climbplan.simulation.statics.tuples import Pad, Springs
 
-_TURNED = 0.15  # [rad] of a joint in one step of the inverse kinematics at most
 _REACHED = 3e-5  # [m] after which one more step, which squares it, is the last
 _TRIES = 12
-_SQUASHED = 1e-7  # [m^3] determinant below which a limb counts as singular
-_STILL = 5e-5  # [rad] after which one more step, which squares it, is the last
-_CURVED = 0.02  # [rad] of a step below which the arcs of limbs count
 _SPRUNG = 25  # tries with a toe that gives way
 
 
@@ -56,13 +61,13 @@ def _held(
         _chain(zero, angles, columns, axes, toe)
         volume = _inverse(columns, inverse)
         springs.volume[limb] = volume
-        if not abs(volume) > _SQUASHED:
+        if not abs(volume) > SQUASHED:
             return False
         for i in range(3):
             missing[i] = place[i] - toe[i]
         _transposed_times(inverse, missing, turned)
         longest = max(abs(turned[0]), abs(turned[1]), abs(turned[2]))
-        part = 1.0 if longest <= _TURNED else _TURNED / longest
+        part = 1.0 if longest <= TURNED else TURNED / longest
         for j in range(3):
             angles[j] += part * turned[j]
         if abs(missing[0]) + abs(missing[1]) + abs(missing[2]) < _REACHED:
@@ -102,7 +107,7 @@ def _sprung_toe(
         for i in range(3):
             force[i] = (place[i] - toe[i]) / soft
         _bent(limb, angles, springs, torque, firm)
-        curved = last < _CURVED
+        curved = last < CURVED
         if curved:
             _arcs(columns, axes, force, firm, middle)
         else:
@@ -119,10 +124,10 @@ def _sprung_toe(
         for j in range(3):
             turned[j] *= soft
             last = max(last, abs(turned[j]))
-        part = 1.0 if last <= _TURNED else _TURNED / last
+        part = 1.0 if last <= TURNED else TURNED / last
         for j in range(3):
             angles[j] += part * turned[j]
-        if curved and last < _STILL:
+        if curved and last < STILL:
             springs.volume[limb] = _volume(columns)
             _transposed_times(columns, turned, off)
             for i in range(3):

@@ -14,6 +14,10 @@ from climbplan.simulation.statics.tuples import Springs
 
 LOOSE = 0.2  # of a motor's stiffness left within the play, which is wider by as much
 _STRAIGHT = 0.02  # of the cube of a limb's length, volume below which its toe gives way
+TURNED = 0.15  # [rad] of a joint in one step of a search for its angles at most
+STILL = 5e-5  # [rad] after which one more step, which squares it, is the last
+CURVED = 0.02  # [rad] of a step below which the arcs of limbs count
+SQUASHED = 1e-7  # [m^3] volume below which a limb counts as singular
 SOFTEST = 5e-6  # [m/N] of the toe of a straight limb: 0.15 mm at 30 N
 
 

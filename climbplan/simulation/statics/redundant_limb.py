@@ -12,15 +12,20 @@ from __future__ import annotations
 
 from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.links import _arcs, _bent, _chain, _volume
+from climbplan.simulation.statics.links import (
+    CURVED,
+    SQUASHED,
+    STILL,
+    TURNED,
+    _arcs,
+    _bent,
+    _chain,
+    _volume,
+)
 from climbplan.simulation.statics.small_algebra import _dot, _inverse, _times
 from climbplan.simulation.statics.tuples import Pad, Springs
 
-_TURNED = 0.15  # [rad] of a joint in one step at most
-_STILL = 5e-5  # [rad] after which one more step, which squares it, is the last
-_CURVED = 0.02  # [rad] of a step below which the arcs of limbs count
 _TRIES = 25
-_SQUASHED = 1e-7  # [m^3] volume below which a limb counts as singular
 _HOLDING = 10.0  # times the stiffness of joints that r counts
 
 
@@ -49,10 +54,10 @@ def _held_by_more(
     for _ in range(_TRIES):
         _chain(zero, angles, columns, axes, toe)
         springs.volume[limb] = _volume(columns)
-        if not (soft > 0.0 or springs.volume[limb] > _SQUASHED):
+        if not (soft > 0.0 or springs.volume[limb] > SQUASHED):
             return False
         _bent(limb, angles, springs, torque, firm)
-        curved = last < _CURVED
+        curved = last < CURVED
         if curved:
             _arcs(columns, axes, force, firm, bent)
         else:
@@ -86,11 +91,11 @@ def _held_by_more(
             force[a] = (pushed[a] - hold * away[a]) / given
             for b in range(3):
                 slope[a, b] = (slope[a, b] / given - (hold if a == b else 0.0)) / given
-        part = 1.0 if longest <= _TURNED else _TURNED / longest
+        part = 1.0 if longest <= TURNED else TURNED / longest
         for j in range(n):
             angles[j] += part * turned[j]
         last = longest
-        if curved and last < _STILL:
+        if curved and last < STILL:
             return True
     return False
 

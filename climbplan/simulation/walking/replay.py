@@ -117,7 +117,7 @@ class _Walker:
             if watch is not None:
                 watch(sample, self.model, self.data)
             last = sample + 1 == len(reference.time)
-            rows.append(row | (_nothing() if last else self._interval(sample)))
+            rows.append(row | (nothing() if last else self._interval(sample)))
             if progress is not None:
                 progress((sample + 1) / len(reference.time))
             state = np.concatenate(
@@ -155,8 +155,8 @@ class _Walker:
         steps = max(round((end - begin) / TIME_STEP), 1)
         contact = reference.contact[sample]
         planned = np.where(contact[:, None], self.plan.trajectory.force[sample], 0.0)
-        self._lose_contacts(begin)
-        total = _nothing()
+        lose_contacts(self.model, self.toe_geom, self.conditions, begin)
+        total = nothing()
         for step in range(steps):
             share = (step + 0.5) / steps
             reachable = self._overreach() <= REACH
@@ -232,13 +232,6 @@ class _Walker:
         spots = (data.qpos[self.at] - [0, 0, TOE_RADIUS] - data.qpos[:3]) @ rotation
         return np.asarray((np.abs(spots - body.toe_center) - body.toe_half).max(axis=1))
 
-    def _lose_contacts(self, now: float) -> None:
-        """A toe that lost its contact slides on anything."""
-        for loss in self.conditions.losses:
-            gone = loss.start <= now < loss.start + loss.duration
-            self.model.geom_priority[self.toe_geom[loss.limb]] = int(gone)
-            self.model.geom_friction[self.toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
-
     def _state(self) -> dict[str, Any]:
         data = self.data
         return {
@@ -249,7 +242,16 @@ class _Walker:
         }
 
 
-def _nothing() -> dict[str, Any]:
+def lose_contacts(model: Any, toe_geom: NDArray[Any], conditions: Conditions, now: float) -> None:
+    """A toe that lost its contact at a time [s] slides on anything; toe_geom: of each leg."""
+    for loss in conditions.losses:
+        gone = loss.start <= now < loss.start + loss.duration
+        model.geom_priority[toe_geom[loss.limb]] = int(gone)
+        model.geom_friction[toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
+
+
+def nothing() -> dict[str, Any]:
+    """What toes felt in an interval that has not begun."""
     return {
         "force": np.zeros((LEGS, 3)),
         "pressure": np.zeros(LEGS),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,18 +11,24 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.reports.page_parts import Card
-from climbplan.simulation.climb_report import conditions_dict, spread, trial_dict
+from climbplan.simulation.climb_report import spread
 from climbplan.simulation.conditions import Conditions, require_possible
-from climbplan.simulation.figures import strip
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import load_mujoco
-from climbplan.simulation.report_files import End, Told
+from climbplan.simulation.report_files import Told
 from climbplan.simulation.study import Asked
 from climbplan.simulation.variations import Drawn, Trial, drawn_worlds, run_trials
 from climbplan.simulation.walking.comparison import WalkComparison, compare_walk
 from climbplan.simulation.walking.figures import forces, path
-from climbplan.simulation.walking.model import TIME_STEP, hips
+from climbplan.simulation.walking.model import hips
 from climbplan.simulation.walking.replay import STIFF, WalkRun, simulate_walk
+from climbplan.simulation.walking.walk_report import (
+    contact_events,
+    contact_table,
+    end_of,
+    filmed,
+    walk_numbers,
+)
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import LEGS, POSITION
 
@@ -40,13 +44,6 @@ NOT_JUDGED = (
     "and collisions of legs; reach only by how far standing feet leave their workspace boxes."
 )
 CONTACT_LOSS = 0.04  # [s] for which one toe has no friction in random worlds: half a knot
-UNITS = {
-    "path.*": "m", "tilt.*": "rad", "time": "s", "fall_time": "s", "time_step": "s",
-    "overreach": "m",
-    "force_error.*": "robot weights", "correction.*": "robot weights", "slips.time": "s",
-    "slips.distance": "m", "lost_contacts.time": "s", "lost_contacts.duration": "s",
-    "conditions.payload": "kg",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,22 +84,25 @@ def simulate_walk_plan(
     if isinstance(camera, Camera):
         camera.close()
     alone = simulate_walk(plan, asked.conditions, feedback=False)
-    trials: tuple[Trial, ...] = ()
-    if asked.runs:
-        about = Drawn(
-            asked.conditions,
-            LEGS,
-            plan.task.body.mass,
-            plan.task.step * plan.task.knots,
-            CONTACT_LOSS,
-        )
-        worlds = drawn_worlds(about, asked.runs, asked.seed)
-        trials = run_trials(
-            partial(walk_trial, plan), worlds, asked.jobs, lambda part: progress("runs", part)
-        )
+    trials = random_walks(plan, asked, partial(walk_trial, plan), progress)
     return SimulatedWalk(
         plan, run, compare_walk(plan, run), alone, compare_walk(plan, alone), trials, camera
     )
+
+
+def random_walks(
+    plan: WalkPlan,
+    asked: Asked,
+    trial: Callable[[Conditions], Trial],
+    progress: Callable[[str, float], None],
+) -> tuple[Trial, ...]:
+    """The random runs that are asked for."""
+    if not asked.runs:
+        return ()
+    span = plan.task.step * plan.task.knots
+    about = Drawn(asked.conditions, LEGS, plan.task.body.mass, span, CONTACT_LOSS)
+    worlds = drawn_worlds(about, asked.runs, asked.seed)
+    return run_trials(trial, worlds, asked.jobs, lambda part: progress("runs", part))
 
 
 def refuse_flags(asked: Asked, why: str) -> None:
@@ -149,28 +149,12 @@ def _median(values: Any) -> float:
 
 def report_dict(found: SimulatedWalk) -> dict[str, Any]:
     """Key figures as JSON-ready values, SI units."""
-    plan, run, compared = found.plan, found.run, found.compared
-    names = plan.task.body.leg_names
+    run, compared = found.run, found.compared
     loaded = compared.loaded
     return {
-        "name": plan.name,
-        "spec_sha256": plan.spec_sha256,
-        "simulator": f"MuJoCo {load_mujoco().__version__}",
-        "time_step": TIME_STEP,
+        **walk_numbers(found.plan, run, compared, found.trials, found.camera),
         "model": MODEL,
         "judges": NOT_JUDGED,
-        "integrator": plan.task.integrator,
-        "conditions": conditions_dict(run.conditions),
-        "fallen": run.fallen,
-        "fell": run.fallen,
-        "fall_time": float(run.time[-1]) if run.fallen else None,
-        "time": float(run.time[-1]),
-        "planned_time": plan.task.step * plan.task.knots,
-        "path": spread(compared.off),
-        "tilt": spread(compared.tilt),
-        "force_error": spread(compared.force_error),
-        "correction": spread(compared.correction),
-        "overreach": compared.overreach,
         "friction": {
             "critical": spread(compared.friction[loaded]),
             "planned": spread(compared.friction_planned[loaded]),
@@ -184,32 +168,18 @@ def report_dict(found: SimulatedWalk) -> dict[str, Any]:
             "path": spread(found.compared_alone.off),
             "tilt": spread(found.compared_alone.tilt),
         },
-        "slips": [
-            {"limb": names[s.leg], "time": s.time, "distance": s.amount} for s in compared.slips
-        ],
-        "lost_contacts": [
-            {"limb": names[s.leg], "time": s.time, "duration": s.amount} for s in compared.losses
-        ],
-        "runs": [trial_dict(trial) for trial in found.trials],
-        "pictures": found.camera if isinstance(found.camera, str) else "figures/walk.png",
-        "units": UNITS,
     }
 
 
 def tell(found: SimulatedWalk) -> Told:
     """What stands in the files of a simulated walk."""
     plan, run, compared = found.plan, found.run, found.compared
-    camera = found.camera if isinstance(found.camera, Camera) else None
-    drawn = {"path": path(plan, run), "forces": forces(plan, run, compared)}
-    film = None
-    if camera is not None and camera.pictures:
-        times = (plan.task.step * np.arange(plan.task.knots + 1)).tolist()
-        drawn["walk"] = strip(camera.strip, times, plan.name)
-        film = camera.film()
+    pictures, film = filmed(plan, found.camera)
+    drawn = {"path": path(plan, run), "forces": forces(plan, run, compared)} | pictures
     return Told(
         title=f"{plan.name}: simulated",
         headline=headline(found),
-        end=end_of(found),
+        end=end_of(run, compared),
         report=report_dict(found),
         table=contact_table(plan, run, compared),
         figures=drawn,
@@ -218,13 +188,6 @@ def tell(found: SimulatedWalk) -> Told:
         events=contact_events(plan, run, compared),
         notes=(MODEL, NOT_JUDGED),
     )
-
-
-def end_of(found: SimulatedWalk) -> End:
-    """How the nominal run ended; feet of a trot may land a few hundredths of a second late."""
-    run, compared = found.run, found.compared
-    fall = float(run.time[-1]) if run.fallen else None
-    return End(fall, len(compared.slips), len(compared.losses), allowed=LEGS)
 
 
 def _cards(found: SimulatedWalk) -> list[Card]:
@@ -240,39 +203,6 @@ def _cards(found: SimulatedWalk) -> list[Card]:
         Card("Without corrections", alone, "falls" if found.alone.fallen else "no fall"),
         Card("Overreach", f"{1e3 * compared.overreach:.0f} mm", "of standing feet"),
     ]
-
-
-def contact_events(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> list[tuple[str, str]]:
-    """When which toe slid or did not touch, and the fall."""
-    names = plan.task.body.leg_names
-    events = [
-        (s.time, f"{names[s.leg]} slides, {1e3 * s.amount:.0f} mm in all") for s in compared.slips
-    ] + [
-        (s.time, f"{names[s.leg]} does not touch for {1e3 * s.amount:.0f} ms")
-        for s in compared.losses
-    ]
-    if run.fallen:
-        events.append((float(run.time[-1]), "the robot falls"))
-    return [(f"{time:.2f} s", words) for time, words in sorted(events)]
-
-
-def contact_table(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> str:
-    """One row a loaded leg and sample."""
-    stream = io.StringIO()
-    table = csv.writer(stream, lineterminator="\n")
-    table.writerow(
-        ["sample", "time_s", "limb", "pressure_planned_N", "pressure_N", "mu_critical_planned",
-         "mu_critical", "mu", "correction_N"]
-    )  # fmt: skip
-    for n, leg in np.argwhere(compared.loaded):
-        values = (
-            plan.trajectory.force[n, leg, 2], run.pressure[n, leg],
-            compared.friction_planned[n, leg], compared.friction[n, leg], compared.mu,
-            float(np.linalg.norm(run.correction[n, leg])),
-        )  # fmt: skip
-        name = plan.task.body.leg_names[leg]
-        table.writerow([int(n), f"{run.time[n]:.3f}", name, *(f"{v:.6g}" for v in values)])
-    return stream.getvalue()
 
 
 def _draw_legs(plan: WalkPlan, mujoco: Any, scene: Any, data: Any) -> None:

@@ -18,7 +18,13 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.replay import load_mujoco
 from climbplan.simulation.walking.model import TIME_STEP
-from climbplan.simulation.walking.replay import WalkRun, euler_angles, ground_forces
+from climbplan.simulation.walking.replay import (
+    WalkRun,
+    euler_angles,
+    ground_forces,
+    lose_contacts,
+    nothing,
+)
 from climbplan.simulation.walking.whole_body_control import (
     BODY_STIFF,
     SWING_STIFF,
@@ -174,7 +180,7 @@ class _Player:
         total = _nothing()
         for step in range(steps):
             now = begin + step * (end - begin) / steps
-            self._lose_contacts(now)
+            lose_contacts(self.model, self.toe_geom, self.conditions, now)
             if round(now / TIME_STEP) % TICK == 0 or self.commanded is None:
                 self._command(sample, now, stands, planned)
             self._push(now)
@@ -269,12 +275,6 @@ class _Player:
         spots = (data.site_xpos[self.sites] - data.qpos[:3]) @ rotation - self.centre
         return np.asarray((np.abs(spots - body.toe_center) - body.toe_half).max(axis=1))
 
-    def _lose_contacts(self, now: float) -> None:
-        for loss in self.conditions.losses:
-            gone = loss.start <= now < loss.start + loss.duration
-            self.model.geom_priority[self.toe_geom[loss.limb]] = int(gone)
-            self.model.geom_friction[self.toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
-
     def _lies(self, row: dict[str, Any]) -> bool:
         roll, pitch, _ = euler_angles(row["rotation"])
         sunk = row["com"][2] - row["toes"][:, 2].min() < _SUNK * self.height
@@ -295,13 +295,4 @@ class _Player:
 
 
 def _nothing() -> dict[str, Any]:
-    return {
-        "force": np.zeros((LEGS, 3)),
-        "pressure": np.zeros(LEGS),
-        "shear": np.zeros(LEGS),
-        "touching": np.zeros(LEGS),
-        "correction": np.zeros((LEGS, 3)),
-        "overreach": 0.0,
-        "torque": np.zeros((LEGS, 3)),
-        "speed": np.zeros((LEGS, 3)),
-    }
+    return nothing() | {"torque": np.zeros((LEGS, 3)), "speed": np.zeros((LEGS, 3))}

@@ -11,23 +11,24 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.reports.page_parts import Card
-from climbplan.simulation.climb_report import conditions_dict, spread, trial_dict
+from climbplan.simulation.climb_report import spread
 from climbplan.simulation.conditions import Conditions, require_possible
-from climbplan.simulation.figures import strip
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import load_mujoco
-from climbplan.simulation.report_files import End, Told
+from climbplan.simulation.report_files import Told
 from climbplan.simulation.study import Asked
-from climbplan.simulation.variations import Drawn, Trial, drawn_worlds, run_trials
+from climbplan.simulation.variations import Trial
 from climbplan.simulation.walking.comparison import WalkComparison, compare_walk
 from climbplan.simulation.walking.figures import forces, path, torques
 from climbplan.simulation.walking.model import TIME_STEP
-from climbplan.simulation.walking.study import (
-    CONTACT_LOSS,
+from climbplan.simulation.walking.study import random_walks, refuse_flags
+from climbplan.simulation.walking.walk_report import (
     UNITS,
     contact_events,
     contact_table,
-    refuse_flags,
+    end_of,
+    filmed,
+    walk_numbers,
 )
 from climbplan.simulation.walking.whole_body_control import BODY_STIFF, SWING_STIFF
 from climbplan.simulation.walking.whole_replay import (
@@ -38,7 +39,7 @@ from climbplan.simulation.walking.whole_replay import (
     simulate_whole,
 )
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import LEGS, POSITION
+from climbplan.walking.task import POSITION
 
 MODEL = (
     "The whole robot: links with the masses and inertias of its URDF, joints that give at most the "
@@ -105,14 +106,7 @@ def simulate_whole_plan(
     )
     if isinstance(camera, Camera):
         camera.close()
-    trials: tuple[Trial, ...] = ()
-    if asked.runs:
-        about = Drawn(asked.conditions, LEGS, plan.task.body.mass, span, CONTACT_LOSS)
-        worlds = drawn_worlds(about, asked.runs, asked.seed)
-        trials = run_trials(
-            partial(whole_trial, plan, pushes), worlds, asked.jobs,
-            lambda part: progress("runs", part),
-        )  # fmt: skip
+    trials = random_walks(plan, asked, partial(whole_trial, plan, pushes), progress)
     return SimulatedWhole(plan, run, compare_walk(plan, run), trials, camera)
 
 
@@ -136,43 +130,19 @@ def headline(found: SimulatedWhole) -> str:
 
 def report_dict(found: SimulatedWhole) -> dict[str, Any]:
     """Key figures as JSON-ready values, SI units."""
-    plan, run, compared = found.plan, found.run, found.compared
-    names = plan.task.body.leg_names
+    run = found.run
     last = max(run.samples - 1, 1)
     return {
-        "name": plan.name,
-        "spec_sha256": plan.spec_sha256,
-        "simulator": f"MuJoCo {load_mujoco().__version__}",
-        "time_step": TIME_STEP,
+        **walk_numbers(found.plan, run, found.compared, found.trials, found.camera),
         "model": MODEL,
         "judges": NOT_JUDGED,
-        "integrator": plan.task.integrator,
-        "conditions": conditions_dict(run.conditions),
-        "fallen": run.fallen,
-        "fell": run.fallen,
-        "fall_time": float(run.time[-1]) if run.fallen else None,
-        "time": float(run.time[-1]),
-        "planned_time": plan.task.step * plan.task.knots,
-        "path": spread(compared.off),
-        "tilt": spread(compared.tilt),
         "velocity_off": found.velocity_off,
-        "force_error": spread(compared.force_error),
-        "correction": spread(compared.correction),
-        "overreach": compared.overreach,
         "torque": spread(run.torque[:last].ravel()),
         "at_torque_limit": float((run.torque[:last] >= 1.0).mean()),
         "joint_speed": spread(run.speed[:last].ravel()),
         "ticks": run.ticks,
         "ticks_without_answer": run.unanswered,
         "pushes": [{"time": p.time, "velocity": p.velocity.tolist()} for p in run.pushes],
-        "slips": [
-            {"limb": names[s.leg], "time": s.time, "distance": s.amount} for s in compared.slips
-        ],
-        "lost_contacts": [
-            {"limb": names[s.leg], "time": s.time, "duration": s.amount} for s in compared.losses
-        ],
-        "runs": [trial_dict(trial) for trial in found.trials],
-        "pictures": found.camera if isinstance(found.camera, str) else "figures/walk.png",
         "units": UNITS | {"torque.*": "torque limits", "joint_speed.*": "speed limits"},
     }
 
@@ -180,23 +150,17 @@ def report_dict(found: SimulatedWhole) -> dict[str, Any]:
 def tell(found: SimulatedWhole) -> Told:
     """What stands in the files of a simulated walk."""
     plan, run, compared = found.plan, found.run, found.compared
-    camera = found.camera if isinstance(found.camera, Camera) else None
+    pictures, film = filmed(plan, found.camera)
     drawn = {
         "path": path(plan, run),
         "forces": forces(plan, run, compared),
         "torques": torques(plan, run),
-    }
-    film = None
-    if camera is not None and camera.pictures:
-        times = (plan.task.step * np.arange(plan.task.knots + 1)).tolist()
-        drawn["walk"] = strip(camera.strip, times, plan.name)
-        film = camera.film()
-    fall = float(run.time[-1]) if run.fallen else None
+    } | pictures
     events = [(f"{p.time:.2f} s", _pushed(p)) for p in run.pushes]
     return Told(
         title=f"{plan.name}: simulated with the whole robot",
         headline=headline(found),
-        end=End(fall, len(compared.slips), len(compared.losses), allowed=LEGS),
+        end=end_of(run, compared),
         report=report_dict(found),
         table=contact_table(plan, run, compared),
         figures=drawn,

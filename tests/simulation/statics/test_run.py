@@ -19,21 +19,7 @@ Planned = Callable[..., ClimbPlan]
 
 @pytest.mark.parametrize("regulator", ["nothing", "joints"])
 def test_it_goes_where_mujoco_goes(planned: Planned, regulator: str) -> None:
-    plan = planned()
-    conditions = Conditions(regulator=regulator)
-    steps = prepare(plan, conditions)
-    n = plan.robot.limb_count
-    path = np.zeros((len(steps.sample), 3 + 6 * n))
-    row = played(plan, steps, conditions, path)
-    run = simulate(plan, conditions)
-    assert not row[FELL]
-    assert not run.fallen
-    off = np.linalg.norm(path[:, :3] - run.com[steps.sample], axis=1)
-    assert np.median(off) < 1.5e-3  # MuJoCo's toes sink in by some tenths of that
-    assert off.max() < 5e-3
-    forces = path[:, 3 + 3 * n :].reshape(-1, n, 3)
-    apart = np.linalg.norm(forces - run.force[steps.sample], axis=2)
-    assert np.median(apart) < 0.5  # [N]
+    _goes_as_mujoco(planned(), regulator, 1.5e-3)  # its toes sink in by some tenths of that
 
 
 @pytest.mark.slow
@@ -41,6 +27,11 @@ def test_it_goes_where_mujoco_goes(planned: Planned, regulator: str) -> None:
 def test_legs_of_four_joints_go_where_they_go_in_mujoco(regulator: str) -> None:
     plan = planned_scene("climb_walker", []).plan
     assert plan.robot.joint_count == 4
+    _goes_as_mujoco(plan, regulator, 2e-3)
+
+
+def _goes_as_mujoco(plan: ClimbPlan, regulator: str, most: float) -> None:
+    """Neither falls, the body is `most` [m] apart (median), forces are the same."""
     conditions = Conditions(regulator=regulator)
     steps = prepare(plan, conditions)
     n = plan.robot.limb_count
@@ -50,10 +41,11 @@ def test_legs_of_four_joints_go_where_they_go_in_mujoco(regulator: str) -> None:
     assert not row[FELL]
     assert not run.fallen
     off = np.linalg.norm(path[:, :3] - run.com[steps.sample], axis=1)
-    assert np.median(off) < 2e-3
+    assert np.median(off) < most
     assert off.max() < 5e-3
     forces = path[:, 3 + 3 * n :].reshape(-1, n, 3)
-    assert np.median(np.linalg.norm(forces - run.force[steps.sample], axis=2)) < 0.5  # [N]
+    apart = np.linalg.norm(forces - run.force[steps.sample], axis=2)
+    assert np.median(apart) < 0.5  # [N]
 
 
 def test_at_the_start_it_presses_as_planned(planned: Planned) -> None:

@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.climb.grips.plan import may_grip_firmly
 from climbplan.climb.keyframes import PACKED, Keyframes, keyframes
-from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Rounds, Trajectory
+from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
+from climbplan.climb.plan.spans import spans_of
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths
 from climbplan.errors import ReachFailure, UsageError
@@ -77,7 +79,22 @@ def plan_trajectory(
     if robot.gripper is None:
         return motion
     grips = GripForces.unpacked(moving.held[..., :PACKED])
-    return replace(motion, grips=grips, force=moving.force)
+    assert scene.grippers is not None
+    firm = _gripped_firmly(grips.grip, motion.contact, may_grip_firmly(scene.grippers, instants))
+    return replace(motion, grips=replace(grips, grip=firm), force=moving.force)
+
+
+def _gripped_firmly(grip: Array, contact: Mask, may: Mask) -> Array:
+    """(S, N) gripping force [N]: while limbs that may (N,) stand, the most that they are to grip.
+
+    Fingers that close with no more than a hold asks for that bears nothing yet slip off it when
+    they pull their gripper on to it.
+    """
+    out = grip.copy()
+    for limb in np.flatnonzero(may):
+        for first, after in spans_of(contact[:, limb]):
+            out[first:after, limb] = grip[first:after, limb].max()
+    return out
 
 
 def _ease(share: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.climb.check.anew.static_pose import Braced, settle
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
+from climbplan.climb.plan.spans import spans_of
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
@@ -17,7 +18,6 @@ from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
 from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.replay import Run
-from climbplan.simulation.spans import spans_of
 
 SLIP = 0.005  # [m] that a standing toe slides from where it was set down
 LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors

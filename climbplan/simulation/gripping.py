@@ -2,39 +2,39 @@
 
 A gripper that reaches its hold is welded to it and drawn on to where the hold is. Its wrist's
 motors bring the planned torques, as wrists do that hold them by force sensors; in the air they
-point it to the next hold. Fingers grip with what is planned, from a moment before load comes until
-after it has gone. A grip holds as long as palm and fingers can share what it bears so that each
-stays within its cone, friction and spines as in this world and without safety factor; where they
-cannot it lets go, until the plan closes it again.
+point it to the next hold. Fingers grip with what is planned. A grip holds as long as palm and
+fingers can share what it bears so that each stays within its cone, friction and spines as in this
+world and without safety factor; where they cannot it lets go, until the plan closes it again.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from climbplan.climb.forces.cones import ConicProgram
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
-from climbplan.mechanics.friction import contact_frame
+from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.climb.plan.spans import spans_of
 from climbplan.mechanics.grip import GripCones, grip_cones, parts_of
-from climbplan.reports.replay import sample_instants, true_angles
-from climbplan.robots.gripper import wrists_at
-from climbplan.robots.last_link import last_link_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.reports.replay import sample_instants
+from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.grip_sharing import beyond, shared_at_best, used
 from climbplan.simulation.gripper_model import STIFF, weld_name, wrist_joint
-from climbplan.simulation.spans import spans_of
+from climbplan.simulation.planned_grips import (
+    planned_gripping,
+    planned_regions,
+    planned_toe,
+    planned_wrists,
+)
 from climbplan.terrain.holds import flat_hold
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region
 
 REACHED = 0.012  # [m] by which a gripper may miss its hold: more than that its fingers do not close
 CLOSING = 0.3  # [s] in which fingers draw a gripper to its hold
-_AHEAD = 0.5  # [s] that fingers grip before load comes and after it has gone
 _SMOOTH = 0.03  # [s] over which what a grip bears is felt
 _STARTS = 0.5  # [s] in which a robot that is set up comes to rest, joints in their play
 _MISSING = 1e-3  # of the robot's weight [N] that a grip may lack
@@ -117,9 +117,9 @@ class Grips:
         self.misses: list[float] = []
         self.let_go: list[LetGo] = []
         self._instant = sample_instants(plan)
-        self._region = _regions(plan)
-        self._wrists, self._torque = _wrists(plan, self._region)
-        self._gripping = _gripping(plan, conditions.speed)
+        self._region = planned_regions(plan)
+        self._wrists, self._torque = planned_wrists(plan, self._region)
+        self._gripping = planned_gripping(plan, conditions.speed)
         self._holds = {int(r): self._hold(int(r)) for r in np.unique(self._region)}
         self._weight = plan.robot.weight
         # Of a free body's constraint rows these columns are force and moment on the whole robot
@@ -185,12 +185,12 @@ class Grips:
                 self._slipping(closed, self._parts(limb, closed, sample, palm))
                 for palm in self._palms(limb, closed, sample)
             ]
-            best = min(found, key=_used)
-            if _used(best) > closed.hold.cones.mu:
+            best = min(found, key=used)
+            if used(best) > closed.hold.cones.mu:
                 bare = self._parts(limb, closed, sample, np.zeros(3))
                 palm = shared_at_best(closed.hold.cones, bare)[1]
                 exact = self._slipping(closed, self._parts(limb, closed, sample, palm))
-                best = min(best, exact, key=_used)
+                best = min(best, exact, key=used)
             out.normal[limb], out.shear[limb] = best
         return out
 
@@ -225,7 +225,7 @@ class Grips:
         hold = self._holds[region]
         surface = self.terrain.surfaces[region]
         assert isinstance(surface, Region)
-        toe = _planned_toe(self.plan, sample, limb)
+        toe = planned_toe(self.plan, sample, limb)
         goal = surface.project(toe) - surface.standoff * surface.normal
         closing = turn[:, 0]
         if closing @ hold.axis < 0:  # two fingers are the same after half a turn
@@ -296,7 +296,7 @@ class Grips:
             bare = np.zeros_like(cones.spines)
             cones = GripCones(cones.normal, np.zeros_like(cones.mu), bare)
         for palm in self._palms(limb, closed, sample):
-            if _beyond(cones, self._parts(limb, closed, sample, palm)) <= 0.0:
+            if beyond(cones, self._parts(limb, closed, sample, palm)) <= 0.0:
                 return 0.0
         return shared_at_best(cones, self._parts(limb, closed, sample, np.zeros(3)))[0]
 
@@ -313,42 +313,6 @@ class Grips:
         return float(self.plan.trajectory.time[sample])
 
 
-def _beyond(cones: GripCones, parts: Array) -> float:
-    """By how much parts (3, 3) leave their cones [N]."""
-    return float(max(cones.excess(parts, 1.0).max(), (-cones.pressure(parts)).max()))
-
-
-def _used(slipping: tuple[float, float]) -> float:
-    """Friction coefficient at which a part of such pressure and shear slips."""
-    return slipping[1] / max(slipping[0], 1e-9)
-
-
-def shared_at_best(cones: GripCones, parts: Array) -> tuple[float, Array]:
-    """Least e >= 0 such that parts are within cones wider by e [N], and the palm's force (3,) then.
-
-    parts: (3, 3) forces on palm and fingers of a palm that takes nothing.
-    """
-    program = ConicProgram(4)  # the palm's force and e
-    for part in range(3):
-        share = np.eye(3) if part == 0 else -np.eye(3) / 2
-        axes = contact_frame(cones.normal[part]).axes
-        rows, ends = np.zeros((3, 4)), axes @ parts[part]
-        rows[:, :3] = -axes @ share
-        mu = float(cones.mu)
-        cone, end = rows.copy(), ends.copy()
-        cone[0], end[0] = mu * rows[0], mu * ends[0] + cones.spines[part]
-        cone[0, 3] = -1.0
-        program.cone(f"cone.{part}", cone, end)
-        press = rows[:1].copy()
-        press[0, 3] = -1.0
-        program.below(f"press.{part}", press, ends[:1])
-    program.below("least", np.array([[0.0, 0.0, 0.0, -1.0]]), np.zeros(1))
-    answer = program.minimise(np.array([0.0, 0.0, 0.0, 1.0]))
-    if answer is None:
-        return np.inf, np.zeros(3)
-    return max(answer.value, 0.0), answer.x[:3]
-
-
 def gripped(plan: ClimbPlan) -> Mask:
     """(T, N) grippers that have been closed on their holds for as long as closing takes."""
     moving = plan.trajectory
@@ -359,89 +323,3 @@ def gripped(plan: ClimbPlan) -> Mask:
                 late = moving.time[first:last] - moving.time[first] < CLOSING
                 out[first:last, limb] &= ~late
     return out
-
-
-def _regions(plan: ClimbPlan) -> Index:
-    """(T, N) surface that each limb is on, of one in the air the one that it goes to."""
-    instant = sample_instants(plan)
-    every = np.concatenate([plan.rounds.region[:1], plan.instants.region])[instant + 1]
-    stands = np.concatenate([np.ones_like(plan.instants.contact[:1]), plan.instants.contact])
-    stands = stands[instant + 1]
-    out = every.copy()
-    contact = plan.trajectory.contact
-    for limb in range(contact.shape[1]):
-        following = int(every[-1, limb])
-        pieces = np.flatnonzero(np.diff(contact[:, limb].astype(int))) + 1
-        edges = [0, *pieces.tolist(), len(contact)]
-        for first, last in reversed(list(itertools.pairwise(edges))):
-            if contact[first, limb]:
-                known = np.flatnonzero(stands[first:last, limb])
-                if len(known):
-                    following = int(every[first + int(known[0]), limb])
-            out[first:last, limb] = following
-    return out
-
-
-def _planned_toe(plan: ClimbPlan, sample: int, limb: int) -> Array:
-    """(3,) where the plan has a limb stand in the span of contact that a sample begins."""
-    instant = sample_instants(plan)
-    contact = plan.trajectory.contact[:, limb]
-    for s in range(sample, len(contact)):
-        if not contact[s]:
-            break
-        if instant[s] < 0:
-            return np.asarray(plan.rounds.toes[0, limb])
-        if plan.instants.contact[instant[s], limb]:
-            return np.asarray(plan.instants.toes[instant[s], limb])
-    return np.asarray(plan.instants.toes[instant[sample], limb])
-
-
-def _wrists(plan: ClimbPlan, region: Index) -> tuple[Array, Array]:
-    """(T, N, 3) angles of wrists [rad], between two holds on the way from one to the other.
-
-    And the torques that their motors bring [N m].
-    """
-    assert plan.robot.gripper is not None
-    assert plan.grips is not None
-    moving, grips = plan.trajectory, plan.grips
-    surfaces = plan.terrain.surfaces
-    normals = np.array([s.normal if isinstance(s, Region) else np.zeros(3) for s in surfaces])
-    axes = np.array([_axis(s) for s in surfaces])
-    angles = true_angles(plan, sample_instants(plan))
-    rotation = rotation_world_body(moving.rpy)
-    link = np.einsum("tab,tnib->tnia", rotation, last_link_body(plan.robot, angles))
-    found = wrists_at(link, -normals[region], axes[region])
-    aim = found.angles.copy()
-    time = moving.time
-    for limb in range(region.shape[1]):
-        for first, last in spans_of(~moving.contact[:, limb]):
-            if first == 0:
-                continue
-            old = region[first - 1, limb]
-            rows = slice(first, last)
-            there = link[rows, limb]
-            away, across = (np.broadcast_to(x[old], there[:, 0].shape) for x in (-normals, axes))
-            from_there = wrists_at(there, away, across).angles
-            end = min(last, len(time) - 1)
-            share = (time[rows] - time[first]) / max(time[end] - time[first], 1e-9)
-            aim[rows, limb] += (1 - share[:, None]) * (from_there - aim[rows, limb])
-    arm = -plan.robot.gripper.length * normals[region]
-    moment = grips.trajectory.moment + np.cross(arm, grips.trajectory_force)
-    # Against what the surface brings
-    torque = -np.einsum("tnji,tni->tnj", found.axes, moment)
-    return aim, torque
-
-
-def _axis(surface: Any) -> Array:
-    if not isinstance(surface, Region):
-        return np.zeros(3)
-    return (surface.hold or flat_hold(surface.normal)).axis
-
-
-def _gripping(plan: ClimbPlan, speed: float) -> Array:
-    """(T, N) gripping force: the most that is planned within a moment of each sample [N]."""
-    assert plan.grips is not None
-    moving, grip = plan.trajectory, plan.grips.trajectory.grip
-    first = np.searchsorted(moving.time, moving.time - _AHEAD * speed)
-    last = np.searchsorted(moving.time, moving.time + _AHEAD * speed, side="right")
-    return np.array([grip[a:b].max(axis=0) for a, b in zip(first, last, strict=True)])

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of
+from climbplan.climb.grips.plan import may_grip_firmly
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.spans import spans_of
 from climbplan.climb.planner import plan_climb
+from climbplan.climb.scene import build_scene
 from climbplan.spec.loading import load_climb
 
 WALL = Path(__file__).parents[2] / "specs" / "climb_single_wall.yaml"
@@ -45,6 +48,29 @@ def test_grips_hold_their_margin_at_no_cost_of_torque(bare: ClimbPlan) -> None:
     assert {"robust.pull", "robust.slip"} <= names
     assert not {"robust.pressure", "robust.depth"} & names
     assert not any(check.name.startswith("robust.") for check in verification_of(bare).checks)
+
+
+def test_fingers_grip_all_the_time_with_the_most_that_a_stance_asks_for(bare: ClimbPlan) -> None:
+    assert bare.grips is not None
+    contact, grip = bare.trajectory.contact, bare.grips.trajectory.grip
+    at_instants = bare.grips.instants.grip.max(axis=0)
+    for limb in range(contact.shape[1]):
+        for first, after in spans_of(contact[:, limb]):
+            assert np.ptp(grip[first:after, limb]) == 0.0
+            assert 0.0 < grip[first, limb] <= 40.0
+        assert grip[:, limb].max() >= at_instants[limb] - 1e-9
+        assert not grip[~contact[:, limb], limb].any()
+
+
+def test_fingers_grip_no_harder_than_they_must_on_steep_sides() -> None:
+    loaded = load_climb(WALL)
+    scene = build_scene(loaded.spec, loaded.robot)
+    assert scene.grippers is not None
+    instants = planned().instants
+    steep = np.full_like(scene.grippers.undercut, np.arctan(0.9) - 1e-3)
+    steep[instants.region[-1, 0]] += 2e-3
+    may = may_grip_firmly(replace(scene.grippers, undercut=steep), instants)
+    assert may.tolist() == [False, True, True, True]
 
 
 def test_a_plan_that_holds_less_than_its_spec_asks_for_is_fragile(bare: ClimbPlan) -> None:

@@ -22,7 +22,7 @@ from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.comparison import compare
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.feedforward import _by_differences, limb_weight_torques
-from climbplan.simulation.gripping import shared_at_best
+from climbplan.simulation.grip_sharing import shared_at_best
 from climbplan.simulation.linkage_limb import elbow_angles
 from climbplan.simulation.model import build_mjcf, link_mass
 from climbplan.simulation.replay import simulate

@@ -6,11 +6,11 @@ import numpy as np
 
 from climbplan.climb.grips.planner import pull_margins, wrist_torques
 from climbplan.climb.grips.statement import grip_wrists, state_grips
-from climbplan.climb.plan.climb_plan import Forces, Instants, Trajectory
+from climbplan.climb.plan.climb_plan import Forces, Instants, Mask, Trajectory
 from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import ReachFailure
-from climbplan.mechanics.grip import outside_training, parts_of
+from climbplan.mechanics.grip import Grippers, outside_training, parts_of
 from climbplan.robots.gripper import WRIST_JOINTS
 
 _BOUND_SLACK = 1e-9  # [rad]
@@ -29,6 +29,15 @@ def require_wrists(scene: MotionScene, instants: Instants) -> None:
     over = f"{WRIST_JOINTS[joint]} {np.rad2deg(beyond[k, limb, joint]):.1f} deg past its bound"
     names = scene.robot.limb_names
     raise ReachFailure(names[limb], over, 0.0, instants.label(k, names))
+
+
+def may_grip_firmly(grippers: Grippers, instants: Instants) -> Mask:
+    """(N,) limbs whose fingers may grip harder than they must, on every hold that they come to.
+
+    What is within a cone stays there with any force in the cone added: with that of a finger along
+    its axis, where friction holds it on sides so undercut.
+    """
+    return np.asarray((np.tan(grippers.undercut[instants.region]) <= instants.mu).all(axis=0))
 
 
 def grip_plan(

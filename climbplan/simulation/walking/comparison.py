@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.plan.spans import spans_of
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.comparison import SLIP
 from climbplan.simulation.replay import planned_tilt
-from climbplan.simulation.spans import spans_of
 from climbplan.simulation.walking.replay import WalkRun
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import ANGLES, LEGS, POSITION, Array, Flags

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from climbplan.climb.plan.spans import spans_of
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,
@@ -18,7 +19,6 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.simulation.spans import spans_of
 from climbplan.simulation.walking.comparison import WalkComparison
 from climbplan.simulation.walking.replay import WalkRun, euler_angles
 from climbplan.simulation.walking.whole_replay import WholeRun

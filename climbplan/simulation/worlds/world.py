@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
+from climbplan.climb.plan.spans import spans_of
 from climbplan.robots.rotations import Array
-from climbplan.simulation.spans import spans_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,9 +78,9 @@ class ProblemSequence:
 
     @staticmethod
     def _refuse(instance: Instance) -> None:
-        beyond = instance.features - require(_METHOD).accepts
+        beyond = instance.features - (require(_METHOD).accepts - {"products"})
         if beyond:
             raise UsageError(
-                f"a sequence is solved by {_METHOD}, which holds no "
+                f"a sequence is solved by {_METHOD}, whose memory holds no "
                 f"{' and no '.join(sorted(beyond))}"
             )

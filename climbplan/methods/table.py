@@ -33,6 +33,7 @@ from climbplan.solvers.result import SolverResult
 METHODS: tuple[Method, ...] = get_args(Method)
 NEEDS_LIBRARY = ("knn",)
 LEARNED = (*NEEDS_LIBRARY, *NEEDS_MODEL)
+_MOST_PRODUCTS = 50  # that `auto` leaves to the own tree
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,12 @@ def solve_instance(
 
 
 def _automatic(instance: Instance, settings: MethodSettings) -> Method:
-    """The own tree where it holds the statement and no other solver is asked for, else `micp`."""
+    """The own tree where it holds the statement and no other solver is asked for, else `micp`.
+
+    `micp`, too, for more products than the tree, whose matrices are dense, is fast with.
+    """
     own = instance.features <= require("branch-and-bound").accepts and settings.solver is None
+    own = own and instance.products.count <= _MOST_PRODUCTS
     return "branch-and-bound" if own else "micp"
 
 

@@ -29,13 +29,17 @@ from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
 
 def branch_and_bound(task: Task) -> Outcome:
-    """The own tree on the whole statement, which is convex where its integers are given."""
+    """The own tree on the whole statement; products of variables are branched on in space."""
     settings, name = task.settings, "branch-and-bound"
     beyond = task.instance.features - require(name).accepts
     if beyond:
         raise UsageError(
-            f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, minlp-scip "
-            "(products), mpcc or pinned"
+            f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, mpcc or pinned"
+        )
+    if settings.certificate and task.instance.products.count:
+        raise UsageError(
+            f"{task.instance.name}: a certificate holds no products, whose envelopes change with "
+            "the boxes of the tree"
         )
     if settings.certificate:
         # The tree over integers, whose leaves can be told in the rows of the statement

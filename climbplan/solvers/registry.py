@@ -137,8 +137,7 @@ def _convex(backend: Literal["daqp", "clarabel", "osqp"]) -> Callable[[], Solve]
 
 
 _DISJUNCTIVE = frozenset({"balls", "choices"})
-_CONVEX = _DISJUNCTIVE | {"integers", "implications"}  # whatever the integers are
-_BILINEAR = frozenset({"balls", "choices", "integers", "implications", "products"})
+_BILINEAR = _DISJUNCTIVE | {"integers", "implications", "products"}
 _EVERYTHING = _BILINEAR | {"smooth"}
 
 BACKENDS = {
@@ -149,10 +148,10 @@ BACKENDS = {
             module="daqp",
             distribution="daqp",
             install="pip install daqp",
-            accepts=_CONVEX,
+            accepts=_BILINEAR,
             load=_branch_and_bound,
             load_knowing=_branch_and_bound,
-            purpose="postures: own tree over regions with DAQP nodes; compiled tree over integers",
+            purpose="postures: own tree with DAQP nodes; compiled tree over integers and in space",
         ),
         Backend(
             name="scip",

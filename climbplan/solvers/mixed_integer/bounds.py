@@ -16,8 +16,10 @@ from climbplan.solvers.mixed_integer.active_set import (
     SOLVED,
     STUCK,
     Working,
+    _drop_absent,
     _dual_value,
     _edge,
+    _refactor,
     _solve,
 )
 from climbplan.solvers.mixed_integer.compiling import compiled, constant
@@ -31,6 +33,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     _slack_cutoff,
 )
 from climbplan.solvers.mixed_integer.numbers import ALWAYS, DECIDED, Numbers
+from climbplan.solvers.mixed_integer.spatial import _end, _place_envelopes
 from climbplan.solvers.result import LEAST_OBJECTIVE
 
 _CENTERS = 4  # how often the proximal term is moved at a node
@@ -41,7 +44,7 @@ _ROUNDING = 1e-14  # what multipliers times rows and bounds are good to, relativ
 
 @compiled
 def _apply(n: Numbers, s: Search, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
-    """Which rows a node has, and bounds of its integers."""
+    """Which rows a node has, and bounds of its entities."""
     rows = s.rows
     for r in range(rows.used[0]):
         kind = n.when[r]
@@ -56,8 +59,21 @@ def _apply(n: Numbers, s: Search, low: NDArray[np.int64], high: NDArray[np.int64
     for e in range(len(n.column)):
         r = n.column[e]
         if r >= 0:
-            rows.lower[r] = (low[e] - s.offset[r]) / n.norm[r]
-            rows.upper[r] = (high[e] - s.offset[r]) / n.norm[r]
+            rows.lower[r] = (_end(n.spatial, e, low[e], 0) - s.offset[r]) / n.norm[r]
+            rows.upper[r] = (_end(n.spatial, e, high[e], 1) - s.offset[r]) / n.norm[r]
+    if len(n.spatial.first) > 0:
+        _place_envelopes(
+            n.spatial, low, high, rows.M, rows.T, rows.lower, rows.upper, rows.on, rows.tolerance,
+            n.norm, s.offset, s.u,
+        )  # fmt: skip
+
+
+@compiled
+def _take_over(n: Numbers, s: Search, w: Working) -> None:
+    """A working set of another node for the one whose rows are in place."""
+    _drop_absent(s.rows, w)
+    if len(n.spatial.first) > 0:
+        _refactor(s.rows, w)  # envelopes are other rows now
 
 
 @compiled

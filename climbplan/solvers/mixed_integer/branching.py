@@ -12,7 +12,6 @@ from climbplan.solvers.mixed_integer.active_set import (
     EMPTY,
     Working,
     _copy_working,
-    _drop_absent,
     _solve,
 )
 from climbplan.solvers.mixed_integer.bounds import (
@@ -22,6 +21,7 @@ from climbplan.solvers.mixed_integer.bounds import (
     _follow_ray,
     _proved_empty,
     _reach,
+    _take_over,
 )
 from climbplan.solvers.mixed_integer.compiling import compiled, constant
 from climbplan.solvers.mixed_integer.nodes import (
@@ -43,22 +43,24 @@ from climbplan.solvers.mixed_integer.nodes import (
     _store,
 )
 from climbplan.solvers.mixed_integer.numbers import Numbers
+from climbplan.solvers.mixed_integer.spatial import _wanted_split
 
 _PROBE_ITERATIONS = constant(25)
 _RELIABLE = 4  # branchings after which an integer's pseudo-costs are believed
 _PROBED = 8  # integers probed at a node
 _INTEGRAL = 1e-6  # of columns
+_SPACE = 0.1  # share of the average that a split in space is worth, whatever the first ones were
 _STAY = 0.5  # share of the way from the least open bound to the cutoff at which a dive goes on
 
 
 @compiled
 def _measure(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
-    """How far each undecided integer is from being decided down and up; how many are open."""
+    """How far each undecided entity is from being decided down and up; how many are open."""
     open_count = 0
     slack = s.real[FEASIBILITY]
     for e in range(len(n.column)):
         s.distance[0, e] = s.distance[1, e] = 0.0
-        if low[e] == high[e]:
+        if low[e] == high[e] or n.spatial.cell[e] > 0.0:
             continue
         r = n.column[e]
         if r >= 0:
@@ -79,6 +81,62 @@ def _measure(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
                     s.distance[here, e] = max(s.distance[here, e], worst * n.share[r])
         if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
             open_count += 1
+    if open_count == 0 and len(n.spatial.first) > 0:  # integers first, as they decide rows
+        open_count = _measure_products(n, s, w, low, high)
+    return open_count
+
+
+@compiled
+def _value_of(n: Numbers, s: Search, w: Working, e: int, low: Whole, high: Whole) -> float:
+    """The value of an integer with a column, or of a factor, at a relaxation's solution."""
+    if low[e] == high[e] and n.spatial.cell[e] == 0.0:
+        return float(low[e])
+    r = n.column[e]
+    return n.norm[r] * w.value[r] + s.offset[r]
+
+
+@compiled
+def _is_held(n: Numbers, s: Search, w: Working, q: int, low: Whole, high: Whole) -> bool:
+    """Whether a row that holds a product has to hold, or would if no integer were split."""
+    p = n.spatial
+    if p.always[q]:
+        return True
+    for place in range(p.since[q], p.since[q + 1]):
+        e = p.entity[place]
+        if low[e] == high[e]:
+            value = low[e]
+        elif n.column[e] >= 0:
+            value = np.int64(np.round(_value_of(n, s, w, e, low, high)))
+        else:
+            value = 1 if s.distance[1, e] == 0.0 else 0
+        if value == p.value[place]:
+            return True
+    return False
+
+
+@compiled
+def _measure_products(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
+    """Factors of products that are off where it matters are open, too; how many products are."""
+    p, open_count = n.spatial, 0
+    for q in range(len(p.first)):
+        if not _is_held(n, s, w, q, low, high):
+            continue
+        i, j, r = p.first[q], p.second[q], p.place[q]
+        x, y = _value_of(n, s, w, i, low, high), _value_of(n, s, w, j, low, high)
+        off = abs(n.norm[r] * w.value[r] + s.offset[r] - x * y)
+        if off * p.weight[q] <= s.real[FEASIBILITY]:
+            continue
+        found = False
+        for turn in range(2):
+            e = i if turn == 0 else j
+            if low[e] < high[e]:
+                share = min(off / p.area[q], 1.0)
+                if p.cell[e] > 0.0:  # what is wide still promises most
+                    share *= (high[e] - low[e] + 1.0) / (n.highest[e] - n.lowest[e] + 1.0)
+                s.distance[0, e] = max(s.distance[0, e], share)
+                s.distance[1, e] = max(s.distance[1, e], share)
+                found = True
+        open_count += 1 if found else 0
     return open_count
 
 
@@ -88,6 +146,9 @@ def _split(n: Numbers, s: Search, e: int) -> int:
     r = n.column[e]
     if r < 0:
         return 0
+    if n.spatial.cell[e] > 0.0:
+        at = n.norm[r] * s.main.value[r] + s.offset[r]
+        return _wanted_split(n.spatial, e, at, s.low[e], s.high[e])
     value = np.int64(np.floor(n.norm[r] * s.main.value[r] + s.offset[r]))
     return min(max(value, s.low[e]), s.high[e] - 1)
 
@@ -102,7 +163,7 @@ def _probe_child(n: Numbers, s: Search, e: int, up: int, split: int) -> float:
         s.high[e] = split
     _copy_working(s.main, s.probe)
     _apply(n, s, s.low, s.high)
-    _drop_absent(s.rows, s.probe)
+    _take_over(n, s, s.probe)
     s.whole[PROBES] += 1
     found = _solve(s.rows, s.probe, _slack_cutoff(s), _PROBE_ITERATIONS)
     bound, _ = _bound(n, s, s.probe)
@@ -122,9 +183,11 @@ def _score(down: float, up: float) -> float:
 
 
 @compiled
-def _expected(s: Search, e: int, way: int, average: float) -> float:
+def _expected(n: Numbers, s: Search, e: int, way: int, average: float) -> float:
     """Gain of a child by pseudo-costs."""
     rate = s.gain[way, e] / s.seen[way, e] if s.seen[way, e] > 0 else average
+    if n.spatial.cell[e] > 0.0:
+        rate = max(rate, _SPACE * average)
     return rate * s.distance[way, e]
 
 
@@ -176,7 +239,8 @@ def _branch(n: Numbers, s: Search, tree: Tree, node: int) -> int:
     for e in range(E):
         s.score[e] = -1.0
         if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
-            score = _score(_expected(s, e, 0, average), _expected(s, e, 1, average))
+            down, up = _expected(n, s, e, 0, average), _expected(n, s, e, 1, average)
+            score = _score(down, up)
             if min(s.seen[0, e], s.seen[1, e]) < _RELIABLE:
                 s.score[e] = score
             elif score > best:

@@ -18,6 +18,7 @@ SOURCES = (  # files with compiled functions, and those that they take numbers f
     "pairs.py",
     "propagation.py",
     "search.py",
+    "spatial.py",
 )
 compiled = compiler(Path(__file__).parent, SOURCES, borrows=True, lets_go=True)
 

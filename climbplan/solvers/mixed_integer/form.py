@@ -27,7 +27,18 @@ from climbplan.solvers.mixed_integer.elimination import eliminated
 from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram, Numbers
 from climbplan.solvers.mixed_integer.pairs import switches
 from climbplan.solvers.mixed_integer.propagation import propagate
-from climbplan.solvers.mixed_integer.row_stack import Coordinates, RowStack, row_stack
+from climbplan.solvers.mixed_integer.row_stack import (
+    Coordinates,
+    RowStack,
+    row_stack,
+    with_products,
+)
+from climbplan.solvers.mixed_integer.spatial_rows import (
+    Cells,
+    Factors,
+    no_products,
+    spatial_numbers,
+)
 from climbplan.solvers.result import Indices
 
 _PROXIMAL = 1e-6  # of the cost's own curvature over the box
@@ -38,17 +49,21 @@ _FEASIBLE = 1e-9  # tolerance of rows in their own unit, as far as rounding allo
 
 
 def mixed_integer_program(
-    instance: Instance, form: Conditional, deadline: float = np.inf
+    instance: Instance,
+    form: Conditional,
+    deadline: float = np.inf,
+    factors: Factors | None = None,
 ) -> MixedIntegerProgram | Impossible | None:
     """Build all rows of an instance's conditional form; None where the deadline comes first.
 
     deadline: of `time.perf_counter` [s], which is looked at between the parts of the work.
+    factors: of products, where the instance is one that is linear in them.
     Raises UsageError where a direction without cost is not bounded.
     """
     box = _presolved(form)
     if box is None:
         return Impossible("bounds cross when they are propagated")
-    space = _coordinates(instance, form, *box)
+    space = _coordinates(instance, form, factors, *box)
     if space is None:
         return Impossible("equations contradict each other")
     if time.perf_counter() >= deadline:
@@ -61,7 +76,7 @@ def mixed_integer_program(
         return Impossible("a row cannot hold within the bounds")
     if time.perf_counter() >= deadline:
         return None
-    return _in_unit_rows(instance, form, space, cost, stack)
+    return _in_unit_rows(instance, form, space, cost, stack, factors)
 
 
 def equations(lower: Array, upper: Array) -> NDArray[np.bool_]:
@@ -84,10 +99,16 @@ def _presolved(form: Conditional) -> tuple[Array, Array] | None:
 
 
 def _coordinates(
-    instance: Instance, form: Conditional, lower: Array, upper: Array
+    instance: Instance,
+    form: Conditional,
+    factors: Factors | None,
+    lower: Array,
+    upper: Array,
 ) -> Coordinates | None:
     """Equations, and integers that bounds have decided, solved for; None if they contradict."""
     switch = switches(instance, form)
+    if factors is not None:
+        switch[factors.products.first] = switch[factors.products.second] = False
     equal = equations(form.row_lower, form.row_upper)
     fixed = np.flatnonzero((upper - lower <= 0.0) & form.integer & ~switch)
     columns = np.flatnonzero(~switch)
@@ -181,19 +202,39 @@ def _factor(regular: Array, bounded: NDArray[np.bool_]) -> Array | None:
 
 
 def _in_unit_rows(
-    instance: Instance, form: Conditional, space: Coordinates, cost: _Cost, stack: RowStack
+    instance: Instance,
+    form: Conditional,
+    space: Coordinates,
+    cost: _Cost,
+    stack: RowStack,
+    factors: Factors | None,
 ) -> MixedIntegerProgram:
     """Rows over v, of unit length, and what nodes do not change of them."""
     k = space.X.shape[1]
     entities = np.flatnonzero(form.integer)
+    stated = len(stack.R)
+    if factors is not None:
+        stack = with_products(stack, factors, space)
     M = solve_triangular(cost.L, stack.R.T, lower=True).T if k else stack.R
-    norm = np.maximum(np.linalg.norm(M, axis=1), 1e-300)
+    norm = np.linalg.norm(M, axis=1)
+    norm = np.where(norm > 0.0, norm, 1.0)  # a factor that equations leave one value
     M = np.ascontiguousarray(M / norm[:, None])
     at = -(M @ cost.u)  # value at v = 0, by unit of v
     low, high = space.lower[space.independent], space.upper[space.independent]
     ball_rows, ball, radius = _balls(instance, space.X, space.start)
     number = np.full(form.size, -1)
     number[entities] = np.arange(len(entities))
+    lowest, highest = space.lower[entities], space.upper[entities]
+    spatial = no_products(len(entities), k)
+    if factors is not None:
+        number[factors.space] = len(entities) + np.arange(len(factors.space))
+        cells = Cells.of(space.lower[factors.space], space.upper[factors.space])
+        over_v = solve_triangular(cost.L, space.X.T, lower=True).T if k else space.X
+        spatial = spatial_numbers(
+            factors, number, len(entities), cells, space.start, over_v, stated
+        )
+        lowest = np.concatenate([lowest, np.zeros(len(cells.count))])
+        highest = np.concatenate([highest, cells.count - 1.0])
     numbers = Numbers(
         lower=stack.low / norm - at,
         upper=stack.high / norm - at,
@@ -207,8 +248,8 @@ def _in_unit_rows(
         first=stack.first.astype(np.int64),
         rows_of=stack.rows_of.astype(np.int64),
         group=_groups(form, number).astype(np.int64),
-        lowest=space.lower[entities].astype(np.int64),
-        highest=space.upper[entities].astype(np.int64),
+        lowest=lowest.astype(np.int64),
+        highest=highest.astype(np.int64),
         L=np.ascontiguousarray(cost.L),
         U=np.ascontiguousarray(cost.L.T),
         u=cost.u,
@@ -223,6 +264,7 @@ def _in_unit_rows(
         ball_rows=ball_rows,
         ball=ball,
         radius=radius,
+        spatial=spatial,
     )
     return MixedIntegerProgram(
         numbers=numbers,

@@ -36,6 +36,7 @@ COUNT, HEAP, NODES, NEXT, INCUMBENTS, UNPROVED = 0, 1, 2, 3, 4, 5
 # Probed children, guessed incumbents, whether a hint waits, rounds of tangents at a leaf
 PROBES, GUESSES, HINTED, AGAIN = 6, 7, 8, 9
 WORK = 10  # dual steps after which no further node is begun
+SEEDED = 11  # whether a point waits from which to look for an incumbent
 MOST = 10**15  # nodes or dual steps: no limit
 
 _LOSS = 0.05  # share of the gap that the proximal term may cost a bound
@@ -81,6 +82,8 @@ class Search(NamedTuple):
     high: NDArray[np.int64]
     hint: NDArray[np.int64]  # (E,) integers to try first, where HINTED
     chosen: NDArray[np.int64]  # (E,) integers that are tried
+    seed: Array  # (k,) where SEEDED, with integers of `seed_whole`
+    seed_whole: NDArray[np.int64]  # (E,)
     # Scratch
     spare: Array  # (2, k)
     shift: Array  # (m,)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.program.polytope import Array
+from climbplan.solvers.mixed_integer.spatial import Spatial
 from climbplan.solvers.result import Indices
 
 ALWAYS, DECIDED, UNDECIDED = 0, 1, 2  # when a node has a row
@@ -25,7 +26,7 @@ class Numbers(NamedTuple):
     entity: NDArray[np.int64]  # (m,) integer that decides, -1
     value: NDArray[np.int64]  # (m,) of a decided integer that has the row
     share: Array  # (m,) of DECIDED rows: 1 / M, which makes violations comparable
-    column: NDArray[np.int64]  # (E,) row that holds an integer's value, -1 for a switch
+    column: NDArray[np.int64]  # (E,) row that holds an entity's value, -1 for a switch
     first: NDArray[np.int64]  # (E + 1,) where in `rows_of` the conditional rows of an integer stand
     rows_of: NDArray[np.int64]
     group: NDArray[np.int64]  # (E,) exactly-one group, -1
@@ -45,6 +46,7 @@ class Numbers(NamedTuple):
     ball_rows: Array  # (B, D, k) |ball_rows w + ball| <= radius, zeros where a ball has fewer rows
     ball: Array  # (B, D)
     radius: Array  # (B,)
+    spatial: Spatial  # products, whose factors are entities behind the integers
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class MixedIntegerProgram:
     tolerance: Array  # (m,)
     X: Array  # (size, k) x = X w + start
     start: Array  # (size,)
-    entities: Indices  # (E,) the integers' places in x
+    entities: Indices  # the integers' places in x; factors of products are numbered behind them
     key: NDArray[np.int64]  # (m,) what each row is, whatever the parameters: see `memory`
     lower: Array  # (size,) the box that bounds and rows leave
     upper: Array
@@ -71,7 +73,7 @@ class MixedIntegerProgram:
     def point(self, w: Array, low: NDArray[np.int64]) -> Array:
         """x (size,) at w with integers at `low` (E,)."""
         x = self.X @ w + self.start
-        x[self.entities] = low
+        x[self.entities] = low[: len(self.entities)]
         return x
 
 

@@ -12,6 +12,7 @@ from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.keys import KeySpace
 from climbplan.solvers.mixed_integer.numbers import ALWAYS, DECIDED, UNDECIDED
 from climbplan.solvers.mixed_integer.pairs import paired, row_intervals
+from climbplan.solvers.mixed_integer.spatial_rows import Factors
 from climbplan.solvers.result import Indices
 
 _OUTSIDE = 1e-7  # by which a row must fail all over the box to prove that nothing is feasible
@@ -153,6 +154,32 @@ def row_stack(form: Conditional, space: Coordinates) -> RowStack | None:
             keys.big_m(here, sign), UNDECIDED, number[z],
         )  # fmt: skip
     return _kept(form, space, pile, plain, order, first)
+
+
+def with_products(stack: RowStack, factors: Factors, space: Coordinates) -> RowStack:
+    """Behind all others the values of factors and products, and room for the envelopes' rows."""
+    F, K = len(factors.space), factors.products.count
+    at = np.concatenate([factors.space, factors.places])
+    m = len(at) + 4 * K
+    k, stated = space.X.shape[1], len(stack.R)
+    none = np.full(m, -1)
+    open_ends = np.full(4 * K, np.inf)
+    base = np.concatenate([space.start[at], np.zeros(4 * K)])
+    low, high = space.lower[at] - space.start[at], space.upper[at] - space.start[at]
+    return RowStack(
+        R=np.vstack([stack.R, space.X[at], np.zeros((4 * K, k))]),
+        base=np.concatenate([stack.base, base]),
+        low=np.concatenate([stack.low, low, -open_ends]),
+        high=np.concatenate([stack.high, high, open_ends]),
+        key=np.concatenate([stack.key, none]),
+        when=np.concatenate([stack.when, np.full(m, ALWAYS, np.int8)]),
+        entity=np.concatenate([stack.entity, none]),
+        value=np.concatenate([stack.value, np.zeros(m, np.int64)]),
+        share=np.concatenate([stack.share, np.zeros(m)]),
+        column=np.concatenate([stack.column, stated + np.arange(F)]),
+        first=np.concatenate([stack.first, np.full(F, stack.first[-1])]),
+        rows_of=stack.rows_of,
+    )
 
 
 def _excess(form: Conditional, space: Coordinates) -> tuple[Array, Array]:

@@ -19,7 +19,6 @@ from climbplan.solvers.mixed_integer.active_set import (
     STUCK,
     _clear,
     _copy_working,
-    _drop_absent,
     _edge,
 )
 from climbplan.solvers.mixed_integer.bounds import (
@@ -32,6 +31,7 @@ from climbplan.solvers.mixed_integer.bounds import (
     _outside,
     _relax,
     _solve_cut,
+    _take_over,
 )
 from climbplan.solvers.mixed_integer.branching import (
     _branch,
@@ -59,6 +59,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     NODES,
     OPEN,
     PAUSE,
+    SEEDED,
     UNPROVED,
     WORK,
     Search,
@@ -74,6 +75,7 @@ from climbplan.solvers.mixed_integer.nodes import (
     _store,
 )
 from climbplan.solvers.mixed_integer.numbers import Numbers
+from climbplan.solvers.mixed_integer.spatial import _cell_of
 
 _ITERATIONS = 400  # of one re-solve, and as many again for each column
 _CLOSE_ROUNDS = constant(60)  # at points that may be incumbents
@@ -90,7 +92,10 @@ def _guess(n: Numbers, s: Search, low: Whole, high: Whole, into: Whole) -> None:
             into[e] = low[e]
             continue
         r = n.column[e]
-        if r >= 0:
+        if n.spatial.cell[e] > 0.0:
+            value = n.norm[r] * s.main.value[r] + s.offset[r]
+            into[e] = _cell_of(n.spatial, e, value, low[e], high[e])
+        elif r >= 0:
             value = n.norm[r] * s.main.value[r] + s.offset[r]
             into[e] = min(max(np.int64(np.round(value)), low[e]), high[e])
         else:
@@ -133,7 +138,7 @@ def _try(n: Numbers, s: Search, chosen: NDArray[np.int64], limit: int) -> bool:
     """Solve with all integers given; True if that is a better incumbent."""
     _copy_working(s.main, s.probe)
     _apply(n, s, chosen, chosen)
-    _drop_absent(s.rows, s.probe)
+    _take_over(n, s, s.probe)
     s.whole[GUESSES] += 1
     close = s.real[FEASIBILITY]
     found = _solve_cut(n, s, s.probe, _slack_cutoff(s), limit, _CLOSE_ROUNDS, close)
@@ -158,7 +163,8 @@ def _leaf(n: Numbers, s: Search, chosen: NDArray[np.int64]) -> bool:
     rounded = False
     for e in range(len(n.column)):
         chosen[e] = _decided_value(n, s, e)
-        rounded = rounded or (s.low[e] < s.high[e] and n.column[e] >= 0)
+        undecided = s.low[e] < s.high[e] and n.spatial.cell[e] == 0.0
+        rounded = rounded or (undecided and n.column[e] >= 0)
     objective = _objective(n, s.w)
     if objective >= s.real[BEST]:
         return False
@@ -173,6 +179,9 @@ def _decided_value(n: Numbers, s: Search, e: int) -> Any:
     if s.low[e] == s.high[e]:
         return s.low[e]
     r = n.column[e]
+    if n.spatial.cell[e] > 0.0:
+        value = n.norm[r] * s.main.value[r] + s.offset[r]
+        return _cell_of(n.spatial, e, value, s.low[e], s.high[e])
     if r >= 0:
         return np.int64(np.round(n.norm[r] * s.main.value[r] + s.offset[r]))
     return 1 if s.distance[1, e] == 0.0 else 0
@@ -207,7 +216,7 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
         s.low[e], s.high[e] = tree.low[node, e], tree.high[node, e]
     _apply(n, s, s.low, s.high)
     if warm:
-        _drop_absent(s.rows, s.main)
+        _take_over(n, s, s.main)
     else:
         _load(s, tree, node)
     limit = _ITERATIONS + len(s.u)
@@ -248,6 +257,8 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
         _split_anyhow(n, s, tree, node)
         return -1
     s.whole[AGAIN] = 0
+    if len(n.spatial.first) > 0:
+        return _process_products(n, s, tree, node, leaf)
     wanted = np.isinf(s.real[BEST]) or s.whole[NODES] % _EVERY == 1
     if leaf:
         wanted = _leaf(n, s, s.chosen)
@@ -261,6 +272,23 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
     if wanted:
         _try(n, s, s.chosen, limit)
         _apply(n, s, s.low, s.high)
+    if leaf or tree.bound[node] >= _cutoff(s):
+        _close(s, tree, node, tree.bound[node])
+        return -1
+    return _branch(n, s, tree, node)
+
+
+@compiled
+def _process_products(n: Numbers, s: Search, tree: Tree, node: int, leaf: bool) -> int:
+    """The rest of a node with products, which leaves the looking for incumbents to its caller."""
+    if leaf and _leaf(n, s, s.chosen):
+        _split_anyhow(n, s, tree, node)  # an integer that is whole, but not decided
+        return -1
+    if not leaf:
+        _guess(n, s, s.low, s.high, s.seed_whole)
+        for j in range(len(s.w)):
+            s.seed[j] = s.w[j]
+        s.whole[SEEDED] = 1
     if leaf or tree.bound[node] >= _cutoff(s):
         _close(s, tree, node, tree.bound[node])
         return -1

@@ -72,7 +72,7 @@ class TreeRun:
         search = _search(program, tangents, gap, tolerance)
         search.whole[place.WORK] = work
         room = _FIRST_ROOM + (0 if leaves is None else 2 * len(leaves.low))
-        tree = _tree(len(program.entities), len(search.main.row), room)
+        tree = _tree(len(program.numbers.column), len(search.main.row), room)
         n = program.numbers
         if leaves is not None and leaves.into(program, search, tree):
             return cls(program, search, tree)
@@ -184,7 +184,8 @@ def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: 
     n = program.numbers
     stated, k = program.M.shape
     m = stated + tangents
-    E = len(program.entities)
+    E = len(n.column)
+    n.spatial.last[:] = np.nan
     real = np.zeros(8)
     real[place.BEST] = real[place.LEFT_BOUND] = np.inf
     real[place.GAP] = gap
@@ -225,6 +226,8 @@ def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: 
         high=np.zeros(E, np.int64),
         hint=np.zeros(E, np.int64),
         chosen=np.zeros(E, np.int64),
+        seed=np.zeros(k),
+        seed_whole=np.zeros(E, np.int64),
         spare=np.zeros((2, k)),
         shift=np.zeros(m),
         score=np.zeros(E),

@@ -1,7 +1,7 @@
 """Branch and bound over the choices of an instance, with DAQP re-solves as nodes.
 
-Instances with integers go to the compiled tree (`climbplan/solvers/mixed_integer/`); what follows
-is about choices alone, whose alternatives may be thousands.
+Instances with integers or products go to the compiled tree (`climbplan/solvers/mixed_integer/`);
+what follows is about choices alone, whose alternatives may be thousands.
 
 There are no binaries and no big-M: a node allows a set of alternatives for each choice, and only
 the bounds of rows differ between nodes. Balls enter as tangent half-spaces at relaxation points,
@@ -19,6 +19,8 @@ import numpy as np
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
+from climbplan.solvers.mixed_integer.nodes import MOST
+from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
 from climbplan.solvers.tree.normal_form import OutOfTime, normal_form
 from climbplan.solvers.tree.search import TreeSearch
@@ -43,10 +45,10 @@ def solve_branch_and_bound(
     Directions without cost must be bounded, by bounds, rows, balls or choices; otherwise no finite
     bound can be given.
     """
-    if instance.features & {"integers", "implications"}:
-        if np.isfinite(nodes):
-            return solve_mixed_integer(instance, gap, time_limit, tolerance, known, int(nodes))
-        return solve_mixed_integer(instance, gap, time_limit, tolerance, known)
+    if instance.features & {"integers", "implications", "products"}:
+        compiled = solve_spatial if instance.products.count else solve_mixed_integer
+        most = int(nodes) if np.isfinite(nodes) else MOST
+        return compiled(instance, gap, time_limit, tolerance, known, most)
     begin = time.perf_counter()
     deadline = begin + time_limit
     try:

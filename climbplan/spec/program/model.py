@@ -98,7 +98,8 @@ class ProgramSolverSpec(SpecModel):
     method: ProgramMethod = Field(
         default="auto",
         description="`auto`: `branch-and-bound` where the statement is convex but for its "
-        "integers, else `micp`; `branch-and-bound`: the own compiled tree, with a valid bound; "
+        "integers and up to 50 products, else `micp`; `branch-and-bound`: the own compiled tree "
+        "over integers and in space, with a valid bound; "
         "`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
         "envelopes, then the exact program at its integers; `nlp`: IPOPT where there are no "
         "integers; `mpcc`: complementarity; `admm`: alternating between both; `pinned`: integers "

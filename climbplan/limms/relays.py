@@ -30,7 +30,7 @@ from climbplan.limms.bounds import (
 from climbplan.limms.corridor import centre_blocks
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
-from climbplan.limms.scene import SIDES, Array, Scene
+from climbplan.limms.scene import SIDES, Array, Index, Scene
 from climbplan.limms.sequences import FLIGHT
 
 STEP = 0.12  # [m] between places
@@ -79,13 +79,13 @@ class Relay:
         return "relay: " + ", then ".join(parts)
 
 
-def relays(scene: Scene) -> Iterator[Relay]:
-    """Relays of two legs and more, those of the fewest legs and least ways first."""
+def relays(scene: Scene, fewest: int = 2) -> Iterator[Relay]:
+    """Relays of `fewest` legs and more, those of the fewest legs and least ways first."""
     places = np.vstack([scene.box_start[0], scene.goal, standing_spots(scene)])
     sets = [(arms, mask) for arms, mask in _holding(scene, places) if mask.any()]
     thrown = _thrown(scene, sets)
     left = _legs_left(sets, thrown, len(places))
-    if left[0] < 2 or left[0] >= len(places):
+    if left[0] < fewest or left[0] >= len(places):
         return
     number = count()
     queue: list[tuple[float, int, int, int, tuple[Leg, ...]]] = [(0.0, next(number), 0, -1, ())]
@@ -112,6 +112,19 @@ def relays(scene: Scene) -> Iterator[Relay]:
                 extra = 0.1 * len(arms) + 0.2 * way + other + _THROW * is_thrown
                 entry = (cost + 1.0 + extra, next(number), there, k, (*legs, leg))
                 heapq.heappush(queue, entry)
+
+
+def places_aside(scene: Scene, later: Scene) -> tuple[Array, Index, Index]:
+    """Standing places (n, 3) and the fewest legs (n,) that lead there, and on to the goal later.
+
+    later: the scene as it may be then. Legs are carried; `n + 2` where none lead.
+    """
+    places = np.vstack([scene.box_start[0], scene.goal, standing_spots(scene)])
+    there, onward = (
+        _carried_legs([(arms, mask) for arms, mask in _holding(seen, places)], to, len(places))
+        for seen, to in ((scene, 0), (later, 1))
+    )
+    return places[2:], there[2:], onward[2:]
 
 
 def standing_spots(scene: Scene) -> Array:
@@ -203,7 +216,7 @@ def _thrown(scene: Scene, sets: list[tuple[tuple[Connection, ...], Mask]]) -> li
 
 def _legs_left(
     sets: list[tuple[tuple[Connection, ...], Mask]], thrown: list[bool], places: int
-) -> NDArray[np.int64]:
+) -> Index:
     """Fewest legs (n,) from every place to the goal, `places` where none lead there."""
     left = np.full(places, places)
     left[1] = 0
@@ -212,7 +225,19 @@ def _legs_left(
             if may:
                 left[mask.any(axis=0)] = 1
         left[1] = 0
-    for legs in range(1, places):
+    return _spread(sets, left)
+
+
+def _carried_legs(sets: list[tuple[tuple[Connection, ...], Mask]], to: int, places: int) -> Index:
+    """Fewest carried legs (n,) from every place to one of them, `places` where none lead there."""
+    left = np.full(places, places)
+    left[to] = 0
+    return _spread(sets, left)
+
+
+def _spread(sets: list[tuple[tuple[Connection, ...], Mask]], left: Index) -> Index:
+    """Legs left (n,) where they are fewer by way of places that are known."""
+    for legs in range(1, len(left)):
         before = left == legs - 1
         after = left.copy()
         for _, mask in sets:
@@ -225,7 +250,7 @@ def _legs_left(
 
 
 def _onward(
-    mask: Mask, here: int, left: NDArray[np.int64], may_throw: bool, places: Array
+    mask: Mask, here: int, left: Index, may_throw: bool, places: Array
 ) -> Iterator[tuple[int, bool]]:
     """Places to go on to with one leg less to go, and whether the box is thrown there."""
     joined = np.asarray(mask[mask[:, here]].any(axis=0))

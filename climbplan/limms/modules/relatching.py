@@ -104,7 +104,7 @@ def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Genera
         angles, _ = limb_angles(scene, choice, here, root.position[None], choice.branch)
         attempt = world.copy()
         try:
-            reach_box(attempt, choice, attempt.box, angles[0], f"{name}: to the box", rng)
+            reach_box(attempt, choice, attempt.box, angles[:1], f"{name}: to the box", rng)
             latch_box(attempt, [choice])
             hold(attempt, choice, f"{name}: latch")
             attempt.box_mode = STABLE

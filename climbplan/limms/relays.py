@@ -16,7 +16,12 @@ from itertools import combinations, count
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.limms.arms.held_branches import clearance
+from climbplan.limms.arms.held_branches import (
+    APPROACH_MARGIN,
+    RANGE_MARGIN,
+    clearance,
+    off_singular,
+)
 from climbplan.limms.bounds import (
     Connection,
     access,
@@ -38,7 +43,6 @@ MOST = 10  # relays that are listed
 ALIKE = 2  # of them, with the same arms one after the other
 CHEAPEST = 1.4  # cost of the cheapest relay, as `Sequence.cost` counts
 _NEXT = 3  # places that are gone on from, of each state and set of arms
-_MARGIN = 0.06  # [rad] of joints from their ranges
 _APART = 0.002  # [m] of arms from what is solid
 _SWITCH = 0.3  # cost of other anchors than in the leg before
 _THROW = 0.5  # of a throw in place of a carried leg
@@ -182,6 +186,9 @@ def _held_at(scene: Scene, connection: Connection, places: Array) -> Mask:
     latched = bool(scene.held.size and (scene.held == scene.wall_offset + connection.root).any())
     box_end = 1 if latched else 0
     limb = arm(0, connection.side, root_on_anchor(scene, connection.root, 1 - box_end), box_end)
+    # Where latches close programs keep further from the ends of ranges; at the goal none closes
+    margin = np.full(len(places), RANGE_MARGIN + APPROACH_MARGIN)
+    margin[1] = RANGE_MARGIN
     near = np.array([within_reach(scene, (connection,), place) for place in places])
     found = np.zeros((len(BRANCHES), len(places)), bool)
     if not near.any():
@@ -191,7 +198,8 @@ def _held_at(scene: Scene, connection: Connection, places: Array) -> Mask:
     for number, branch in enumerate(BRANCHES):
         angles, missing = limb_angles(scene, limb, box, feet, branch)
         angles = (angles + np.pi) % (2 * np.pi) - np.pi
-        fits = (missing <= 0) & (in_range(scene.module, angles, _MARGIN) <= 0)
+        fits = (missing <= 0) & (in_range(scene.module, angles) <= -margin[near])
+        fits &= off_singular(scene.module, angles)
         if fits.any():
             gap = clearance(scene, [limb], box[fits], feet[fits, None], angles[fits, None])
             fits[fits] = gap >= -1e-6

@@ -100,7 +100,7 @@ def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Genera
     limb = arm(module, side, root, 1)
     here = world.box[None]
     reason = Blocked(f"{name}: the box is out of reach from where it is latched")
-    for _, choice in branch_choices(scene, limb, here, root.position[None]):
+    for _, _, choice in branch_choices(scene, limb, here, root.position[None]):
         angles, _ = limb_angles(scene, choice, here, root.position[None], choice.branch)
         attempt = world.copy()
         try:

@@ -150,10 +150,9 @@ class Deliveries:
         scene = self._scene(world, places, box, self.scene.goals[box], False)
         spots, there, onward = places_aside(scene, without_others(scene))
         others = [b for b in range(scene.boxes) if b != box]
-        goals = [self.scene.goals[b] for b in range(first, self.scene.deliveries)]
-        sizes = [self.scene.box_size[b] for b in range(first, self.scene.deliveries)]
-        taken = np.array([places[b] for b in others] + goals)
-        extents = np.array([self.scene.box_size[b] for b in others] + sizes)
+        coming = [b for b in range(first, self.scene.deliveries) if b != box]
+        taken = np.array([*(places[b] for b in others), *(self.scene.goals[b] for b in coming)])
+        extents = self.scene.box_size[others + coming]
         half = (extents + self.scene.box_size[box]) / 2
         room = (np.abs(spots[:, None] - taken) - half).max(axis=2).min(axis=1)
         legs = there + onward

@@ -18,6 +18,7 @@ from climbplan.limms.timeline import ARM, DRIVES, LEG, NOWHERE, PlanSoFar
 
 _RINGS = (0.25, 0.35, 0.45, 0.55, 0.65)
 _SPOKES = 16
+_SPARE = 0.02  # [rad] of rolls from their ranges, for what an arm does when it lets go
 
 
 def initial(scene: Scene) -> PlanSoFar:
@@ -127,20 +128,32 @@ def latch_arm(
 
 
 def reach_box(
-    world: PlanSoFar, limb: Limb, box: Array, angles: Array, name: str, rng: np.random.Generator
+    world: PlanSoFar, limb: Limb, box: Array, path: Array, name: str, rng: np.random.Generator
 ) -> None:
     """Bring an arm's free end to its anchor of the box at rest, touching but not latched.
+
+    path: (n, 6) joint angles of what it does with the box then, from where it latches [rad]. Of
+    the whole turns that its rolls may stand at, those are taken with which all of it is in range.
 
     Raises:
         Blocked: no free way was found.
     """
     target = Pose(box + world.scene.side_offset(0, limb.side), limb.box_rotation)
     root = Pose(limb.fixed_position, limb.other_rotation)
-    now = world.angles[limb.module]
-    limits = np.array(world.scene.module.joint_range)
-    wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi
-    ending = np.where(np.abs(wrapped) <= limits, wrapped, angles)
+    ending = _turned(path, world.angles[limb.module], np.array(world.scene.module.joint_range))
     reach(world, limb.module, root, 1 - limb.box_end, target, ending, name, rng)
+
+
+def _turned(path: Array, now: Array, limits: Array) -> Array:
+    """The beginning (6,) of a path (n, 6) by whole turns near to `now` with all of it in range."""
+    whole = np.unwrap(path, axis=0)
+    turns = 2 * np.pi * np.arange(-2, 3)[:, None]
+    begin = whole[0] + turns  # (5, 6)
+    over = np.abs(whole[:, None] + turns).max(axis=0) - limits + _SPARE
+    # Nearest among those in range; where none is, the one that is least beyond it
+    rank = np.where(over <= 0, np.abs(begin - now), 1e3 * (1 + over))
+    chosen: Array = np.take_along_axis(begin, rank.argmin(axis=0)[None], axis=0)[0]
+    return chosen
 
 
 def latch_box(world: PlanSoFar, limbs: Sequence[Limb]) -> None:

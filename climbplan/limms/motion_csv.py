@@ -17,7 +17,10 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     Raises PlanFileError for a damaged plan, UsageError where nothing can be written.
     """
     plan = read_limms_plan(path)
-    head = ["time_s", "box_mode", "box_x_m", "box_y_m", "box_z_m"]
+    head = ["time_s"]
+    for b in range(plan.deliveries):
+        box = f"box{b}" if b else "box"
+        head += [f"{box}_mode", f"{box}_x_m", f"{box}_y_m", f"{box}_z_m"]
     for name in plan.module_names:
         head += [f"{name}_mode", *(f"{name}_joint{j}_rad" for j in range(1, 7))]
     write_csv(out, head, _rows(plan))
@@ -26,8 +29,10 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
 def _rows(plan: LimmsPlan) -> Iterator[list[str]]:
     motion = plan.motion
     for k in range(len(motion.time)):
-        row = [f"{motion.time[k]:.6f}", str(motion.box_mode[k, 0])]
-        row += [f"{value:.9g}" for value in motion.box_position[k, 0]]
+        row = [f"{motion.time[k]:.6f}"]
+        for b in range(plan.deliveries):
+            row.append(str(motion.box_mode[k, b]))
+            row += [f"{value:.9g}" for value in motion.box_position[k, b]]
         for m in range(len(plan.module_names)):
             row.append(str(motion.mode[k, m]))
             row += [f"{angle:.9g}" for angle in motion.joint_angles[k, m]]

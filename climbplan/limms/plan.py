@@ -58,3 +58,8 @@ class LimmsPlan(PlanHeader):
     objective: float  # [m] distance of the box from its goal at the end
     convergence: Convergence | None = None
     module_text: str = ""  # of the module's file, empty for a built-in one
+
+    @property
+    def deliveries(self) -> int:
+        """How many boxes are delivered, one after the other; parked ones have no mass."""
+        return max(int((self.box_mass > 0).sum()), 1)

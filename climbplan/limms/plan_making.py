@@ -12,7 +12,7 @@ from climbplan.limms.attempts import Attempts
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.plan import LimmsPlan, Motion
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Points, Pose, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Index, Points, Pose, Scene
 from climbplan.limms.timeline import DRIVES, PlanSoFar, Stretch
 from climbplan.spec.limms.loading import LoadedLimms
 
@@ -33,11 +33,7 @@ def make_plan(
     loaded: LoadedLimms, scene: Scene, world: PlanSoFar, attempts: Attempts, making: Making
 ) -> LimmsPlan:
     """The plan, without the lines of its summary."""
-    motion, stages = motion_of(
-        world.stretches, scene.module, scene.wall_position, scene.box_size, scene.box_start
-    )
-    goal = scene.box_start.copy()
-    goal[0] = scene.goal
+    motion, stages = motion_of(world.stretches, scene.module, scene.wall_position, scene.box_size)
     work = attempts.work
     seconds = making.seconds | {"build": work.build_seconds, "solve": work.seconds}
     cut_short = attempts.over
@@ -51,7 +47,7 @@ def make_plan(
         anchor_normal=np.vstack([*([SIDE_NORMALS] * scene.boxes), scene.wall_normal]),
         box_size=scene.box_size,
         box_mass=scene.box_mass,
-        goal=goal,
+        goal=scene.goals,
         arrival_speed=scene.arrival_speed,
         friction=scene.friction,
         solids=scene.solids,
@@ -64,7 +60,7 @@ def make_plan(
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         seed=loaded.spec.seed,
-        objective=float(np.linalg.norm(motion.box_position[-1, 0] - scene.goal)),
+        objective=float(np.linalg.norm(motion.box_position[-1] - scene.goals, axis=1).max()),
         timings={key: round(value, 4) for key, value in seconds.items()},
         solvers=making.solvers,
         sizes={
@@ -114,41 +110,48 @@ def motion_of(
     module: Any,
     wall_position: Array,
     box_size: Array,
-    box_start: Array,
 ) -> tuple[Motion, tuple[tuple[str, float, float], ...]]:
-    """Stretches put end to end, and the times of each; parked boxes rest."""
+    """Stretches put end to end, and the times of each; all boxes rest but the one it brings."""
     begins = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
     joined: dict[str, list[Any]] = {key: [] for key in Motion.__annotations__}
-    parked = box_start[1:]
+    boxes = len(box_size)
     for stretch, begin in zip(stretches, begins[:-1], strict=True):
         n = len(stretch.time)
         base = Pose(stretch.base_position, stretch.base_rotation)
         points: Points = forward(module, base, stretch.angles)
-        box = np.concatenate([stretch.box[:, None], np.tile(parked, (n, 1, 1))], axis=1)
-        still = np.zeros((n, len(parked), 3))
+        order = list(stretch.number)
+        brought = order[0]
+        box = np.empty((n, boxes, 3))
+        box[:, order] = np.concatenate(
+            [stretch.box[:, None], np.tile(stretch.others, (n, 1, 1))], axis=1
+        )
+        velocity, acceleration = np.zeros((n, boxes, 3)), np.zeros((n, boxes, 3))
+        velocity[:, brought], acceleration[:, brought] = stretch.velocity, stretch.acceleration
+        box_mode = np.ones((n, boxes), int)
+        box_mode[:, brought] = stretch.box_mode
+        force = np.zeros((n, boxes, 4, 3))
+        force[:, brought] = stretch.force
         sides = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
         offsets = sides[None] * box_size[:, None] / 2  # (B, 4, 3)
         on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
         parts = {
             "time": begin + stretch.time,
             "box_position": box,
-            "box_velocity": np.concatenate([stretch.velocity[:, None], still], axis=1),
-            "box_acceleration": np.concatenate([stretch.acceleration[:, None], still], axis=1),
-            "box_mode": np.tile([stretch.box_mode, *([1] * len(parked))], (n, 1)),
+            "box_velocity": velocity,
+            "box_acceleration": acceleration,
+            "box_mode": box_mode,
             "joint_position": points.position,
             "joint_rotation": points.rotation,
             "joint_angles": stretch.angles,
             "joint_velocity": stretch.rates,
             "mode": np.tile(stretch.mode, (n, 1)),
-            "base_anchor": np.tile(stretch.base_anchor, (n, 1)),
-            "tip_anchor": np.tile(stretch.tip_anchor, (n, 1)),
+            "base_anchor": np.tile(_in_plan(stretch.base_anchor, order), (n, 1)),
+            "tip_anchor": np.tile(_in_plan(stretch.tip_anchor, order), (n, 1)),
             "ground_end": np.tile(stretch.grounded, (n, 1)),
             "anchor_position": np.concatenate(
                 [on_boxes, np.tile(wall_position, (n, 1, 1))], axis=1
             ),
-            "force": np.concatenate(
-                [stretch.force[:, None], np.zeros((n, len(parked), 4, 3))], axis=1
-            ),
+            "force": force,
         }
         for key, value in parts.items():
             joined[key].append(value)
@@ -160,3 +163,11 @@ def motion_of(
         else:
             stages.append((stretch.name, float(begin), float(end)))
     return motion, tuple(stages)
+
+
+def _in_plan(anchors: Index, order: Sequence[int]) -> Index:
+    """Anchors of a stretch by the numbers of the plan, in which boxes keep theirs."""
+    on_box = (anchors >= 0) & (anchors < 4 * len(order))
+    numbers = np.array(order)[np.where(on_box, anchors // 4, 0)]
+    found: Index = np.where(on_box, 4 * numbers + anchors % 4, anchors)
+    return found

@@ -19,6 +19,7 @@ from climbplan.limms.arms.relaying import Relaying
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
+from climbplan.limms.deliveries import Deliveries
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.modules.relatching import relatch
 from climbplan.limms.modules.weights import PACES, too_heavy
@@ -53,7 +54,7 @@ def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None
     solver = loaded.spec.solver
     attempts = Attempts(solver.time_limit, solver.programs)
     if scene.massless:
-        return _planned(loaded, scene, report, attempts)
+        return _plan_at_pace(loaded, scene, report, attempts)
     return _calmest(loaded, scene, report, attempts)
 
 
@@ -65,7 +66,7 @@ def _calmest(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
     plan: LimmsPlan | None = None
     for pace in PACES:
         try:
-            plan = _planned(loaded, replace(scene, pace=pace), report, attempts)
+            plan = _plan_at_pace(loaded, replace(scene, pace=pace), report, attempts)
         except NoPlanFound:
             if plan is None:
                 raise
@@ -83,6 +84,33 @@ def _cut_short(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
         return plan
     warnings = (cut_short_warning(attempts.limit), *plan.warnings)
     return replace(plan, status="limit", warnings=warnings)
+
+
+def _plan_at_pace(
+    loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts
+) -> LimmsPlan:
+    """One box by the cheapest sequence of modes, or several one after the other."""
+    if scene.deliveries > 1:
+        return _several(loaded, scene, report, attempts)
+    return _planned(loaded, scene, report, attempts)
+
+
+def _several(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
+    """The plan of a scene with several boxes. Raises as `plan_limms`."""
+    began = time.perf_counter()
+    report("plan", 0.0)
+    deliveries = Deliveries(scene, attempts, np.random.default_rng(loaded.spec.seed))
+    found = deliveries.plan()
+    total = time.perf_counter() - began
+    sizes = {
+        "configurations": len(found.words),
+        "sequences": deliveries.tried,
+        "sequences_tried": deliveries.tried,
+    }
+    named = "; ".join(found.words)
+    making = Making(METHOD, named, {"search": 0.0, "total": total}, sizes, dict(SOLVERS))
+    plan = make_plan(loaded, scene, found.world, attempts, making)
+    return replace(plan, summary=summary_lines(plan, attempts.notes))
 
 
 def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:

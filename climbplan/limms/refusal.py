@@ -32,6 +32,16 @@ BEHAVIOURS = (
 
 def ruled_out(scene: Scene, conflicts: Sequence[Conflict]) -> NoPlanFound:
     """The error for a scene in which each behaviour is ruled out."""
+    return proof(scene, conflicts) or NotProved(
+        "each behaviour that the search knows is ruled out",
+        conflicts,
+        because=BEHAVIOURS,
+        stage="modes",
+    )
+
+
+def proof(scene: Scene, conflicts: Sequence[Conflict]) -> Infeasible | None:
+    """Why no plan whatever exists for the scene's first box, if that is proved."""
     if too_weak(scene):
         return Infeasible("no plan exists: the modules are too weak", conflicts, stage="modes")
     if ways(centre_blocks(scene), scene.box_start[0], scene.goal) is None:
@@ -43,12 +53,7 @@ def ruled_out(scene: Scene, conflicts: Sequence[Conflict]) -> NoPlanFound:
     ):
         if found:
             return Infeasible(f"no plan exists: {reason}", found, stage="modes")
-    return NotProved(
-        "each behaviour that the search knows is ruled out",
-        conflicts,
-        because=BEHAVIOURS,
-        stage="modes",
-    )
+    return None
 
 
 def too_weak(scene: Scene) -> bool:

@@ -16,7 +16,12 @@ from itertools import combinations, count
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.limms.arms.held_branches import clearance
+from climbplan.limms.arms.held_branches import (
+    APPROACH_MARGIN,
+    RANGE_MARGIN,
+    clearance,
+    off_singular,
+)
 from climbplan.limms.bounds import (
     Connection,
     access,
@@ -30,7 +35,7 @@ from climbplan.limms.bounds import (
 from climbplan.limms.corridor import centre_blocks
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
-from climbplan.limms.scene import SIDES, Array, Scene
+from climbplan.limms.scene import SIDES, Array, Index, Scene
 from climbplan.limms.sequences import FLIGHT
 
 STEP = 0.12  # [m] between places
@@ -38,7 +43,6 @@ MOST = 10  # relays that are listed
 ALIKE = 2  # of them, with the same arms one after the other
 CHEAPEST = 1.4  # cost of the cheapest relay, as `Sequence.cost` counts
 _NEXT = 3  # places that are gone on from, of each state and set of arms
-_MARGIN = 0.06  # [rad] of joints from their ranges
 _APART = 0.002  # [m] of arms from what is solid
 _SWITCH = 0.3  # cost of other anchors than in the leg before
 _THROW = 0.5  # of a throw in place of a carried leg
@@ -79,13 +83,13 @@ class Relay:
         return "relay: " + ", then ".join(parts)
 
 
-def relays(scene: Scene) -> Iterator[Relay]:
-    """Relays of two legs and more, those of the fewest legs and least ways first."""
+def relays(scene: Scene, fewest: int = 2) -> Iterator[Relay]:
+    """Relays of `fewest` legs and more, those of the fewest legs and least ways first."""
     places = np.vstack([scene.box_start[0], scene.goal, standing_spots(scene)])
     sets = [(arms, mask) for arms, mask in _holding(scene, places) if mask.any()]
     thrown = _thrown(scene, sets)
     left = _legs_left(sets, thrown, len(places))
-    if left[0] < 2 or left[0] >= len(places):
+    if left[0] < fewest or left[0] >= len(places):
         return
     number = count()
     queue: list[tuple[float, int, int, int, tuple[Leg, ...]]] = [(0.0, next(number), 0, -1, ())]
@@ -112,6 +116,19 @@ def relays(scene: Scene) -> Iterator[Relay]:
                 extra = 0.1 * len(arms) + 0.2 * way + other + _THROW * is_thrown
                 entry = (cost + 1.0 + extra, next(number), there, k, (*legs, leg))
                 heapq.heappush(queue, entry)
+
+
+def places_aside(scene: Scene, later: Scene) -> tuple[Array, Index, Index]:
+    """Standing places (n, 3) and the fewest legs (n,) that lead there, and on to the goal later.
+
+    later: the scene as it may be then. Legs are carried; `n + 2` where none lead.
+    """
+    places = np.vstack([scene.box_start[0], scene.goal, standing_spots(scene)])
+    there, onward = (
+        _carried_legs([(arms, mask) for arms, mask in _holding(seen, places)], to, len(places))
+        for seen, to in ((scene, 0), (later, 1))
+    )
+    return places[2:], there[2:], onward[2:]
 
 
 def standing_spots(scene: Scene) -> Array:
@@ -169,6 +186,9 @@ def _held_at(scene: Scene, connection: Connection, places: Array) -> Mask:
     latched = bool(scene.held.size and (scene.held == scene.wall_offset + connection.root).any())
     box_end = 1 if latched else 0
     limb = arm(0, connection.side, root_on_anchor(scene, connection.root, 1 - box_end), box_end)
+    # Where latches close programs keep further from the ends of ranges; at the goal none closes
+    margin = np.full(len(places), RANGE_MARGIN + APPROACH_MARGIN)
+    margin[1] = RANGE_MARGIN
     near = np.array([within_reach(scene, (connection,), place) for place in places])
     found = np.zeros((len(BRANCHES), len(places)), bool)
     if not near.any():
@@ -178,7 +198,8 @@ def _held_at(scene: Scene, connection: Connection, places: Array) -> Mask:
     for number, branch in enumerate(BRANCHES):
         angles, missing = limb_angles(scene, limb, box, feet, branch)
         angles = (angles + np.pi) % (2 * np.pi) - np.pi
-        fits = (missing <= 0) & (in_range(scene.module, angles, _MARGIN) <= 0)
+        fits = (missing <= 0) & (in_range(scene.module, angles) <= -margin[near])
+        fits &= off_singular(scene.module, angles)
         if fits.any():
             gap = clearance(scene, [limb], box[fits], feet[fits, None], angles[fits, None])
             fits[fits] = gap >= -1e-6
@@ -203,7 +224,7 @@ def _thrown(scene: Scene, sets: list[tuple[tuple[Connection, ...], Mask]]) -> li
 
 def _legs_left(
     sets: list[tuple[tuple[Connection, ...], Mask]], thrown: list[bool], places: int
-) -> NDArray[np.int64]:
+) -> Index:
     """Fewest legs (n,) from every place to the goal, `places` where none lead there."""
     left = np.full(places, places)
     left[1] = 0
@@ -212,7 +233,19 @@ def _legs_left(
             if may:
                 left[mask.any(axis=0)] = 1
         left[1] = 0
-    for legs in range(1, places):
+    return _spread(sets, left)
+
+
+def _carried_legs(sets: list[tuple[tuple[Connection, ...], Mask]], to: int, places: int) -> Index:
+    """Fewest carried legs (n,) from every place to one of them, `places` where none lead there."""
+    left = np.full(places, places)
+    left[to] = 0
+    return _spread(sets, left)
+
+
+def _spread(sets: list[tuple[tuple[Connection, ...], Mask]], left: Index) -> Index:
+    """Legs left (n,) where they are fewer by way of places that are known."""
+    for legs in range(1, len(left)):
         before = left == legs - 1
         after = left.copy()
         for _, mask in sets:
@@ -225,7 +258,7 @@ def _legs_left(
 
 
 def _onward(
-    mask: Mask, here: int, left: NDArray[np.int64], may_throw: bool, places: Array
+    mask: Mask, here: int, left: Index, may_throw: bool, places: Array
 ) -> Iterator[tuple[int, bool]]:
     """Places to go on to with one leg less to go, and whether the box is thrown there."""
     joined = np.asarray(mask[mask[:, here]].any(axis=0))

@@ -8,7 +8,7 @@ pi about x, eq. (6.1). A module that stands on the ground stands upright.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -74,10 +74,12 @@ class Scene:
     anchor_names: tuple[str, ...]
     wall_position: Array  # (W, 3) of the anchors on walls and ground [m]
     wall_normal: Array  # (W, 3)
-    box_size: Array  # (B, 3) the box to deliver first, then parked ones [m]
+    box_size: Array  # (B, 3) the box to bring next first, then the others, parked ones last [m]
     box_mass: Array  # (B,) [kg]; 0 for parked boxes, whose mass does not matter
     box_start: Array  # (B, 3) [m]
-    goal: Array  # (3,) [m]
+    goal: Array  # (3,) of the first box [m]
+    goals: Array  # (B, 3) of all, of parked ones their places [m]
+    number: tuple[int, ...]  # (B,) of each box in the plan
     arrival_speed: float  # [m/s]
     friction: float
     solids: Array  # (S, 2, 3) lower and upper corners of what is not free [m]
@@ -95,6 +97,11 @@ class Scene:
     def boxes(self) -> int:
         """B, the number of boxes."""
         return len(self.box_size)
+
+    @property
+    def deliveries(self) -> int:
+        """How many boxes are to be delivered; the others are parked and have no mass."""
+        return int((self.box_mass > 0).sum())
 
     @property
     def walls(self) -> int:
@@ -121,15 +128,55 @@ class Scene:
         return offset
 
 
+def with_box_first(scene: Scene, box: int, places: Array, goal: Array, speed: float) -> Scene:
+    """The scene in which one box is brought to a goal while all others stand where they are.
+
+    box: its number in `scene`, which is that of the plan; places: (B, 3) where boxes are now [m];
+    speed: at which it may arrive [m/s].
+    """
+    order = [box, *(b for b in range(scene.boxes) if b != box)]
+    names = [scene.anchor_names[4 * b + side] for b in order for side in range(4)]
+    return replace(
+        scene,
+        anchor_names=(*names, *scene.anchor_names[scene.wall_offset :]),
+        box_size=scene.box_size[order],
+        box_mass=scene.box_mass[order],
+        box_start=places[order],
+        goal=goal,
+        goals=scene.goals[order],
+        number=tuple(order),
+        arrival_speed=speed,
+    )
+
+
+def without_others(scene: Scene) -> Scene:
+    """The scene with its first box and the parked ones only: others may be anywhere by then."""
+    kept = [b for b in range(scene.boxes) if b == 0 or scene.box_mass[b] == 0]
+    names = [scene.anchor_names[4 * b + side] for b in kept for side in range(4)]
+    gone = 4 * (scene.boxes - len(kept))
+    return replace(
+        scene,
+        anchor_names=(*names, *scene.anchor_names[scene.wall_offset :]),
+        held=np.where(scene.held >= 0, scene.held - gone, scene.held),
+        box_size=scene.box_size[kept],
+        box_mass=scene.box_mass[kept],
+        box_start=scene.box_start[kept],
+        goals=scene.goals[kept],
+        number=tuple(range(len(kept))),
+    )
+
+
 def scene_of(loaded: LoadedLimms) -> Scene:
     """The scene that a spec describes."""
     spec = loaded.spec
     space = spec.terrain.space()
     solids = np.array(space.solid, float)
     anchors = spec.terrain.anchors
-    boxes = [spec.box.size, *(box.size for box in spec.parked)]
-    starts = [spec.box.start, *(box.position for box in spec.parked)]
-    names = ["box", *(f"parked {i}" for i in range(len(spec.parked)))]
+    own, parked = spec.deliveries, spec.parked
+    boxes = [*(box.size for box in own), *(box.size for box in parked)]
+    places = [box.position for box in parked]
+    names = ["box"] if len(own) == 1 else [f"box {i}" for i in range(len(own))]
+    names += [f"parked {i}" for i in range(len(parked))]
     wall_names = [anchor.name for anchor in anchors]
     offset = 4 * len(boxes)
     nowhere = (np.nan, np.nan, np.nan)
@@ -144,10 +191,12 @@ def scene_of(loaded: LoadedLimms) -> Scene:
         wall_position=np.array([a.position for a in anchors], float).reshape(-1, 3),
         wall_normal=np.array([a.normal for a in anchors], float).reshape(-1, 3),
         box_size=np.array(boxes, float),
-        box_mass=np.array([spec.box.mass, *(0.0 for _ in spec.parked)]),
-        box_start=np.array(starts, float),
-        goal=np.array(spec.box.goal, float),
-        arrival_speed=spec.box.arrival_speed,
+        box_mass=np.array([*(box.mass for box in own), *(0.0 for _ in parked)]),
+        box_start=np.array([*(box.start for box in own), *places], float),
+        goal=np.array(own[0].goal, float),
+        goals=np.array([*(box.goal for box in own), *places], float),
+        number=tuple(range(len(boxes))),
+        arrival_speed=own[-1].arrival_speed,
         friction=spec.terrain.friction,
         solids=solids,
         patches=ground_patches(np.array(space.free, float), solids),

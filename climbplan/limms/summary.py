@@ -16,13 +16,11 @@ _FEW_NOTES = 3
 def summary_lines(plan: LimmsPlan, notes: Sequence[str]) -> tuple[str, ...]:
     """Head, search, program and motion lines as shown on a terminal."""
     sizes, times = plan.sizes, plan.timings
-    mass = float(plan.box_mass[0])
-    head = f"{plan.name:<16} {sizes['modules']} modules, box {mass:g} kg, method {plan.method}"
+    head = f"{plan.name:<16} {sizes['modules']} modules, {boxes_in_words(plan)}, "
+    head += f"method {plan.method}"
     tried = f"{sizes['sequences_tried']} of {sizes['sequences']} sequences tried"
-    search = (
-        f"{'modes':<9} {'found':<9} {times['search']:.2f} s   {plan.sequence} "
-        f"({sizes['configurations']} configurations, {tried})"
-    )
+    found = f"{plan.sequence} ({sizes['configurations']} configurations, {tried})"
+    search = f"{'modes':<9} {'found':<9} {times['search']:.2f} s   {found}"
     programs = (
         f"{'programs':<9} {sizes['programs']} solved  {times['build'] + times['solve']:.2f} s   "
         f"last one {sizes['variables']} variables, {sizes['constraints']} constraints"
@@ -30,14 +28,24 @@ def summary_lines(plan: LimmsPlan, notes: Sequence[str]) -> tuple[str, ...]:
     return (head, search, *refused_lines(notes), programs, motion_line(plan))
 
 
+def boxes_in_words(plan: LimmsPlan) -> str:
+    """The boxes to deliver and what they weigh."""
+    masses = [f"{mass:g} kg" for mass in plan.box_mass[: plan.deliveries]]
+    return f"box {masses[0]}" if len(masses) == 1 else f"{len(masses)} boxes {', '.join(masses)}"
+
+
 def motion_line(plan: LimmsPlan) -> str:
-    """What the box does, how long all took, and how it ends."""
-    speed = float(np.linalg.norm(plan.motion.box_velocity[-1, 0]))
-    moves = ", ".join(f"{BOX_MODES[mode]} {seconds:.2f} s" for mode, seconds in box_story(plan))
-    return (
-        f"{'motion':<9} {plan.status:<9} {plan.timings['total']:.2f} s   box {moves}; "
-        f"ends {1e3 * plan.objective:.2f} mm off its goal at {speed:.2f} m/s"
+    """What each box does, how long all took, and how it ends."""
+    count = plan.deliveries
+    speed = float(np.linalg.norm(plan.motion.box_velocity[-1, count - 1]))
+    moves = "; ".join(
+        ("box " if count == 1 else f"box {b} ")
+        + ", ".join(f"{BOX_MODES[mode]} {seconds:.2f} s" for mode, seconds in box_story(plan, b))
+        for b in range(count)
     )
+    off = f"{1e3 * plan.objective:.2f} mm off its goal at {speed:.2f} m/s"
+    ends = f"ends {off}" if count == 1 else f"the worst ends {off}"
+    return f"{'motion':<9} {plan.status:<9} {plan.timings['total']:.2f} s   {moves}; {ends}"
 
 
 def refused_lines(notes: Sequence[str]) -> list[str]:
@@ -48,9 +56,9 @@ def refused_lines(notes: Sequence[str]) -> list[str]:
     return refused
 
 
-def box_story(plan: LimmsPlan) -> list[tuple[int, float]]:
-    """Modes of the box to deliver, in order, with the time it spends in each [s]."""
-    return _story(plan.motion.time, plan.motion.box_mode[:, 0])
+def box_story(plan: LimmsPlan, box: int = 0) -> list[tuple[int, float]]:
+    """Modes of a box, in order, with the time it spends in each [s]."""
+    return _story(plan.motion.time, plan.motion.box_mode[:, box])
 
 
 def module_story(plan: LimmsPlan, module: int) -> list[tuple[int, float]]:

@@ -36,6 +36,8 @@ class Stretch:
     tip_anchor: Index  # (L,)
     grounded: Index  # (L,) end that stands on the ground: 0, 1, or -1 none
     force: Array  # (n, 4, 3) on the box at its anchors [N]
+    number: tuple[int, ...]  # (B,) of the boxes in the plan, the one that is brought first
+    others: Array  # (B - 1, 3) where the others stand [m]
 
     def place(self, module: int, base: Pose, angles: Array, rates: Array) -> None:
         """Write the motion of one module: its first end (n, 3) and (n, 3, 3), joints (n, 6)."""
@@ -123,6 +125,8 @@ class PlanSoFar:
             tip_anchor=self.tip_anchor.copy(),
             grounded=self.grounded.copy(),
             force=np.zeros((n, 4, 3)),
+            number=self.scene.number,
+            others=self.scene.box_start[1:],
         )
 
     def add(self, stretch: Stretch) -> None:

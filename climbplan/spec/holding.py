@@ -81,7 +81,7 @@ RULES = {
         ),
     ),
     "mpc": Rules(how=(*_HOW, "library"), judged=("robot", "terrain", "task", "weights")),
-    "limms": Rules(how=_HOW, judged=("robot", "box", "parked", "modules", "terrain")),
+    "limms": Rules(how=_HOW, judged=("robot", "box", "boxes", "parked", "modules", "terrain")),
     "bookshelf": Rules(
         how=_HOW,
         judged=("shelf", "scene", "scenes", "meaning", "solver.gap", "solver.gap_mm2"),

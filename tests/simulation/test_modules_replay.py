@@ -57,7 +57,7 @@ def test_a_throw_of_light_modules_ends_where_planned(light: LimmsPlan) -> None:
     assert run.misses.max() < 0.001
     # In the air, as thrown
     flying = run.time > light.motion.time[light.motion.box_mode[:, 0] == 2][0]
-    assert np.ptp(run.box[flying, 2]) > 0.05
+    assert np.ptp(run.box[flying, 0, 2]) > 0.05
 
 
 def test_loads_are_those_that_the_checker_finds(lifted: ModuleRun) -> None:

@@ -91,10 +91,10 @@ def whole_carried(
     for limb, connection in zip(limbs, connections, strict=True):
         name = scene.module_names[limb.module]
         world, _ = latch_arm(world, limb.module, connection.root, name, rng)
-    first = outcome.traces[0]
     for i, limb in enumerate(limbs):
         name = f"{scene.module_names[limb.module]}: to the box"
-        reach_box(world, limb, first.position[0], first.angles[0, i], name, rng)
+        path = np.concatenate([trace.angles[:, i] for trace in outcome.traces])
+        reach_box(world, limb, outcome.traces[0].position[0], path, name, rng)
     latch_box(world, limbs)
     before = len(world.stretches)
     add_traces(world, limbs, outcome.traces)

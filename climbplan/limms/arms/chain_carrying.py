@@ -170,10 +170,10 @@ def _whole(
 ) -> PlanSoFar:
     """Raises Blocked where a way to the box is not free, or the motion touches something."""
     scene, world = world.scene, world.copy()
-    first = traces[0]
     for i, limb in enumerate(limbs):
         name = f"{scene.module_names[limb.module]}: to the box"
-        reach_box(world, limb, first.position[0], first.angles[0, i], name, rng)
+        path = np.concatenate([trace.angles[:, i] for trace in traces])
+        reach_box(world, limb, traces[0].position[0], path, name, rng)
     latch_box(world, limbs)
     before = len(world.stretches)
     add_traces(world, limbs, traces)

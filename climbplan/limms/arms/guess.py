@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from climbplan.limms.arms.arm_ways import arm_way
 from climbplan.limms.arms.held_branches import HeldTask, release_share, way_points
 from climbplan.limms.modules.limbs import limb_angles
 from climbplan.limms.scene import GRAVITY, Array, Scene
@@ -128,16 +129,36 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     )
 
 
-def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Trace]]:
-    """Guesses with and without detours, smoothest first; throws also from nearer the start."""
+def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> Iterator[list[Trace]]:
+    """Guesses one after the other, as far as they are asked for.
+
+    Straight ones with and without detours, the smoothest of them; of throws also from nearer the
+    start; of what is carried the way that a search finds for the arms.
+    """
     corners = way_points(task)
-    ranked: list[list[Trace]] = []
     for share in RELEASES if task.throw else RELEASES[:1]:
         guesses = [
             guess_for(scene, limbs, task, bump, share) for bump in bumps(corners[0], corners[-1])
         ]
-        ranked.append(min(guesses, key=jerkiness))
-    return ranked
+        yield min(guesses, key=jerkiness)
+    if not task.throw:
+        found = searched(scene, limbs, task)
+        if found is not None:
+            yield found
+
+
+def searched(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[Trace] | None:
+    """A slow motion along the way that a search finds for the arms, or None."""
+    pieces = []
+    for way, block in arm_way(scene, limbs, task):
+        steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        share = np.linspace(0.0, along[-1], KNOTS + 1)
+        position = np.stack([np.interp(share, along, way[:, i]) for i in range(3)], axis=-1)
+        duration = max(float(along[-1]) / SPEED, 0.4)
+        velocity = np.gradient(position, duration / KNOTS, axis=0)
+        pieces.append(Piece(position, duration, velocity, block))
+    return traces_along(scene, limbs, task, pieces) if pieces else None
 
 
 def jerkiness(traces: Sequence[Trace]) -> float:

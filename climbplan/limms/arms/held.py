@@ -15,7 +15,6 @@ from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb, Trace
 from climbplan.limms.work import Work
 
-TRIES = 3  # guesses of a throw
 ITERATIONS = 600  # of IPOPT, for all programs of one choice of branches
 MOST = 100  # for one of them
 
@@ -36,8 +35,7 @@ def plan_held(
     ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
     spent = Work()
     best: Outcome | None = None
-    some = TRIES if task.throw else 1
-    for first in [list(given)] if given else guesses_for(scene, limbs, task)[:some]:
+    for first in [list(given)] if given else guesses_for(scene, limbs, task):
 
         def once(
             guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first

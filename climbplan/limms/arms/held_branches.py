@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.limms.corridor import Way
 from climbplan.limms.modules.chain import BRANCHES, in_range
@@ -14,6 +17,13 @@ from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_with
 from climbplan.limms.modules.limbs import limb_angles, limb_points
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
+from climbplan.spec.limms.module import ModuleSpec
+
+Mask = NDArray[np.bool_]
+
+RANGE_MARGIN = 0.02  # [rad]
+APPROACH_MARGIN = 0.15  # [rad] further where latches close
+SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
 
 
 @dataclass(frozen=True)
@@ -58,14 +68,34 @@ def clearance(scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angl
     return worst
 
 
+def off_singular(module: ModuleSpec, angles: Array) -> Mask:
+    """Which angles (..., 6) are far enough from poses where branches meet, as programs ask."""
+    lean, bend = angles[..., 1], angles[..., 2]
+    a = module.link_lengths
+    off = np.abs(a[2] * np.sin(lean) + (a[3] + a[4]) * np.sin(lean + bend))
+    least, elbow, wrist = SINGULAR
+    kept = (off >= least) & (np.abs(bend) >= elbow) & (np.abs(angles[..., 4]) >= wrist)
+    return np.asarray(kept)
+
+
+class Choice(NamedTuple):
+    """A limb with a branch, and what speaks against it."""
+
+    rank: int  # among those whose links are in the same places, which differ in rolls only
+    trouble: float  # along the way
+    limb: Limb
+
+
 def branch_choices(
-    scene: Scene, limb: Limb, path: Array, feet: Array, most: int = 3
-) -> list[tuple[float, Limb]]:
+    scene: Scene, limb: Limb, path: Array, feet: Array, most: int = 4
+) -> list[Choice]:
     """The limb with its likeliest branches, best first: feasible at the start, least trouble after.
 
-    path: (T, 3) box centres; feet: (T, 3) other ends.
+    Of those that do not serve the end of the path the others come first, and one of each bend of
+    the links comes before another one of the same bend. path: (T, 3) box centres; feet: (T, 3)
+    other ends.
     """
-    found = []
+    found: list[tuple[bool, float, Limb, tuple[float, ...]]] = []
     for branch in BRANCHES:
         angles, missing = limb_angles(scene, limb, path, feet, branch)
         excess = in_range(scene.module, angles)
@@ -79,9 +109,21 @@ def branch_choices(
             + 20 * np.maximum(-gap, 0.0).mean()
             + 0.1 * turning
         )
-        found.append((float(trouble), replace(limb, branch=branch)))
-    found.sort(key=lambda entry: entry[0])
-    return found[:most]
+        bent = off_singular(scene.module, angles)
+        if len(path) > 1 and not bent[0]:
+            continue
+        ends_badly = missing[-1] > 1e-9 or excess[-1] > 0 or gap[-1] < -1e-4 or not bent[-1]
+        bend = limb_points(scene, limb, path[:1], feet[:1], angles[:1]).position[0]
+        key = tuple(np.round(bend, 6).ravel() + 0.0)
+        found.append((bool(ends_badly), float(trouble), replace(limb, branch=branch), key))
+    found.sort(key=lambda entry: entry[:2])
+    seen: Counter[tuple[float, ...]] = Counter()
+    ranked = []
+    for ends_badly, trouble, choice, key in found:
+        ranked.append((ends_badly, Choice(seen[key], trouble, choice)))
+        seen[key] += 1
+    ranked.sort(key=lambda entry: (entry[0], entry[1].rank, entry[1].trouble))
+    return [choice for _, choice in ranked[:most]]
 
 
 def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array) -> float:
@@ -100,9 +142,7 @@ def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array
     return float(shares[bad[0] - 1]) if len(bad) and bad[0] > 0 else float(not len(bad))
 
 
-def path_choices(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask
-) -> list[list[tuple[float, Limb]]]:
+def path_choices(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[list[Choice]]:
     """Likeliest branches of each limb along the straight way, as far as it is not thrown."""
     corners = way_points(task)
     if task.throw:
@@ -120,9 +160,10 @@ def path_choices(
     ]
 
 
-def combinations(
-    choices: Sequence[Sequence[tuple[float, Limb]]], most: int = 6
-) -> list[tuple[Limb, ...]]:
-    """Choices of a branch for each limb, least trouble together first."""
-    every = sorted(product(*choices), key=lambda combo: sum(entry[0] for entry in combo))
-    return [tuple(entry[1] for entry in combo) for combo in every[:most]]
+def combinations(choices: Sequence[Sequence[Choice]], most: int = 6) -> list[tuple[Limb, ...]]:
+    """Choices of a branch for each limb, other bends before other rolls, least trouble first."""
+    every = sorted(
+        product(*choices),
+        key=lambda combo: (sum(c.rank for c in combo), sum(c.trouble for c in combo)),
+    )
+    return [tuple(c.limb for c in combo) for combo in every[:most]]

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from climbplan.limms.arms.answers import Cut, Ends, Outcome
+from climbplan.limms.arms.held_branches import APPROACH_MARGIN, RANGE_MARGIN, SINGULAR
 from climbplan.limms.arms.loads import load_function
 from climbplan.limms.arms.symbols import arm_function, least_margins
 from climbplan.limms.modules.chain import inverse
@@ -29,10 +30,7 @@ from climbplan.solvers.ipopt.trajectory import solve_trajectory
 SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
 FORCE_SHARE = 0.985  # of the limits of latches
 MASS_SHARE = 0.95  # of torques and latches with masses: knots only, and a spline between them
-RANGE_MARGIN = 0.02  # [rad]
-APPROACH_MARGIN = 0.15  # [rad] further
 TURNING = 0.2  # weight of squared joint speeds against time
-SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where branches meet
 _SETTINGS = {
     "tol": 1e-5,
     "constr_viol_tol": 1e-7,

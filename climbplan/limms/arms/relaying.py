@@ -30,19 +30,28 @@ _OWNERS = 2  # choices of modules for a leg
 class Relaying:
     """Relays of one scene; legs that several of them begin with are planned once."""
 
-    def __init__(self, scene: Scene, attempts: Attempts, rng: np.random.Generator) -> None:
-        self.start, self.attempts, self.rng = initial(scene), attempts, rng
-        self.known: dict[tuple[Leg, ...], PlanSoFar | None] = {}
+    def __init__(
+        self,
+        scene: Scene,
+        attempts: Attempts,
+        rng: np.random.Generator,
+        start: PlanSoFar | None = None,
+        rests: bool = False,
+    ) -> None:
+        """start: where everything is [as the scene has it]; rests: the box is put down at last."""
+        self.start = initial(scene) if start is None else start
+        self.attempts, self.rng, self.rests = attempts, rng, rests
+        self.known: dict[tuple[tuple[Leg, ...], bool], PlanSoFar | None] = {}
 
     def plan(self, relay: Relay) -> PlanSoFar | None:
         """Everything until the box is at its goal, or None."""
         world: PlanSoFar | None = self.start
         for number in range(1, len(relay.legs) + 1):
-            legs = relay.legs[:number]
-            if legs not in self.known:
+            legs, is_last = relay.legs[:number], number == len(relay.legs)
+            if (legs, is_last) not in self.known:
                 assert world is not None
-                self.known[legs] = self._leg(world, legs[-1], number == len(relay.legs))
-            world = self.known[legs]
+                self.known[legs, is_last] = self._leg(world, legs[-1], is_last)
+            world = self.known[legs, is_last]
             if world is None:
                 return None
         return world
@@ -66,7 +75,7 @@ class Relaying:
             for chosen, outcome in found:
                 with noted(self.attempts, name):
                     moved = self._carried(world, chosen, leg, outcome.traces)
-                    return moved if is_last else put_down(moved, chosen, leg)
+                    return put_down(moved, chosen, leg) if self.rests or not is_last else moved
         return None
 
     def _carried(
@@ -84,10 +93,10 @@ class Relaying:
             if world.tip_anchor[limb.module] not in (NOWHERE, anchor):
                 world = climb_down(world, limb.module, self.rng)
             world, _ = latch_arm(world, limb.module, connection.root, name, self.rng)
-        first = traces[0]
         for i, limb in enumerate(limbs):
             name = f"{scene.module_names[limb.module]}: to the box"
-            reach_box(world, limb, first.position[0], first.angles[0, i], name, self.rng)
+            path = np.concatenate([trace.angles[:, i] for trace in traces])
+            reach_box(world, limb, traces[0].position[0], path, name, self.rng)
         latch_box(world, limbs)
         before = len(world.stretches)
         add_traces(world, limbs, traces)

@@ -16,6 +16,7 @@ from climbplan.plans.check import Check
 from climbplan.spec.limms.module import ModuleSpec
 
 _STABLE, _FREE, _HELD, _QUADRUPED = 1, 2, 3, 4
+_AT_GOAL = 1e-4  # [m]
 
 
 def box_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
@@ -31,10 +32,33 @@ def box_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
     for name in ("latch.moment", "force.limit", "force.friction", "force.unattached"):
         yield worst.check(name)
     yield worst.check("support.sides", gap=True)
-    off = float(np.linalg.norm(plan.motion.box_position[-1, 0] - plan.goal[0]))
-    yield judge("goal.reached", off, "", f"{1e3 * off:.3f} mm off")
-    speed = float(np.linalg.norm(plan.motion.box_velocity[-1, 0]))
-    yield judge("goal.speed", speed - plan.arrival_speed, "", f"{speed:.3f} m/s at the end")
+    yield from _goal_checks(plan)
+
+
+def _goal_checks(plan: LimmsPlan) -> Iterator[Check]:
+    """All boxes are at their goals in the end, and came there one after the other."""
+    count = plan.deliveries
+    which = [f"box {b}" if count > 1 else "" for b in range(count)]
+    off = np.linalg.norm(plan.motion.box_position[-1] - plan.goal, axis=-1)[:count]
+    worst = int(np.argmax(off))
+    yield judge("goal.reached", off[worst], which[worst], f"{1e3 * off[worst]:.3f} mm off")
+    # Only the last box may still move
+    speed = np.linalg.norm(plan.motion.box_velocity[-1, :count], axis=-1)
+    over = speed - np.array([*np.zeros(count - 1), plan.arrival_speed])
+    worst = int(np.argmax(over))
+    yield judge("goal.speed", over[worst], which[worst], f"{speed[worst]:.3f} m/s at the end")
+    came = np.array([_arrival(plan, b) for b in range(count)])
+    early = came[:-1] - came[1:]
+    late = max(float(early.max(initial=0.0)), 0.0)
+    place = f"box {int(np.argmax(early)) + 1} before the one it comes after" if late else ""
+    yield judge("goal.order", late, place)
+
+
+def _arrival(plan: LimmsPlan, b: int) -> float:
+    """Since when a box is where it ends [s]."""
+    off = np.abs(plan.motion.box_position[:, b] - plan.motion.box_position[-1, b]).max(axis=1)
+    away = np.flatnonzero(off > _AT_GOAL)
+    return float(plan.motion.time[away[-1]]) if len(away) else 0.0
 
 
 def _motion(plan: LimmsPlan, first: int, last: int, worst: Worst) -> None:

@@ -73,7 +73,7 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
     faults += [f"module: no {name}" for name in missing]
     if (plan.box_size <= 0).any():
         faults.append("box/size not > 0")
-    if plan.box_mass[0] <= 0:
+    if plan.box_mass[0] <= 0 or (plan.box_mass < 0).any():
         faults.append("box/mass not > 0")
     if plan.friction <= 0:
         faults.append("friction not > 0")

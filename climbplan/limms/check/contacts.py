@@ -19,7 +19,7 @@ NOBODY = -1
 class Contact:
     """A place where a body is held by another one, or by the terrain (`other` = -1).
 
-    Bodies: modules by their number, then the box to deliver.
+    Bodies: modules by their number, then the boxes to deliver.
     """
 
     kind: str  # "latch", "ground" (an end that stands), "box" (the box that stands)
@@ -51,7 +51,7 @@ def contacts_of(plan: LimmsPlan, stretch: Stretch) -> list[Contact]:
                 other, other_end = divmod(int(held) - anchors, 2)
                 what = f"latch of {name} on {plan.module_names[other]}"
             elif held >= 0:
-                other = count if held < 4 else NOBODY
+                other = count + held // 4 if held < 4 * plan.deliveries else NOBODY
                 what = f"latch of {name} on {plan.anchor_names[held]}"
             elif motion.ground_end[first, m] == end:
                 found.append(Contact("ground", m, end, other, 0, place, f"ground under {name}"))
@@ -59,9 +59,11 @@ def contacts_of(plan: LimmsPlan, stretch: Stretch) -> list[Contact]:
             else:
                 continue
             found.append(Contact("latch", m, end, other, other_end, place, what))
-    if motion.box_mode[first, 0] == _STABLE:
-        below = stretch.box[:, 0] - np.array([0.0, 0.0, plan.box_size[0, 2] / 2])
-        found.append(Contact("box", count, 0, NOBODY, 0, below, "ground under the box"))
+    for b in range(plan.deliveries):
+        if motion.box_mode[first, b] == _STABLE:
+            below = stretch.box[:, b] - np.array([0.0, 0.0, plan.box_size[b, 2] / 2])
+            name = "ground under the box" if plan.deliveries == 1 else f"ground under box {b}"
+            found.append(Contact("box", count + b, 0, NOBODY, 0, below, name))
     return found
 
 

@@ -44,8 +44,9 @@ LIMITS = {
         1e-9, "N", "no force at an anchor without a module, or with a foot in the air"
     ),
     "support.sides": Limit(1e-4, "m", "each foot stands on its own side of the box"),
-    "goal.reached": Limit(1e-4, "m", "the box ends at its goal"),
+    "goal.reached": Limit(1e-4, "m", "each box ends at its goal"),
     "goal.speed": Limit(1e-4, "m/s", "and no faster than it may arrive"),
+    "goal.order": Limit(0, "s", "boxes come to their goals in the order of the spec"),
 }
 
 # Made beside these with what modules weigh; of plans without masses they are told, not judged.

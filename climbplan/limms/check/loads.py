@@ -1,9 +1,9 @@
 """Loads of box and modules together: at every latch, on the ground, in every joint.
 
-Bodies are modules (each as a whole) and the box to deliver. Each must get the force and moment that
-its motion asks for (`newton_euler.py`) from its contacts. Where these leave a choice, as several
-arms or legs on one box do, loads are shared least-squares in units of what contacts hold. A plan
-that keeps the limits with that sharing keeps them; one that does not might with another.
+Bodies are modules (each as a whole) and the boxes to deliver. Each must get the force and moment
+that its motion asks for (`newton_euler.py`) from its contacts. Where these leave a choice, as
+several arms or legs on one box do, loads are shared least-squares in units of what contacts hold.
+A plan that keeps the limits with that sharing keeps them; one that does not might with another.
 """
 
 from __future__ import annotations
@@ -49,18 +49,21 @@ def loads_of_all(plan: LimmsPlan, module: ModuleSpec) -> Iterator[StretchLoads]:
 
 
 def _stretch_loads(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> StretchLoads:
-    count, samples = len(plan.module_names), len(stretch.time)
+    count, samples, boxes = len(plan.module_names), len(stretch.time), plan.deliveries
     needs = _demands(plan, module, stretch)
-    places = np.stack([*(p.position[:, 0] for p in stretch.points), stretch.box[:, 0]])
-    wanted = np.zeros((count + 1, samples, 6))
+    places = np.stack(
+        [*(p.position[:, 0] for p in stretch.points), *(stretch.box[:, b] for b in range(boxes))]
+    )
+    wanted = np.zeros((count + boxes, samples, 6))
     for m in range(count):
         wanted[m, :, :3], wanted[m, :, 3:] = total(needs[m], places[m])
-    rise = _box_acceleration(plan, stretch) + np.array([0.0, 0.0, GRAVITY])
-    wanted[count, :, :3] = plan.box_mass[0] * rise
+    for b in range(boxes):
+        rise = _box_acceleration(plan, stretch, b) + np.array([0.0, 0.0, GRAVITY])
+        wanted[count + b, :, :3] = plan.box_mass[b] * rise
     contacts = contacts_of(plan, stretch)
     wrench = np.zeros((len(contacts), samples, 6))
     unheld = np.zeros(samples)
-    for bodies, own in islands(count + 1, contacts):
+    for bodies, own in islands(count + boxes, contacts):
         shared, left = _share(module, bodies, own, places, wanted)
         for contact, part in zip(own, shared, strict=True):
             wrench[contacts.index(contact)] = part
@@ -129,15 +132,18 @@ def _demands(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> dict[int,
     count, anchors = len(plan.module_names), len(plan.anchor_names)
     bodies = link_bodies(module)
     turns = _accelerations(plan, stretch)
-    box = EndMotion(*(np.zeros((len(stretch.time), 3)),) * 2, _box_acceleration(plan, stretch))
+    still = np.zeros((len(stretch.time), 3))
+    boxes = [
+        EndMotion(still, still, _box_acceleration(plan, stretch, b)) for b in range(plan.deliveries)
+    ]
     found: dict[int, Demand] = {}
     for m in carriers_first(plan, first):
         held = (int(motion.base_anchor[first, m]), int(motion.tip_anchor[first, m]))
         ground = int(motion.ground_end[first, m])
         root, moved = max(ground, 0), _driven(plan, stretch, m, max(ground, 0))
         for end, anchor in enumerate(held):
-            if 0 <= anchor < 4:
-                root, moved = end, box
+            if 0 <= anchor < 4 * len(boxes):
+                root, moved = end, boxes[anchor // 4]
             elif 4 <= anchor < anchors:
                 root, moved = end, at_rest(len(stretch.time))
                 break
@@ -149,10 +155,10 @@ def _demands(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> dict[int,
     return {m: found[m] for m in range(count)}
 
 
-def _box_acceleration(plan: LimmsPlan, stretch: Stretch) -> Array:
-    """(M, 3) of the box to deliver: linear between samples, as stored."""
+def _box_acceleration(plan: LimmsPlan, stretch: Stretch, b: int) -> Array:
+    """(M, 3) of a box to deliver: linear between samples, as stored."""
     span = slice(stretch.first, stretch.last + 1)
-    time, values = plan.motion.time[span], plan.motion.box_acceleration[span, 0]
+    time, values = plan.motion.time[span], plan.motion.box_acceleration[span, b]
     return np.stack([np.interp(stretch.time, time, values[:, i]) for i in range(3)], axis=-1)
 
 

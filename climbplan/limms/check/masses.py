@@ -105,7 +105,8 @@ def _contacts(plan: LimmsPlan, module: ModuleSpec, loads: StretchLoads, needs: N
             needs.of("load.tip").look(time, tilting, held, contact.name, "N m")
             continue
         for axis in (0, 1):
-            held = plan.box_size[0, 1 - axis] / 2 * np.maximum(push, 0)
+            half = plan.box_size[contact.body - len(plan.module_names), 1 - axis] / 2
+            held = half * np.maximum(push, 0)
             needs.of("load.tip").look(time, tilt[:, axis], held, contact.name, "N m")
 
 

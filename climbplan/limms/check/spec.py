@@ -44,7 +44,7 @@ def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Differen
     yield same("seed", plan.seed == spec.seed)
     yield same("title", plan.title == spec.title)
     yield same("solver.method", plan.method == spec.solver.method)
-    missed = float(np.linalg.norm(motion.box_position[-1, 0] - plan.goal[0]))
+    missed = float(np.linalg.norm(motion.box_position[-1] - plan.goal, axis=-1).max())
     yield from parts_apart("objective", plan.objective, missed)
     same_names = plan.module_names == scene.module_names
     yield same("modules: names", same_names)
@@ -52,7 +52,7 @@ def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Differen
     pairs = {
         "box.size": (plan.box_size, scene.box_size),
         "box.mass": (plan.box_mass, scene.box_mass),
-        "box.goal": (plan.goal[0], scene.goal),
+        "box.goal": (plan.goal, scene.goals),
         "box.start": (motion.box_position[0], scene.box_start),
         "box.arrival_speed": (plan.arrival_speed, scene.arrival_speed),
         "terrain.friction": (plan.friction, scene.friction),

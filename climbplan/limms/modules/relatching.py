@@ -100,11 +100,11 @@ def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Genera
     limb = arm(module, side, root, 1)
     here = world.box[None]
     reason = Blocked(f"{name}: the box is out of reach from where it is latched")
-    for _, choice in branch_choices(scene, limb, here, root.position[None]):
+    for _, _, choice in branch_choices(scene, limb, here, root.position[None]):
         angles, _ = limb_angles(scene, choice, here, root.position[None], choice.branch)
         attempt = world.copy()
         try:
-            reach_box(attempt, choice, attempt.box, angles[0], f"{name}: to the box", rng)
+            reach_box(attempt, choice, attempt.box, angles[:1], f"{name}: to the box", rng)
             latch_box(attempt, [choice])
             hold(attempt, choice, f"{name}: latch")
             attempt.box_mode = STABLE

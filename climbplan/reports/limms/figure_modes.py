@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,45 +16,46 @@ from climbplan.reports.limms.time_axis import TimeScale
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
 
 BOX_COLORS = {1: "#C9D2DC", 2: "#56B4E9", 3: "#E69F00", 4: "#009E73"}
+_STYLES = ("-", "--", "-.")  # of boxes
 MODULE_COLORS = {1: "#E4E9EF", 2: "#D55E00", 3: "#F0B48A", 4: "#0072B2", 5: "#9CC7E8"}
 
 
 def mode_timeline(plan: LimmsPlan) -> Figure:
-    """Modes and latches over time, and the height of the box."""
+    """Modes and latches over time, and the way of each box."""
     motion = plan.motion
-    count = len(plan.module_names)
-    figure = new_figure(2.6 + 0.42 * (count + 1), entries=len(BOX_MODES) + len(MODULE_MODES))
+    count = plan.deliveries
+    rows = len(plan.module_names) + count
+    figure = new_figure(2.6 + 0.42 * rows, entries=len(BOX_MODES) + len(MODULE_MODES))
     heading(figure, plain(plan.title or plan.name), plain(plan.sequence))
-    top, below = figure.subplots(2, 1, sharex=True, height_ratios=[0.5 * (count + 1) + 0.3, 1.6])
-    names = ["box", *plan.module_names]
+    top, below = figure.subplots(2, 1, sharex=True, height_ratios=[0.5 * rows + 0.3, 1.6])
+    boxes = ["box"] if count == 1 else [f"box {b}" for b in range(count)]
+    names = [*boxes, *plan.module_names]
     scale = TimeScale(plan)
     for row in range(len(names)):
-        mode = motion.box_mode[:, 0] if row == 0 else motion.mode[:, row - 1]
-        colors = BOX_COLORS if row == 0 else MODULE_COLORS
+        is_box = row < count
+        mode = motion.box_mode[:, row] if is_box else motion.mode[:, row - count]
+        colors = BOX_COLORS if is_box else MODULE_COLORS
         for first, last in _runs(mode):
             begin, end = motion.time[first], motion.time[last]
             color = colors.get(int(mode[first]), palette.FAILURE)
             top.barh(row, end - begin, left=begin, height=0.72, color=color, linewidth=0)
-        if row:
-            _latches(plan, row - 1, row, top, scale)
+        if not is_box:
+            _latches(plan, row - count, row, top, scale)
 
     top.set_yticks(range(len(names)), [plain(name, 12) for name in names])
     top.invert_yaxis()
     panel_title(top, "Modes", "text: the anchors that a module's ends are latched to")
     style_axes(top)
-    for axis, label in enumerate("xyz"):
-        below.plot(
-            motion.time,
-            motion.box_position[:, 0, axis],
-            label=label,
-            color=palette.LIMBS[axis],
-            linewidth=1.4,
-        )
-        below.axhline(plan.goal[0, axis], color=palette.LIMBS[axis], linewidth=0.7, linestyle=":")
+    for b, axis in product(range(count), range(3)):
+        color, style = palette.LIMBS[axis], _STYLES[b % len(_STYLES)]
+        label = "xyz"[axis] + (f", {boxes[b]}" if count > 1 else "")
+        path = motion.box_position[:, b, axis]
+        below.plot(motion.time, path, label=label, color=color, linewidth=1.4, linestyle=style)
+        below.axhline(plan.goal[b, axis], color=color, linewidth=0.7, linestyle=":")
     below.set_xlabel(scale.label)
     below.set_ylabel("box [m]")
     below.legend(frameon=False, fontsize=8, ncols=3, loc="upper left")
-    panel_title(below, "Centre of the box", "dots: goal")
+    panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
     style_axes(below)
     scale.apply((top, below))
     handles = [Patch(color=c) for c in (*BOX_COLORS.values(), *MODULE_COLORS.values())]

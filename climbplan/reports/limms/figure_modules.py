@@ -94,14 +94,14 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
             _block(ax, a, b, palette.SURFACE, 0.5)
     for number, size in enumerate(plan.box_size):
         centre = plan.motion.box_position[sample, number]
-        color = palette.OBSTACLE if number == 0 else palette.MUTED
+        color = palette.OBSTACLE if number < plan.deliveries else palette.MUTED
         _block(ax, centre - size / 2, centre + size / 2, color, 0.55)
-    goal = silhouette(
-        _CAMERA.project(
-            _corners(plan.goal[0] - plan.box_size[0] / 2, plan.goal[0] + plan.box_size[0] / 2)
-        )
-    )
-    ax.add_patch(Polygon(goal, fill=False, edgecolor=palette.FAILURE, linestyle="--", linewidth=1))
+    count = plan.deliveries
+    for place, half in zip(plan.goal[:count], plan.box_size[:count] / 2, strict=True):
+        goal = silhouette(_CAMERA.project(_corners(place - half, place + half)))
+        outline = Polygon(goal, fill=False, edgecolor=palette.FAILURE, linestyle="--")
+        outline.set_linewidth(1)
+        ax.add_patch(outline)
     anchors = _CAMERA.project(_terrain_anchors(plan))
     ax.plot(anchors[:, 0], anchors[:, 1], "s", markersize=4.5, color=palette.INK)
     for m in range(len(plan.module_names)):

@@ -65,9 +65,16 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
 
 def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     box = report["box"]
-    yield Card("Box", f"{box['mass']:g} kg", f"{1e3 * report['objective']:.2f} mm off its goal")
+    boxes, off = report["boxes"], f"{1e3 * report['objective']:.2f} mm off"
+    if len(boxes) > 1:
+        masses = " + ".join(f"{each['mass']:g}" for each in boxes)
+        yield Card(f"{len(boxes)} boxes", f"{masses} kg", f"the worst {off} its goal")
+    else:
+        yield Card("Box", f"{box['mass']:g} kg", f"{off} its goal")
     yield Card("Motion", f"{report['duration']:.1f} s", f"arrives at {box['final_speed']:.2f} m/s")
-    yield Card("Modes of the box", " → ".join(name for name, _ in box["modes"]))
+    for number, each in enumerate(boxes):
+        which = f"box {number}" if len(boxes) > 1 else "the box"
+        yield Card(f"Modes of {which}", " → ".join(name for name, _ in each["modes"]))
     yield Card(
         "Planned in",
         f"{report['timings']['total']:.1f} s",

@@ -28,6 +28,9 @@ UNITS = {
     "box.goal": "m",
     "box.final_speed": "m/s",
     "box.modes.*.1": "s",
+    "boxes.*.mass": "kg",
+    "boxes.*.goal": "m",
+    "boxes.*.modes.*.1": "s",
     "stages.*.begin": "s",
     "stages.*.end": "s",
     "modules.*.force": "N",
@@ -64,7 +67,7 @@ def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
 
 def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
     """Root attributes of the file, checks, times, sizes, stages, and loads of each module."""
-    loads = loads_of(plan)
+    loads, last = loads_of(plan), plan.deliveries - 1
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -90,9 +93,17 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
         "box": {
             "mass": float(plan.box_mass[0]),
             "goal": plan.goal[0].tolist(),
-            "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, 0])),
+            "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, last])),
             "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan)],
         },
+        "boxes": [
+            {
+                "mass": float(plan.box_mass[b]),
+                "goal": plan.goal[b].tolist(),
+                "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan, b)],
+            }
+            for b in range(plan.deliveries)
+        ],
         "stages": [{"name": n, "begin": a, "end": b} for n, a, b in plan.stages],
         "modules": [
             {

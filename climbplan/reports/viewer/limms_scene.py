@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
+from climbplan.limms.summary import boxes_in_words
 from climbplan.reports import palette
 from climbplan.reports.limms.obstacles import obstacles_of
 from climbplan.reports.replay import key_frames
@@ -57,14 +58,21 @@ def scene_of_modules(plan: LimmsPlan) -> Scene:
     return Scene(
         title=plan.name,
         facts=(
-            f"{modules} modules, box of {plan.box_mass[0]:g} kg, {plan.method}",
+            f"{modules} modules, {boxes_in_words(plan)}, {plan.method}",
             f"{1e3 * plan.objective:.2f} mm off its goal at the end",
         ),
         time=time,
         caption=_captions(plan, kept),
         marks=np.unique(np.searchsorted(time, begins)).astype(np.int64),
         shapes=(*_solids(plan, lower, upper), *_anchors(plan)),
-        paths=(Path("box", np.stack([boxes[:-1, 0], boxes[1:, 0]], axis=1), palette.TRACE),),
+        paths=tuple(
+            Path(
+                f"box {b}" if plan.deliveries > 1 else "box",
+                np.stack([boxes[:-1, b], boxes[1:, b]], axis=1),
+                palette.TRACE,
+            )
+            for b in range(plan.deliveries)
+        ),
         rods=Rods(
             links.reshape(len(kept), modules * each, 2, 3),
             np.full(modules * each, float(plan.module["radius"])),
@@ -87,7 +95,10 @@ def _captions(plan: LimmsPlan, kept: Index) -> tuple[str, ...]:
             f"{name} {MODULE_MODES[int(mode)]}"
             for name, mode in zip(plan.module_names, motion.mode[k], strict=True)
         )
-        texts.append(f"{stage}: box {BOX_MODES[int(motion.box_mode[k, 0])]}, {modes}")
+        own = motion.box_mode[k, : plan.deliveries]
+        called = ["box"] if len(own) == 1 else [f"box {b}" for b in range(len(own))]
+        boxes = ", ".join(f"{n} {BOX_MODES[int(m)]}" for n, m in zip(called, own, strict=True))
+        texts.append(f"{stage}: {boxes}, {modes}")
     return tuple(texts)
 
 
@@ -111,8 +122,11 @@ def _anchors(plan: LimmsPlan) -> list[Shape]:
     half = _ANCHOR / 2
     places = zip(plan.anchor_names[first:], plan.motion.anchor_position[0, first:], strict=True)
     shapes = [block(name, at - half, at + half, palette.FORCE, 1.0) for name, at in places]
-    goal, size = plan.goal[0], plan.box_size[0] / 2
-    return [*shapes, block("goal", goal - size, goal + size, palette.LABELS[0], 0.2)]
+    for b, (goal, half) in enumerate(zip(plan.goal, plan.box_size / 2, strict=True)):
+        if b < plan.deliveries:
+            name = f"goal {b}" if plan.deliveries > 1 else "goal"
+            shapes.append(block(name, goal - half, goal + half, palette.LABELS[0], 0.2))
+    return shapes
 
 
 def _boxes(plan: LimmsPlan, center: Array) -> Boxes:
@@ -121,7 +135,7 @@ def _boxes(plan: LimmsPlan, center: Array) -> Boxes:
         center,
         np.broadcast_to(np.eye(3), (count, boxes, 3, 3)),
         np.broadcast_to(plan.box_size, (count, boxes, 3)),
-        (palette.OBSTACLE, *(palette.MUTED for _ in range(boxes - 1))),
+        tuple(palette.OBSTACLE if b < plan.deliveries else palette.MUTED for b in range(boxes)),
         0.85,
     )
 

@@ -25,7 +25,7 @@ class Borne:
 class ModuleComparison:
     """Simulated beside planned (S samples)."""
 
-    off: Array  # (S,) the box off its way [m]
+    off: Array  # (S,) the worst box off its way [m]
     torque_off: Array  # (S, L, 6) |simulated - planned| [N m]
     borne: tuple[Borne, ...]  # by contact
     force_off: Array  # |simulated - planned| force of latches, all samples of all latches [N]
@@ -42,7 +42,7 @@ def compare_modules(run: ModuleRun) -> ModuleComparison:
         if bearing.kind == "latch"
     ]
     return ModuleComparison(
-        off=np.linalg.norm(run.box - run.planned_box, axis=1),
+        off=np.linalg.norm(run.box - run.planned_box, axis=-1).max(axis=1),
         torque_off=np.abs(run.torque - run.planned_torque),
         borne=tuple(_borne(name, parts) for name, parts in by_name.items()),
         force_off=np.concatenate(latches) if latches else np.zeros(0),

@@ -19,13 +19,13 @@ def way(plan: LimmsPlan, run: ModuleRun) -> Figure:
     figure = new_figure(4.6, entries=2)
     axes = figure.subplots(2, 2, sharex=True).ravel()
     for k, ax in enumerate(axes[:3]):
-        ax.plot(run.time, run.planned_box[:, k], color=palette.LIMBS[0], lw=1.8)
-        ax.plot(run.time, run.box[:, k], color=palette.INK, lw=0.9)
+        ax.plot(run.time, run.planned_box[:, :, k], color=palette.LIMBS[0], lw=1.8)
+        ax.plot(run.time, run.box[:, :, k], color=palette.INK, lw=0.9)
         panel_title(ax, "xyz"[k], "[m]")
     axes[3].plot(run.time, np.rad2deg(run.tilt), color=palette.INK, lw=0.9)
     panel_title(axes[3], "tilt", "[deg]")
     _dress(plan, run, axes)
-    heading(figure, "Box", plain(f"{plan.name}, MuJoCo"))
+    heading(figure, "Boxes" if plan.deliveries > 1 else "Box", plain(f"{plan.name}, MuJoCo"))
     _legend(figure)
     return figure
 
@@ -85,7 +85,7 @@ def _dress(plan: LimmsPlan, run: ModuleRun, axes: Array) -> None:
 
 
 def _begins(plan: LimmsPlan) -> float:
-    moving = np.flatnonzero(plan.motion.box_mode[:, 0] != 1)
+    moving = np.flatnonzero((plan.motion.box_mode != 1).any(axis=1))
     begin = float(plan.motion.time[moving[0]]) if len(moving) else 0.0
     return max(begin - 1.0, 0.0)
 

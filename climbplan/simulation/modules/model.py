@@ -40,7 +40,7 @@ def simulated_module(plan: LimmsPlan) -> ModuleSpec:
     module = ModuleSpec.model_validate(plan.module)
     if not plan.massless:
         return module
-    share = LIGHT * float(plan.box_mass[0]) / module.mass
+    share = LIGHT * float(plan.box_mass[: plan.deliveries].min()) / module.mass
     lighter = {name: share * vars(module)[name] for name in ("mass", "joint_mass", "latch_mass")}
     return module.model_copy(update=lighter)
 
@@ -48,6 +48,11 @@ def simulated_module(plan: LimmsPlan) -> ModuleSpec:
 def link_name(module: int, link: int) -> str:
     """A link's body in the model."""
     return f"module{module}link{link}"
+
+
+def box_name(box: int) -> str:
+    """A box that is delivered, as a body of the model."""
+    return f"box{box}" if box else "box"
 
 
 def end_link(end: int) -> int:
@@ -79,7 +84,7 @@ def build_mjcf(
 <worldbody>
 <light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>
 {_surroundings(plan)}
-{_box(plan, conditions)}
+{"".join(_box(plan, b, conditions) for b in range(plan.deliveries))}
 {"".join(_chain(m, module) for m in range(count))}
 </worldbody>
 <equality>
@@ -94,7 +99,9 @@ def build_mjcf(
 def _surroundings(plan: LimmsPlan) -> str:
     """Ground, walls and parked boxes; what stands higher than the lowest ground is seen through."""
     solids = [(block[0], block[1], block[1, 2] <= 1e-6) for block in plan.solids]
-    for size, centre in zip(plan.box_size[1:], plan.motion.box_position[0, 1:], strict=True):
+    first = plan.deliveries
+    places = plan.motion.box_position[0, first:]
+    for size, centre in zip(plan.box_size[first:], places, strict=True):
         solids.append((centre - size / 2, centre + size / 2, True))
     geoms = []
     for lower, upper, opaque in solids:
@@ -107,16 +114,16 @@ def _surroundings(plan: LimmsPlan) -> str:
     return "\n".join(geoms)
 
 
-def _box(plan: LimmsPlan, conditions: Conditions) -> str:
-    """The box to deliver, as heavy all through."""
-    size = plan.box_size[0]
-    mass = float(plan.box_mass[0]) + conditions.payload
+def _box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
+    """A box to deliver, as heavy all through."""
+    size, name = plan.box_size[b], box_name(b)
+    mass = float(plan.box_mass[b]) + conditions.payload
     inertia = mass / 12 * ((size**2).sum() - size**2)
     return (
-        f'<body name="box" pos="{_numbers(plan.motion.box_position[0, 0])}"><freejoint/>'
+        f'<body name="{name}" pos="{_numbers(plan.motion.box_position[0, b])}"><freejoint/>'
         f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{_numbers(inertia)}"/>'
-        f'<geom name="box" type="box" size="{_numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
-        f' contype="{_BOX}" conaffinity="{_SOLID}"/></body>'
+        f'<geom name="{name}" type="box" size="{_numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
+        f' contype="{_BOX}" conaffinity="{_SOLID | _BOX}"/></body>'
     )
 
 

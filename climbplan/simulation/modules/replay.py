@@ -26,6 +26,7 @@ from climbplan.simulation.modules.model import (
     STIFF,
     TIME_STEP,
     Hold,
+    box_name,
     build_mjcf,
     end_link,
     link_name,
@@ -62,21 +63,21 @@ class Broken:
 
 @dataclass(frozen=True)
 class ModuleRun:
-    """What happened (S samples, up to the end or until the box is lost)."""
+    """What happened (S samples, up to the end or until a box is lost)."""
 
     conditions: Conditions
     module: ModuleSpec  # as simulated
     time: Array  # (S,) [s]
-    box: Array  # (S, 3) [m]
-    planned_box: Array  # (S, 3)
-    tilt: Array  # (S,) [rad] of the box
+    box: Array  # (S, D, 3) of the boxes that are delivered [m]
+    planned_box: Array  # (S, D, 3)
+    tilt: Array  # (S, D) [rad] of them
     bend: Array  # (S, L) worst joint off its plan [rad]
     torque: Array  # (S, L, 6) [N m]
     planned_torque: Array  # (S, L, 6)
     bearings: tuple[Bearing, ...]
     misses: Array  # (n,) of latches as they close [m]
     broken: tuple[Broken, ...]
-    lost: bool  # the box
+    lost: bool  # a box
 
 
 def simulate_modules(
@@ -99,9 +100,9 @@ def simulate_modules(
 
 
 def _hold(plan: LimmsPlan, contact: Contact) -> Hold:
-    body = "world"
-    if contact.other == len(plan.module_names):
-        body = "box"
+    body, count = "world", len(plan.module_names)
+    if contact.other >= count:
+        body = box_name(contact.other - count)
     elif contact.other != NOBODY:
         body = link_name(contact.other, end_link(contact.other_end))
     return Hold(contact.body, contact.end, body)
@@ -133,7 +134,7 @@ class _World:
         self.mujoco, self.model, self.data = mujoco, model, data
         self.plan, self.module, self.conditions, self.holds = plan, module, conditions, holds
         count = len(plan.module_names)
-        self.box = model.body("box").id
+        self.boxes = [model.body(box_name(b)).id for b in range(plan.deliveries)]
         self.ends = np.array(
             [[model.body(link_name(m, end_link(e))).id for e in (0, 1)] for m in range(count)]
         )
@@ -176,8 +177,9 @@ class _World:
     def _stand(self, first: StretchLoads) -> None:
         """Everything where the plan begins."""
         data = self.data
-        box = self.model.jnt_qposadr[self.model.body_jntadr[self.box]]
-        data.qpos[box : box + 3] = first.stretch.box[0, 0]
+        for b, body in enumerate(self.boxes):
+            box = self.model.jnt_qposadr[self.model.body_jntadr[body]]
+            data.qpos[box : box + 3] = first.stretch.box[0, b]
         quat = np.empty(4)
         for m in range(len(self.plan.module_names)):
             points = first.stretch.points[m]
@@ -215,8 +217,9 @@ class _World:
         turn = data.xmat[other].reshape(3, 3)
         there = turn.T @ (place - data.xpos[other])
         goal = contact.place[0]
-        if contact.other == len(self.plan.module_names):
-            missed = there - (goal - loads.stretch.box[0, 0])
+        count = len(self.plan.module_names)
+        if contact.other >= count:
+            missed = there - (goal - loads.stretch.box[0, contact.other - count])
         elif contact.other != NOBODY:
             tip = self.module.link_lengths[-1] if contact.other_end else 0.0
             missed = there - np.array([0.0, 0.0, tip])
@@ -238,7 +241,7 @@ class _World:
         self.closed[hold] = _Closed(contact, number, missed, np.zeros(6))
 
     def _stretch(self, loads: StretchLoads, watch: Callable[[int, Any, Any], None] | None) -> bool:
-        """Steps between two events; whether the box is lost."""
+        """Steps between two events; whether a box is lost."""
         stretch, data = loads.stretch, self.data
         begin, end = float(stretch.time[0]), float(stretch.time[-1])
         steps = max(int(np.ceil((end - begin) / TIME_STEP - 1e-9)), 1)
@@ -247,7 +250,7 @@ class _World:
         angles, rates = _between(stretch.time, stretch.angles, at), stretch.rates
         rates = _between(stretch.time, rates, at)
         torque = _between(stretch.time, loads.torque, at)
-        box = _between(stretch.time, stretch.box[:, 0], at)
+        box = _between(stretch.time, stretch.box[:, : len(self.boxes)], at)
         places = [_between(stretch.time, c.place, at) for c in loads.contacts]
         planned = [_between(stretch.time, w, at) for w in loads.wrench]
         given = angles + (DAMPING * rates + torque) / (STIFF * self.conditions.gain)
@@ -263,7 +266,7 @@ class _World:
             self.mujoco.mj_step(self.model, data)
             found = self._borne()
             self._break(found, float(at[k]))
-            off = float(np.linalg.norm(data.xpos[self.box] - box[k]))
+            off = float(np.linalg.norm(data.xpos[self.boxes] - box[k], axis=1).max())
             lost = not off <= LOST  # NaN as well
             if k % SAMPLE and k + 1 < steps and not lost:
                 continue
@@ -340,13 +343,14 @@ class _World:
 
     def _keep(self, time: float, box: Array, angles: Array, torque: Array) -> None:
         data = self.data
-        upright = float(np.clip((np.trace(data.xmat[self.box].reshape(3, 3)) - 1) / 2, -1, 1))
+        turned = data.xmat[self.boxes].reshape(-1, 3, 3)
+        upright = np.clip((np.trace(turned, axis1=1, axis2=2) - 1) / 2, -1, 1)
         self.rows.append(
             {
                 "time": time,
-                "box": data.xpos[self.box].copy(),
+                "box": data.xpos[self.boxes].copy(),
                 "planned_box": box,
-                "tilt": float(np.arccos(upright)),
+                "tilt": np.arccos(upright),
                 "bend": np.abs(data.qpos[self.at] - angles).max(axis=1),
                 "torque": data.actuator_force.reshape(-1, JOINTS).copy(),
                 "planned_torque": torque,

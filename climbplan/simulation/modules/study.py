@@ -12,6 +12,7 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.scene import Array
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.climb_report import conditions_dict, spread
 from climbplan.simulation.conditions import Conditions
@@ -99,7 +100,7 @@ def simulate_module_plan(
     camera: Camera | str = "no pictures asked for"
     begin = _begins(plan)
     if asked.pictures:
-        path = plan.motion.box_position[begin:, 0]
+        path = _brought(plan)[begin:]
         camera = open_camera(path, azimuth=140.0)
         if isinstance(camera, Camera):
             camera.view.distance *= 0.75  # a module is a metre long, not two
@@ -112,10 +113,21 @@ def simulate_module_plan(
     return SimulatedModules(plan, run, compare_modules(run), camera)
 
 
+def _brought(plan: LimmsPlan) -> Array:
+    """Where the box is (T, 3) that moves, or that moved last [m]."""
+    position = plan.motion.box_position
+    moving = plan.motion.box_mode != 1
+    now = np.where(moving.any(axis=1), moving.argmax(axis=1), -1)
+    last = np.maximum.accumulate(np.where(now >= 0, np.arange(len(now)), 0))
+    which = np.maximum(now[last], 0)
+    path: Array = position[np.arange(len(position)), which]
+    return path
+
+
 def _begins(plan: LimmsPlan) -> int:
     """The sample from which pictures are taken: a second before the box moves."""
     motion = plan.motion
-    moving = np.flatnonzero(motion.box_mode[:, 0] != 1)
+    moving = np.flatnonzero((motion.box_mode != 1).any(axis=1))
     begin = float(motion.time[moving[0]]) - 1.0 if len(moving) else 0.0
     return min(int(np.searchsorted(motion.time, begin)), len(motion.time) - 2)
 
@@ -153,7 +165,7 @@ def _refuse(plan: LimmsPlan, asked: Asked) -> None:
     for name in ("friction", "payload", "gain"):
         if not np.isfinite(vars(given)[name]):
             raise UsageError(f"--{name} {vars(given)[name]}: expected a finite number")
-    least = -0.95 * float(plan.box_mass[0])
+    least = -0.95 * float(plan.box_mass[: plan.deliveries].min())
     if given.payload < least:
         raise UsageError(f"--payload {given.payload:g}: expected at least {least:.3g} kg")
 
@@ -196,7 +208,7 @@ def report_dict(found: SimulatedModules) -> dict[str, Any]:
         "time": float(run.time[-1]),
         "planned_time": float(plan.motion.time[-1]),
         "path": spread(compared.off),
-        "goal_error": None if run.lost else float(np.linalg.norm(run.box[-1] - plan.goal[0])),
+        "goal_error": None if run.lost else _missed(found),
         "tilt": spread(run.tilt),
         "bend": spread(run.bend),
         "torque": {
@@ -218,6 +230,12 @@ def report_dict(found: SimulatedModules) -> dict[str, Any]:
         "pictures": found.camera if isinstance(found.camera, str) else "figures/modules.png",
         "units": UNITS,
     }
+
+
+def _missed(found: SimulatedModules) -> float:
+    """How far the worst box ends from its goal [m]."""
+    goals = found.plan.goal[: found.plan.deliveries]
+    return float(np.linalg.norm(found.run.box[-1] - goals, axis=1).max())
 
 
 def tell(found: SimulatedModules) -> Told:

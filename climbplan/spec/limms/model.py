@@ -153,7 +153,14 @@ class LimmsSpec(SpecModel):
         "modules together, and plans keep the limits of latches, ground and joints",
     )
     terrain: SpaceSpec
-    box: BoxSpec
+    box: BoxSpec | None = Field(
+        default=None, description="the box to deliver; where there are several, `boxes`"
+    )
+    boxes: Annotated[tuple[BoxSpec, ...], Field(max_length=6)] = Field(
+        default=(),
+        description="several boxes, brought to their goals in this order; one that is in another's "
+        "way is put down elsewhere first",
+    )
     parked: tuple[ParkedSpec, ...] = Field(default=(), description="boxes that stay as obstacles")
     modules: tuple[StandSpec, ...] = Field(min_length=1, max_length=8, description="the modules")
     task: DeliverySpec = DeliverySpec()
@@ -162,8 +169,19 @@ class LimmsSpec(SpecModel):
     """Method and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)
 
+    @property
+    def deliveries(self) -> tuple[BoxSpec, ...]:
+        """The boxes to deliver, in order."""
+        return self.boxes if self.box is None else (self.box,)
+
+    @property
+    def delivery_keys(self) -> tuple[str, ...]:
+        """The key of each of them."""
+        return tuple(f"boxes.{i}" for i in range(len(self.boxes))) if self.boxes else ("box",)
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        refuse(_several_faults(self))
         faults = [
             *_size_faults(self),
             *_name_faults("terrain.regions", [r.name for r in self.terrain.regions]),
@@ -177,6 +195,28 @@ class LimmsSpec(SpecModel):
         return self
 
 
+def _several_faults(spec: LimmsSpec) -> list[Fault]:
+    """Either one box or several, and what several boxes cannot do."""
+    if (spec.box is None) == (not spec.boxes):
+        given = "neither" if spec.box is None else "both"
+        return [Fault("box", f"expected either `box` or `boxes`, got {given}")]
+    faults = [
+        Fault(
+            f"boxes.{i}.arrival_speed",
+            "expected 0: only the last box may arrive with some speed, others have to stay",
+        )
+        for i, box in enumerate(spec.boxes[:-1])
+        if box.arrival_speed > 0
+    ]
+    if len(spec.boxes) < 2:
+        return faults
+    if spec.solver.method == "admm":
+        faults.append(Fault("solver.method", "`admm` delivers one box, expected `modes`"))
+    if "arms" not in spec.task.allow:
+        faults.append(Fault("task.allow", "several boxes are brought by `arms`"))
+    return faults
+
+
 def _size_faults(spec: LimmsSpec) -> list[Fault]:
     terrain = spec.terrain
     blocks = [(f"terrain.regions.{i}", r.lower, r.upper) for i, r in enumerate(terrain.regions)]
@@ -188,7 +228,10 @@ def _size_faults(spec: LimmsSpec) -> list[Fault]:
         for key, lower, upper in blocks
         if any(high <= low for low, high in zip(lower, upper, strict=True))
     ]
-    sized = [("box.size", spec.box.size)]
+    sized = [
+        (f"{key}.size", box.size)
+        for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True)
+    ]
     sized += [(f"parked.{i}.size", box.size) for i, box in enumerate(spec.parked)]
     faults += [
         Fault(key, f"expected three numbers > 0, got {list(size)}")
@@ -241,19 +284,20 @@ def _module_faults(spec: LimmsSpec) -> list[Fault]:
 
 def _place_faults(spec: LimmsSpec) -> list[Fault]:
     """What cannot be where it is said to be."""
-    space, box = spec.terrain.space(), spec.box
+    space = spec.terrain.space()
     regions = [(r.lower, r.upper) for r in spec.terrain.regions]
     faults = [
         Fault(f"terrain.obstacles.{i}", f"obstacle {o.name!r} is nowhere in the free space")
         for i, o in enumerate(spec.terrain.obstacles)
         if not reaches_free_space((o.lower, o.upper), regions)
     ]
-    for key, centre, what in (
-        ("box.start", box.start, "the box at its start"),
-        ("box.goal", box.goal, "the box at its goal"),
-    ):
-        faults += block_fault(key, what, centre, box.size, space)
-    standing = [("box.start", box.start, box.size)]
+    standing: list[tuple[str, Vector, Vector]] = []
+    ends: list[tuple[str, Vector, Vector]] = []
+    for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True):
+        faults += block_fault(f"{key}.start", "the box at its start", box.start, box.size, space)
+        faults += block_fault(f"{key}.goal", "the box at its goal", box.goal, box.size, space)
+        standing.append((f"{key}.start", box.start, box.size))
+        ends.append((f"{key}.goal", box.goal, box.size))
     for i, parked in enumerate(spec.parked):
         key = f"parked.{i}.position"
         faults += block_fault(key, f"parked box {i}", parked.position, parked.size, space)
@@ -262,11 +306,17 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         for other, place, extent in standing[:i]:
             if overlaps(centre, size, place, extent):
                 faults.append(Fault(key, f"overlaps the box at {other}"))
-    for i, parked in enumerate(spec.parked):
-        if overlaps(box.goal, box.size, parked.position, parked.size):
-            faults.append(Fault("box.goal", f"inside parked box {i}"))
-    if box.start == box.goal:
+    for i, (key, centre, size) in enumerate(ends):
+        for number, parked in enumerate(spec.parked):
+            if overlaps(centre, size, parked.position, parked.size):
+                faults.append(Fault(key, f"inside parked box {number}"))
+        for other, place, extent in ends[:i]:
+            if overlaps(centre, size, place, extent):
+                faults.append(Fault(key, f"overlaps the box at {other}"))
+    if spec.box is not None and spec.box.start == spec.box.goal:
         faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
+    if spec.boxes and all(box.start == box.goal for box in spec.boxes):
+        faults.append(Fault("boxes", "all stand at their goals at the start: nothing to plan"))
     for i, anchor in enumerate(spec.terrain.anchors):
         key = f"terrain.anchors.{i}.position"
         same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]
@@ -275,7 +325,7 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
     for i, module in enumerate(spec.modules):
         if module.stand is not None:
             faults += stand_fault(f"modules.{i}.stand", module.name, module.stand, space)
-    for key, centre, size in standing:
+    for key, centre, size in [*standing, *ends[:-1]]:
         bottom = (centre[0], centre[1], centre[2] - size[2] / 2)
         faults += stand_fault(key, "the box", bottom, space)
     return faults

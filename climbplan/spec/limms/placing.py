@@ -20,7 +20,10 @@ def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
     space = spec.terrain.space()
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
     boxes = [(f"obstacle {name!r}", block) for name, block in space.obstacles]
-    boxes += [("the box at its start", _block(spec.box.start, spec.box.size))]
+    boxes += [
+        ("the box at its start" if spec.box else f"box {i} at its start", _block(b.start, b.size))
+        for i, b in enumerate(spec.deliveries)
+    ]
     boxes += [
         (f"parked box {i}", _block(box.position, box.size)) for i, box in enumerate(spec.parked)
     ]

@@ -1,0 +1,168 @@
+"""Several boxes: one after the other, put aside where they are in the way, checked as one plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from limms_scenes import changed, loaded
+
+from climbplan.errors import Infeasible, SpecError
+from climbplan.limms.assembly import _turned
+from climbplan.limms.attempts import Attempts
+from climbplan.limms.check.boxes import box_checks
+from climbplan.limms.check.loads import loads_of_all
+from climbplan.limms.check.verification import verification_of
+from climbplan.limms.deliveries import Deliveries
+from climbplan.limms.motion_csv import export_csv
+from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
+from climbplan.limms.planner import plan_limms
+from climbplan.limms.scene import scene_of, with_box_first, without_others
+from climbplan.plans.check import Check
+from climbplan.spec.limms.loading import load_limms
+from climbplan.spec.limms.module import ModuleSpec
+
+
+@pytest.fixture(scope="module")
+def swapped() -> LimmsPlan:
+    return plan_limms(loaded("limms_swap"))
+
+
+def checks_of(plan: LimmsPlan) -> dict[str, Check]:
+    return {c.name: c for c in box_checks(plan, ModuleSpec.model_validate(plan.module))}
+
+
+@pytest.mark.slow
+def test_two_modules_swap_two_boxes(swapped: LimmsPlan) -> None:
+    verification = verification_of(swapped)
+    assert verification.passed
+    names = [check.name for check in verification.checks]
+    assert "goal.order" in names
+    assert swapped.deliveries == 2
+    assert swapped.sequence.startswith("box 1 aside by arms: ")
+    motion = swapped.motion
+    assert np.abs(motion.box_position[-1] - motion.box_position[0, ::-1]).max() < 1e-6
+    # One at a time, the other one rests
+    assert ((motion.box_mode == 1).sum(axis=1) >= 1).all()
+    moved = [int(np.argmax(row != 1)) for row in motion.box_mode if (row != 1).any()]
+    assert [b for k, b in enumerate(moved) if not k or b != moved[k - 1]] == [1, 0, 1]
+
+
+@pytest.mark.slow
+def test_checks_look_at_every_box(swapped: LimmsPlan) -> None:
+    good = checks_of(swapped)
+    assert all(check.passed for check in good.values())
+    # Boxes that share the space
+    motion = swapped.motion
+    through = motion.box_position.copy()
+    through[:, 1] = through[:, 0] + np.array([0.15, 0, 0])
+    off = replace(swapped, motion=replace(motion, box_position=through))
+    assert not checks_of(off)["clear.box"].passed
+    # The second box not where it is to be, and still on its way
+    late = motion.box_velocity.copy()
+    late[-1, 0] = [0.1, 0, 0]
+    off = replace(swapped, motion=replace(motion, box_velocity=late))
+    assert not checks_of(off)["goal.speed"].passed
+    other = replace(swapped, goal=swapped.goal + np.array([[0, 0, 0], [0, 0, 0.01]]))
+    assert checks_of(other)["goal.reached"].worst_at == "box 1"
+    # Bodies of the second box bear loads of their own
+    module = ModuleSpec.model_validate(swapped.module)
+    held = [
+        each for each in loads_of_all(swapped, module) if any(c.other == 3 for c in each.contacts)
+    ]
+    assert held
+    assert max(each.unheld.max() for each in held) < 1e-5
+
+
+@pytest.mark.slow
+def test_order_of_boxes_is_checked(swapped: LimmsPlan) -> None:
+    """The same motion, read as boxes in the other order: the second one comes first."""
+    motion = swapped.motion
+    flipped = replace(
+        motion,
+        box_position=motion.box_position[:, ::-1],
+        box_velocity=motion.box_velocity[:, ::-1],
+        box_mode=motion.box_mode[:, ::-1],
+    )
+    order = checks_of(replace(swapped, motion=flipped, goal=swapped.goal[::-1]))["goal.order"]
+    assert not order.passed
+    assert order.worst_at == "box 1 before the one it comes after"
+
+
+@pytest.mark.slow
+def test_files_hold_all_boxes(swapped: LimmsPlan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.h5"
+    write_limms_plan(swapped, path)
+    again = read_limms_plan(path)
+    assert again.deliveries == 2
+    assert (again.goal == swapped.goal).all()
+    table = tmp_path / "motion.csv"
+    export_csv(path, table)
+    head = table.read_text().splitlines()[0].split(",")
+    assert head[:9] == [
+        "time_s", "box_mode", "box_x_m", "box_y_m", "box_z_m",
+        "box1_mode", "box1_x_m", "box1_y_m", "box1_z_m",
+    ]  # fmt: skip
+
+
+def test_places_aside_are_out_of_the_way() -> None:
+    scene = scene_of(loaded("limms_swap"))
+    search = Deliveries(scene, Attempts(60.0, 20), np.random.default_rng(0))
+    start = search.start()
+    chosen = search.aside(start.world, scene.box_start, 1, 0)
+    assert 1 <= len(chosen) <= 3
+    for place in chosen:
+        for other in (*scene.goals, *scene.box_start):
+            assert (np.abs(place - other) >= scene.box_size[1] - 1e-9).any()
+
+
+def test_scenes_keep_what_boxes_are() -> None:
+    scene = scene_of(loaded("limms_swap"))
+    places = scene.box_start + np.array([[0, 0, 0], [0.1, 0, 0]])
+    other = with_box_first(scene, 1, places, scene.goals[1], 0.0)
+    assert other.number == (1, 0)
+    assert other.anchor_names[:4] == scene.anchor_names[4:8]
+    assert other.anchor_names[8:] == scene.anchor_names[8:]
+    assert (other.box_start[0] == places[1]).all()
+    alone = without_others(other)
+    assert alone.boxes == 1
+    assert alone.wall_offset == 4
+    assert alone.anchor_names[4:] == scene.anchor_names[8:]
+
+
+def test_one_box_that_cannot_be_brought_is_a_proof(tmp_path: Path) -> None:
+    heavy = changed(tmp_path, "limms_swap", boxes__1__mass=9.0)
+    with pytest.raises(Infeasible, match=r"box 1, were it the only one: no plan exists"):
+        plan_limms(load_limms(heavy))
+
+
+def test_rolls_begin_at_the_turn_that_keeps_them_in_range() -> None:
+    limits = np.full(6, 2 * np.pi)
+    now = np.full(6, 6.0)
+    path = np.linspace(0.0, 1.0, 9)[:, None] * np.ones(6)
+    begun = _turned(path, now, limits)
+    assert begun == pytest.approx(np.zeros(6))  # 2 pi is nearer, but leaves the range
+    assert _turned(path - 1.1, now, limits) == pytest.approx(np.full(6, 2 * np.pi - 1.1))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"boxes": []}, "expected either `box` or `boxes`, got neither"),
+        ({"boxes__0__arrival_speed": 0.5}, "only the last box may arrive with some speed"),
+        ({"boxes__0__goal": [-0.35, 0, 0.35]}, "overlaps the box at boxes.0.goal"),
+        ({"boxes__1__start": [-0.3, 0, 0.35]}, "overlaps the box at boxes.0.start"),
+        ({"boxes__0__goal": [0.35, 0, 0.5]}, "does not stand on the ground"),
+        ({"solver": {"method": "admm"}}, "`admm` delivers one box"),
+        ({"task": {"allow": ["quadruped"]}}, "several boxes are brought by `arms`"),
+    ],
+)
+def test_mistakes_in_several_boxes_are_told(
+    changes: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SpecError) as caught:
+        load_limms(changed(tmp_path, "limms_swap", **changes))
+    assert words in str(caught.value)

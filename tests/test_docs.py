@@ -127,7 +127,7 @@ WRITES = re.compile(
     re.MULTILINE,
 )
 READS_ONLY = {
-    "climbplan/walking/micp/method.py": "solves what `micp/statement.py` states",
+    "climbplan/walking/micp/bounding.py": "solves what `micp/statement.py` states",
     "climbplan/walking/planner.py": "names CasADi's version",
 }
 

@@ -210,9 +210,9 @@ def bench(
 
     Options from --scenes to --json are those of `bench bookshelf` and, but for --published,
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
-    --methods (offline, envelopes, bounds, stones, ticks, recovery, pushes), --count, --library and
-    --library-size, `bench refusals` --count and --time-limit, `bench stands` and `bench judge`
-    --count, `bench scans` --scenes, the folder of its meshes.
+    --methods (offline, envelopes, bounds, stones, ticks, strategies, recovery, pushes), --count,
+    --library and --library-size, `bench refusals` --count and --time-limit, `bench stands` and
+    `bench judge` --count, `bench scans` --scenes, the folder of its meshes.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():

@@ -25,6 +25,7 @@ class WalkAnswer:
     seconds: float
     word: str  # what the method says of its answer
     bound: float | None = None  # of a relaxation, see `word`
+    tubes: int = 0  # of attitudes, whose union the bound is of
     tried: int = 0  # gaits
     qps: int = 0  # of a search, its polish not counted
     cut_short: str = ""  # a warning if the time limit did so, and so the machine's speed

@@ -101,10 +101,13 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
 
         return solve_nlp(task, solver.guess, solver.time_limit)
     if solver.method == "micp":
-        from climbplan.walking.micp.method import limits_of, solve_micp
+        from climbplan.walking.micp.limits import limits_of
+        from climbplan.walking.micp.method import solve_micp
 
         warm = solve_task(task, solver.model_copy(update={"method": solver.warm}), seed)
-        return solve_micp(task, limits_of(solver), warm)
+        searched = solver.model_copy(update={"method": "search"})
+        others = [solve_task(task, searched, seed + k) for k in range(1, solver.tube.seeds)]
+        return solve_micp(task, limits_of(solver), warm, others)
     from climbplan.walking.offline.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits

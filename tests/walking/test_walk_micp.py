@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import highspy
 import numpy as np
 import pytest
@@ -12,15 +14,17 @@ from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
+from climbplan.walking.micp.covering import covering, halves
 from climbplan.walking.micp.frame import Frame
-from climbplan.walking.micp.method import MicpLimits, solve_micp
+from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
-from climbplan.walking.micp.ranges import ranges_below
+from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.shrinking import shrunk
-from climbplan.walking.micp.statement import relaxation
+from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tube import Tube, tube_about, turning
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.task import WalkTask
+from climbplan.walking.task import Array, WalkTask, WalkTrajectory
 
 ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
 
@@ -38,6 +42,11 @@ def lifted_cost(task: WalkTask, answer: WalkAnswer, spoil: float = 0.0) -> float
     tube = tube_about(task, found.state, ANGLES, SPIN)
     assert tube.holds(found.state)
     program = relaxation(task, tube, answer.objective * 1.01, 2, 2, 1.5)
+    return program_cost(program, found, spoil)
+
+
+def program_cost(program: Relaxation, found: WalkTrajectory, spoil: float = 0.0) -> float:
+    """As of `lifted_cost`."""
     model = rows_model(program.model, relaxed=True)
     low, high = np.array(model.col_lower_), np.array(model.col_upper_)
     for column, value in program.point(found).items():
@@ -77,7 +86,7 @@ def test_ways_of_cheaper_motions_are_shorter_than_their_fastest() -> None:
     found = answer.trajectory
     assert found is not None
     tube = tube_about(task, found.state, ANGLES, SPIN)
-    frame = Frame(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, None)
+    frame = Frame(task, tube, answer.objective * 1.01, 1, 1, 1.5, None)
     spared = []
     for n in range(6):
         for last in range(n + 1, 6):
@@ -88,8 +97,10 @@ def test_ways_of_cheaper_motions_are_shorter_than_their_fastest() -> None:
             fastest = task.step * frame.v_high[n:last, 0].sum()
             spared.append(most[0] < fastest - 0.02)
     assert sum(spared) >= 3
+    cost = answer.objective * 1.01
     off = np.array([1e-4, 1e-4])  # next to nothing is left for other velocities
-    narrow = Frame(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, off)
+    box = replace(Box.open(task, cost, frame.most), off=off)
+    narrow = Frame(task, tube, cost, 1, 1, 1.5, box)
     least, most = narrow.ways(1, 5)
     assert most[0] - least[0] < 0.002
     assert 0.5 * (most + least)[0] == pytest.approx(4 * 0.08 * 0.8, rel=1e-3)
@@ -103,7 +114,7 @@ def test_shrinking_keeps_cheaper_motions() -> None:
     assert found is not None
     tube = tube_about(task, found.state, ANGLES, SPIN)
     program = relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5)
-    box = shrunk(program, 20.0)
+    box = shrunk(program, 240.0)
     assert box is not None
     assert (found.state >= box.low - 1e-6).all()
     assert (found.state <= box.high + 1e-6).all()
@@ -112,6 +123,19 @@ def test_shrinking_keeps_cheaper_motions() -> None:
     paid = (weights * (found.state[1:-1, 3:5] - cheapest) ** 2).sum(axis=0)
     assert (paid <= box.off).all()
     assert (box.off < answer.objective).all()
+    force, contact = found.force[:-1] / (task.weight / 4), found.gait.contact[:-1]
+    assert (force.sum(axis=1) >= box.push_low - 1e-6).all()
+    assert (force.sum(axis=1) <= box.push_high + 1e-6).all()
+    assert (contact >= box.stands_low).all()
+    assert (contact <= box.stands_high).all()
+    arms = (found.toes - found.state[:, None, :3])[:-1, :, :2]
+    assert (arms >= box.arm_low - 1e-6)[contact].all()
+    assert (arms <= box.arm_high + 1e-6)[contact].all()
+    assert (force >= box.force_low - 1e-6)[contact].all()
+    assert (force <= box.force_high + 1e-6)[contact].all()
+    assert np.ptp([box.push_low[1:], box.push_high[1:]], axis=0).max() < 0.9 * 2 * 4 * 40 / 15.45
+    again = relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5, box)
+    assert program_cost(again, found) <= answer.objective * (1 + 1e-6)
     closer = box.tube(tube)
     assert closer.holds(found.state)
     before = ranges_below(task, answer.objective * 1.02).velocity
@@ -132,6 +156,54 @@ def test_bound_and_incumbent_enclose_what_is_best() -> None:
     bounds = [step.bound for step in found.history]
     assert bounds == sorted(bounds)
     assert "within" in found.word
+
+
+def swaying(task: WalkTask, *rolls: float) -> Array:
+    """Motions that differ in their roll from knot 2 on (M, N + 1, 12)."""
+    state = np.tile(task.start.state, (len(rolls), task.knots + 1, 1))
+    state[:, 2:, 6] = np.array(rolls)[:, None]
+    return state
+
+
+def test_tubes_of_several_motions_hold_all_of_them() -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 4)
+    motions, width = swaying(task, -0.2, 0.0, 0.3), (np.full(3, 0.01), np.full(3, 0.1))
+    tube = tube_about(task, motions, *width)
+    assert all(tube.holds(state) for state in motions)
+    assert tube.angles_half[2:, 0] == pytest.approx(0.26)
+    assert not tube_about(task, motions[0], *width).holds(motions[2])
+    parts = halves(motions, *width)
+    assert parts is not None
+    assert sorted(len(part) for part in parts) == [1, 2]
+    assert halves(swaying(task, 0.0, 0.005), *width) is None
+
+
+@pytest.mark.parametrize(("worth", "count"), [(1.0, 2), (0.0, 1)])
+def test_a_tube_is_parted_where_that_raises_the_bound(worth: float, count: int) -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 4)
+    motions = swaying(task, -0.3, -0.1, 0.1, 0.3)
+    width = np.full(3, 0.01), np.full(3, 0.1)
+
+    def bound(tube: Tube) -> float:
+        return 1.0 - worth * float(tube.angles_half.max())
+
+    leaves = covering(task, motions, width, 2.0, bound, lambda: True)
+    assert len(leaves) == count  # each as far as the reference, so that more gain nothing
+    assert sum(len(leaf.motions) for leaf in leaves) == 4
+    assert all(leaf.tube.holds(state) for leaf in leaves for state in leaf.motions)
+    assert all(any(leaf.tube.holds(state) for leaf in leaves) for state in motions)
+    assert len(covering(task, motions, width, 0.5, bound, lambda: True)) == 1  # enough at once
+    assert len(covering(task, motions, width, 2.0, bound, lambda: False)) == 1  # out of time
+
+
+def test_bounds_about_several_searches_say_so() -> None:
+    task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
+    first, second = known(task, 10), known(task, 60)
+    found = solve_micp(task, MicpLimits(2.0, 0.3), first, [second])
+    assert found.bound is not None
+    assert 0 < found.bound <= second.objective + 1e-6
+    assert found.tubes >= 1
+    assert "what 2 searches found" in found.word
 
 
 def test_shares_of_a_square_are_its_perspective() -> None:

@@ -28,7 +28,7 @@ SPEC = "mpc_recovery"
 PUSHES = ((-1.0, 0.0, 0.0), (-1.5, 0.0, 0.0), (0.0, 0.5, 0.0), (-2.8, 0.0, 0.0))  # [m/s]
 SIZES = (110, 330, 1000)  # published numbers of walks
 _BUILT, _QUICK_BUILT = 110, 6  # walks that are solved where no file gives them
-_TRIALS, _QUICK_TRIALS = 40, 3
+_TRIALS, _QUICK_TRIALS = 20, 3
 
 
 @dataclass(frozen=True)

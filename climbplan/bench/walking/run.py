@@ -9,6 +9,7 @@ from typing import Any, TextIO
 
 from climbplan.bench.walking.bounds import bound_table
 from climbplan.bench.walking.envelope_accuracy import accuracy_table
+from climbplan.bench.walking.learned import strategy_table
 from climbplan.bench.walking.offline import offline_tables
 from climbplan.bench.walking.online import tick_tables
 from climbplan.bench.walking.online_options import OnlineOptions, online_inputs
@@ -24,7 +25,7 @@ OFFLINE: dict[str, Section] = {
     "bounds": bound_table,
     "stones": stones_table,
 }
-ONLINE = ("ticks", "recovery", "pushes")
+ONLINE = ("ticks", "strategies", "recovery", "pushes")
 
 
 def run_mpc(
@@ -49,6 +50,8 @@ def run_mpc(
             OFFLINE[name](options.seed, options.quick, stream)
         elif inputs is not None and name == "ticks":
             found[name] = tick_tables(inputs, options.seed, options.quick, stream)
+        elif inputs is not None and name == "strategies":
+            found[name] = strategy_table(inputs, options.seed, options.quick, stream)
         elif inputs is not None and name == "pushes":
             found[name] = push_table(inputs, options, stream, report)
         elif inputs is not None:

@@ -10,7 +10,16 @@ from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantit
 
 
 class WalkTubeSpec(SpecModel):
-    """Room about the attitude of the trajectory that `micp` starts from, and references near it."""
+    """Room about attitudes of the trajectories that `micp` starts from, and references near."""
+
+    seeds: Count = quantity(
+        "",
+        "searches whose answers, and all attitudes between them, are in the tube: `seed` and those "
+        "after it; `micp` starts from the cheapest",
+        default=1,
+        ge=1,
+        le=100,
+    )
 
     angles_deg: Vector = quantity("deg", "of roll, pitch, yaw either way", default=(2, 4, 2))
     spin: Vector = quantity("rad/s", "of the angular velocity either way", default=(0.5, 1, 0.5))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.walking.micp.model import Lin, LinearModel
-from climbplan.walking.micp.ranges import ranges_below
+from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.tube import Tube, Turning, turning
 from climbplan.walking.task import LEGS, POSITION, VELOCITY, Array, WalkTask
 
@@ -21,11 +21,9 @@ class Frame:
         arms: int,
         heights: int,
         ratio: float,
-        within: tuple[Array, Array] | None,
-        off: Array | None,
+        box: Box | None,
     ) -> None:
         self.task, self.tube, self.cost = task, tube, cost
-        self.off = np.full(2, cost) if off is None else off
         self.aside: tuple[list[int], list[int]] = ([], [])
         self.given = np.zeros(2)
         self.arm_pieces, self.height_pieces, self.ratio = arms, heights, ratio
@@ -33,15 +31,17 @@ class Frame:
         self.arms: dict[tuple[int, int], tuple[Lin, Lin]] = {}
         self.unit = task.weight / LEGS
         self.most = task.body.force_limit / self.unit
+        self.known = box is not None
+        self.box = box = Box.open(task, cost, self.most) if box is None else box
+        self.rows: dict[tuple[int, int], int] = {}  # of whether legs stand, by knot and leg
         self.turns = [turning(task, tube, n) for n in range(task.knots)]
         ranges = ranges_below(task, cost)
         self.p_low, self.p_high = ranges.position
         self.v_low, self.v_high = ranges.velocity
-        if within is not None:
-            self.p_low = np.maximum(self.p_low, within[0][:, POSITION])
-            self.p_high = np.maximum(np.minimum(self.p_high, within[1][:, POSITION]), self.p_low)
-            self.v_low = np.maximum(self.v_low, within[0][:, VELOCITY])
-            self.v_high = np.maximum(np.minimum(self.v_high, within[1][:, VELOCITY]), self.v_low)
+        self.p_low = np.maximum(self.p_low, box.low[:, POSITION])
+        self.p_high = np.maximum(np.minimum(self.p_high, box.high[:, POSITION]), self.p_low)
+        self.v_low = np.maximum(self.v_low, box.low[:, VELOCITY])
+        self.v_high = np.maximum(np.minimum(self.v_high, box.high[:, VELOCITY]), self.v_low)
         for n in range(1, task.knots):
             least, most = self.ways(0, n)
             self.p_low[n, :2] = np.maximum(self.p_low[n, :2], self.p_low[0, :2] + least)
@@ -81,18 +81,32 @@ class Frame:
         self.model.least(name, chosen * high - new)
         return new
 
-    def product(self, x: Lin, ends: tuple[float, float], y: Lin, most: float, chosen: Lin) -> Lin:
-        """x y with y in [0, most] if chosen, eq. (8.26) in perspective form."""
-        low, high = ends
-        if high - low < 1e-12:
-            return y * low
-        model = self.model
-        w = model.variable(-np.inf, np.inf)
-        model.least("dynamics.spin", w - y * low)
-        model.least("dynamics.spin", w - y * high - x * most + chosen * (high * most))
-        model.least("dynamics.spin", y * high - w)
-        model.least("dynamics.spin", y * low + x * most - chosen * (low * most) - w)
+    def product(
+        self, x: Lin, ends: tuple[float, float], y: Lin, sizes: tuple[float, float], chosen: Lin
+    ) -> Lin:
+        """x y with x and y between these if chosen, eq. (8.26) in perspective form."""
+        if ends[1] - ends[0] < 1e-12:
+            return y * ends[0]
+        w = self.model.variable(-np.inf, np.inf)
+        self.between(w, x, ends, y, sizes, chosen)
         return w
+
+    def between(
+        self,
+        w: Lin,
+        x: Lin,
+        ends: tuple[float, float],
+        y: Lin,
+        sizes: tuple[float, float],
+        chosen: Lin,
+    ) -> None:
+        """The four rows of w = x y."""
+        (low, high), (least, most) = ends, sizes
+        add = self.model.least
+        add("dynamics.spin", w - y * low - x * least + chosen * (low * least))
+        add("dynamics.spin", w - y * high - x * most + chosen * (high * most))
+        add("dynamics.spin", y * high + x * least - chosen * (high * least) - w)
+        add("dynamics.spin", y * low + x * most - chosen * (low * most) - w)
 
     def sideways(
         self, ends: tuple[float, float], y: Lin, normal: Lin, with_normal: Lin, friction: float
@@ -139,7 +153,7 @@ class Frame:
         weight = track + task.weights.motion * task.step**2
         with np.errstate(divide="ignore", invalid="ignore"):
             cheapest = np.where(weight > 0, track / weight, 0.0)
-            room = np.where(weight > 0, np.sqrt((last - first) * self.off / weight), np.inf)
+            room = np.where(weight > 0, np.sqrt((last - first) * self.box.off / weight), np.inf)
         wanted = cheapest * task.reference.velocity[first - 1 : last - 1, :2].sum(axis=0)
         wanted = wanted + self.v_low[n:first, :2].sum(axis=0)
         least: Array = task.step * np.maximum(slow, wanted - room)

@@ -28,15 +28,20 @@ class Legs(Frame):
             ends = [(region, held[:2], held[:2])]
         else:
             low, high = self.arm_range(t, leg)
-            knots = np.linspace(low[0], high[0], self.arm_pieces + 1)
+            least = np.maximum(low[:2], self.box.arm_low[n, leg])
+            most = np.maximum(np.minimum(high[:2], self.box.arm_high[n, leg]), least)
+            knots = np.linspace(least[0], most[0], self.arm_pieces + 1)
             ends = [
-                (s, np.array([a, low[1]]), np.array([b, high[1]]))
-                for s in self.regions(n, low, high)
+                (s, np.array([a, least[1]]), np.array([b, most[1]]))
+                for s in self.regions(n, least, most)
                 for a, b in itertools.pairwise(knots)
             ]
-        pieces = tuple(self.piece(*end) for end in ends)
+        forces = self.box.force_low[n, leg], self.box.force_high[n, leg]
+        pieces = tuple(self.piece(*end, forces) for end in ends)
         standing = total(q.chosen for q in pieces)
-        model.add("contact.region", standing, -np.inf, 1.0)
+        self.rows[n, leg] = len(model)
+        stands = float(self.box.stands_low[n, leg]), float(self.box.stands_high[n, leg])
+        model.add("contact.region", standing, *stands)
         if first:
             self.arms[n, leg] = (Lin(constant=held[0]), Lin(constant=held[1]))
             return pieces
@@ -105,19 +110,17 @@ class Legs(Frame):
             self.model.least("workspace.toe", (x * high - w) * side + (high - y) * half)
         return w
 
-    def piece(self, region: int, low: Array, high: Array) -> Piece:
-        model, most = self.model, self.most
+    def piece(self, region: int, low: Array, high: Array, forces: tuple[Array, Array]) -> Piece:
+        model = self.model
         friction = self.task.ground.friction
         chosen = model.variable(0.0, 1.0, whole=True)
         arm = (
             self.scaled("contact.region", chosen, float(low[0]), float(high[0])),
             self.scaled("contact.region", chosen, float(low[1]), float(high[1])),
         )
-        force = (
-            self.scaled("force.swing", chosen, -most, most),
-            self.scaled("force.swing", chosen, -most, most),
-            self.scaled("force.swing", chosen, 0.0, most),
-        )
+        least, most = forces
+        x, y, z = (self.scaled("force.swing", chosen, a, b) for a, b in zip(*forces, strict=True))
+        force = (x, y, z)
         for k in range(FACETS):
             angle = 2 * np.pi * k / FACETS
             pull = force[0] * float(np.cos(angle)) + force[1] * float(np.sin(angle))
@@ -125,8 +128,11 @@ class Legs(Frame):
         products = []
         for k in range(2):
             ends = float(low[k]), float(high[k])
-            with_z = self.product(arm[k], ends, force[2], most, chosen)
-            across = self.sideways(ends, force[1 - k], force[2], with_z, friction)
+            with_z = self.product(arm[k], ends, z, (float(least[2]), float(most[2])), chosen)
+            across = self.sideways(ends, force[1 - k], z, with_z, friction)
+            if self.known and high[k] - low[k] > 1e-12:
+                sizes = float(least[1 - k]), float(most[1 - k])
+                self.between(across, arm[k], ends, force[1 - k], sizes, chosen)
             products.append((across, with_z))
         return Piece(region, low, high, chosen, arm, force, products[0], products[1])
 

@@ -1,97 +1,50 @@
-"""Solving the relaxation with HiGHS: a bound, and gaits that are solved again on the true dynamics.
+"""A bound about known motions, and gaits of the relaxation that the true dynamics are solved with.
 
-The cost of the mixed-integer program is not the true one: envelopes and the tube give it room. Each
-gait that it comes up with is therefore priced by the SQP on the nonlinear dynamics, and only such
-trajectories are answers. Its bound holds for every motion within the tube, by forward Euler steps:
-that is what the program relaxes. Of a task by `mean` steps it is asked for gaits alone, and no
-bound is told.
+The bound holds for every motion within the tubes, by forward Euler steps: that is what the program
+relaxes. Of a task by `mean` steps it is asked for gaits alone, and no bound is told.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
-import highspy
 import numpy as np
 
-from climbplan.solvers.highs.model import highs, rows_model, run_highs
-from climbplan.spec.walking.solver import WalkSolverSpec
-from climbplan.walking.answer import Improvement, WalkAnswer
-from climbplan.walking.check.checker import passes
-from climbplan.walking.footing import gait_of
-from climbplan.walking.micp.shrinking import shrunk
-from climbplan.walking.micp.statement import Relaxation, relaxation
-from climbplan.walking.micp.tube import Tube, tube_about
-from climbplan.walking.offline.gaits import with_regions
-from climbplan.walking.offline.sqp import iterate_of, solve_gait
-from climbplan.walking.task import Array, WalkTask, WalkTrajectory
-
-_TOLERANCE = 1e-7  # of rows
-_OFF = 1e-5  # of rows, beyond which it is told
-_SHRINKS = 1  # rounds of drawing tube and ranges closer
-_SHRINKING = 0.1  # of the time that is left, for each
-_NEW_START = 0.85  # times the cost before
-_ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
-_TANGENTS = 1.5  # each so many times the one before
-_SAG = 1e-4  # of the cost that a square may be too small, then
-_SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
-_PRICING = 8  # QPs for a gait of the program, and once more to settle
-_POLISH = 40
-_HEURISTICS = 0.05  # HiGHS's own share, where the start is far from good
+from climbplan.walking.answer import WalkAnswer
+from climbplan.walking.micp.bounding import Bounding
+from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.task import WalkTask
 
 
-@dataclass(frozen=True)
-class MicpLimits:
-    """What is stated, and when to stop."""
+def solve_micp(
+    task: WalkTask, limits: MicpLimits, warm: WalkAnswer, others: Sequence[WalkAnswer] = ()
+) -> WalkAnswer:
+    """Improve the cheapest of known trajectories, and bound it where steps are Euler's.
 
-    seconds: float = 150.0
-    gap: float = 0.1
-    arm_pieces: int = 1  # at first
-    height_pieces: int = 1
-    angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
-    spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
-    heuristics: float = 0.0  # of HiGHS; after a search time is for the bound
-    clock: Callable[[], float] = time.perf_counter  # `process_time` where others share the machine
-
-
-def limits_of(solver: WalkSolverSpec) -> MicpLimits:
-    """The limits that a spec sets."""
-    return MicpLimits(
-        solver.time_limit,
-        solver.gap,
-        solver.arm_pieces,
-        solver.height_pieces,
-        tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
-        solver.tube.spin,
-        0.0 if solver.warm == "search" else _HEURISTICS,
-    )
-
-
-def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnswer:
-    """Improve a known trajectory (of `nlp` or `search`), and bound it where steps are Euler's.
-
-    The known one gives the tube, the largest cost, and its contacts and pieces a partial start.
+    All of them give the tube. The cheapest gives the largest cost, and its contacts and pieces a
+    partial start.
     """
-    known = warm.trajectory
+    given = [answer for answer in (warm, *others) if answer.trajectory is not None]
+    cheapest = min(given, key=lambda answer: answer.objective, default=warm)
+    known = cheapest.trajectory
     if known is None:
         return WalkAnswer(None, np.inf, warm.seconds, f"nothing to start from: {warm.word}")
     stated = replace(task, integrator="euler")
-    run = _Run(task, stated, limits, known, warm.objective, limits.clock())
+    motions = [answer.trajectory.state for answer in given if answer.trajectory is not None]
+    run = Bounding(task, stated, limits, known, cheapest.objective, limits.clock())
     while run.left > 0 and not run.closed:
-        tube = tube_about(stated, run.best.state, np.array(limits.angles), np.array(limits.spin))
-        run.begin_tube()
-        run.bounded(tube)
-        # A much better incumbent is worth a new start: ranges depend on its cost, the tube on it.
+        run.cover(np.stack([run.best.state, *motions]))
+        # A much better incumbent is worth a new start: ranges depend on its cost, tubes on it.
         if not run.again:
             break
     width = np.rad2deg(limits.angles).round(3)
+    about = f"what {len(motions)} searches found" if others else "the start's attitude"
+    tubes = f"{len(run.bounds)} tubes; " if len(run.bounds) > 1 else ""
     word = (
         f"bound of motions within {width[0]:g}, {width[1]:g}, {width[2]:g} degrees and "
-        f"{limits.spin[0]:g}, {limits.spin[1]:g}, {limits.spin[2]:g} rad/s of the start's attitude "
-        f"or the reference; {run.word}"
+        f"{limits.spin[0]:g}, {limits.spin[1]:g}, {limits.spin[2]:g} rad/s of {about} "
+        f"or the reference; {tubes}{run.word}"
     )
     proves = task.integrator == stated.integrator
     if not proves:
@@ -107,204 +60,7 @@ def solve_micp(task: WalkTask, limits: MicpLimits, warm: WalkAnswer) -> WalkAnsw
         word,
         bound=min(run.bound, run.objective) if proves else None,
         tried=len(run.seen),
+        tubes=len(run.bounds) if proves else 0,
         begun=known,
         history=tuple(run.history),
     )
-
-
-@dataclass
-class _Run:
-    task: WalkTask  # whose dynamics judge gaits
-    stated: WalkTask  # whose relaxation finds them
-    limits: MicpLimits
-    best: WalkTrajectory
-    objective: float
-    begin: float
-    bound: float = 0.0  # squares cost nothing less
-    word: str = "time limit"
-    again: bool = False
-    solved: bool = False
-    seen: set[bytes] = field(default_factory=set)
-    history: list[Improvement] = field(default_factory=list)
-
-    @property
-    def seconds(self) -> float:
-        return self.limits.clock() - self.begin
-
-    @property
-    def left(self) -> float:
-        return max(self.limits.seconds - self.seconds, 0.0)
-
-    @property
-    def closed(self) -> bool:
-        return self.objective - self.bound <= self.limits.gap * self.objective * (1 + 1e-9)
-
-    @property
-    def by_wall(self) -> bool:
-        """HiGHS can watch the time itself."""
-        return self.limits.clock is time.perf_counter
-
-    def quiet(self) -> Any:
-        """HiGHS until the time is over: its own limit is by the wall's clock."""
-        solver = highs(self.left if self.by_wall else np.inf)
-        solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
-        solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
-        return solver
-
-    def begin_tube(self) -> None:
-        """What was proved of another tube counts no more."""
-        self.bound = 0.0
-        self.history = [replace(step, bound=0.0) for step in self.history]
-
-    def note(self) -> None:
-        """Keep incumbent and bound of this moment."""
-        self.history.append(Improvement(self.seconds, self.objective, self.bound))
-
-    def bounded(self, tube: Tube) -> None:
-        """Programs of ever more parts: one that is solved leaves what its envelopes leave."""
-        parts, about = 1, self.best
-        while self.left > 0 and not self.closed:
-            self.attempt(tube, about, parts)
-            if self.again or not self.solved:
-                return
-            parts *= 2
-
-    def attempt(self, tube: Tube, known: WalkTrajectory, parts: int) -> None:
-        """The program of motions that are cheaper by the gap: if there are none, it is closed."""
-        limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
-        self.solved = False
-        within: tuple[Array, Array] | None = None
-        off: Array | None = None
-        closer = tube
-        for k in range(_SHRINKS + 1):
-            program = relaxation(
-                self.stated,
-                closer,
-                most,
-                parts * limits.arm_pieces,
-                parts * limits.height_pieces,
-                _TANGENTS,
-                within,
-                off,
-            )
-            if not self.tighten(program, most):
-                return
-            if k < _SHRINKS:
-                box = shrunk(program, _SHRINKING * self.left, limits.clock)
-                if box is None:
-                    self.raise_bound(most, most)
-                    self.word = "no motion is cheaper by the gap, by linear programs alone"
-                    return
-                within, off, closer = (box.low, box.high), box.off, box.tube(tube)
-        # What is solved may owe its cost to squares that tangents leave too small.
-        x = self.branch(program, known, most)
-        while x is not None and not self.closed and self.left > 0:
-            if not program.model.refine(x, _SAG * self.objective):
-                return
-            x = self.branch(program, known, most)
-
-    def tighten(self, program: Relaxation, most: float) -> bool:
-        """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
-
-        most: costs that the program holds.
-        """
-        model = program.model
-        x: Array | None = None
-        for _ in range(_ROUNDS):
-            solver = self.quiet()
-            solver.passModel(rows_model(model, relaxed=True))
-            run_highs(solver)
-            status = solver.getModelStatus()
-            if status == highspy.HighsModelStatus.kInfeasible:
-                self.raise_bound(most, most)
-                self.word = "no motion is cheaper by the gap, by linear programs alone"
-                return False
-            if status != highspy.HighsModelStatus.kOptimal:
-                break
-            self.raise_bound(float(solver.getInfo().objective_function_value), most)
-            x = np.array(solver.getSolution().col_value)
-            if not model.refine(x, _SAG * self.objective):
-                break
-        if x is not None:
-            for share in _SHARES:
-                self.consider(program, x, share)
-        return True
-
-    def branch(self, program: Relaxation, known: WalkTrajectory, most: float) -> Array | None:
-        """The program with binaries, the known gait as a partial start; a point if it is solved."""
-        model, basis = program.model, self.objective
-        solver = self.quiet()
-        solver.setOptionValue("mip_rel_gap", 0.0)
-        solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
-        solver.passModel(rows_model(model))
-        start = program.integers(known)
-        columns = np.array(list(start), np.int32)
-        solver.setSolution(len(columns), columns, np.array(list(start.values()), float))
-        self.again = False
-
-        def improved(event: Any) -> None:
-            self.consider(program, np.array(event.data_out.mip_solution))
-
-        def logged(event: Any) -> None:
-            self.raise_bound(float(event.data_out.mip_dual_bound), most)
-
-        def interrupt(event: Any) -> None:
-            self.again = self.objective < _NEW_START * basis
-            if self.closed or self.again or (not self.by_wall and self.left <= 0):
-                event.interrupt()
-
-        solver.cbMipImprovingSolution.subscribe(improved)
-        solver.cbMipLogging.subscribe(logged)
-        solver.cbMipInterrupt.subscribe(interrupt)
-        run_highs(solver)
-        info = solver.getInfo()
-        status = solver.getModelStatus()
-        self.word = (
-            f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}, "
-            f"{info.mip_node_count} nodes, {len(model.lower)} variables, {sum(model.integer)} "
-            f"binaries, {len(model)} rows"
-        )
-        self.solved = status == highspy.HighsModelStatus.kOptimal
-        if status == highspy.HighsModelStatus.kInfeasible:
-            self.raise_bound(most, most)
-        else:
-            self.raise_bound(float(info.mip_dual_bound), most)
-        solution = solver.getSolution()
-        x = np.array(solution.col_value) if solution.value_valid else None
-        if x is not None:
-            self.consider(program, x)
-            if (worst := model.worst(x)).residual > _OFF:
-                self.word += f", {worst}"
-        self.note()
-        return x if self.solved else None
-
-    def raise_bound(self, bound: float, most: float) -> None:
-        """A bound on motions that cost no more than so much: the others cost more than that."""
-        bound = min(bound, most)
-        if np.isfinite(bound) and bound > self.bound:
-            self.bound = bound
-            self.note()
-
-    def consider(self, program: Relaxation, x: Array, share: float = 0.5) -> None:
-        """Solve the gait of a point on the true dynamics; share: of a contact that counts."""
-        contact, region = program.gait(x, share)
-        if (contact.sum(axis=1) < self.task.least_contacts).any():
-            return
-        contact = np.vstack([contact, contact[-1:]])
-        region = np.vstack([region, region[-1:]])
-        gait = with_regions(self.task, contact)
-        if len(self.task.ground.height) > 1:
-            gait = gait_of(contact, np.where(region >= 0, region, gait.region))
-        if gait.key in self.seen:
-            return
-        self.seen.add(gait.key)
-        for start in (None, iterate_of(self.best, gait)):
-            found = solve_gait(self.task, gait, start, _PRICING)
-            if found.trajectory is None or found.objective >= self.objective:
-                continue
-            settled = solve_gait(self.task, gait, iterate_of(found.trajectory, gait), _POLISH)
-            if settled.trajectory is None or settled.objective >= self.objective:
-                continue
-            if settled.holds and passes(self.task, settled.trajectory):
-                self.best, self.objective = settled.trajectory, settled.objective
-                self.note()

@@ -24,19 +24,19 @@ class Motion(Counts):
         chosen, height = [], []
         sums: tuple[list[Lin], ...] = ([], [], [])
         products: tuple[list[Lin], list[Lin]] = ([], [])
-        most, friction = LEGS * self.most, self.task.ground.friction
+        friction = self.task.ground.friction
+        least, most = self.box.push_low[n], self.box.push_high[n]
         for a, b in itertools.pairwise(knots):
             one = model.variable(1.0 if parts == 1 else 0.0, 1.0, whole=parts > 1)
             z = self.scaled("dynamics.spin", one, a, b)
-            f = (
-                self.scaled("force.limit", one, -most, most),
-                self.scaled("force.limit", one, -most, most),
-                self.scaled("force.limit", one, 0.0, most),
-            )
-            with_z = self.product(z, (float(a), float(b)), f[2], most, one)
+            ends = float(a), float(b)
+            f = [self.scaled("force.limit", one, x, y) for x, y in zip(least, most, strict=True)]
+            with_z = self.product(z, ends, f[2], (float(least[2]), float(most[2])), one)
             for k in range(2):
-                ends = float(a), float(b)
-                products[k].append(self.sideways(ends, f[k], f[2], with_z, friction))
+                across = self.sideways(ends, f[k], f[2], with_z, friction)
+                if self.known and b - a > 1e-12:
+                    self.between(across, z, ends, f[k], (float(least[k]), float(most[k])), one)
+                products[k].append(across)
                 model.least("force.friction", f[2] * friction - f[k])
                 model.least("force.friction", f[2] * friction + f[k])
             chosen.append(one)

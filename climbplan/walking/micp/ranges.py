@@ -1,12 +1,13 @@
-"""How far and how fast a motion goes that costs less than a known one."""
+"""How far and how fast a motion goes that costs less than a known one, and where legs may stand."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.walking.task import LEGS, POSITION, VELOCITY, Array, WalkTask
+from climbplan.walking.micp.tube import Tube
+from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, STATE, VELOCITY, Array, WalkTask
 
 
 @dataclass(frozen=True)
@@ -39,3 +40,56 @@ def ranges_below(task: WalkTask, cost: float) -> Ranges:
             p_low[n, 2] = max(p_low[n, 2], task.reference.height[n - 1] - rise)
             p_high[n, 2] = min(p_high[n, 2], task.reference.height[n - 1] + rise)
     return Ranges((low, high), (p_low, p_high))
+
+
+@dataclass(frozen=True)
+class Box:
+    """What is known of every motion that a program holds; forces in its units.
+
+    Of legs it is what holds where they stand.
+    """
+
+    low: Array  # (N + 1, 12) states
+    high: Array
+    off: Array  # (2,) the most that velocities along x and y that are not the cheapest cost them
+    push_low: Array  # (N, 3) sums of forces
+    push_high: Array
+    stands_low: Array  # (N, 4) 1: stands in any case
+    stands_high: Array  # 0: never
+    arm_low: Array  # (N, 4, 2) toe from the body along x and y [m]
+    arm_high: Array
+    force_low: Array  # (N, 4, 3)
+    force_high: Array
+
+    @classmethod
+    def open(cls, task: WalkTask, cost: float, most: float) -> Box:
+        """Nothing is known but the limit of each force, and a cost."""
+        knots = task.knots
+        states, legs, sums = (knots + 1, STATE), (knots, LEGS), np.array([-LEGS, -LEGS, 0.0])
+        return cls(
+            np.full(states, -np.inf),
+            np.full(states, np.inf),
+            np.full(2, cost),
+            np.tile(sums * most, (knots, 1)),
+            np.full((knots, 3), LEGS * most),
+            np.zeros(legs),
+            np.ones(legs),
+            np.full((*legs, 2), -np.inf),
+            np.full((*legs, 2), np.inf),
+            np.tile(sums / LEGS * most, (*legs, 1)),
+            np.full((*legs, 3), most),
+        )
+
+    def tube(self, tube: Tube) -> Tube:
+        """What a tube and the box have in common."""
+        a, a_half = _common(
+            tube.angles, tube.angles_half, self.low[:, ANGLES], self.high[:, ANGLES]
+        )
+        s, s_half = _common(tube.spin, tube.spin_half, self.low[:, SPIN], self.high[:, SPIN])
+        return replace(tube, angles=a, angles_half=a_half, spin=s, spin_half=s_half)
+
+
+def _common(middle: Array, half: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    below, above = np.maximum(middle - half, low), np.minimum(middle + half, high)
+    above = np.maximum(above, below)
+    return 0.5 * (below + above), 0.5 * (above - below)

@@ -1,116 +1,168 @@
-"""Where states can be at all: each one's least and largest value in the relaxed program.
+"""Where motions can be at all: least and largest states, forces and arms of relaxed programs.
 
 A motion that costs no more than the program's limit has all its states there, so that tube, ranges
-and with them all envelopes may be drawn closer: the bound stays one of the first statement.
+and with them all envelopes may be drawn closer: the bound stays one of the first statement. Of each
+leg and knot two programs ask: what holds if it stands, and whether it may as well swing.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.walking.micp.model import Lin, total
+from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import ANGLES, POSITION, SPIN, Array
+from climbplan.walking.task import POSITION
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
 _FIXED = 1e-6
-
-
-@dataclass(frozen=True)
-class Box:
-    """Least and largest states (N + 1, 12)."""
-
-    low: Array
-    high: Array
-    off: Array  # (2,) the most that velocities along x and y cost: as of `relaxation`
-
-    def tube(self, tube: Tube) -> Tube:
-        """What a tube and the box have in common."""
-        a, a_half = _common(
-            tube.angles, tube.angles_half, self.low[:, ANGLES], self.high[:, ANGLES]
-        )
-        s, s_half = _common(tube.spin, tube.spin_half, self.low[:, SPIN], self.high[:, SPIN])
-        return replace(tube, angles=a, angles_half=a_half, spin=s, spin_half=s_half)
+_PRIMAL = 4
 
 
 def shrunk(
-    program: Relaxation, seconds: float, clock: Callable[[], float] = time.perf_counter
+    program: Relaxation,
+    seconds: float,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Box | None:
-    """The box of a program's relaxed states; None if it has no point at all.
+    """What is known of a program's motions; None if it has no point at all.
 
-    Those that time does not suffice for stay as they are. Raises nothing.
+    Whatever time does not suffice for stays as it is. Raises nothing.
     """
-    end = clock() + seconds
-    model = program.model
-    columns = np.array([[c.column for c in row] for row in program.states])
-    low, high = np.array(model.lower)[columns], np.array(model.upper)[columns]
-    solver = highs()
-    solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
-    solver.setOptionValue("presolve", "off")  # the next one starts from where the last one ended
-    solver.passModel(rows_model(model, relaxed=True))
-    everything = np.arange(len(model.lower), dtype=np.int32)
-    off = _velocities_cost(program, solver, everything)
-    if off is None:
+    asked = _Asked(program, clock() + seconds, clock)
+    try:
+        asked.costs_of_velocities()
+        asked.sums()
+        asked.legs()
+        asked.states()
+    except _NothingThere:
         return None
-    solver.changeColsCost(len(everything), everything, np.zeros(len(everything)))
-    for n in range(1, len(columns)):
-        for k in range(columns.shape[1]):
-            if high[n, k] - low[n, k] < _FIXED or k in range(12)[POSITION][:2]:
-                continue
-            column = int(columns[n, k])
-            for sign in (1.0, -1.0):
-                left = end - clock()
-                if left <= 0:
-                    return Box(low, high, off)
-                solver.setOptionValue("time_limit", solver.getRunTime() + left)
-                solver.changeColCost(column, sign)
-                run_highs(solver)
-                status = solver.getModelStatus()
-                if status == highspy.HighsModelStatus.kInfeasible:
-                    return None
-                if status == highspy.HighsModelStatus.kOptimal:
-                    found = float(solver.getInfo().objective_function_value) - model.constant
-                    if sign > 0:
-                        low[n, k] = max(low[n, k], found - _PAD)
-                    else:
-                        high[n, k] = min(high[n, k], -found + _PAD)
-            solver.changeColCost(column, 0.0)
-            solver.changeColBounds(column, low[n, k], high[n, k])
-    return Box(low, high, off)
+    except _OutOfTime:
+        pass
+    return asked.box
 
 
-def _velocities_cost(
-    program: Relaxation, solver: Any, everything: NDArray[np.int32]
-) -> Array | None:
-    """(2,) what all may cost less what all but velocities along x or y costs at least.
+class _NothingThere(Exception):
+    """The program has no point."""
 
-    None if the program has no point. Costs of the solver's columns are others afterwards.
-    """
-    off = np.full(2, program.most)
-    for k, columns in enumerate(program.aside):
-        cost = np.array(program.model.cost)
-        cost[list(columns)] = 0.0
-        solver.changeColsCost(len(everything), everything, cost)
-        run_highs(solver)
-        status = solver.getModelStatus()
+
+class _OutOfTime(Exception):
+    """Nothing more is asked."""
+
+
+class _Asked:
+    """A relaxed program that is asked for one least or largest value after the other."""
+
+    def __init__(self, program: Relaxation, end: float, clock: Callable[[], float]) -> None:
+        self.program, self.end, self.clock = program, end, clock
+        model, known = program.model, program.box
+        self.columns = np.array([[c.column for c in row] for row in program.states])
+        low, high = np.array(model.lower)[self.columns], np.array(model.upper)[self.columns]
+        copies = {name: value.copy() for name, value in vars(known).items()}
+        self.box = Box(**(copies | {"low": low, "high": high}))
+        self.solver = highs()
+        self.solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
+        self.solver.setOptionValue("presolve", "off")  # the next one starts where this one ends
+        self.solver.setOptionValue("simplex_strategy", _PRIMAL)  # costs change, rows do not
+        self.solver.passModel(rows_model(model, relaxed=True))
+        self.everything = np.arange(len(model.lower), dtype=np.int32)
+
+    def solve(self) -> float | None:
+        """The least cost of what is asked, None if that is not known."""
+        left = self.end - self.clock()
+        if left <= 0:
+            raise _OutOfTime
+        self.solver.setOptionValue("time_limit", self.solver.getRunTime() + left)
+        run_highs(self.solver)
+        status = self.solver.getModelStatus()
         if status == highspy.HighsModelStatus.kInfeasible:
+            raise _NothingThere
+        if status != highspy.HighsModelStatus.kOptimal:
             return None
-        if status == highspy.HighsModelStatus.kOptimal:
-            others = float(solver.getInfo().objective_function_value)
-            left = max(program.most - others, 0.0) + float(program.given[k])
-            off[k] = min(off[k], left + _PAD * program.most)
-    return off
+        return float(self.solver.getInfo().objective_function_value)
 
+    def ends(self, value: Lin, low: float, high: float) -> tuple[float, float]:
+        """Least and largest of an expression, within what is known of it."""
+        columns = np.array(list(value.terms), np.int32)
+        factors = np.array(list(value.terms.values()))
+        for sign in (1.0, -1.0):
+            self.solver.changeColsCost(len(columns), columns, sign * factors)
+            found = self.solve()
+            if found is None:
+                continue
+            at = sign * (found - self.program.model.constant) + value.constant
+            low, high = (max(low, at - _PAD), high) if sign > 0 else (low, min(high, at + _PAD))
+        self.solver.changeColsCost(len(columns), columns, np.zeros(len(columns)))
+        return low, max(high, low)
 
-def _common(middle: Array, half: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    below, above = np.maximum(middle - half, low), np.minimum(middle + half, high)
-    above = np.maximum(above, below)
-    return 0.5 * (below + above), 0.5 * (above - below)
+    def costs_of_velocities(self) -> None:
+        """What all may cost less what all but velocities along x or y costs at least.
+
+        Costs of the solver's columns are zero afterwards.
+        """
+        program, count = self.program, len(self.everything)
+        for k, columns in enumerate(program.aside):
+            cost = np.array(program.model.cost)
+            cost[list(columns)] = 0.0
+            self.solver.changeColsCost(count, self.everything, cost)
+            others = self.solve()
+            if others is not None:
+                left = max(program.most - others, 0.0) + float(program.given[k])
+                self.box.off[k] = min(self.box.off[k], left + _PAD * program.most)
+        self.solver.changeColsCost(count, self.everything, np.zeros(count))
+
+    def states(self) -> None:
+        """Ranges of states but positions along x and y."""
+        low, high = self.box.low, self.box.high
+        for n in range(1, len(low)):
+            for k in range(low.shape[1]):
+                if high[n, k] - low[n, k] < _FIXED or k in range(12)[POSITION][:2]:
+                    continue
+                column = int(self.columns[n, k])
+                low[n, k], high[n, k] = self.ends(Lin({column: 1.0}), low[n, k], high[n, k])
+                self.solver.changeColBounds(column, low[n, k], high[n, k])
+
+    def sums(self) -> None:
+        """Ranges of the sums of forces, by what they change velocities by."""
+        program, box = self.program, self.box
+        for n in range(len(program.pieces)):
+            legs = program.pieces[n]
+            for k in range(3):
+                force = total(q.force[k] for leg in legs for q in leg)
+                low, high = box.push_low[n, k], box.push_high[n, k]
+                box.push_low[n, k], box.push_high[n, k] = self.ends(force, low, high)
+
+    def legs(self) -> None:
+        """Whether legs stand, and arms and forces of those that do."""
+        program, box = self.program, self.box
+        for n, legs in enumerate(program.pieces):
+            for leg, pieces in enumerate(legs):
+                row = int(program.rows[n, leg])
+                low, high = box.stands_low[n, leg], box.stands_high[n, leg]
+                if high == 0.0:
+                    continue
+                self.solver.changeRowBounds(row, 1.0, 1.0)
+                try:
+                    force = total(q.force[2] for q in pieces)
+                    ends = box.force_low[n, leg, 2], box.force_high[n, leg, 2]
+                    box.force_low[n, leg, 2], box.force_high[n, leg, 2] = self.ends(force, *ends)
+                    for k in range(2 if n else 0):
+                        arm = total(q.arm[k] for q in pieces)
+                        ends = box.arm_low[n, leg, k], box.arm_high[n, leg, k]
+                        box.arm_low[n, leg, k], box.arm_high[n, leg, k] = self.ends(arm, *ends)
+                except _NothingThere:
+                    high = 0.0
+                if high > 0.0 and low == 0.0:
+                    self.solver.changeRowBounds(row, 0.0, 0.0)
+                    try:
+                        self.solve()
+                    except _NothingThere:
+                        low = 1.0
+                if low > high:
+                    raise _NothingThere
+                box.stands_low[n, leg], box.stands_high[n, leg] = low, high
+                self.solver.changeRowBounds(row, low, high)

@@ -18,6 +18,7 @@ from climbplan.walking.micp.counts import Count
 from climbplan.walking.micp.model import Lin, LinearModel, total
 from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.pieces import Height, Piece
+from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.tube import Tube
 from climbplan.walking.task import LEGS, POSITION, Array, Flags, WalkTask, WalkTrajectory, Whole
 
@@ -37,6 +38,8 @@ class Relaxation:
     ]  # columns of what velocities along x and y cost, but the last
     given: Array  # (2,) cost of those of them that are no variables
     most: float  # that motions cost
+    rows: Whole  # (N, 4) of whether legs stand
+    box: Box  # what is known already
 
     def integers(self, found: WalkTrajectory) -> dict[int, float]:
         """Values of all binaries at a motion, by column."""
@@ -90,16 +93,13 @@ def relaxation(
     arm_pieces: int,
     height_pieces: int,
     ratio: float,
-    within: tuple[Array, Array] | None = None,
-    off: Array | None = None,
+    box: Box | None = None,
 ) -> Relaxation:
     """The program of all motions within a tube that cost no more than so much.
 
-    ratio: of tangents, as of `LinearModel.square`; where more is known of such motions: within:
-    their least and largest states (N + 1, 12); off: (2,) the most that velocities along x and y
-    that are not the cheapest cost them.
+    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions.
     """
-    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, within, off).done()
+    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, box).done()
 
 
 class _Statement(Motion):
@@ -135,4 +135,6 @@ class _Statement(Motion):
             tuple(tuple(columns) for columns in self.aside),
             self.given,
             self.cost,
+            np.array([[self.rows[n, leg] for leg in range(LEGS)] for n in range(knots)]),
+            self.box,
         )

@@ -45,18 +45,21 @@ class Tube:
 
 
 def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube:
-    """So much room (3,) on either side of a motion (N + 1, 12), and of references near it.
+    """So much room (3,) on either side of motions (..., N + 1, 12), and of references near them.
 
-    Where the start alone decides, at the first two knots of forward Euler, there is no room.
+    Of several motions it holds all that is between them at each knot. Where the start alone
+    decides, at the first two knots of forward Euler, there is no room.
     """
+    state = state.reshape(-1, *state.shape[-2:])
     reference = np.vstack([task.start.state[ANGLES], task.reference.euler])
-    turned = state[:, ANGLES]
+    turned = state[..., ANGLES]
     near = np.where(np.abs(reference - turned) < _NEAR, reference, turned)
-    low, high = np.minimum(turned, near) - angles, np.maximum(turned, near) + angles
-    slow, fast = np.minimum(state[:, SPIN], 0.0), np.maximum(state[:, SPIN], 0.0)
-    still = np.abs(state[:, SPIN]) < _NEAR * 10
-    slow = np.where(still, slow, state[:, SPIN]) - spin
-    fast = np.where(still, fast, state[:, SPIN]) + spin
+    low = np.minimum(turned, near).min(axis=0) - angles
+    high = np.maximum(turned, near).max(axis=0) + angles
+    turning = state[..., SPIN]
+    still = np.abs(turning) < _NEAR * 10
+    slow = np.where(still, np.minimum(turning, 0.0), turning).min(axis=0) - spin
+    fast = np.where(still, np.maximum(turning, 0.0), turning).max(axis=0) + spin
     none = np.zeros((1, 4, 3))
     after = knot_step(task.body, "euler", task.step, task.start.state[None], none, none)[0]
     low[0] = high[0] = task.start.state[ANGLES]

@@ -1,0 +1,292 @@
+"""A bound of a union of tubes: linear programs, ranges drawn closer, and HiGHS's search.
+
+The cost of the mixed-integer program is not the true one: envelopes and the tube give it room. Each
+gait that it comes up with is therefore priced by the SQP on the nonlinear dynamics, and only such
+trajectories are answers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import highspy
+import numpy as np
+
+from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.walking.answer import Improvement
+from climbplan.walking.check.checker import passes
+from climbplan.walking.footing import gait_of
+from climbplan.walking.micp.covering import Leaf, covering
+from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.ranges import Box
+from climbplan.walking.micp.shrinking import shrunk
+from climbplan.walking.micp.statement import Relaxation, relaxation
+from climbplan.walking.micp.tube import Tube, tube_about
+from climbplan.walking.offline.gaits import with_regions
+from climbplan.walking.offline.sqp import iterate_of, solve_gait
+from climbplan.walking.task import Array, WalkTask, WalkTrajectory
+
+_TOLERANCE = 1e-7  # of rows
+_OFF = 1e-5  # of rows, beyond which it is told
+_SHRINKS = 1  # rounds of drawing tube and ranges closer
+_SHRINKING = 0.4  # of the time that is left, for each
+_BRANCHING = 0.3  # of all time, to part tubes
+_NEW_START = 0.85  # times the cost before
+_ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
+_TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
+_SAG = 1e-4  # of the cost that a square may be too small, then
+_SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
+_PRICING = 8  # QPs for a gait of the program, and once more to settle
+_POLISH = 40
+
+
+@dataclass
+class Bounding:
+    """What is known so far, and what is asked next."""
+
+    task: WalkTask  # whose dynamics judge gaits
+    stated: WalkTask  # whose relaxation finds them
+    limits: MicpLimits
+    best: WalkTrajectory
+    objective: float
+    begin: float
+    bounds: list[float] = field(default_factory=lambda: [0.0])  # of each tube; squares cost no less
+    at: int = 0  # the tube that is looked at
+    share: float = 1.0  # of all time that this tube has
+    word: str = "time limit"
+    again: bool = False
+    solved: bool = False
+    seen: set[bytes] = field(default_factory=set)
+    history: list[Improvement] = field(default_factory=list)
+
+    @property
+    def seconds(self) -> float:
+        return self.limits.clock() - self.begin
+
+    @property
+    def bound(self) -> float:
+        """Of the union of all tubes."""
+        return min(self.bounds)
+
+    @property
+    def left(self) -> float:
+        return max(self.share * self.limits.seconds - self.seconds, 0.0)
+
+    @property
+    def closed(self) -> bool:
+        """The tube that is looked at has nothing cheaper by the gap."""
+        known = self.bounds[self.at]
+        return self.objective - known <= self.limits.gap * self.objective * (1 + 1e-9)
+
+    @property
+    def by_wall(self) -> bool:
+        """HiGHS can watch the time itself."""
+        return self.limits.clock is time.perf_counter
+
+    def quiet(self) -> Any:
+        """HiGHS until the time is over: its own limit is by the wall's clock."""
+        solver = highs(self.left if self.by_wall else np.inf)
+        solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
+        solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
+        return solver
+
+    def cover(self, motions: Array) -> None:
+        """Bound the union of tubes about motions (M, N + 1, 12)."""
+        limits, begin = self.limits, self.seconds
+        width = np.array(limits.angles), np.array(limits.spin)
+        if len(motions) <= 2:  # the start, and what is best
+            leaves = [Leaf(tube_about(self.stated, motions, *width), motions, 0.0)]
+        else:
+            leaves = covering(
+                self.stated,
+                motions,
+                width,
+                self.objective * (1.0 - limits.gap),
+                self.first_bound,
+                lambda: self.seconds < begin + _BRANCHING * (limits.seconds - begin),
+            )
+        # What was proved of other tubes counts no more.
+        self.bounds, self.again = [leaf.bound for leaf in leaves], False
+        self.history = [replace(step, bound=0.0) for step in self.history]
+        self.note()
+        order = sorted(range(len(leaves)), key=lambda k: leaves[k].bound)
+        for done, at in enumerate(order):
+            used = self.seconds / limits.seconds
+            self.at, self.share = at, used + (1.0 - used) / (len(leaves) - done)
+            self.bounded(leaves[at].tube)
+            if self.again:
+                break
+        self.share, self.at = 1.0, int(np.argmin(self.bounds))
+
+    def first_bound(self, tube: Tube) -> float:
+        """The bound of a tube by linear programs."""
+        limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
+        pieces = limits.arm_pieces, limits.height_pieces
+        program = relaxation(self.stated, tube, most, *pieces, _TANGENTS)
+        found = max((value for value, _ in self.relaxed(program)), default=0.0)
+        return min(found, most)
+
+    def note(self) -> None:
+        """Keep incumbent and bound of this moment."""
+        self.history.append(Improvement(self.seconds, self.objective, self.bound))
+
+    def bounded(self, tube: Tube) -> None:
+        """Programs of ever more parts: one that is solved leaves what its envelopes leave."""
+        parts, about = 1, self.best
+        while self.left > 0 and not self.closed:
+            self.attempt(tube, about, parts)
+            if self.again or not self.solved:
+                return
+            parts *= 2
+
+    def attempt(self, tube: Tube, known: WalkTrajectory, parts: int) -> None:
+        """The program of motions that are cheaper by the gap: if there are none, it is closed."""
+        limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
+        self.solved = False
+        box: Box | None = None
+        closer = tube
+        for k in range(_SHRINKS + 1):
+            program = relaxation(
+                self.stated,
+                closer,
+                most,
+                parts * limits.arm_pieces,
+                parts * limits.height_pieces,
+                _TANGENTS,
+                box,
+            )
+            if not self.tighten(program, most):
+                return
+            if k < _SHRINKS:
+                box = shrunk(program, _SHRINKING * self.left, limits.clock)
+                if box is None:
+                    self.raise_bound(most, most)
+                    self.word = "no motion is cheaper by the gap, by linear programs alone"
+                    return
+                closer = box.tube(tube)
+        # What is solved may owe its cost to squares that tangents leave too small.
+        x = self.branch(program, known, most)
+        while x is not None and not self.closed and self.left > 0:
+            if not program.model.refine(x, _SAG * self.objective):
+                return
+            x = self.branch(program, known, most)
+
+    def tighten(self, program: Relaxation, most: float) -> bool:
+        """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
+
+        most: costs that the program holds.
+        """
+        x: Array | None = None
+        for bound, at in self.relaxed(program):
+            self.raise_bound(bound, most)
+            if at is None:
+                self.word = "no motion is cheaper by the gap, by linear programs alone"
+                return False
+            x = at
+        if x is not None:
+            for share in _SHARES:
+                self.consider(program, x, share)
+        return True
+
+    def relaxed(self, program: Relaxation) -> Iterator[tuple[float, Array | None]]:
+        """Bounds and points of the program without integers, with ever more tangents.
+
+        Infinity and no point if it has none.
+        """
+        model = program.model
+        for _ in range(_ROUNDS):
+            solver = self.quiet()
+            solver.passModel(rows_model(model, relaxed=True))
+            run_highs(solver)
+            status = solver.getModelStatus()
+            if status == highspy.HighsModelStatus.kInfeasible:
+                yield np.inf, None
+                return
+            if status != highspy.HighsModelStatus.kOptimal:
+                return
+            x = np.array(solver.getSolution().col_value)
+            yield float(solver.getInfo().objective_function_value), x
+            if not model.refine(x, _SAG * self.objective):
+                return
+
+    def branch(self, program: Relaxation, known: WalkTrajectory, most: float) -> Array | None:
+        """The program with binaries, the known gait as a partial start; a point if it is solved."""
+        model, basis = program.model, self.objective
+        solver = self.quiet()
+        solver.setOptionValue("mip_rel_gap", 0.0)
+        solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
+        solver.passModel(rows_model(model))
+        start = program.integers(known)
+        columns = np.array(list(start), np.int32)
+        solver.setSolution(len(columns), columns, np.array(list(start.values()), float))
+        self.again = False
+
+        def improved(event: Any) -> None:
+            self.consider(program, np.array(event.data_out.mip_solution))
+
+        def logged(event: Any) -> None:
+            self.raise_bound(float(event.data_out.mip_dual_bound), most)
+
+        def interrupt(event: Any) -> None:
+            self.again = self.objective < _NEW_START * basis
+            if self.closed or self.again or (not self.by_wall and self.left <= 0):
+                event.interrupt()
+
+        solver.cbMipImprovingSolution.subscribe(improved)
+        solver.cbMipLogging.subscribe(logged)
+        solver.cbMipInterrupt.subscribe(interrupt)
+        run_highs(solver)
+        info = solver.getInfo()
+        status = solver.getModelStatus()
+        self.word = (
+            f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}, "
+            f"{info.mip_node_count} nodes, {len(model.lower)} variables, {sum(model.integer)} "
+            f"binaries, {len(model)} rows"
+        )
+        self.solved = status == highspy.HighsModelStatus.kOptimal
+        if status == highspy.HighsModelStatus.kInfeasible:
+            self.raise_bound(most, most)
+        else:
+            self.raise_bound(float(info.mip_dual_bound), most)
+        solution = solver.getSolution()
+        x = np.array(solution.col_value) if solution.value_valid else None
+        if x is not None:
+            self.consider(program, x)
+            if (worst := model.worst(x)).residual > _OFF:
+                self.word += f", {worst}"
+        self.note()
+        return x if self.solved else None
+
+    def raise_bound(self, bound: float, most: float) -> None:
+        """A bound on motions that cost no more than so much: the others cost more than that."""
+        bound = min(bound, most)
+        if np.isfinite(bound) and bound > self.bounds[self.at]:
+            self.bounds[self.at] = bound
+            self.note()
+
+    def consider(self, program: Relaxation, x: Array, share: float = 0.5) -> None:
+        """Solve the gait of a point on the true dynamics; share: of a contact that counts."""
+        contact, region = program.gait(x, share)
+        if (contact.sum(axis=1) < self.task.least_contacts).any():
+            return
+        contact = np.vstack([contact, contact[-1:]])
+        region = np.vstack([region, region[-1:]])
+        gait = with_regions(self.task, contact)
+        if len(self.task.ground.height) > 1:
+            gait = gait_of(contact, np.where(region >= 0, region, gait.region))
+        if gait.key in self.seen:
+            return
+        self.seen.add(gait.key)
+        for start in (None, iterate_of(self.best, gait)):
+            found = solve_gait(self.task, gait, start, _PRICING)
+            if found.trajectory is None or found.objective >= self.objective:
+                continue
+            settled = solve_gait(self.task, gait, iterate_of(found.trajectory, gait), _POLISH)
+            if settled.trajectory is None or settled.objective >= self.objective:
+                continue
+            if settled.holds and passes(self.task, settled.trajectory):
+                self.best, self.objective = settled.trajectory, settled.objective
+                self.note()

@@ -1,0 +1,60 @@
+"""Strategies on tasks that the library has not seen: what the table of `bench mpc` counts."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from walk_tasks import walk_task
+
+from climbplan.bench.walking import learned
+from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
+from climbplan.walking.online.library import build_library
+
+TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+
+
+@pytest.fixture(scope="module")
+def inputs() -> OnlineInputs:
+    given = online_inputs(
+        OnlineOptions(quick=True, assignments=("library.size=1",), library_size=1), lambda *_: None
+    )
+    return replace(given, libraries=(build_library(TASK, 3, 0, gaits=0),))
+
+
+def test_fresh_tasks_are_what_their_titles_say() -> None:
+    drawn = {
+        name: draw(TASK, 3, np.random.default_rng([0, 1, 3]))
+        for name, draw in learned.KINDS.items()
+    }
+    flat, heavy, stairs, stones = drawn.values()
+    assert flat.body.mass == TASK.body.mass
+    assert abs(flat.start.state[4]) > 0
+    assert 0 < abs(heavy.body.mass / TASK.body.mass - 1) < 0.2
+    heavier = heavy.body.mass / TASK.body.mass
+    np.testing.assert_allclose(heavy.body.inertia, heavier * TASK.body.inertia)
+    assert len(stairs.ground.height) == 4
+    assert len(stones.ground.height) > 10
+    for task in (stairs, stones):
+        region = task.ground.nearest(task.start.toes[:, :2])
+        assert task.ground.outside(region, task.start.toes[:, :2]).max() <= 1e-9
+    other = learned.KINDS["stones, 0.5 m/s"](TASK, 4, np.random.default_rng([0, 1, 4]))
+    assert other.ground.names != stones.ground.names
+
+
+@pytest.mark.slow
+def test_costs_are_set_against_the_search(
+    inputs: OnlineInputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learned, "STRATEGIES", ("knn", "forest"))
+    stream = io.StringIO()
+    rows = learned.strategy_table(inputs, 0, True, stream)
+    assert len(rows) == 2 * len(learned.KINDS)
+    assert len(stream.getvalue().splitlines()) == len(rows) + 3
+    for row in rows:
+        assert 0 <= row["of_library"] <= row["answered"] <= 1
+        if row["cost_to_search"] is not None:
+            assert 0.5 < row["cost_to_search"] <= row["cost_to_search_95"]  # 30 QPs are few
+    assert any(row["answered"] > 0 for row in rows)

@@ -20,7 +20,7 @@ from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.swing import SwingMeets
 from climbplan.climb.windows import least_cost, plan_in_windows, window_of
-from climbplan.climb.within_reach import reachable, within_rounds
+from climbplan.climb.within_reach import between, reachable, within_rounds
 from climbplan.errors import NotProved, SpecError
 from climbplan.spec.loading import load_text
 
@@ -116,6 +116,35 @@ def test_what_one_search_chooses_is_among_the_alternatives_of_each_round() -> No
     # And with these alternatives alone it is found again, at the same cost
     again = plan_postures(replace(scene, by_round=found))
     np.testing.assert_allclose(again.rounds.toes, rounds.toes, atol=2e-3)
+
+
+def test_what_one_search_chooses_leads_on_to_the_goal() -> None:
+    scene = scene_of(NUMBERED)
+    rounds = plan_postures(scene).rounds
+    found = between(scene)
+    assert found.sum() < reachable(scene, 8).sum()
+    for j, limb in np.ndindex(8, 6):
+        assert found[j, limb, rounds.region[j + 1, limb]]
+
+
+def test_surfaces_are_chosen_by_an_l1_relaxation() -> None:
+    chosen = NUMBERED + "solver: {method: sl1-relaxation}\n"
+    found = plan_postures(scene_of(chosen))
+    best = plan_postures(scene_of(NUMBERED))
+    assert found.status == "feasible"
+    assert found.bound is None  # rounding proves nothing
+    assert best.bound is not None
+    assert best.bound <= found.objective < 2 * best.objective
+    assert found.nodes <= 10  # convex programs
+
+
+def test_windows_choose_surfaces_by_an_l1_relaxation(tmp_path: Path) -> None:
+    spec = tmp_path / "long.yaml"
+    spec.write_text(NUMBERED + "solver: {method: sl1-relaxation, window: 4}\n")
+    plan = climbplan.plan(spec)
+    assert plan.verify().passed
+    assert plan.sizes["posture"]["windows"] >= 2
+    assert any("each by sl1-relaxation: the whole may" in warning for warning in plan.warnings)
 
 
 def test_a_window_is_as_long_as_the_spec_says() -> None:

@@ -305,11 +305,9 @@ def _joined(scene: ClimbScene, done: _Done, window: int, clock: StageClock) -> W
             )
         swings = None if short is None else swing_paths(whole, done.rounds, instants)
     objective, bound = posture_cost(whole, done.rounds), least_cost(whole)
-    relaxed = scene.spec.solver.method == "sl1-relaxation"
-    how = f"exact search: optimal a window at a time, to {_GAP:.0%}, "
     note = (
-        f"planned in {done.windows} windows of at most {window} rounds, each by "
-        f"{'sl1-relaxation: ' if relaxed else how}the whole may be done with less; the bound is "
+        f"planned in {done.windows} windows of at most {window} rounds, each by exact search: "
+        f"optimal a window at a time, to {_GAP:.0%}, the whole may be done with less; the bound is "
         "that of the straight way"
     )
     posture = PostureResult(

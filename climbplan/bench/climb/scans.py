@@ -29,8 +29,9 @@ task:
   rounds: {rounds}
   start: {{com: {start}, rpy_deg: [0, 0, -90]}}
   goal: {{com: {goal}, rpy_deg: [{pitch}, 0, -90]}}
-  stance: {{RF: [0.25, {side}, -0.28], RM: [{middle}, 0, -0.28], RR: [0.25, -{side}, -0.28],
-    LR: [-0.25, -{side}, -0.28], LM: [-{middle}, 0, -0.28], LF: [-0.25, {side}, -0.28]}}
+  stance: {{RF: [0.25, {side}, -{up}], RM: [{middle}, 0, -{up}], RR: [0.25, -{side}, -{up}],
+    LR: [-0.25, -{side}, -{up}], LM: [-{middle}, 0, -{up}], LF: [-0.25, {side}, -{up}]}}
+posture: {{steps: {{com_max: {step}}}}}
 trajectory: {{lift: 0.06}}
 solver: {{method: {method}, time_limit: {limit}}}
 """
@@ -49,6 +50,8 @@ class Walk:
     method: str = "auto"
     side: float = 0.42  # [m] of the outer feet before and behind the body
     middle: float = 0.44  # [m] of the middle feet beside it
+    up: float = 0.28  # [m] of the body over its feet
+    step: float = 0.15  # [m] of the body in a round
     limit: int = 600  # [s]
 
     def spec(self, folder: Path) -> str:
@@ -80,10 +83,12 @@ WALKS = {
         ),
         Walk(
             "slalom_debris",
+            # Narrow: between the wall, which knees pass, and the far edge of the debris
             *("[-1.2, 0.1, 0.28]", "[1.6, 0.1, 0.28]"),
-            guide="[[-1.0, 1.07, 0.3], [1.35, 1.07, 0.3]]",
+            guide="[[-1.0, 1.03, 0.3], [1.35, 1.03, 0.3]]",
             side=0.34,
             middle=0.36,
+            step=0.12,
         ),
     )
 }

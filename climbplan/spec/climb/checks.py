@@ -126,12 +126,12 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
         return []
     if parts.solver.method == "auto":
         return _without_method(parts)
-    if parts.solver.method not in (*CONVEX_METHODS, "nlp"):
+    if parts.solver.method not in ("micp", "nlp"):
         auto = isinstance(parts.task, TaskSpec) and parts.task.rounds == "auto"
         key: KeyPath = ("task", "rounds") if auto else ("solver", "window")
         if auto or parts.solver.window is not None:
             message = f"`{parts.solver.method}` plans a stated number of rounds at once; expected "
-            found_by = "`micp`, `sl1-relaxation`, `nlp` or `auto` for windows"
+            found_by = "`micp`, `nlp` or `auto` for windows"
             return [Finding(key, message + found_by)]
     if parts.solver.method not in CONVEX_METHODS:
         message = _beyond(parts.robot)

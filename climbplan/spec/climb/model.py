@@ -276,8 +276,8 @@ class SolverSpec(SpecModel):
     window: Count | None = quantity(
         "",
         "rounds planned at once; half of them are kept before the next window begins. Left out: "
-        "all at once, or 4 where `task.rounds` is `auto`. Methods `micp`, `sl1-relaxation`, `nlp` "
-        "and `auto`, which takes the first of `micp` and `nlp` that has a plan for a window",
+        "all at once, or 4 where `task.rounds` is `auto`. Methods `micp`, `nlp` and `auto`, which "
+        "takes the first of the two that has a plan for a window",
         default=None,
         ge=2,
         le=200,

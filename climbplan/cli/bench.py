@@ -26,6 +26,7 @@ BENCHMARKS = {
     "judge": "the quasi-static engine against MuJoCo in the same worlds of shipped scenes",
     "zoo": "robots of example-robot-data from URDF to verified plans, and in MuJoCo",
     "growth": "cost over rounds 2 to 32 and limbs 4 to 8",
+    "windows": "1,000 regions in windows of rounds, and a rocky tube climbed to its end",
     "bookshelf": "all methods on the same bookshelf scenes, and published placements",
     "strategies": "trained strategies beside each other and beside exact, by data size",
     "limms": "search and consensus on the same scenes of modules, random ones, and random rooms",

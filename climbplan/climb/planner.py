@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
+from climbplan.climb.holding import unheld
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
@@ -20,7 +21,7 @@ from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.climb.windows import plan_in_windows, window_of
-from climbplan.errors import NoPlanFound, UsageError
+from climbplan.errors import NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.any_robot import assumptions
 from climbplan.spec.climb.model import ClimbSpec
@@ -86,6 +87,13 @@ def plan_by_method(
     """
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
+    if scene.terrain.scan is not None and (places := unheld(scene)):
+        raise NotProved(
+            "; ".join(f"{place.where}: {place}" for place in places),
+            because="regions are those found in the scan, which face the body's way; what is too "
+            "small for toes, or faces away, may hold it",
+            stage="proof",
+        )
     assumed = assumptions(loaded.robot, scene.robot)
     window = window_of(scene)
     if window is None:

@@ -3,8 +3,9 @@
 Methods restrict the problem, so what they cannot do proves nothing. Each proof here rests on facts
 that every plan of the stated climb satisfies (`verify` holds plans to them), and on values that the
 spec states (`climbplan.spec.stated`): the way against the steps allowed, toes against the length of
-the limbs, the directions of all friction cones against the load, and the outer statement of the
-postures, which has all of the geometry and the choice of regions in it.
+the limbs, the directions of all friction cones against the load, forces and moments of all that is
+within reach of start and goal, and the outer statement of the postures, which has all of the
+geometry and the choice of regions in it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.climb.holding import pyramid, unheld
 from climbplan.climb.postures.explanation import violated
 from climbplan.climb.postures.outer import (
     SLACK,
@@ -38,7 +40,6 @@ from climbplan.spec.stated import stated
 from climbplan.terrain.surfaces import Region
 
 PROOF_SHARE = 0.08  # of a time limit that the search for a proof may use
-_EDGES = 64  # of the pyramid about a friction cone
 _LOOSE = 0.5  # relative gap: any point of the outer statement will do
 
 
@@ -50,6 +51,9 @@ def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | N
     open_end = scene.spec.task.rounds == "auto"  # as many as it takes are never too few
     far = [] if open_end else list(too_far(scene))
     conflicts = [*buried(scene), *far, *out_of_reach(scene), *no_support(scene)]
+    if not conflicts and scene.terrain.scan is None:
+        # Regions of a scan are those that were found: its faces may hold where they do not
+        conflicts = [Conflict(u.where, (str(u),), in_words=True) for u in unheld(scene)]
     if conflicts:
         return Infeasible("no plan exists", _needed(conflicts), stage="proof")
     if scene.terrain.curved or open_end:
@@ -206,7 +210,7 @@ def no_support(scene: MotionScene) -> Iterator[Conflict]:
 
 def _balance(regions: list[Region], safety: float, load: Array, factor: float = 1.0) -> bool:
     """Whether forces within pyramids about the cones can balance the load."""
-    edges = np.concatenate([_pyramid(r, factor * r.friction / safety) for r in regions])
+    edges = np.concatenate([pyramid(r, factor * r.friction / safety) for r in regions])
     program = LinearProgram(
         np.ones(len(edges)),
         np.zeros(len(edges)),
@@ -216,19 +220,6 @@ def _balance(regions: list[Region], safety: float, load: Array, factor: float = 
         -load / np.linalg.norm(load) + SLACK,
     )
     return solve_linear(program).x is not None
-
-
-def _pyramid(region: Region, friction: float) -> Array:
-    """Edges (E, 3) of a pyramid that contains the friction cone of a region."""
-    normal = region.normal
-    across = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(normal, across)
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
-    angle = 2 * np.pi * np.arange(_EDGES) / _EDGES
-    wide = friction / np.cos(np.pi / _EDGES)
-    turned = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
-    return np.asarray(normal + wide * turned)
 
 
 def _least_factor(regions: list[Region], safety: float, load: Array) -> float | None:

@@ -308,8 +308,7 @@ def _joined(scene: ClimbScene, done: _Done, window: int, clock: StageClock) -> W
     note = (
         f"planned in {done.windows} windows of at most {window} rounds, each by exact search: "
         f"optimal a window at a time, to {_GAP:.0%}, the whole may be done with less; the bound is "
-        "that of the "
-        "straight way"
+        "that of the straight way"
     )
     posture = PostureResult(
         rounds=done.rounds,

@@ -29,6 +29,33 @@ def within_rounds(scene: ClimbScene, count: int) -> Terrain:
     return replace(terrain, allowed=allowed, free_choices=choices)
 
 
+def between(scene: ClimbScene) -> Mask:
+    """(M, N, R) whether limb i can come to surface r by the end of round j and on to the goal.
+
+    What a guide of the body is to other planners: again nothing that a plan could use is left out,
+    but what no plan could leave behind in the rounds that remain.
+    """
+    count = scene.spec.task.round_count
+    found = reachable(scene, count)
+    tolerance, steps = scene.spec.task.goal.tolerance, scene.spec.posture.steps
+    left = np.arange(count - 1, -1, -1)[:, None]
+    limbs = len(scene.goal.toes)
+    robot = scene.robot
+    shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
+    com = np.broadcast_to(scene.goal.com, scene.goal.toes.shape)
+    far = [
+        (scene.goal.toes, tolerance + left * steps.toe_max + np.zeros(limbs)),
+        (com, tolerance + left * steps.com_max + shoulder + robot.reach),
+    ]
+    back = np.ones_like(found)
+    for places, most in far:
+        back &= beyond_bounds(scene.terrain.bounds, places) <= most[:, :, None]
+    both = found & back
+    nowhere = ~both.any(axis=2)  # the program says what is out of reach
+    both[nowhere] = np.broadcast_to(scene.terrain.allowed, found.shape)[nowhere]
+    return both
+
+
 def reachable(scene: ClimbScene, count: int) -> Mask:
     """(M, N, R) whether limb i can come to surface r by the end of round j.
 

@@ -115,6 +115,12 @@ def _bonmin() -> Solve:
     return solve_bonmin
 
 
+def _slack_selection() -> Solve:
+    from climbplan.solvers.slack_selection import solve_slack_selection
+
+    return solve_slack_selection
+
+
 def _admm() -> Solve:
     from climbplan.solvers.admm_default import solve_admm_default
 
@@ -188,6 +194,16 @@ BACKENDS = {
             accepts=_BILINEAR,
             load=_minlp_scip,
             purpose="whole statements, products branched on in space; fallback of knn",
+        ),
+        Backend(
+            name="sl1-relaxation",
+            module="clarabel",
+            distribution="clarabel",
+            install="pip install clarabel",
+            accepts=_DISJUNCTIVE,
+            load=_slack_selection,
+            purpose="convex programs with choices by L1 relaxation and rounding, as SL1M",
+            proves=False,
         ),
         Backend(
             name="mpcc",

@@ -157,6 +157,7 @@ def test_bench_list(run_command: RunCommand) -> None:
         "judge",
         "zoo",
         "growth",
+        "windows",
         "bookshelf",
         "strategies",
         "limms",

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 from known_surfaces import box, joined
-from rocky_tubes import rocky_tube
 
 import climbplan
+from climbplan.bench.climb.rocky_tubes import rocky_tube
+from climbplan.bench.climb.windows import TUBE
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
@@ -232,31 +233,13 @@ def test_rubble_and_the_stairs_behind_it_are_walked_in_windows(tmp_path: Path) -
     assert plan.sizes["posture"]["windows"] > 20
 
 
-TUBE = """\
-kind: climb
-robot: silvia
-terrain:
-  friction: 1.0
-  scan: {file: tube.stl}
-task:
-  rounds: auto
-  start: {com: [0, 0, 0.4]}
-  goal: {com: [0, 0, GOAL]}
-  stance: {RF: [0.3075, 0.5326, -0.12], RM: [0.615, 0, -0.12], RR: [0.3075, -0.5326, -0.12],
-    LR: [-0.3075, -0.5326, -0.12], LM: [-0.615, 0, -0.12], LF: [-0.3075, 0.5326, -0.12]}
-solver: {time_limit: 900, window: 2}
-posture: {steps: {com_max: 0.08}}
-trajectory: {lift: 0.03}
-"""
-
-
 @pytest.mark.slow
 def test_a_rocky_tube_of_a_thousand_panels_is_climbed(tmp_path: Path) -> None:
     tube = rocky_tube()
     assert len(tube.faces) == 1000
     tube.export(tmp_path / "tube.stl")
     spec = tmp_path / "tube.yaml"
-    spec.write_text(TUBE.replace("GOAL", "0.7"))
+    spec.write_text(TUBE.format(goal=0.7))
     plan = climbplan.plan(spec)
     assert plan.verify().passed
     assert len(plan.rounds.com) - 1 >= 4

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_many_regions import triangles
 
 import climbplan
 from climbplan.api.plan import Plan
+from climbplan.bench.climb.triangle_walls import triangles
 from climbplan.climb import motion
 from climbplan.climb.body_way import BodyWay
 from climbplan.climb.motion import StageClock
@@ -20,7 +20,7 @@ from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.swing import SwingMeets
 from climbplan.climb.windows import least_cost, plan_in_windows, window_of
-from climbplan.climb.within_reach import reachable, within_rounds
+from climbplan.climb.within_reach import between, reachable, within_rounds
 from climbplan.errors import NotProved, SpecError
 from climbplan.spec.loading import load_text
 
@@ -118,6 +118,26 @@ def test_what_one_search_chooses_is_among_the_alternatives_of_each_round() -> No
     np.testing.assert_allclose(again.rounds.toes, rounds.toes, atol=2e-3)
 
 
+def test_what_one_search_chooses_leads_on_to_the_goal() -> None:
+    scene = scene_of(NUMBERED)
+    rounds = plan_postures(scene).rounds
+    found = between(scene)
+    assert found.sum() < reachable(scene, 8).sum()
+    for j, limb in np.ndindex(8, 6):
+        assert found[j, limb, rounds.region[j + 1, limb]]
+
+
+def test_surfaces_are_chosen_by_an_l1_relaxation() -> None:
+    chosen = NUMBERED + "solver: {method: sl1-relaxation}\n"
+    found = plan_postures(scene_of(chosen))
+    best = plan_postures(scene_of(NUMBERED))
+    assert found.status == "feasible"
+    assert found.bound is None  # rounding proves nothing
+    assert best.bound is not None
+    assert best.bound <= found.objective < 2 * best.objective
+    assert found.nodes <= 10  # convex programs
+
+
 def test_a_window_is_as_long_as_the_spec_says() -> None:
     assert window_of(scene_of(SPEC)) == 4
     assert window_of(scene_of(f"{SPEC}solver: {{window: 6}}\n")) == 6
@@ -153,10 +173,13 @@ def test_a_gap_that_no_window_crosses_is_told_with_its_place(tmp_path: Path) -> 
 
 
 def test_methods_that_plan_all_at_once_are_refused(tmp_path: Path) -> None:
-    spec = tmp_path / "coupled.yaml"
-    spec.write_text(f"{SPEC}solver: {{method: coupled}}\n")
-    with pytest.raises(SpecError, match=r"coupled.yaml:\d+: task.rounds: `coupled` plans a stated"):
-        climbplan.plan(spec)
+    spec = tmp_path / "whole.yaml"
+    for method in ("coupled", "sl1-relaxation"):  # which knows no cost that draws a window on
+        spec.write_text(f"{SPEC}solver: {{method: {method}}}\n")
+        with pytest.raises(
+            SpecError, match=rf"whole.yaml:\d+: task.rounds: `{method}` plans a stated"
+        ):
+            climbplan.plan(spec)
 
 
 def test_a_limb_that_meets_the_body_on_its_swing_is_planned_nearer_its_stance(

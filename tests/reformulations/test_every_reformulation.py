@@ -18,6 +18,7 @@ from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.local_envelopes import LocalMcCormick
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.reformulations.pinned import Pinned
+from climbplan.reformulations.slack_relaxation import SlackRelaxation
 
 SMALL = small_program(True).at(random_numbers(np.random.default_rng(0)))
 ALL: dict[str, Reformulation[Any]] = {
@@ -25,6 +26,7 @@ ALL: dict[str, Reformulation[Any]] = {
     "hull": ConvexHull(),
     "mccormick": McCormick(),
     "local": LocalMcCormick(SMALL.lower, SMALL.upper),
+    "slacks": SlackRelaxation(),
     "pinned": Pinned.at_point(SMALL, 0.5 * (SMALL.lower + SMALL.upper)),
     "complementarity": Complementarity(),
     "complementarity, big-m": Complementarity(coupling="big-m"),

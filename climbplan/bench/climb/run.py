@@ -10,6 +10,7 @@ from typing import TextIO
 from climbplan.bench.climb.coupled import bench_coupled
 from climbplan.bench.climb.force import bench_force
 from climbplan.bench.climb.posture import bench_growth, bench_posture
+from climbplan.bench.climb.windows import bench_windows
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
@@ -64,6 +65,7 @@ BENCHMARKS: dict[str, Callable[[int, bool, TextIO], None]] = {
     "plan": bench_plan,
     "coupled": bench_coupled,
     "growth": bench_growth,
+    "windows": bench_windows,
 }
 
 

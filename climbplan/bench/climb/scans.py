@@ -2,23 +2,27 @@
 
 The meshes are those of the collection hpp-environments (BSD-2); a folder that holds them is given
 with `--scenes`. Each has one spec, which states what a user would: the mesh, from where to where,
-and how wide the hexapod stands. Regions, free space and rounds are found.
+and how wide the hexapod stands. Regions, free space and rounds are found. Then the same programs
+are given to two ways of choosing surfaces: branch and bound, and the L1 relaxation of SL1M.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TextIO
 
-from climbplan.bench.climb.shipped import planned_spec
+from climbplan.bench.climb.shipped import Planned, planned_spec
 from climbplan.bench.climb.stands import fares
+from climbplan.bench.climb.triangle_walls import triangles
 from climbplan.climb.check.verification import verification_of
+from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.errors import NoPlanFound, SpecError, UsageError
 
 _QUICK = ("stairs", "slope_towr")
+_METHODS = ("micp", "sl1-relaxation")
 _WALK = """\
 kind: climb
 robot: silvia
@@ -29,8 +33,9 @@ task:
   rounds: {rounds}
   start: {{com: {start}, rpy_deg: [0, 0, -90]}}
   goal: {{com: {goal}, rpy_deg: [{pitch}, 0, -90]}}
-  stance: {{RF: [0.25, {side}, -0.28], RM: [{middle}, 0, -0.28], RR: [0.25, -{side}, -0.28],
-    LR: [-0.25, -{side}, -0.28], LM: [-{middle}, 0, -0.28], LF: [-0.25, {side}, -0.28]}}
+  stance: {{RF: [0.25, {side}, -{up}], RM: [{middle}, 0, -{up}], RR: [0.25, -{side}, -{up}],
+    LR: [-0.25, -{side}, -{up}], LM: [-{middle}, 0, -{up}], LF: [-0.25, {side}, -{up}]}}
+posture: {{steps: {{com_max: {step}}}}}
 trajectory: {{lift: 0.06}}
 solver: {{method: {method}, time_limit: {limit}}}
 """
@@ -49,6 +54,8 @@ class Walk:
     method: str = "auto"
     side: float = 0.42  # [m] of the outer feet before and behind the body
     middle: float = 0.44  # [m] of the middle feet beside it
+    up: float = 0.28  # [m] of the body over its feet
+    step: float = 0.15  # [m] of the body in a round
     limit: int = 600  # [s]
 
     def spec(self, folder: Path) -> str:
@@ -80,17 +87,19 @@ WALKS = {
         ),
         Walk(
             "slalom_debris",
+            # Narrow: between the wall, which knees pass, and the far edge of the debris
             *("[-1.2, 0.1, 0.28]", "[1.6, 0.1, 0.28]"),
-            guide="[[-1.0, 1.07, 0.3], [1.35, 1.07, 0.3]]",
+            guide="[[-1.0, 1.03, 0.3], [1.35, 1.03, 0.3]]",
             side=0.34,
             middle=0.36,
+            step=0.12,
         ),
     )
 }
 
 
 def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
-    """One line a mesh; two meshes with `quick`.
+    """One line a mesh, then surfaces chosen by two methods; two meshes and scenes with `quick`.
 
     Raises UsageError without a folder that holds the meshes, MissingSolver without MuJoCo.
     """
@@ -105,20 +114,74 @@ def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
     head = f"{'mesh':<22}{'regions':>8}{'rounds':>8}{'windows':>9}{'verified':>10}{'stands':>22}"
     print(f"{head}{'CPU s':>8}{'s':>8}", file=out)
     for name in names:
-        with tempfile.TemporaryDirectory() as spare:
-            path = Path(spare, f"{name}.yaml")
-            path.write_text(WALKS[name].spec(where))
-            begin = time.perf_counter()
-            try:
-                found = planned_spec(path, [])
-            except (NoPlanFound, SpecError) as error:
-                why = str(error).partition("\n")[0]
-                print(f"{name:<22}no plan: {why}", file=out, flush=True)
-                continue
-            spent = time.perf_counter() - begin
+        begin = time.perf_counter()
+        found = _planned(name, where, [])
+        spent = time.perf_counter() - begin
+        if isinstance(found, str):
+            print(f"{name:<22}no plan: {found}", file=out, flush=True)
+            continue
         plan = found.plan
         verified = "yes" if verification_of(plan).passed else "no"
         windows = plan.sizes["posture"].get("windows", 1)
         line = f"{name:<22}{len(plan.terrain.regions):>8}{plan.rounds.count:>8}{windows:>9}"
         line += f"{verified:>10}{fares(plan, 'joints'):>22}"
         print(f"{line}{found.cpu:>8.1f}{spent:>8.1f}", file=out, flush=True)
+    print(file=out)
+    _choices(names, where, quick, out)
+
+
+def _planned(name: str, where: Path, overrides: list[str]) -> Planned | str:
+    """The plan of a mesh's spec, or in a line why there is none."""
+    with tempfile.TemporaryDirectory() as spare:
+        path = Path(spare, f"{name}.yaml")
+        path.write_text(WALKS[name].spec(where))
+        try:
+            return planned_spec(path, overrides)
+        except (NoPlanFound, SpecError) as error:
+            return str(error).partition("\n")[0]
+
+
+def _choices(names: tuple[str, ...], where: Path, quick: bool, out: TextIO) -> None:
+    """The same programs with surfaces by branch and bound and by the L1 relaxation of SL1M.
+
+    Meshes whose rounds are stated, planned and verified; and two walls of 120 triangles each with
+    a tenth to six tenths of them taken away, whose postures pass the exact kinematic checks.
+    """
+    head = f"{'surfaces by':<28}{'branch and bound':>18}{'CPU s':>8}"
+    print(f"{head}{'sl1-relaxation':>16}{'CPU s':>8}{'cost':>8}", file=out)
+    for name in names:
+        if WALKS[name].rounds == "auto":
+            continue  # windows are drawn on by a cost, which the relaxation has not
+        rows = []
+        for method in _METHODS:
+            spent = time.process_time()
+            found = _planned(name, where, [f"solver.method={method}"])
+            cost = None
+            if not isinstance(found, str) and verification_of(found.plan).passed:
+                cost = float(found.plan.objective)
+            rows.append((cost, time.process_time() - spent))
+        _compared(name, rows, out)
+    for gap in (0.1, 0.6) if quick else (0.1, 0.3, 0.45, 0.6):
+        for seed in range(1 if quick else 3):
+            rows = []
+            for method in _METHODS:
+                scene = triangles(120, gap, seed=seed)
+                solver = scene.spec.solver.model_copy(update={"method": method})
+                scene = replace(scene, spec=scene.spec.model_copy(update={"solver": solver}))
+                spent = time.process_time()
+                try:
+                    clock = StageClock(lambda stage, fraction: None)
+                    cost = float(plan_motion(scene, clock).posture.objective)
+                except NoPlanFound:
+                    cost = None
+                rows.append((cost, time.process_time() - spent))
+            _compared(f"triangles, {gap:.0%} gaps, seed {seed}", rows, out)
+
+
+def _compared(name: str, rows: list[tuple[float | None, float]], out: TextIO) -> None:
+    """Success and time of both methods, and what the relaxation's plan costs beside the other."""
+    (best, first), (cost, second) = rows
+    told = ["yes" if value is not None else "no" for value in (best, cost)]
+    ratio = "-" if best is None or cost is None else f"{cost / best:.2f}"
+    line = f"{name:<28}{told[0]:>18}{first:>8.1f}{told[1]:>16}{second:>8.1f}{ratio:>8}"
+    print(line, file=out, flush=True)

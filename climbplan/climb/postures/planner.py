@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +14,8 @@ from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import BOUND_SCOPE, explain_infeasible
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
-from climbplan.errors import LimitReached, UsageError
+from climbplan.climb.within_reach import between
+from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.program import Program
 from climbplan.program.polytope import Array
 from climbplan.solvers.model_file import save_model as write_model
@@ -52,6 +53,8 @@ def plan_postures(
 ) -> PostureResult:
     """Globally optimal postures under linearised rotation (method `micp`).
 
+    Method `sl1-relaxation` chooses among the same alternatives, those left out that start and goal
+    rule out by distance alone, by relaxing and rounding; it has no bound, and raises NotProved.
     earlier: postures of the same scene with smaller margins. Their bound holds here too, and their
     choices are tried first. nodes: of the own tree, at most. The spec's time limit is that
     of statement and search together. Raises NoPostures naming round, limb and
@@ -60,6 +63,9 @@ def plan_postures(
     begin = time.monotonic()
     refuse_unsuitable(scene)
     options = scene.spec.solver
+    relaxed = options.method == "sl1-relaxation"
+    if relaxed and scene.by_round is None:
+        scene = replace(scene, by_round=between(scene))
     if earlier is None:
         _tell_size(scene)
     program = posture_program(scene, margins)
@@ -68,7 +74,12 @@ def plan_postures(
         write_model(instance, save_model)
     left = max(options.time_limit - (time.monotonic() - begin), 0.0)
     known = None if earlier is None else earlier.known
-    result = solve(instance, options.posture, options.gap, left, known, nodes)
+    solver = options.method if relaxed else options.posture
+    result = solve(instance, solver, options.gap, left, known, nodes)
+    if result.x is None and relaxed:
+        words = f"{options.method}: no plan, {result.log[-1]}"
+        because = "alternatives are settled by rounding and not given up again"
+        raise NotProved(words, because=because, stage="posture")
     if result.status == "infeasible":
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
@@ -84,11 +95,11 @@ def plan_postures(
         rounds=rounds,
         status="optimal" if result.status == "optimal" else "feasible",
         objective=result.objective,
-        bound=result.bound,
-        gap=result.gap,
+        bound=None if relaxed else result.bound,
+        gap=None if relaxed else result.gap,
         nodes=result.nodes,
         solver=result.solver,
-        sizes={**program.counts(), "bound_holds_for": BOUND_SCOPE},
+        sizes={**program.counts(), **({} if relaxed else {"bound_holds_for": BOUND_SCOPE})},
         warnings=rotation_warnings(scene, rounds),
         known=Known(result.assignment, result.bound),
     )

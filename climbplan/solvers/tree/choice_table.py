@@ -251,10 +251,24 @@ def _stated(alternatives: tuple[Polytope, ...]) -> _Stated:
 
 
 def _directions(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Unit rows as index and sign among different directions, numbered as they first appear."""
-    place, sign = np.empty(len(rows), np.intp), np.ones(len(rows), np.intp)
+    """Unit rows as index and sign among different directions, numbered as they first appear.
+
+    Rows that are the same to the last digit, of which parallel panels have many, are one.
+    """
     if not len(rows):
-        return place, sign, rows.copy()
+        return np.empty(0, np.intp), np.ones(0, np.intp), rows.copy()
+    _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as they appear
+    number = np.empty(len(order), np.intp)
+    number[order] = np.arange(len(order))
+    place, sign, directions = _different(rows[first[order]])
+    which = number[same.reshape(-1)]
+    return place[which], sign[which], directions
+
+
+def _different(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """The same for unit rows that all differ."""
+    place, sign = np.empty(len(rows), np.intp), np.ones(len(rows), np.intp)
     tree = cKDTree(rows)
     near = {
         turn: tree.query_ball_point(turn * rows, _PARALLEL, p=np.inf, return_sorted=True)

@@ -11,7 +11,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from climbplan.spec.climb.model import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
+from climbplan.spec.climb.model import (
+    CONVEX_METHODS,
+    ClimbSpec,
+    PosturePlannerSpec,
+    SolverSpec,
+    TaskSpec,
+)
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.transition import TransitionTaskSpec
 from climbplan.spec.document import Finding, KeyPath, dotted
@@ -112,8 +118,9 @@ def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
 def _method_limits(parts: ClimbParts) -> list[Finding]:
     """What the method cannot state.
 
-    `micp` is convex but for the choice of regions: no curved walls, no lower step bounds. The other
-    methods know no grippers, and `nlp` no closed linkages.
+    `micp` is convex but for the choice of regions: no curved walls, no lower step bounds, and
+    `sl1-relaxation` has its program. The other methods know no grippers, and `nlp` no closed
+    linkages.
     """
     if parts.solver is None:
         return []
@@ -126,10 +133,10 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
             message = f"`{parts.solver.method}` plans a stated number of rounds at once; expected "
             found_by = "`micp`, `nlp` or `auto` for windows"
             return [Finding(key, message + found_by)]
-    if parts.solver.method != "micp":
+    if parts.solver.method not in CONVEX_METHODS:
         message = _beyond(parts.robot)
         return [Finding(("solver", "method"), message)] if message else []
-    cure = "which `micp` cannot state"
+    cure = f"which `{parts.solver.method}` cannot state"
     if not _only_micp(parts.robot):
         cure += "; use `--method nlp`"
     found = []

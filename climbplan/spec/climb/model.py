@@ -223,11 +223,22 @@ class TrajectorySpec(SpecModel):
     lift: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
 
 
+CONVEX_METHODS = ("micp", "sl1-relaxation")  # of flat regions and rotations to first order
+
+
 class SolverSpec(SpecModel):
     """Which method and solver, and when to stop."""
 
     method: Literal[
-        "auto", "micp", "nlp", "coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial"
+        "auto",
+        "micp",
+        "nlp",
+        "coupled",
+        "coupled-modes",
+        "coupled-micp",
+        "coupled-nlp",
+        "spatial",
+        "sl1-relaxation",
     ] = Field(
         default="auto",
         description="`auto`: `micp` first, then what its failure suggests: other methods, and "
@@ -236,7 +247,9 @@ class SolverSpec(SpecModel):
         "Postures and contact forces together: `coupled`, moments by a learned "
         "envelope and then put right; `coupled-modes`, one of several envelopes in each round; "
         "`coupled-micp`, moments by envelopes on a grid, with a bound; `coupled-nlp`, one "
-        "nonlinear program; `spatial`, SCIP on everything, for a round or two",
+        "nonlinear program; `spatial`, SCIP on everything, for a round or two. `sl1-relaxation`: "
+        "the program of `micp`, regions chosen by an L1 relaxation and rounding instead of a "
+        "search, without a bound",
     )
     envelopes: tuple[str, ...] = Field(
         default=(),

@@ -28,7 +28,12 @@ from climbplan.climb.postures.nlp.numbers import (
     to_rounds,
     variable_bounds,
 )
-from climbplan.climb.postures.nlp.starts import convex_guess, repinned, straight_guess
+from climbplan.climb.postures.nlp.starts import (
+    convex_guess,
+    meeting_regions,
+    repinned,
+    straight_guess,
+)
 from climbplan.climb.postures.nlp.statement import posture_nlp
 from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.postures.ways import ways_too_long
@@ -174,8 +179,10 @@ def guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
     convex = convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
     if convex is not None:
         yield convex
-    for index in range(count - (convex is not None)):
-        yield straight_guess(scene, index, spread=0.0 if index == 0 else 1.0)
+    left = count - (convex is not None)
+    meeting = meeting_regions(scene) if left else ()
+    for index in range(left):
+        yield straight_guess(scene, index, 0.0 if index == 0 else 1.0, meeting)
 
 
 def _failure(scene: ClimbScene, attempts: list[Attempt]) -> str:

@@ -54,11 +54,16 @@ def convex_guess(scene: ClimbScene, time_limit: float) -> Guess | None:
     return Guess("convex plan", _unfold(scene, rounds, rng), _roomiest(scene, rounds))
 
 
-def straight_guess(scene: ClimbScene, index: int, spread: float) -> Guess:
-    """Start `index`: body and toes on the way from start to goal, `spread` 0 for the direct one."""
+def straight_guess(
+    scene: ClimbScene, index: int, spread: float, meeting: Meeting | None = None
+) -> Guess:
+    """Start `index`: body and toes on the way from start to goal, `spread` 0 for the direct one.
+
+    meeting: of the scene's free regions, found anew if left out.
+    """
     rng = np.random.default_rng([scene.spec.seed, index])
     m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
-    way = _body_way(scene, rng, spread)
+    way = _body_way(scene, rng, spread, meeting or meeting_regions(scene))
 
     # Toes keep their place in the body frame, which goes over from that of the start to the goal's
     share = np.linspace(0.0, 1.0, m + 1)[:, None, None]
@@ -90,7 +95,9 @@ class _BodyWay:
         return float(np.linalg.norm(np.diff(self.com, axis=0), axis=1).sum())
 
 
-def _body_way(scene: ClimbScene, rng: np.random.Generator, spread: float) -> _BodyWay:
+def _body_way(
+    scene: ClimbScene, rng: np.random.Generator, spread: float, meeting: Meeting
+) -> _BodyWay:
     """A way from start to goal round the obstacles, no longer than the body's steps allow."""
     m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
     share = np.linspace(0.0, 1.0, m + 1)[:, None]
@@ -99,13 +106,14 @@ def _body_way(scene: ClimbScene, rng: np.random.Generator, spread: float) -> _Bo
         arch = np.sin(np.pi * share) * spread
         com = start.com + share * (goal.com - start.com) + arch * rng.normal(0.0, _DETOUR, 3)
         rpy = start.rpy + share * (goal.rpy - start.rpy) + arch * rng.normal(0.0, _LEAN, 3)
-        way = _BodyWay(com, rpy, _free_regions(scene, com, rpy, rng, spread))
+        way = _BodyWay(com, rpy, _free_regions(scene, com, rpy, rng, spread, meeting))
         if way.free.size == 0:
             return way
         # Drawn taut, then shared out evenly over the rounds, which moves the changes of region
         way = replace(way, com=_taut(scene, way))
         com = _evenly(way.com)
-        way = _BodyWay(com, rpy, _free_regions(scene, com, rpy, rng, spread=0.0))
+        free = _free_regions(scene, com, rpy, rng, 0.0, meeting)
+        way = _BodyWay(com, rpy, free)
         way = replace(way, com=_taut(scene, way))
         if way.length <= longest:
             return way
@@ -162,7 +170,12 @@ def _roomiest(scene: ClimbScene, rounds: Rounds) -> Index:
 
 
 def _free_regions(
-    scene: ClimbScene, com: Array, rpy: Array, rng: np.random.Generator, spread: float
+    scene: ClimbScene,
+    com: Array,
+    rpy: Array,
+    rng: np.random.Generator,
+    spread: float,
+    meeting: Meeting,
 ) -> Index:
     """Free regions (M, choices) near a way, each meeting the next (shortest path over rounds).
 
@@ -176,7 +189,7 @@ def _free_regions(
         missing = np.stack([np.maximum(_misses(scene, free, corners), 0.0) for free in choice])
         weight = np.exp(spread * rng.normal(0.0, 1.0, len(choice)))
         cost = weight[:, None] * np.maximum(missing[:, :-1], missing[:, 1:])  # (regions, M)
-        apart = _UNREASONABLE * np.logical_not(_meeting(scene, choice, rpy[0]))
+        apart = _UNREASONABLE * np.logical_not(meeting[k])
         total, came_from = cost[:, 0], []
         for j in range(1, m):
             ways = total[:, None] + apart  # from row to column
@@ -186,6 +199,15 @@ def _free_regions(
         for j in range(m - 1, 0, -1):
             chosen[j - 1, k] = came_from[j - 1][chosen[j, k]]
     return chosen
+
+
+Meeting = tuple[Array, ...]
+"""Of each choice of free regions, whether the body at the start's angles fits into two at once."""
+
+
+def meeting_regions(scene: ClimbScene) -> Meeting:
+    """For all pairs (F, F) of the regions of each choice: small linear programs, one a pair."""
+    return tuple(_meeting(scene, c, scene.start.rpy) for c in scene.terrain.free_choices)
 
 
 def _meeting(scene: ClimbScene, choice: tuple[FreeRegion, ...], rpy: Array) -> Array:
@@ -216,11 +238,20 @@ def _taut(scene: ClimbScene, way: _BodyWay) -> Array:
                 reach = np.einsum("jva,ja->jv", arms[1:-1], normals[chosen]).max(axis=1)
                 rows.append(normals[chosen])
                 bounds.append(offsets[chosen] - keep - reach)
+    if not rows:
+        return com
+    row, bound = np.array(rows), np.array(bounds)
     for _ in range(_SWEEPS):
         com[1:-1] = (com[:-2] + com[2:]) / 4 + com[1:-1] / 2
-        for row, bound in zip(rows, bounds, strict=True):
-            over = np.maximum(np.einsum("ja,ja->j", com[1:-1], row) - bound, 0.0)
-            com[1:-1] -= over[:, None] * row
+        k = 0
+        while k < len(row):  # one after the other, those that are kept passed over
+            over = np.maximum(np.einsum("kja,ja->kj", row[k:], com[1:-1]) - bound[k:], 0.0)
+            broken = over.any(axis=1)
+            first = int(np.argmax(broken))
+            if not broken[first]:
+                break
+            com[1:-1] -= over[first, :, None] * row[k + first]
+            k += first + 1
     return com
 
 

@@ -22,9 +22,9 @@ from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.result import SolverResult
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
-SCENES, SOLVED, ASKED = 3, 300, 40
+SCENES, SOLVED, ASKED = 3, 1000, 40
 QUICK = 1, 60, 6
-_PROPOSED = 10
+_PROPOSED = 20
 _GAP = 1e-3
 _NEAR = 0.01  # relative: as good as the optimum
 

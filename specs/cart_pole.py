@@ -42,21 +42,22 @@ CONTACT = np.outer([0, 0, 0, 1 / (TIP_MASS * LENGTH)], SIDE)  # the right wall p
 A, B, E = np.eye(4) + STEP * DRIFT, STEP * INPUT, STEP * CONTACT
 
 
-def cart_pole(damping: float = 0.0) -> Program:
+def cart_pole(damping: float = 0.0, horizon: int = HORIZON) -> Program:
     """Bring the pole upright and the cart to the middle with least effort.
 
     damping: [s/m] of the walls after Hunt and Crossley: force = STIFFNESS depth (1 + damping rate),
     bilinear in depth and rate; 0 for springs, which leaves a mixed-integer quadratic program.
+    horizon: steps of 0.02 s.
     Parameters: `start` (4,) state, `walls` (2,) distances of the right and left wall [m].
     """
     p = Program("cart_pole")
     start, walls = p.parameter("start", (4,)), p.parameter("walls", (2,))
 
     most = np.array([REACH, np.pi / 2, 2 * REACH / STEP, np.pi / STEP])
-    x = p.continuous("state", (HORIZON + 1, 4), -most, most)
-    u = p.continuous("input", (HORIZON, 1), -MOST_INPUT, MOST_INPUT, unit="N")
-    force = p.continuous("force", (HORIZON, 2), 0.0, MOST_FORCE, unit="N")
-    touch = p.binary("touch", (HORIZON, 2))
+    x = p.continuous("state", (horizon + 1, 4), -most, most)
+    u = p.continuous("input", (horizon, 1), -MOST_INPUT, MOST_INPUT, unit="N")
+    force = p.continuous("force", (horizon, 2), 0.0, MOST_FORCE, unit="N")
+    touch = p.binary("touch", (horizon, 2))
 
     # Dynamics, linear about upright
     p.equal("dynamics.start", x[0] - start)
@@ -71,8 +72,8 @@ def cart_pole(damping: float = 0.0) -> Program:
     law = force - STIFFNESS * depth
     if damping:
         # As variables, so that one product a step serves both walls
-        tip_rate = p.continuous("tip_rate", (HORIZON,), -2 / damping, 2 / damping, unit="m/s")
-        place = p.continuous("tip", (HORIZON,), -REACH, REACH, unit="m")
+        tip_rate = p.continuous("tip_rate", (horizon,), -2 / damping, 2 / damping, unit="m/s")
+        place = p.continuous("tip", (horizon,), -REACH, REACH, unit="m")
         p.equal("tip.place", place - tip, unit="m")
         p.equal("tip.rate", tip_rate - x[:-1, 2] + LENGTH * x[:-1, 3], unit="m/s")
         rate = tip_rate[:, None] * SIDE

@@ -31,7 +31,7 @@ BENCHMARKS = {
     "strategies": "trained strategies beside each other and beside exact, by data size",
     "limms": "search and consensus on the same scenes of modules, random ones, and random rooms",
     "instances": "SCIP, HiGHS, Bonmin and the own tree on the public set of contact problems",
-    "engine": "the compiled tree, cold and remembering, against DAQP, HiGHS, SCIP; walls that move",
+    "engine": "the own trees, cold and remembering, beside DAQP, HiGHS, SCIP; walls, products",
 }
 _QUICK: dict[str, dict[str, Any]] = {  # of comparisons of methods on the same scenes
     "bookshelf": {"count": 8, "some": 3, "few": 1, "seconds": 2.0, "library_size": 100},

@@ -165,7 +165,7 @@ class Task:
 
     def _trained(self, model: StrategyModel, method: Method) -> StrategyModel:
         """The model, if it is one of this method and problem."""
-        if method not in ("pinned", model.kind):
+        if method not in ("pinned", "branch-and-bound", model.kind):
             raise UsageError(f"method {method!r} was given a model of kind {model.kind!r}")
         count = len(self.problem.feature_vector(self.theta))
         model.library.require(self.problem.program, count)

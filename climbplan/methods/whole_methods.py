@@ -11,7 +11,7 @@ from climbplan.methods.envelope_rounds import (
     solve_micp,
 )
 from climbplan.methods.pinning import at_point, solve_candidate
-from climbplan.methods.task import Outcome, Task, best, origin_of
+from climbplan.methods.task import Method, Outcome, Task, best, origin_of
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
@@ -27,10 +27,15 @@ from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
+_TREE: Method = "branch-and-bound"
+
 
 def branch_and_bound(task: Task) -> Outcome:
-    """The own tree on the whole statement; products of variables are branched on in space."""
-    settings, name = task.settings, "branch-and-bound"
+    """The own tree on the whole statement; products of variables are branched on in space.
+
+    Integers of a library, model or strategy are proposed to it first.
+    """
+    settings, name = task.settings, _TREE
     beyond = task.instance.features - require(name).accepts
     if beyond:
         raise UsageError(
@@ -46,8 +51,12 @@ def branch_and_bound(task: Task) -> Outcome:
         tree = TreeMemory(settings.gap, settings.tolerance, proves=True)
         found = tree.solve(task.instance, task.left)
         return Outcome(found, "own tree", 1, certificate=tree.certificate)
-    found = solve_branch_and_bound(task.instance, settings.gap, task.left, settings.tolerance)
-    return Outcome(found, "own tree", 1)
+    learned = settings.library, settings.model, settings.strategy
+    first = task.neighbours(name) if any(part is not None for part in learned) else ()
+    found = solve_branch_and_bound(
+        task.instance, settings.gap, task.left, settings.tolerance, proposals=first
+    )
+    return Outcome(found, "own tree", 1 + len(first))
 
 
 def minlp_scip(task: Task) -> Outcome:

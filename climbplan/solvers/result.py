@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,22 @@ class Known:
 
     assignment: Indices | None = None  # (C,)
     bound: float = -np.inf
+
+
+class Proposal(Protocol):
+    """Integers that may be good, such as those of a solved neighbour: `learning.Candidate`."""
+
+    @property
+    def values(self) -> Array:
+        """(n,) of which only integers are read."""
+
+    @property
+    def alternatives(self) -> Indices:
+        """(C,) chosen alternative of each choice."""
+
+    @property
+    def start(self) -> Array:
+        """(n,) where a local search may begin."""
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,11 @@ def example_data(name: str) -> dict[str, bytes]:
     return {data: folder.joinpath(data).read_bytes() for data in _DATA.get(name, ())}
 
 
+def example_resource(name: str) -> Traversable:
+    """A file beside the examples, by its whole name."""
+    return _specs().joinpath(name)
+
+
 def _specs() -> Traversable:
     package = files("climbplan")
     specs = package.joinpath("example_specs")  # a wheel carries them inside the package

@@ -225,6 +225,26 @@ def test_corrupted_certificates_prove_nothing_false(
     assert tried >= 15
 
 
+@pytest.mark.slow
+def test_a_hundred_corrupted_certificates_lose_what_they_claimed() -> None:
+    rng = np.random.default_rng(2)
+    rejected = 0
+    for seed in range(75):
+        instance, found, certificate = _random(seed)
+        if found.objective is None or certificate.count < 2:
+            continue
+        assert found.x is not None
+        # A smaller box may be true all the same; one without the answer is not
+        lower, j = certificate.lower.copy(), int(rng.integers(len(found.x)))
+        lower[j] = found.x[j] + 1e-3
+        forged = [replace(certificate, lower=lower)]
+        forged += [corrupted(certificate, rng) for corrupted in (_without_a_leaf, _all_empty)]
+        for bad in forged:
+            assert check(instance, bad).bound < bad.bound
+            rejected += 1
+    assert rejected >= 100
+
+
 def test_arrays_that_do_not_fit_are_named() -> None:
     instance = random_program(0).at({})
     _, certificate = _proved(instance)

@@ -9,6 +9,8 @@ import pytest
 from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
+from climbplan.bench.instances.free_flyer import free_flyer_problem
+from climbplan.methods.pinning import at_point
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.result import Known, relative_gap
 from climbplan.solvers.tree import search as tree_search
@@ -298,3 +300,17 @@ def test_a_budget_of_nodes_ends_the_search_with_what_it_has() -> None:
     assert cut.nodes == whole.nodes - 1
     assert cut.bound <= whole.bound + 1e-9
     assert solve_branch_and_bound(instance, gap=GAP, nodes=whole.nodes).status == whole.status
+
+
+def test_choices_that_are_proposed_are_enough_where_they_hold() -> None:
+    rng = np.random.default_rng(3)
+    problem = free_flyer_problem(rng, 3, 4)
+    instance = problem.instance(problem.drawn(rng))
+    best = solve_branch_and_bound(instance, 1e-6)
+    assert best.x is not None
+    assert best.assignment is not None
+    first = [at_point(best.x, best.assignment)]
+    found = solve_branch_and_bound(instance, 1e-3, nodes=0, proposals=first)
+    assert found.nodes == 0
+    assert found.objective == pytest.approx(best.objective, rel=1e-6)
+    assert solve_branch_and_bound(instance, 1e-3, nodes=0).x is None

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from climbplan.bench.engine import flyers, ticks
+from climbplan.bench.engine import flyers, learned, products, ticks
 from climbplan.bench.engine import run as benchmark
 
 
@@ -15,7 +15,7 @@ def test_every_contender_proves_the_same_cost(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(benchmark, "_STEPS", 3)
     monkeypatch.setattr(benchmark, "_QUICK", 1)
     monkeypatch.setattr(benchmark, "_NOISE", (0.001,))
-    for table in ("run_ticks", "run_flyers"):  # of the next tests
+    for table in ("run_ticks", "run_flyers", "run_learned", "run_products"):  # of the next tests
         monkeypatch.setattr(benchmark, table, lambda *_: None)
     stream = io.StringIO()
     benchmark.run_engine(0, True, stream)
@@ -48,3 +48,29 @@ def test_free_flyers_have_the_same_cost_by_every_contender(monkeypatch: pytest.M
     for row in rows:
         assert row[1] == row[2] == ("2" if row[0] == "tree" else "1")  # problems, proved
         assert float(row[-1]) < 2e-3
+
+
+@pytest.mark.slow
+def test_learned_integers_are_feasible_and_proved_ones_optimal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(learned, "QUICK", (1, 60, 6))
+    stream = io.StringIO()
+    learned.run_learned(0, True, stream)
+    rows = [line.rsplit(maxsplit=7) for line in stream.getvalue().splitlines()[3:]]
+    assert [row[0] for row in rows] == ["tree, cold", "tree, learned", "learned alone"]
+    assert all(row[2] == "100%" for row in rows)  # feasible
+    assert [row[3] for row in rows[:2]] == ["100.0%", "100.0%"]  # within 1 %
+
+
+@pytest.mark.slow
+def test_products_are_solved_to_the_cost_of_scip(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(products, "QUICK_COUNT", 1)
+    stream = io.StringIO()
+    products.run_products(0, True, stream)
+    rows = [line.split() for line in stream.getvalue().splitlines()[3:]]
+    assert len(rows) == 2 * len(products.PROBLEMS)
+    for row in rows:
+        assert float(row[-1]) < 2e-3  # cost off by
+        if "branch-and-bound" in row:
+            assert row[-7] == row[-6] == "1"  # problems, proved

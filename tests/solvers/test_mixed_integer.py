@@ -11,8 +11,10 @@ from scipy import sparse
 
 from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.errors import UsageError
+from climbplan.methods.pinning import at_point
 from climbplan.program import Program
 from climbplan.program.instance import Instance
+from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, Rows, solve_rows, working
 from climbplan.solvers.mixed_integer.memory import shifted
 from climbplan.solvers.mixed_integer.method import TreeMemory, solve_mixed_integer
@@ -44,6 +46,49 @@ def test_random_programs_agree_with_scip(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(15, 300))
 def test_many_random_programs_agree_with_scip(seed: int) -> None:
     _agrees_with_scip(seed)
+
+
+def _agrees_with_highs(seed: int) -> None:
+    """HiGHS has big-M rows, and tangents for squares and balls: it is less exact than the tree."""
+    instance = random_program(seed).at({})
+    ours = solve_mixed_integer(instance, GAP, 60.0, 1e-6)
+    form = BigM().apply(instance)
+    highs = solve(form.instance, "highs", 1e-6, 60.0)
+    assert ours.status in ("optimal", "infeasible")
+    if highs.objective is None or ours.objective is None:
+        assert (ours.status == "infeasible") == (highs.status == "infeasible")
+        return
+    scale = 1e-3 + abs(highs.objective)
+    assert ours.bound <= highs.objective + 1e-4 * scale
+    assert abs(ours.objective - highs.objective) <= 1e-3 * scale
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_programs_agree_with_highs(seed: int) -> None:
+    _agrees_with_highs(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6, 100))
+def test_many_random_programs_agree_with_highs(seed: int) -> None:
+    _agrees_with_highs(seed)
+
+
+def test_integers_that_are_proposed_are_tried_first() -> None:
+    problem = walled_cart_pole(8)
+    instance = problem.instance({"start": PUSHED})
+    best = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
+    assert best.x is not None
+    assert best.assignment is not None
+    good = at_point(best.x, best.assignment)
+    bad = at_point(np.where(instance.integer, 1.0 - best.x, best.x), best.assignment)
+    hasty = TreeMemory(1e-3, 1e-6, work=1).solve(instance, proposals=[bad, good])
+    assert hasty.nodes == 1
+    assert hasty.objective == pytest.approx(best.objective, rel=1e-6)
+    made_good = TreeMemory(1e-3, 1e-6, work=1).solve(instance, proposals=[bad])
+    assert made_good.status == "optimal"
+    alone = TreeMemory(1e-3, 1e-6, work=1).solve(instance)
+    assert alone.nodes == 1
 
 
 def test_active_set_agrees_with_daqp_and_proves_what_is_empty() -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.bench.engine.moving_walls import STIFFNESS, TICK, WALLS, A, B, E, Plant
+from climbplan.bench.engine.moving_walls import STIFFNESS, TICK, WALLS, Plant
+from climbplan.bench.engine.shipped import shipped_cart_pole
 from climbplan.bench.engine.ticks import controlled
+
+_STATED = shipped_cart_pole()
+A, B, E = _STATED.A, _STATED.B, _STATED.E
 
 
 def test_a_small_motion_is_that_of_the_plans_model() -> None:

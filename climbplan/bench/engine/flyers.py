@@ -22,7 +22,7 @@ from climbplan.solvers.result import Answer, SolverResult, judged
 
 STEPS, RECTANGLES = 5, 8
 COUNT, QUICK_COUNT = 100, 4
-OTHERS, QUICK_OTHERS = 20, 2  # of these, what slow contenders get
+OTHERS, QUICK_OTHERS = 10, 2  # of these, what slow contenders get
 _GAP, _LIMIT = 1e-3, 60.0  # relative, [s]
 _TOLERANCE = 1e-5  # of rows
 

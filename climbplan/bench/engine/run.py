@@ -18,6 +18,8 @@ import numpy as np
 from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.bench.engine.daqp_mode import solve_daqp_mode
 from climbplan.bench.engine.flyers import run_flyers
+from climbplan.bench.engine.learned import run_learned
+from climbplan.bench.engine.products import run_products
 from climbplan.bench.engine.ticks import run_ticks
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
@@ -55,7 +57,7 @@ class _Column:
 
 
 def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
-    """Print one table for each noise, and one of moving walls, one of a free-flyer."""
+    """Print one table for each noise, then moving walls, free-flyers, learned ones, products."""
     print(
         "noise   engine             problems  proved  median [ms]   99 % [ms]  nodes   99 %  "
         "of the tree   cost off by",
@@ -75,6 +77,8 @@ def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
             )
     run_ticks(seed, quick, stream)
     run_flyers(seed, quick, stream)
+    run_learned(seed, quick, stream)
+    run_products(seed, quick, stream)
 
 
 def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Column]:

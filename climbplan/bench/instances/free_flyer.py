@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Polytope
+from climbplan.program.problem import Problem
 from climbplan.program.statement import Program
 
 Array = NDArray[np.float64]
@@ -29,11 +30,16 @@ _NORMALS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 def free_flyer(rng: np.random.Generator, steps: int, rectangles: int) -> Instance:
     """Rectangles, start and goal are drawn; 4 steps rectangles binaries."""
+    problem = free_flyer_problem(rng, steps, rectangles)
+    return problem.instance(problem.drawn(rng))
+
+
+def free_flyer_problem(rng: np.random.Generator, steps: int, rectangles: int) -> Problem:
+    """Rectangles are drawn and stay. Parameters: `start` (2,) and `goal` (2,) [m]."""
     middle = rng.uniform(0.1 * SIDE, 0.9 * SIDE, (rectangles, 2))
     half = rng.uniform(*HALF, (rectangles, 2))
-    start = _clear(rng, middle, half, 0.25)
-    goal = SIDE - _clear(rng, SIDE - middle, half, 0.25)
     p = Program("free_flyer")
+    start, goal = p.parameter("start", (2,)), p.parameter("goal", (2,))
     low, high = np.array([0.0, 0.0, -FASTEST, -FASTEST]), np.array([SIDE, SIDE, FASTEST, FASTEST])
     x = p.continuous("state", (steps + 1, 4), low, high)
     u = p.continuous("thrust", (steps, 2), -THRUST, THRUST, unit="m/s^2")
@@ -47,7 +53,12 @@ def free_flyer(rng: np.random.Generator, steps: int, rectangles: int) -> Instanc
     p.minimise("goal", np.sum((x[1:, :2] - goal) ** 2))
     p.minimise("rest", np.sum(x[-1, 2:] ** 2))
     p.minimise("effort", _EFFORT * np.sum(u**2))
-    return p.at()
+
+    def drawn(rng: np.random.Generator) -> dict[str, Array]:
+        begun = _clear(rng, middle, half, 0.25)
+        return {"start": begun, "goal": SIDE - _clear(rng, SIDE - middle, half, 0.25)}
+
+    return Problem("free_flyer", p, drawn)
 
 
 def _beside(side: int, middle: Array, half: Array) -> Polytope:

@@ -143,7 +143,7 @@ class Leaves:
         tree.active[:count] = np.minimum(known.sum(axis=1), width)
         search.whole[place.COUNT] = count
         if self.best is not None:
-            search.hint[:] = np.clip(self.best, n.lowest, n.highest)
+            search.hint[0] = np.clip(self.best, n.lowest, n.highest)
             search.whole[place.HINTED] = 1
         revive(n, search, tree)
         return True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,14 @@ from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible
 from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
-from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
+from climbplan.solvers.result import (
+    FEASIBILITY,
+    Answer,
+    Known,
+    Proposal,
+    SolverResult,
+    judged,
+)
 
 NAME = "branch-and-bound"
 _PATIENCE = 4  # nodes for each leaf that is remembered
@@ -36,14 +43,17 @@ def solve_mixed_integer(
     tolerance: float = FEASIBILITY,
     known: Known | None = None,
     nodes: int = MOST,
+    proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
     """Globally optimal x of an instance with binaries, implications and choices.
 
     gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    nodes: limit of the tree. Deterministic unless the time limit is hit. Raises UsageError where a
-    direction without cost is not bounded.
+    nodes: limit of the tree. proposals: integers to try first. Deterministic unless the time limit
+    is hit. Raises UsageError where a direction without cost is not bounded.
     """
-    return TreeMemory(gap, tolerance).solve(instance, time_limit, known=known, nodes=nodes)
+    return TreeMemory(gap, tolerance).solve(
+        instance, time_limit, known=known, nodes=nodes, proposals=proposals
+    )
 
 
 @dataclass
@@ -71,8 +81,13 @@ class TreeMemory:
         move: Callable[[Conditional], Move] | None = None,
         known: Known | None = None,
         nodes: int = MOST,
+        proposals: Sequence[Proposal] = (),
     ) -> SolverResult:
-        """As `solve_mixed_integer`. move: where what is remembered stands now."""
+        """As `solve_mixed_integer`. move: where what is remembered stands now.
+
+        proposals: integers to try first. With some, `work` ends a tree only once it has found
+        something.
+        """
         begin = time.perf_counter()
         form = conditional_form(instance)
         program = mixed_integer_program(instance, form, begin + time_limit)
@@ -92,6 +107,9 @@ class TreeMemory:
             leaves = leaves.root()
         remembers = leaves is not None and len(leaves.low) > 1
         run = TreeRun.of(program, self.gap, self.tolerance, leaves, self.work)
+        if proposals:
+            points = np.stack([form.point(p.values, p.alternatives) for p in proposals])
+            run.propose(np.round(points[:, program.entities]).astype(np.int64))
         deadline = begin + time_limit
         if leaves is not None and remembers:
             # What is remembered may fit badly: then it is dropped, after work that counts bound
@@ -100,6 +118,9 @@ class TreeMemory:
                 run = TreeRun.of(program, self.gap, self.tolerance, leaves.root(), self.work)
                 remembers = False
         run.go(deadline, nodes)
+        if proposals and run.worked and run.best() is None:
+            run.search.whole[place.WORK] = MOST
+            run.go(deadline, nodes)
         self.leaves = Leaves.of(program, form, run.search, run.tree, self._most_leaves)
         if self.leaves.best is None and leaves is not None:
             self.leaves = replace(self.leaves, best=leaves.best)

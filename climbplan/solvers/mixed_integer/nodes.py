@@ -33,7 +33,7 @@ DONE, GROW, GROW_ROWS, PAUSE = 0, 1, 2, 3  # why a run ends
 BEST, CONSTANT, LEFT_BOUND, GAP, FEASIBILITY = 0, 1, 2, 3, 4
 # Counts: nodes made, open, processed; the next one of a dive; what was found and what was left
 COUNT, HEAP, NODES, NEXT, INCUMBENTS, UNPROVED = 0, 1, 2, 3, 4, 5
-# Probed children, guessed incumbents, whether a hint waits, rounds of tangents at a leaf
+# Probed children, guessed incumbents, hints that wait, rounds of tangents at a leaf
 PROBES, GUESSES, HINTED, AGAIN = 6, 7, 8, 9
 WORK = 10  # dual steps after which no further node is begun
 SEEDED = 11  # whether a point waits from which to look for an incumbent
@@ -80,7 +80,7 @@ class Search(NamedTuple):
     distance: Array  # (2, E) at the node at hand
     low: NDArray[np.int64]  # (E,) the node at hand
     high: NDArray[np.int64]
-    hint: NDArray[np.int64]  # (E,) integers to try first, where HINTED
+    hint: NDArray[np.int64]  # (H, E) integers to try first, as many as HINTED
     chosen: NDArray[np.int64]  # (E,) integers that are tried
     seed: Array  # (k,) where SEEDED, with integers of `seed_whole`
     seed_whole: NDArray[np.int64]  # (E,)

@@ -263,10 +263,13 @@ def _process(n: Numbers, s: Search, tree: Tree, node: int, warm: bool) -> int:
     if leaf:
         wanted = _leaf(n, s, s.chosen)
     elif s.whole[HINTED]:
+        for i in range(s.whole[HINTED]):
+            for e in range(E):
+                s.chosen[e] = s.hint[i, e]
+            _try(n, s, s.chosen, limit)
         s.whole[HINTED] = 0
-        for e in range(E):
-            s.chosen[e] = s.hint[e]
-        wanted = True
+        wanted = False
+        _apply(n, s, s.low, s.high)
     elif wanted:
         _guess(n, s, s.low, s.high, s.chosen)
     if wanted:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +24,14 @@ from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram
 from climbplan.solvers.mixed_integer.spatial_rows import factors_of
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
-from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
+from climbplan.solvers.result import (
+    FEASIBILITY,
+    Answer,
+    Known,
+    Proposal,
+    SolverResult,
+    judged,
+)
 from climbplan.solvers.sqp.method import SqpSolver
 
 NAME = "branch-and-bound"
@@ -44,10 +52,13 @@ class _Incumbent:
     searches: int = 0
     solver: SqpSolver | None = None
 
-    def look(self, x: Array, assignment: Index) -> bool:
-        """A local search from a point (n,) with its integers kept; True if that found a better."""
+    def look(self, x: Array, assignment: Index, integers: Array | None = None) -> bool:
+        """A local search from a point (n,) with its integers kept; True if that found a better.
+
+        integers: (n,) those of another point.
+        """
         instance = self.instance
-        values = np.where(instance.integer, np.round(x), x)
+        values = np.where(instance.integer, np.round(x if integers is None else integers), x)
         key = values[instance.integer].tobytes() + assignment.tobytes()
         if self.x is not None and self.tried[key] >= _STARTS:
             return False
@@ -79,6 +90,7 @@ def solve_spatial(
     tolerance: float = FEASIBILITY,
     known: Known | None = None,
     nodes: int = MOST,
+    proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
     """Globally optimal x of an instance with products, or the best one found in the time or nodes.
 
@@ -98,6 +110,8 @@ def solve_spatial(
         return _judged(instance, late, begin, gap, tolerance, known, infeasible=False)
     run = TreeRun.of(program, gap, tolerance)
     best = _Incumbent(instance, tolerance)
+    for proposal in proposals:
+        best.look(proposal.start, proposal.alternatives, proposal.values)
     _search(run, form, best, deadline, nodes)
     bound = run.bound if known is None else max(run.bound, known.bound)
     whole = run.search.whole

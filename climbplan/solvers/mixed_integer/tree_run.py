@@ -31,6 +31,7 @@ _WORK = 2e8  # about how many entries of rows are looked at between two looks at
 _SOON = 1.0  # [s] to a deadline that is kept to a thousandth
 _TANGENTS = 120  # rows of room for the tangents of each ball, to begin with
 MEMORY = 600e6  # [bytes] of nodes
+HINTS = 64  # sets of integers that may be proposed
 
 
 @contextmanager
@@ -142,6 +143,15 @@ class TreeRun:
             direction=_longer(s.direction, 0, m),
         )
 
+    def propose(self, integers: NDArray[np.int64]) -> None:
+        """Sets (H, E) of integers to try at the first node, before any that it waits for."""
+        n, whole = self.program.numbers, self.search.whole
+        inside = ((integers >= n.lowest) & (integers <= n.highest)).all(axis=1)
+        for row in integers[inside]:
+            if whole[place.HINTED] < HINTS:
+                self.search.hint[whole[place.HINTED]] = row
+                whole[place.HINTED] += 1
+
     @property
     def bound(self) -> float:
         """A lower bound on the optimum."""
@@ -224,7 +234,7 @@ def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: 
         distance=np.zeros((2, E)),
         low=np.zeros(E, np.int64),
         high=np.zeros(E, np.int64),
-        hint=np.zeros(E, np.int64),
+        hint=np.zeros((HINTS, E), np.int64),
         chosen=np.zeros(E, np.int64),
         seed=np.zeros(k),
         seed_whole=np.zeros(E, np.int64),

@@ -13,6 +13,7 @@ Alternatives whose sure gain (`dual_gains`) lifts the bound over the incumbent a
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,7 +22,14 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
-from climbplan.solvers.result import FEASIBILITY, Answer, Known, SolverResult, judged
+from climbplan.solvers.result import (
+    FEASIBILITY,
+    Answer,
+    Known,
+    Proposal,
+    SolverResult,
+    judged,
+)
 from climbplan.solvers.tree.normal_form import OutOfTime, normal_form
 from climbplan.solvers.tree.search import TreeSearch
 
@@ -35,12 +43,13 @@ def solve_branch_and_bound(
     tolerance: float = FEASIBILITY,
     known: Known | None = None,
     nodes: float = np.inf,
+    proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
     """Globally optimal x of an instance, or the best one found in the time or nodes given.
 
     gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
     known: from a laxer instance, solved before. nodes: at most; where
-    they end it, the answer is the same on every machine. Deterministic
+    they end it, the answer is the same on every machine. proposals: to try first. Deterministic
     unless the time limit is hit.
     Directions without cost must be bounded, by bounds, rows, balls or choices; otherwise no finite
     bound can be given.
@@ -48,7 +57,7 @@ def solve_branch_and_bound(
     if instance.features & {"integers", "implications", "products"}:
         compiled = solve_spatial if instance.products.count else solve_mixed_integer
         most = int(nodes) if np.isfinite(nodes) else MOST
-        return compiled(instance, gap, time_limit, tolerance, known, most)
+        return compiled(instance, gap, time_limit, tolerance, known, most, proposals)
     begin = time.perf_counter()
     deadline = begin + time_limit
     try:
@@ -77,7 +86,8 @@ def solve_branch_and_bound(
         return judged(instance, answer, gap, tolerance)
     if form.size == 0:
         return _only_point(instance, form.cost.center, gap, tolerance, begin)
-    search = TreeSearch(instance, form, gap, deadline, tolerance, known, nodes)
+    choices = [p.alternatives for p in proposals]
+    search = TreeSearch(instance, form, gap, deadline, tolerance, known, nodes, choices)
     search.run()
     found = search.incumbents.best
     answer = Answer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,10 +50,13 @@ class TreeSearch:
         tolerance: float,
         known: Known | None = None,
         most: float = np.inf,
+        proposals: Sequence[Indices] = (),
     ) -> None:
         self.instance, self.form, self.gap, self.most = instance, form, gap, most
         self.deadline, self.tolerance = deadline, tolerance
         self.known = known or Known()
+        self.proposals = [] if self.known.assignment is None else [self.known.assignment]
+        self.proposals += proposals
         self.relaxation = Relaxation(form, self._late)
         self.blocks = blocks(form, self.relaxation.pool)
         self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
@@ -70,9 +74,10 @@ class TreeSearch:
         """Search until the gap is proved, nothing is left, `most` nodes, or the deadline."""
         root = self.root()
         self._open.append((root.bound, 0, root))
-        if self.known.assignment is not None and self._possible(self.known.assignment):
-            self.incumbents.complete(self.known.assignment, root.start, self._late)
-            self._note("earlier choices")
+        for proposal in self.proposals:
+            if self._possible(proposal):
+                self.incumbents.complete(proposal, root.start, self._late)
+                self._note("earlier choices")
         while (self._open or self._dive) and not self._late():
             if self._bytes() > MEMORY:
                 self._note(f"open nodes and rows fill {1e-6 * MEMORY:.0f} MB")

@@ -27,7 +27,7 @@ from climbplan.walking.online.tick import OnlineController, OnlineSettings, hori
 from climbplan.walking.task import LEGS, WalkTask
 
 STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network")
-_TASKS, _QUICK = 30, 2  # of each kind
+_TASKS, _QUICK = 20, 2  # of each kind
 _QPS, _QUICK_QPS = 150, 30
 _LONGEST = 60.0  # [s] of a search, which its QPs end before
 _RANGES = StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04)
@@ -122,11 +122,14 @@ def _searched(task: WalkTask, qps: int) -> Fresh:
 def _planned(
     tasks: list[Fresh], library: Library, settings: OnlineSettings, ranking: Ranking
 ) -> Iterator[Command]:
+    made: OnlineController | None = None
     for fresh in tasks:
-        start = fresh.task.start
+        task, start = fresh.task, fresh.task.start
+        if made is None or made.task.ground is not task.ground or made.task.body is not task.body:
+            made = OnlineController(task, library, settings, ranking)
+        made.forget()
         before = start.toes  # nothing moved before
-        controller = OnlineController(fresh.task, library, settings, ranking)
-        yield controller.tick(Situation(start.state, start.toes, before, np.ones(LEGS, bool)))
+        yield made.tick(Situation(start.state, start.toes, before, np.ones(LEGS, bool)))
 
 
 def _row(

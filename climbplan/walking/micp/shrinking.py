@@ -88,15 +88,17 @@ class _Asked:
     def ends(self, value: Lin, low: float, high: float) -> tuple[float, float]:
         """Least and largest of an expression, within what is known of it."""
         columns = np.array(list(value.terms), np.int32)
-        factors = np.array(list(value.terms.values()))
-        for sign in (1.0, -1.0):
-            self.solver.changeColsCost(len(columns), columns, sign * factors)
-            found = self.solve()
-            if found is None:
-                continue
-            at = sign * (found - self.program.model.constant) + value.constant
-            low, high = (max(low, at - _PAD), high) if sign > 0 else (low, min(high, at + _PAD))
-        self.solver.changeColsCost(len(columns), columns, np.zeros(len(columns)))
+        factors, constant = np.array(list(value.terms.values())), self.program.model.constant
+        try:
+            for sign in (1.0, -1.0):
+                self.solver.changeColsCost(len(columns), columns, sign * factors)
+                found = self.solve()
+                if found is None:
+                    continue
+                at = sign * (found - constant) + value.constant
+                low, high = (max(low, at - _PAD), high) if sign > 0 else (low, min(high, at + _PAD))
+        finally:  # also where there is nothing: what is asked next has costs of its own
+            self.solver.changeColsCost(len(columns), columns, np.zeros(len(columns)))
         return low, max(high, low)
 
     def costs_of_velocities(self) -> None:

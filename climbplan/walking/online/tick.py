@@ -178,6 +178,12 @@ class OnlineController:
         self._expected = _after(task, taken[1], taken[1].state[1])
         return choice.command(*taken[1:], ", and ".join(words))
 
+    def forget(self) -> None:
+        """The next tick stands alone: no plan before it, no leg that is doubted."""
+        self._last, self._since = None, 0
+        self._expected = self.task.start
+        self._doubted[:] = 0
+
     @property
     def _published(self) -> bool:
         return self.settings.form == "published"

@@ -10,6 +10,9 @@ import typer
 from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.options import Force, Json, Out, Quiet, Verbose
 from climbplan.cli.quick import NoReport
+from climbplan.errors import UsageError
+
+MOST_OPENING = 0.5  # [m]
 
 
 def fit_terrain(
@@ -20,6 +23,14 @@ def fit_terrain(
         list[str] | None,
         typer.Option(
             "--set", "-s", metavar="KEY=VALUE", help="A key of terrain.scan: flatness=0.003."
+        ),
+    ] = None,
+    holds: Annotated[
+        float | None,
+        typer.Option(
+            "--holds",
+            metavar="OPENING",
+            help="Find what a gripper with fingers so far apart [m] can hold, instead of regions.",
         ),
     ] = None,
     no_report: NoReport = False,
@@ -33,12 +44,16 @@ def fit_terrain(
     FILE: a mesh (STL, OBJ, PLY, GLB, DAE), a point cloud (PCD, PLY, XYZ, NPY, LAS) or a height map
     (TIFF, PNG, NPY, CSV, with `--set cell=0.02`). Prints the path of terrain.yaml, the part
     `terrain:` of a spec with all regions, to be edited; beside it report.json and report.html.
+    With --holds it has the wall as `panel` with its graspable spots, and there is no page.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
 
     session = context.ensure_object(Session)
     target = out if out is not None else Path("outputs", file.stem)
+    if holds is not None:
+        _fit_holds(session, file, target, holds, settings or [], as_json, force)
+        return
     with OutputDirectory(target, force=force) as directory:
         from climbplan.reports.fits.terrain_report import RESULT, report_dict, write_report
         from climbplan.scan.study import fit, scan_of
@@ -51,6 +66,44 @@ def fit_terrain(
         session.note(f"{file.stem}   {fitted.headline}")
         report = report_dict(fitted, file.stem)
         write_report(fitted, report, directory.path, page=not no_report)
+        directory.publish()
+    if as_json:
+        print_json({**report, "file": str(target / RESULT)})
+    else:
+        print_result(str(target / RESULT))
+
+
+def _fit_holds(
+    session: Session,
+    file: Path,
+    target: Path,
+    opening: float,
+    settings: list[str],
+    as_json: bool,
+    force: bool,
+) -> None:
+    from climbplan.cli.output_directory import OutputDirectory
+
+    if not 0 < opening <= MOST_OPENING:
+        raise UsageError(
+            f"--holds: expected an opening of 0 to {MOST_OPENING:g} m, got {opening:g}"
+        )
+    with OutputDirectory(target, force=force) as directory:
+        from climbplan.reports.fits.holds_report import holds_headline, holds_report, write_holds
+        from climbplan.reports.fits.terrain_report import RESULT
+        from climbplan.scan.holds import Grasping, found_holds
+        from climbplan.scan.reading import read_scan
+        from climbplan.scan.study import scan_of
+
+        scan = scan_of(file, settings)
+        raw = read_scan(scan, Path())
+        grasping = Grasping(opening)
+        wall = found_holds(raw, grasping)
+        for note in raw.notes:
+            session.note(f"{file.stem}   {note}")
+        session.note(f"{file.stem}   {holds_headline(wall, grasping)}")
+        report = holds_report(wall, grasping, file.stem, scan.file)
+        write_holds(wall, grasping, report, directory.path)
         directory.publish()
     if as_json:
         print_json({**report, "file": str(target / RESULT)})

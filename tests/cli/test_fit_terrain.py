@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+import pytest
 import trimesh
 import yaml
 from known_surfaces import stairs
@@ -74,3 +76,24 @@ def test_wrong_settings_are_listed(tmp_path: Path, capsys) -> None:
     told = capsys.readouterr().err
     assert "did you mean 'flatness'" in told
     assert "least_size" in told
+
+
+def test_spots_for_a_gripper_become_a_panel(tmp_path: Path, capsys) -> None:
+    line = np.arange(-0.12, 0.12, 4e-3)
+    x, z = (v.ravel() for v in np.meshgrid(line, line, indexing="ij"))
+    ridge = np.clip(0.035 + 2.0 * (0.015 - np.abs(z)), 0.0, 0.035)  # level, sides at 63 degrees
+    out = np.where(np.abs(x) < 0.05, ridge, 0.0)
+    path = tmp_path / "wall.xyz"
+    np.savetxt(path, np.stack([x, 1.0 - out, z], axis=1))  # faces -y, towards the origin
+    target = tmp_path / "out"
+    assert run(["fit-terrain", str(path), "-o", str(target), "--holds", "0.06"]) == 0
+    assert capsys.readouterr().out.strip() == str(target / "terrain.yaml")
+    panel = yaml.safe_load((target / "terrain.yaml").read_text())["terrain"]["panel"]
+    assert panel["angle_deg"] == pytest.approx(90.0, abs=0.5)
+    first = next(iter(panel["holds"].values()))
+    assert abs((first["axis_deg"] + 90) % 180 - 90) <= 15  # fingers above and below
+    assert first["undercut_deg"] == pytest.approx(-26.6, abs=8.0)
+    code = run(["fit-terrain", str(path), "-o", str(tmp_path / "b"), "--holds", "7"])
+    assert code == ExitCode.USAGE
+    assert "--holds: expected an opening" in capsys.readouterr().err
+    assert not (tmp_path / "b").exists()

@@ -22,7 +22,7 @@ RESULT = "terrain.yaml"
 _LISTED = 200  # regions in the page's table; all are in terrain.yaml
 _DRAWN = 12_000  # triangles of a picture, the largest
 _DIGITS = 9  # of a coordinate [m]
-_FRICTION = 1.0  # of terrain.yaml, to be edited
+FRICTION = 1.0  # of terrain.yaml, to be edited
 _VIEWS = ((28, -60), (28, 120), (85, -90))  # elevation, azimuth [deg]
 
 
@@ -52,7 +52,7 @@ def terrain_text(fitted: FittedScan) -> str:
         | ({"friction": scan["friction"][r.label]} if r.label in fitted.scan.friction else {})
         for n, r in enumerate(fitted.regions, start=1)
     ]
-    body = {"terrain": {"friction": _FRICTION, "scan": {**scan, "fit": False}, "regions": regions}}
+    body = {"terrain": {"friction": FRICTION, "scan": {**scan, "fit": False}, "regions": regions}}
     return (
         f"# {fitted.headline}.\n"
         "# ASSUMED: friction. With `scan.fit: true` and no regions, each plan finds its own.\n"

@@ -18,6 +18,7 @@ from climbplan.limms.plan_file import write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.modules.comparison import compare_modules
+from climbplan.simulation.modules.model import light_share, simulated_module
 from climbplan.simulation.modules.replay import ModuleRun, simulate_modules
 from climbplan.simulation.modules.study import (
     SimulatedModules,
@@ -58,6 +59,14 @@ def test_a_throw_of_light_modules_ends_where_planned(light: LimmsPlan) -> None:
     # In the air, as thrown
     flying = run.time > light.motion.time[light.motion.box_mode[:, 0] == 2][0]
     assert np.ptp(run.box[flying, 0, 2]) > 0.05
+
+
+def test_legs_of_massless_plans_are_lighter_than_arms(light: LimmsPlan) -> None:
+    assert light_share(light) == 0.03
+    walking = replace(light, motion=replace(light.motion, mode=np.full_like(light.motion.mode, 4)))
+    assert light_share(walking) == 5e-4
+    share = simulated_module(walking).mass / light.box_mass[0]
+    assert share == pytest.approx(5e-4)
 
 
 def test_loads_are_those_that_the_checker_finds(lifted: ModuleRun) -> None:

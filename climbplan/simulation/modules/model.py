@@ -20,6 +20,8 @@ from climbplan.spec.limms.module import JOINTS, LINKS, ModuleSpec
 
 TIME_STEP = 5e-4  # [s] at most
 LIGHT = 0.03  # of the box's mass, what a module of a massless plan weighs
+LIGHT_LEG = 5e-4  # so of legs: their speeds jump, and with mass that turns a box in the air
+_LEGS = (4, 5)  # modes of modules
 STIFF = 200.0  # [N m/rad] of a joint's servo
 DAMPING = 5.0  # [N m s/rad]
 ARMATURE = 2e-3  # [kg m^2] of a drive, seen from its joint
@@ -40,9 +42,14 @@ def simulated_module(plan: LimmsPlan) -> ModuleSpec:
     module = ModuleSpec.model_validate(plan.module)
     if not plan.massless:
         return module
-    share = LIGHT * float(plan.box_mass[: plan.deliveries].min()) / module.mass
+    share = light_share(plan) * float(plan.box_mass[: plan.deliveries].min()) / module.mass
     lighter = {name: share * vars(module)[name] for name in ("mass", "joint_mass", "latch_mass")}
     return module.model_copy(update=lighter)
+
+
+def light_share(plan: LimmsPlan) -> float:
+    """What a module of a massless plan weighs, as part of the box's mass."""
+    return LIGHT_LEG if np.isin(plan.motion.mode, _LEGS).any() else LIGHT
 
 
 def link_name(module: int, link: int) -> str:

@@ -19,7 +19,7 @@ from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.figures import strip
 from climbplan.simulation.modules.comparison import ModuleComparison, compare_modules
 from climbplan.simulation.modules.figures import loads, way
-from climbplan.simulation.modules.model import LIGHT, STIFF, TIME_STEP
+from climbplan.simulation.modules.model import STIFF, TIME_STEP, light_share
 from climbplan.simulation.modules.replay import REACHED, ModuleRun, simulate_modules
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import load_mujoco
@@ -38,9 +38,9 @@ WITH_MASS = (
     "end on the ground that is pulled, pushed aside or tipped lets go; joints give what they can."
 )
 MASSLESS = (
-    "A massless plan: each module is simulated with "
-    f"{LIGHT:.0%} of the box's mass, and nothing breaks. The plan is told apart from the hardware: "
-    "`verify` says what latches and joints would have to hold if modules weighed what they do."
+    "A massless plan: each module is simulated with {share} of the box's mass, and nothing breaks. "
+    "The plan is told apart from the hardware: `verify` says what latches and joints would have to "
+    "hold if modules weighed what they do."
 )
 JUDGED = (
     "Judged: rigid-body dynamics of box and modules in continuous time, where ends are as latches "
@@ -197,7 +197,7 @@ def report_dict(found: SimulatedModules) -> dict[str, Any]:
         "simulator": f"MuJoCo {load_mujoco().__version__}",
         "time_step": TIME_STEP,
         "model": MODEL,
-        "masses": MASSLESS if plan.massless else WITH_MASS,
+        "masses": _masses(plan),
         "judges": JUDGED,
         "massless": plan.massless,
         "module_mass": run.module.mass,
@@ -232,6 +232,11 @@ def report_dict(found: SimulatedModules) -> dict[str, Any]:
     }
 
 
+def _masses(plan: LimmsPlan) -> str:
+    """What modules weigh in the simulation, in words."""
+    return MASSLESS.format(share=f"{100 * light_share(plan):.3g}%") if plan.massless else WITH_MASS
+
+
 def _missed(found: SimulatedModules) -> float:
     """How far the worst box ends from its goal [m]."""
     goals = found.plan.goal[: found.plan.deliveries]
@@ -258,7 +263,7 @@ def tell(found: SimulatedModules) -> Told:
         film=film,
         cards=_cards(found),
         events=[(f"{b.time:.2f} s", b.words) for b in run.broken],
-        notes=(MODEL, MASSLESS if plan.massless else WITH_MASS, JUDGED),
+        notes=(MODEL, _masses(plan), JUDGED),
     )
 
 

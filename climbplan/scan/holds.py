@@ -126,7 +126,8 @@ def _plane(points: Array, scan: RawScan) -> tuple[Array, Array]:
     center, normal = points.mean(axis=0), np.zeros(3)
     for _ in range(_PASSES):
         center = points[kept].mean(axis=0)
-        normal = np.linalg.svd(points[kept] - center, full_matrices=False)[2][2]
+        apart = points[kept] - center
+        normal = np.linalg.eigh(apart.T @ apart)[1][:, 0]  # across which points spread least
         off = (points - center) @ normal
         kept = np.abs(off - np.median(off[kept])) <= _PLANE
         if kept.sum() < 10:

@@ -30,7 +30,7 @@ from climbplan.solvers.result import SolverResult
 
 _GAP, _TOLERANCE = 1e-3, 1e-6
 _STEPS = 50
-_RUNS, _QUICK = 20, 2
+_RUNS, _QUICK = 100, 2
 _NOISE = (0.001, 0.003)  # standard deviation, of the state's bounds
 _OTHERS = 8  # problems of a noise that slow contenders get
 _LIMIT = 60.0  # [s]

@@ -47,10 +47,10 @@ def covering(
     waiting, whole = [leaf(motions)], list[Leaf]()
     while waiting and goes_on():
         lowest = min(waiting, key=lambda one: one.bound)
-        parts = halves(lowest.motions, *width)
         if lowest.bound >= enough:
             break
         waiting.remove(lowest)
+        parts = halves(lowest.motions, *width)
         found = [leaf(part) for part in parts] if parts is not None else []
         if found and min(one.bound for one in found) >= lowest.bound + _WORTH * enough:
             waiting += found

@@ -173,7 +173,7 @@ def test_gallery_pictures_are_small_and_one_for_each_scene() -> None:
     }
     assert set(pictures) == scenes
     assert max(pictures.values()) <= 60_000
-    assert sum(pictures.values()) < 1_500_000
+    assert sum(pictures.values()) < 42_000 * len(pictures)
 
 
 def test_pictures_of_pages_are_small_and_as_many_as_are_shown() -> None:

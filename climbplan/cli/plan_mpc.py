@@ -29,7 +29,7 @@ def plan_mpc(
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
-    """Plan a quadruped's walk: footsteps, gait, body motion and contact forces together.
+    """Plan a legged robot's walk: footsteps, gait, body motion and contact forces together.
 
     Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
     report.html and figures/. Method `online` walks in closed loop and also leaves library.h5, which

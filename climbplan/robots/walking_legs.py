@@ -10,10 +10,10 @@ from climbplan.robots.serial_chain import SerialChain
 
 @dataclass(frozen=True)
 class WalkingLegs:
-    """Four legs of three joints, in the order left front, right front, left hind, right hind."""
+    """L legs of three joints: pairs from front to hind, of each the left one first."""
 
     chain: SerialChain  # body frame of walking; its posture is how the robot stands
-    lower: Array  # (4, 3) [rad]
-    upper: Array  # (4, 3) [rad]
-    max_torque: Array  # (4, 3) [N m]
-    max_speed: Array  # (4, 3) [rad/s]
+    lower: Array  # (L, 3) [rad]
+    upper: Array  # (L, 3) [rad]
+    max_torque: Array  # (L, 3) [N m]
+    max_speed: Array  # (L, 3) [rad/s]

@@ -27,6 +27,8 @@ FIRST_EXAMPLE = {
 ABOUT = {
     "climb_walker": "a robot from a URDF",
     "robot_walker": "from a URDF",
+    "robot_hexapod": "a hexapod from a URDF",
+    "mpc_hexapod": "a hexapod from a URDF",
     "climb_single_wall": "grippers on one wall",
     "climb_rough_chimney": "between scanned walls",
     "mission_ground_to_top": "and on as a climb",
@@ -39,6 +41,8 @@ _DATA = {
     "strategy_bookshelf": ("bookshelf_scenes.h5",),
     "dataset_cart_pole": ("cart_pole.py",),
     "robot_walker": ("walker.urdf",),
+    "robot_hexapod": ("hexapod.urdf",),
+    "mpc_hexapod": ("robot_hexapod.yaml", "hexapod.urdf"),
     "climb_rough_chimney": ("rough_chimney.stl",),
     "mission_rough_shaft": ("rough_shaft.stl",),
     "climb_walker": ("robot_walker.yaml", "walker.urdf"),

@@ -1,1 +1,1 @@
-"""Hybrid model predictive control of a walking quadruped (chapter 8.2)."""
+"""Hybrid model predictive control of a walking robot (chapter 8.2)."""

@@ -10,7 +10,7 @@ from climbplan.walking.task import ANGLES, POSITION, VELOCITY, Array, WalkTask
 def cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
     """Each term of the objective by name.
 
-    state (N + 1, 12); force (N + 1, 4, 3), of which the last is not used.
+    state (N + 1, 12); force (N + 1, L, 3), of which the last is not used.
     """
     weights, reference = task.weights, task.reference
     later = state[1:]
@@ -28,7 +28,7 @@ def cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
 
 
 def force_differences(force: Array) -> float:
-    """Sum over knots and ordered pairs of legs of || f_s - f_t ||^2; force (N, 4, 3) [N^2]."""
+    """Sum over knots and ordered pairs of legs of || f_s - f_t ||^2; force (N, L, 3) [N^2]."""
     legs = force.shape[1]
     squares = (force**2).sum()
     return float(2.0 * (legs * squares - (force.sum(axis=1) ** 2).sum()))

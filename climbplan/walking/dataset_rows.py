@@ -23,10 +23,10 @@ from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.draws import DrawnStart, StartRanges, drawn_start
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.online.features import FEATURES
+from climbplan.walking.online.features import feature_count
 from climbplan.walking.online.library import SECTION, sections_of
 from climbplan.walking.problem import build_task
-from climbplan.walking.task import LEGS, STATE, Array, Gait, Start, WalkTask, WalkTrajectory
+from climbplan.walking.task import STATE, Array, Gait, Start, WalkTask, WalkTrajectory
 from climbplan.walking.task_facts import facts_of, task_of
 
 KIND = "mpc"
@@ -104,10 +104,10 @@ def frame_of(task: WalkTask) -> DatasetFrame:
         integer_names=tuple(f"contact_{n}_{leg}" for n in range(N) for leg in legs),
         layouts={
             "state": solution_layout((N + 1, STATE), "m, m/s, rad, rad/s", "world"),
-            "toes": solution_layout((N + 1, LEGS, 3), "m", "world"),
-            "force": solution_layout((N + 1, LEGS, 3), "N", "world"),
-            "contact": solution_layout((N + 1, LEGS), kind="int"),
-            "section_features": solution_layout((N - SECTION + 1, FEATURES)),
+            "toes": solution_layout((N + 1, len(legs), 3), "m", "world"),
+            "force": solution_layout((N + 1, len(legs), 3), "N", "world"),
+            "contact": solution_layout((N + 1, len(legs)), kind="int"),
+            "section_features": solution_layout((N - SECTION + 1, feature_count(len(legs)))),
         },
     )
 
@@ -130,7 +130,7 @@ def walk_of(task: WalkTask, data: Dataset, row: int) -> tuple[WalkTask, WalkTraj
     solution = data.solution
     contact = solution["contact"][row] == 1
     gait = Gait(contact, np.zeros(contact.shape, np.int64))
-    own = replace(task, start=Start(state, toes.reshape(LEGS, 3)))
+    own = replace(task, start=Start(state, toes.reshape(-1, 3)))
     found = WalkTrajectory(
         solution["state"][row], solution["toes"][row], solution["force"][row], gait
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.walking.task import ANGLES, LEGS, SPIN, VELOCITY, Start, WalkTask
+from climbplan.walking.task import ANGLES, SPIN, VELOCITY, Start, WalkTask
 
 
 @dataclass(frozen=True)
@@ -50,5 +50,5 @@ def drawn_start(task: WalkTask, ranges: StartRanges, rng: np.random.Generator) -
     state[ANGLES] += np.concatenate([either_way(ranges.tilt, 2), either_way(ranges.yaw, 1)])
     state[SPIN] = either_way(ranges.spin, 3)
     toes = task.start.toes.copy()
-    toes[:, :2] += either_way(ranges.toes, 2 * LEGS).reshape(LEGS, 2)
+    toes[:, :2] += either_way(ranges.toes, toes[:, :2].size).reshape(-1, 2)
     return DrawnStart(replace(task, start=Start(state, toes)), forward, acceleration)

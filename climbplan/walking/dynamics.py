@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from climbplan.robots.symbols import rotation
-from climbplan.walking.task import LEGS, RigidBody
+from climbplan.walking.task import RigidBody
 
 
 def euler_rates(angles: Any, spin: Any) -> Any:
@@ -23,24 +23,32 @@ def euler_rates(angles: Any, spin: Any) -> Any:
     return ca.vertcat(roll, pitch, spin[2] + ca.sin(angles[1]) * roll)
 
 
-def derivative(body: Body, state: Any, toes: Any, force: Any) -> Any:
-    """Time derivative (12,) of the state, eqs. (8.14) to (8.17); toes, force: (12,) leg by leg."""
+def net_load(toes: Any, force: Any) -> tuple[Any, Any]:
+    """Sum of forces, and of their moments about the world's origin; toes, force: (3 L,)."""
+    legs = [slice(3 * i, 3 * i + 3) for i in range(force.shape[0] // 3)]
+    push = sum((force[leg] for leg in legs), ca.SX.zeros(3))
+    about_origin = sum((ca.cross(toes[leg], force[leg]) for leg in legs), ca.SX.zeros(3))
+    return push, about_origin
+
+
+def derivative(body: Body, state: Any, push: Any, about_origin: Any) -> Any:
+    """Time derivative (12,) of the state, eqs. (8.14) to (8.17), under a load as of `net_load`."""
     position, velocity, angles, spin = ca.vertsplit(state, 3)
-    a, push, about_origin = _loads(body, toes, force)
+    a = _acceleration(body, push)
     alpha = _spin_acceleration(body, angles, spin, about_origin - ca.cross(position, push))
     return ca.vertcat(velocity, a, euler_rates(angles, spin), alpha)
 
 
-def knot_step(body: Body, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
-    """The state one knot later, eq. (8.19).
+def knot_step(body: Body, dt: Any, mean: Any, state: Any, push: Any, about_origin: Any) -> Any:
+    """The state one knot later, eq. (8.19), under a load as of `net_load`.
 
     mean: 0 for forward Euler; 1 for Runge-Kutta over the interval, in which the body moves on above
-    the toes (`truth.knot_step` says how). toes, force: (12,) leg by leg.
+    the toes (`truth.knot_step` says how).
     """
     if isinstance(mean, int | float) and mean == 0:  # four stages would all be the same
-        return state + dt * derivative(body, state, toes, force)
+        return state + dt * derivative(body, state, push, about_origin)
     position, velocity, angles, spin = ca.vertsplit(state, 3)
-    a, push, about_origin = _loads(body, toes, force)
+    a = _acceleration(body, push)
 
     def rates(turned: Any, turning: Any, arm: Any) -> Any:
         moment = about_origin - ca.cross(arm, push)
@@ -61,13 +69,15 @@ def knot_step(body: Body, dt: Any, mean: Any, state: Any, toes: Any, force: Any)
     return ca.vertcat(there, velocity + dt * a, turn)
 
 
-def plain_knot_step(body: Body, dt: Any, mean: Any, state: Any, toes: Any, force: Any) -> Any:
+def plain_knot_step(
+    body: Body, dt: Any, mean: Any, state: Any, push: Any, about_origin: Any
+) -> Any:
     """As `knot_step` for `mean` 0; for 1 with one stage under the mean moment of the interval.
 
     Where only second derivatives count: those of four stages have ten times as many operations.
     """
     position, velocity, angles, spin = ca.vertsplit(state, 3)
-    a, push, about_origin = _loads(body, toes, force)
+    a = _acceleration(body, push)
     arm = position + mean * dt * (velocity / 2 + dt * a / 6)
     moment = about_origin - ca.cross(arm, push)
     alpha = _spin_acceleration(body, angles, spin, moment)
@@ -76,12 +86,9 @@ def plain_knot_step(body: Body, dt: Any, mean: Any, state: Any, toes: Any, force
     return ca.vertcat(there, velocity + dt * a, turn, spin + dt * alpha)
 
 
-def _loads(body: Body, toes: Any, force: Any) -> tuple[Any, Any, Any]:
-    """Acceleration, eq. (8.14), sum of the forces, and their moment about the world's origin."""
-    legs = [slice(3 * i, 3 * i + 3) for i in range(LEGS)]
-    push = sum((force[leg] for leg in legs), ca.SX.zeros(3))
-    about_origin = sum((ca.cross(toes[leg], force[leg]) for leg in legs), ca.SX.zeros(3))
-    return push / body.mass - ca.vertcat(0, 0, body.gravity), push, about_origin
+def _acceleration(body: Body, push: Any) -> Any:
+    """Eq. (8.14)."""
+    return push / body.mass - ca.vertcat(0, 0, body.gravity)
 
 
 def _spin_acceleration(body: Body, angles: Any, spin: Any, moment: Any) -> Any:

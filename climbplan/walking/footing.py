@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.walking.ground import Ground
 from climbplan.walking.kernels.footing import stance_phases
-from climbplan.walking.task import LEGS, Array, Flags, Gait, Whole
+from climbplan.walking.task import Array, Flags, Gait, Whole
 
 _LOW = -1.0e3  # [m]
 
@@ -17,7 +17,7 @@ _LOW = -1.0e3  # [m]
 class Footing:
     """Footholds of a gait of N intervals; those after the first lift-off are free."""
 
-    foothold: Whole  # (N + 1, 4) index of the free foothold, HELD or SWINGING
+    foothold: Whole  # (N + 1, L) index of the free foothold, HELD or SWINGING
     leg: Whole  # (F,) of each free foothold
     first: Whole  # (F,) knot at which it is reached
     last: Whole  # (F,) last knot at which it is stood on
@@ -39,10 +39,10 @@ def footing_of(gait: Gait) -> Footing:
 def gait_of(contact: Flags, region: Whole) -> Gait:
     """A gait whose regions are constant while a leg stands and, before that, those it goes to.
 
-    region (N + 1, 4): only entries at the first knot of a stance phase count, and those of knot 0.
+    region (N + 1, L): only entries at the first knot of a stance phase count, and those of knot 0.
     """
     tidy = np.array(region, np.int64)
-    for leg in range(LEGS):
+    for leg in range(contact.shape[1]):
         for n in range(1, len(contact)):
             if contact[n, leg] and contact[n - 1, leg]:
                 tidy[n, leg] = tidy[n - 1, leg]
@@ -53,7 +53,7 @@ def gait_of(contact: Flags, region: Whole) -> Gait:
 
 
 def toe_heights(ground: Ground, gait: Gait, lift: float) -> Array:
-    """Heights of all toes (N + 1, 4) [m]: on their regions, or lifted above ground, eq. (8.23).
+    """Heights of all toes (N + 1, L) [m]: on their regions, or lifted above ground, eq. (8.23).
 
     Of level regions; of sloped ones those at their middles, and lifted toes as low as they may be
     before it is known where they go.

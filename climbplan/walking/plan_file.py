@@ -23,7 +23,6 @@ from climbplan.walking.plan import STATUSES, LoopRecord, WalkPlan
 from climbplan.walking.plan_file_task import START, read_task, write_task
 from climbplan.walking.task import (
     ANGLES,
-    LEGS,
     POSITION,
     SPIN,
     STATE,
@@ -42,10 +41,10 @@ SAMPLES = {
     "velocity": Layout(("T", 3), "m/s", "world"),
     "euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw of R = Rz Ry Rx, body to world"),
     "angular_velocity": Layout(("T", 3), "rad/s", "world"),
-    "toes": Layout(("T", LEGS, 3), "m", "world"),
-    "contact": Layout(("T", LEGS), kind="bool"),
-    "region": Layout(("T", LEGS), kind="int"),
-    "force": Layout(("T", LEGS, 3), "N", "world, on the robot"),
+    "toes": Layout(("T", "L", 3), "m", "world"),
+    "contact": Layout(("T", "L"), kind="bool"),
+    "region": Layout(("T", "L"), kind="int"),
+    "force": Layout(("T", "L", 3), "N", "world, on the robot"),
     "reference/velocity": Layout(("T", 3), "m/s", "world"),
     "reference/euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw"),
     "reference/height": Layout(("T",), "m", "world"),

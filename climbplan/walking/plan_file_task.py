@@ -14,7 +14,6 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.ground import Ground
 from climbplan.walking.task import (
-    LEGS,
     Goal,
     Integrator,
     Reference,
@@ -24,12 +23,12 @@ from climbplan.walking.task import (
     Weights,
 )
 
-# S regions; legs in the order of robot/leg_names
+# S regions; L legs in the order of robot/leg_names
 ROBOT = {
     "inertia": Layout((3, 3), "kg m^2", "body"),
-    "toe_center": Layout((LEGS, 3), "m", "body"),
+    "toe_center": Layout(("L", 3), "m", "body"),
     "toe_half": Layout((3,), "m", "body"),
-    "leg_names": Layout((LEGS,), kind="text"),
+    "leg_names": Layout(("L",), kind="text"),
 }
 GROUND = {
     "lower": Layout(("S", 2), "m", "world"),
@@ -43,23 +42,23 @@ SHAPES = {  # of grounds that are not level rectangles, C corners
 }
 START = {
     "state": Layout((12,), "m, m/s, rad, rad/s", "world"),
-    "toes": Layout((LEGS, 3), "m", "world"),
+    "toes": Layout(("L", 3), "m", "world"),
 }
 
 
 LEGS_OF_URDF = {  # of a robot from a URDF: chains of three joints at zero angles
-    "joint_zero": Layout((LEGS, 3, 3), "m", "body, points on the joint axes at zero angles"),
-    "axis_zero": Layout((LEGS, 3, 3), "", "body, unit axes of joints at zero angles"),
-    "toe_zero": Layout((LEGS, 3), "m", "body, at zero angles"),
-    "posture": Layout((LEGS, 3), "rad", "as it stands"),
+    "joint_zero": Layout(("L", 3, 3), "m", "body, points on the joint axes at zero angles"),
+    "axis_zero": Layout(("L", 3, 3), "", "body, unit axes of joints at zero angles"),
+    "toe_zero": Layout(("L", 3), "m", "body, at zero angles"),
+    "posture": Layout(("L", 3), "rad", "as it stands"),
 }
 MOTORS = {
-    "lower": Layout((LEGS, 3), "rad"),
-    "upper": Layout((LEGS, 3), "rad"),
-    "max_torque": Layout((LEGS, 3), "N m"),
-    "max_speed": Layout((LEGS, 3), "rad/s"),
+    "lower": Layout(("L", 3), "rad"),
+    "upper": Layout(("L", 3), "rad"),
+    "max_torque": Layout(("L", 3), "N m"),
+    "max_speed": Layout(("L", 3), "rad/s"),
 }
-_NAMES = Layout((3 * LEGS,), kind="text")
+_NAMES = Layout(("J",), kind="text")  # leg by leg
 GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")}
 
 
@@ -182,6 +181,9 @@ def _legs(reader: Reader) -> WalkingLegs:
         for name, layout in (LEGS_OF_URDF | MOTORS).items()
     }
     names = reader.texts("robot/legs/joint_names", _NAMES)
-    each = tuple(tuple(names[3 * leg : 3 * leg + 3]) for leg in range(LEGS))
+    legs = len(parts["posture"])
+    if len(names) != 3 * legs:
+        raise reader.refuse(f"robot/legs/joint_names has {len(names)} names, expected {3 * legs}")
+    each = tuple(tuple(names[3 * leg : 3 * leg + 3]) for leg in range(legs))
     chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF))
     return WalkingLegs(chain, **parts)

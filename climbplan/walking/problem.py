@@ -134,7 +134,7 @@ def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> Walk
     body = walker.body
     if 4 * body.force_limit <= body.mass * body.gravity:
         message = (
-            f"four legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "
+            f"{body.leg_count} legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "
             f"({body.mass * body.gravity:.1f} N)"
         )
         mistakes.append(SpecMistake("robot", message))

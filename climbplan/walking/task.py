@@ -21,7 +21,6 @@ Flags = NDArray[np.bool_]
 Whole = NDArray[np.int64]
 Integrator = Literal["euler", "mean", "rk4"]
 
-LEGS = 4
 STATE = 12  # position, velocity, Z-Y-X Euler angles (roll, pitch, yaw), angular velocity (world)
 POSITION, VELOCITY, ANGLES, SPIN = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 ANGLE_RANGE = np.pi / 2  # [rad] Table 8.4
@@ -30,16 +29,21 @@ RATE_RANGE = 10.0  # [rad/s] Table 8.4, of Euler rates and of the angular veloci
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A quadruped as a single rigid body with massless legs."""
+    """A legged robot as a single rigid body with massless legs."""
 
     name: str
     leg_names: tuple[str, ...]
     mass: float  # [kg]
     inertia: Array  # (3, 3) about the centre of mass, body frame [kg m^2]
     gravity: float  # [m/s^2]
-    toe_center: Array  # (4, 3) middle of each toe's workspace box, body frame [m]
+    toe_center: Array  # (L, 3) middle of each toe's workspace box, body frame [m]
     toe_half: Array  # (3,) half extents of the boxes [m]
     force_limit: float  # [N] of each component of a contact force
+
+    @property
+    def leg_count(self) -> int:
+        """L, in pairs from front to hind as `leg_order` has them."""
+        return len(self.leg_names)
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class Start:
     """Where the body is, and where its toes are (those that stand stay there)."""
 
     state: Array  # (12,)
-    toes: Array  # (4, 3) world frame [m]
+    toes: Array  # (L, 3) world frame [m]
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,17 @@ class WalkTask:
             lengths[0] = self.first
         return lengths
 
+    @cached_property
+    def hips(self) -> Array:
+        """(L, 3) where legs begin as they are drawn, body frame [m].
+
+        Their first joints; without joints, points above the middles of their workspaces.
+        """
+        if self.legs is not None:
+            return self.legs.chain.joint_zero[:, 0]
+        level: Array = self.body.toe_center * [1.0, 1.0, 0.0]
+        return level
+
     @property
     def weight(self) -> float:
         """Weight of the robot [N]."""
@@ -130,8 +145,8 @@ class WalkTask:
 class Gait:
     """All integers of a plan of N intervals."""
 
-    contact: Flags  # (N + 1, 4) the leg stands from this knot to the next
-    region: Whole  # (N + 1, 4) where it stands, or is to stand next
+    contact: Flags  # (N + 1, L) the leg stands from this knot to the next
+    region: Whole  # (N + 1, L) where it stands, or is to stand next
 
     @cached_property
     def key(self) -> bytes:
@@ -144,6 +159,6 @@ class WalkTrajectory:
     """States, toes and forces of N intervals."""
 
     state: Array  # (N + 1, 12)
-    toes: Array  # (N + 1, 4, 3) world frame [m]
-    force: Array  # (N + 1, 4, 3) world frame [N], from knot n to n + 1; zeros at the last
+    toes: Array  # (N + 1, L, 3) world frame [m]
+    force: Array  # (N + 1, L, 3) world frame [N], from knot n to n + 1; zeros at the last
     gait: Gait

@@ -10,7 +10,6 @@ import numpy as np
 
 from climbplan.walking.ground import Ground
 from climbplan.walking.task import (
-    LEGS,
     STATE,
     Goal,
     Reference,
@@ -63,7 +62,7 @@ def task_of(facts: Mapping[str, Any]) -> WalkTask:
     knots = int(facts["knots"])
     shapes = (
         (parts["body"].inertia, (3, 3)),
-        (parts["body"].toe_center, (LEGS, 3)),
+        (parts["body"].toe_center, (parts["body"].leg_count, 3)),
         (parts["body"].toe_half, (3,)),
         (parts["reference"].velocity, (knots, 3)),
         (parts["reference"].euler, (knots, 3)),
@@ -82,7 +81,7 @@ def task_of(facts: Mapping[str, Any]) -> WalkTask:
         goal=goal,
         **{name: facts[name] for name in _PLAIN},
         **parts,
-        start=Start(rest, np.zeros((LEGS, 3))),
+        start=Start(rest, np.zeros((parts["body"].leg_count, 3))),
     )
 
 

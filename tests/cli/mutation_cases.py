@@ -30,6 +30,10 @@ SPECS = ROOT / "specs"
 ROBOTS = ROOT / "climbplan" / "robots"
 MOST_SECONDS = 10.0  # of CPU that a command may take for a mutant
 _PATIENCE = 120.0  # [s] of waiting, on a machine that has other things to do
+_OF_URDF = {
+    "walker.urdf": ("robot_walker.yaml", "climb_walker.yaml"),
+    "hexapod.urdf": ("robot_hexapod.yaml", "mpc_hexapod.yaml"),
+}
 _OUT = ["-o", "out", "-q", "--force"]
 
 # Plans that are mutated: how each is made
@@ -99,11 +103,12 @@ class Outcome:
 def every_source(plans: Mapping[str, Path]) -> list[tuple[str, str]]:
     """Kind and name of every file that is mutated, with these plans."""
     specs = sorted(path.name for path in SPECS.glob("*.yaml"))
-    found = [("spec", name) for name in specs if name != "robot_walker.yaml"]
+    found = [("spec", name) for name in specs if not name.startswith("robot_")]
     robots = ("silvia.yaml", "scaler.yaml", "modules/limms.yaml", "bodies/scaler.yaml")
-    found += [("robot", name) for name in (*robots, "robot_walker.yaml")]
+    found += [("robot", name) for name in (*robots, "robot_walker.yaml", "robot_hexapod.yaml")]
     found += [
         ("urdf", "walker.urdf"),
+        ("urdf", "hexapod.urdf"),
         ("table", "limb_test.csv"),
         ("scenes", "bookshelf_scenes.h5"),
     ]
@@ -151,7 +156,7 @@ def prepared(case: Case, folder: Path, plans: Mapping[str, Path]) -> tuple[str, 
     changed, content = mutate(content, rng)
     (folder / name).write_bytes(content)
     if case.kind == "urdf":
-        return changed, [["validate", "robot_walker.yaml", "climb_walker.yaml"]]
+        return changed, [["validate", *_OF_URDF[case.source]]]
     if case.kind == "table":
         return changed, [["fit-stiffness", name, *_OUT]]
     commands = [["validate", name]]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from walk_tasks import named, shorter, walk_task
+from walk_tasks import LEGS, named, shorter, walk_task
 
 from climbplan.walking.check.truth import continuous_rollout, toes_in_body
 from climbplan.walking.cost import objective
@@ -14,7 +14,7 @@ from climbplan.walking.kernels.body import rolled
 from climbplan.walking.kernels.feet import worst_beyond, worst_standing
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
-from climbplan.walking.task import LEGS, STATE, Gait, WalkTask
+from climbplan.walking.task import STATE, Gait, WalkTask
 
 RNG = np.random.default_rng(8)
 TASK = shorter(walk_task(integrator="mean", whole_stance=True), 5)

@@ -10,7 +10,7 @@ from types import FrameType
 import casadi as ca
 import numpy as np
 import pytest
-from walk_tasks import walk_task
+from walk_tasks import LEGS, walk_task
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.truth import (
@@ -21,13 +21,13 @@ from climbplan.walking.check.truth import (
     knot_step,
     runge_kutta,
 )
-from climbplan.walking.dynamics import BodyNumbers
+from climbplan.walking.dynamics import BodyNumbers, net_load
 from climbplan.walking.dynamics import derivative as symbolic_rates
 from climbplan.walking.dynamics import knot_step as symbolic_step
 from climbplan.walking.kernels import compiling, step
 from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.step import linearised
-from climbplan.walking.task import ANGLES, LEGS, SPIN, STATE, VELOCITY, Integrator
+from climbplan.walking.task import ANGLES, SPIN, STATE, VELOCITY, Integrator
 
 RNG = np.random.default_rng(5)
 # Products of inertia, which the shipped body has none of
@@ -44,20 +44,24 @@ def some_states(count: int) -> np.ndarray:
     return state
 
 
-def some_toes(count: int) -> np.ndarray:
-    return BODY.toe_center + RNG.normal(0, 0.05, (count, LEGS, 3))
+def some_toes(count: int, legs: int = LEGS) -> np.ndarray:
+    place = np.resize(BODY.toe_center, (legs, 3))
+    return place + RNG.normal(0, 0.05, (count, legs, 3))
 
 
-def some_forces(count: int) -> np.ndarray:
-    return RNG.normal(0, 15, (count, LEGS, 3))
+def some_forces(count: int, legs: int = LEGS) -> np.ndarray:
+    return RNG.normal(0, 15, (count, legs, 3))
 
 
 def compiled_slopes(
     integrator: Integrator, state: np.ndarray, toes: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Steps (N, 12) and slopes (N, 36, 12) by the compiled function."""
+    """Steps (N, 12) and slopes (N, 12 + 6 L, 12) by the compiled function."""
     inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
-    after, slopes = np.empty((len(force), STATE)), np.full((len(force), 36, STATE), np.nan)
+    after, slopes = (
+        np.empty((len(force), STATE)),
+        np.full((len(force), 12 + 6 * force.shape[1], STATE), np.nan),
+    )
     numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, np.full(len(force), 0.08), mean)
     linearised(*numbers, state, toes, force, after, slopes)
     return after, slopes
@@ -65,7 +69,9 @@ def compiled_slopes(
 
 def test_rates_agree_with_numpy() -> None:
     state, toes, force = some_states(1)[0], some_toes(1)[0], some_forces(1)[0]
-    rates = ca.Function("rates", NAMES, [symbolic_rates(BodyNumbers.of(BODY), *NAMES)])
+    rates = ca.Function(
+        "rates", NAMES, [symbolic_rates(BodyNumbers.of(BODY), NAMES[0], *net_load(*NAMES[1:]))]
+    )
     found = np.asarray(rates(state, toes.ravel(), force.ravel())).ravel()
     np.testing.assert_allclose(found, derivative(BODY, state, toes, force), atol=1e-10)
 
@@ -74,7 +80,7 @@ def test_rates_agree_with_numpy() -> None:
 def test_expressions_agree_with_numpy(integrator: Integrator) -> None:
     state, toes, force = some_states(1)[0], some_toes(1)[0], some_forces(1)[0]
     mean = float(integrator == "mean")
-    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, *NAMES)
+    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *net_load(*NAMES[1:]))
     declared = ca.Function("step", NAMES, [stated])
     after = knot_step(BODY, integrator, 0.08, state, toes, force)
     found = np.asarray(declared(state, toes.ravel(), force.ravel())).ravel()
@@ -86,7 +92,7 @@ def test_compiled_steps_and_slopes_are_those_of_the_declaration(integrator: Inte
     count = 20
     state, toes, force = some_states(count), some_toes(count), some_forces(count)
     mean = float(integrator == "mean")
-    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, *NAMES)
+    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *net_load(*NAMES[1:]))
     slopes = ca.jacobian(stated, ca.vertcat(*NAMES))
     declared = ca.Function("declared", NAMES, [stated, slopes])
     after, found = compiled_slopes(integrator, state, toes, force)
@@ -96,10 +102,11 @@ def test_compiled_steps_and_slopes_are_those_of_the_declaration(integrator: Inte
         np.testing.assert_allclose(found[n].T, np.array(values[1]), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("legs", [4, 6])
 @pytest.mark.parametrize("integrator", ["euler", "mean"])
-def test_compiled_steps_and_slopes(integrator: Integrator) -> None:
+def test_compiled_steps_and_slopes(integrator: Integrator, legs: int) -> None:
     """Steps against NumPy, their Jacobians by finite differences."""
-    parts = [some_states(3), some_toes(3), some_forces(3)]
+    parts = [some_states(3), some_toes(3, legs), some_forces(3, legs)]
     after, slopes = compiled_slopes(integrator, parts[0], parts[1], parts[2])
     np.testing.assert_allclose(
         after, knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]), atol=1e-10

@@ -14,7 +14,6 @@ from climbplan.walking.online.estimation import (
     ACCEL_BIAS,
     GYRO_BIAS,
     POSITION,
-    SIZE,
     TURN,
     VELOCITY,
     Beginning,
@@ -104,7 +103,7 @@ def run(seed: int, quality: SensorQuality = QUALITY) -> Run:
     known[3:6] += 0.1 * rng.normal(size=3)
     known[:3] += 0.01 * rng.normal(size=3)
     # What the filter is told of its beginning holds of the errors as they are drawn here.
-    filter_ = ContactFilter(Beginning(known, position=0.01), quality, GRAVITY)
+    filter_ = ContactFilter(Beginning(known, position=0.01), quality, GRAVITY, 4)
     off, height = [], []
     for k in range(1, SAMPLES + 1):
         toes = truth.feet(k, QUALITY)
@@ -117,7 +116,7 @@ def run(seed: int, quality: SensorQuality = QUALITY) -> Run:
         stand = filter_.standing
         above = filter_.p[2] - filter_.d[stand, 2].mean()
         height.append(above - (state[2] - toes[stand, 2].mean()))
-    error = np.zeros(SIZE)
+    error = np.zeros(filter_.size)
     turn = filter_.R @ R.T
     spread = np.linalg.inv(left_jacobian(logarithm(turn)))
     error[TURN] = logarithm(turn)
@@ -142,14 +141,15 @@ def nees(one: Run, observable: bool) -> tuple[float, int]:
     observable: without shifts of the whole world and turns about the vertical, which nothing
     that is measured can tell.
     """
-    feet = [k for leg in np.flatnonzero(one.standing) for k in range(9 + 3 * leg, 12 + 3 * leg)]
-    kept = [*range(9), *feet, *range(SIZE - 6, SIZE)]
+    places = np.arange(len(one.error))
+    feet = [places[foot(int(leg))] for leg in np.flatnonzero(one.standing)]
+    kept = np.concatenate([places[: foot(0).start], *feet])
     error, P = one.error[kept], one.covariance[np.ix_(kept, kept)]
     if observable:
-        unknown = np.zeros((SIZE, 4))
+        unknown = np.zeros((len(one.error), 4))
         unknown[2, 0] = 1.0
-        for leg in (-1, *range(4)):
-            unknown[9 + 3 * leg : 12 + 3 * leg, 1:] = np.eye(3)
+        for place in (POSITION, *map(foot, range(4))):
+            unknown[place, 1:] = np.eye(3)
         basis = np.linalg.qr(unknown[kept], mode="complete")[0][:, 4:]
         error, P = basis.T @ error, basis.T @ P @ basis
     return float(error @ np.linalg.solve(P, error)), len(error)
@@ -188,7 +188,7 @@ def test_nothing_is_learned_of_heading_and_place() -> None:
 
 def test_a_foot_in_the_air_or_unseen_is_not_trusted() -> None:
     truth = Truth(np.random.default_rng(0))
-    filter_ = ContactFilter(Beginning(truth.state(0)), QUALITY, GRAVITY)
+    filter_ = ContactFilter(Beginning(truth.state(0)), QUALITY, GRAVITY, 4)
     seen = HIPS.copy()
     three, none = np.array([1, 1, 1, 0], bool), np.zeros(3)
     still = Sensed(none, np.array([0, 0, GRAVITY]), seen, three, none)
@@ -208,7 +208,7 @@ def test_a_foot_that_slips_is_taken_anew() -> None:
     state[2] = 0.2
     for jumps, slips in ((0.0, 0), (0.05, 1)):
         sensors = SimulatedSensors(QUALITY, GRAVITY, np.random.default_rng(5))
-        filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY)
+        filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY, 4)
         toes = state[:3] + HIPS
         for k in range(60):
             if k == 40:
@@ -228,7 +228,7 @@ def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs(toe_rate: 
     sensors = SimulatedSensors(quality, GRAVITY, rng)
     state = np.zeros(12)
     state[2] = 0.2
-    filter_ = ContactFilter(Beginning(state), quality, GRAVITY)
+    filter_ = ContactFilter(Beginning(state), quality, GRAVITY, 4)
     toes = state[:3] + HIPS
     for k in range(60):
         before = state.copy()
@@ -249,7 +249,7 @@ def test_a_leg_that_slides_does_not_tell_of_the_velocity() -> None:
     state = np.zeros(12)
     state[2] = 0.2
     sensors = SimulatedSensors(QUALITY, GRAVITY, np.random.default_rng(3))
-    filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY)
+    filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY, 4)
     toes = state[:3] + HIPS
     for k in range(60):
         sensed = sensors.sample(state, state, toes, np.ones(4, bool), DT)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from pydantic import ValidationError
-from walk_tasks import walk_task
+from walk_tasks import LEGS, walk_task
 
 from climbplan.errors import LimitReached, SpecError
 from climbplan.spec.walking.loading import load_mpc
@@ -26,7 +26,7 @@ from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.run import world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.problem import sampled_task
-from climbplan.walking.task import LEGS, VELOCITY
+from climbplan.walking.task import VELOCITY
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 
@@ -89,7 +89,7 @@ def test_admittance_gains_trade_position_for_force() -> None:
         "place": AdmittanceGains(force=0.0),
         "both": AdmittanceGains(),
     }.items():
-        legs = AdmittanceLegs(gains)
+        legs = AdmittanceLegs(gains, LEGS)
         for _ in range(400):
             force = legs.force(planned, ahead, np.zeros((LEGS, 3)))
             legs.step(planned, force, 0.005)

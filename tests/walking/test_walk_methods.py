@@ -10,7 +10,7 @@ from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.footing import footing_of, gait_of
 from climbplan.walking.kernels.footing import SWINGING
-from climbplan.walking.offline.gaits import CYCLES, starting_gaits
+from climbplan.walking.offline.gaits import starting_gaits
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
@@ -123,10 +123,6 @@ def test_a_gait_that_cannot_be() -> None:
     answer = solve_gait(task, nothing, None, 10)
     assert not answer.holds
     assert answer.reach > 0.1
-
-
-def test_named_gaits_have_four_legs() -> None:
-    assert all(len(row) == 4 for steps in CYCLES.values() for row in steps)
 
 
 def test_search_spends_its_budget_and_says_when_time_cut_it_short() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from walk_tasks import named, shorter, walk_task
+from walk_tasks import LEGS, named, shorter, walk_task
 
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import LOOP_LIMITS
@@ -23,7 +23,7 @@ from climbplan.walking.online.recovery import Study, run_study
 from climbplan.walking.online.run import world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.problem import SUBSTEPS
-from climbplan.walking.task import LEGS, POSITION, VELOCITY, Array, Start
+from climbplan.walking.task import POSITION, VELOCITY, Array, Start
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

@@ -25,7 +25,7 @@ from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.problem import build_ground, build_task
 from climbplan.walking.stones import drawn_stones
-from climbplan.walking.task import LEGS, Goal, WalkTask, WalkTrajectory
+from climbplan.walking.task import Goal, WalkTask, WalkTrajectory
 from climbplan.walking.task_facts import facts_of, task_of
 
 RAMP = {
@@ -60,7 +60,7 @@ def scaler() -> RigidBodySpec:
 @cache
 def up_the_ramp() -> tuple[WalkTask, WalkTrajectory]:
     task = stated(RAMP, knots=14, start={"velocity": [0.6, 0, 0], "position": [0.2, 0]})
-    gait = with_regions(task, cycle("walking trot", task.knots))
+    gait = with_regions(task, cycle("walking trot", 4, task.knots))
     found = solve_gait(task, gait, None, 40)
     assert found.trajectory is not None
     assert found.holds
@@ -96,7 +96,7 @@ def test_a_slippery_ramp_lets_go_as_its_cones_say() -> None:
         {**RAMP, "friction": 0.15},
         knots=5, start={**still, "position": [0.58, 0]}, reference=still, whole_stance=False,
     )  # fmt: skip
-    found = solve_gait(task, with_regions(task, cycle("stand", task.knots)), None, 40).trajectory
+    found = solve_gait(task, with_regions(task, cycle("stand", 4, task.knots)), None, 40).trajectory
     assert found is not None
     assert (found.gait.region == 1).all()
     assert "force.friction" not in failed(task, found)
@@ -104,7 +104,7 @@ def test_a_slippery_ramp_lets_go_as_its_cones_say() -> None:
     assert found.state[-1, 3] < -0.5 * slides * 5 * task.step
     upright = replace(task.ground, slope=np.zeros_like(task.ground.slope))
     held = found.force.copy()
-    held[:-1] = [0.0, 0.0, task.weight / LEGS]
+    held[:-1] = [0.0, 0.0, task.weight / 4]
     kept = replace(found, force=held)
     assert "force.friction" in failed(task, kept)
     assert "force.friction" not in failed(replace(task, ground=upright), kept)
@@ -147,10 +147,10 @@ def test_toes_clear_what_lies_between() -> None:
     ground = build_ground(
         MpcSpec.model_validate({"kind": "mpc", "terrain": {"regions": regions}}).terrain
     )
-    toes, contact = np.zeros((4, LEGS, 3)), np.ones((4, LEGS), bool)
+    toes, contact = np.zeros((4, 4, 3)), np.ones((4, 4), bool)
     toes[:, 0, 0] = [0.25, 0.28, 0.36, 0.40]
     contact[1:3, 0] = False
-    region = np.zeros((4, LEGS), np.int64)
+    region = np.zeros((4, 4), np.int64)
     region[1:, 0] = 2
     kernel = swing_heights(
         toes, contact, region, ground.lower, ground.upper, ground.sides,
@@ -306,7 +306,7 @@ def test_methods_that_know_level_rectangles_say_so() -> None:
 def test_horizons_beyond_a_second_have_answers() -> None:
     """Rounding made their Hessians indefinite in units of forces."""
     task = stated({}, knots=20)
-    found = solve_gait(task, with_regions(task, cycle("walking trot", 20)), None, 12)
+    found = solve_gait(task, with_regions(task, cycle("walking trot", 4, 20)), None, 12)
     assert found.trajectory is not None
     assert found.holds
     assert found.agreed

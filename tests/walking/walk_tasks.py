@@ -13,6 +13,7 @@ from climbplan.walking.offline.gaits import cycle
 from climbplan.walking.problem import build_task
 from climbplan.walking.task import Gait, WalkTask
 
+LEGS = 4  # of these tasks
 PUBLISHED = {"integrator": "euler", "whole_stance": False}
 
 
@@ -46,7 +47,7 @@ def stairs_task() -> WalkTask:
 
 def named(name: str, task: WalkTask, phase: int = 0) -> Gait:
     """A named gait on flat ground."""
-    contact = cycle(name, task.knots, phase)
+    contact = cycle(name, LEGS, task.knots, phase)
     return gait_of(contact, np.zeros(contact.shape, np.int64))
 
 

@@ -24,7 +24,7 @@ from climbplan.walking.online.library import Library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.strategies import Ranking, StrategyName, trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.task import LEGS, WalkTask
+from climbplan.walking.task import WalkTask
 
 STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network")
 _TASKS, _QUICK = 20, 2  # of each kind
@@ -129,7 +129,7 @@ def _planned(
             made = OnlineController(task, library, settings, ranking)
         made.forget()
         before = start.toes  # nothing moved before
-        yield made.tick(Situation(start.state, start.toes, before, np.ones(LEGS, bool)))
+        yield made.tick(Situation(start.state, start.toes, before, np.ones(len(start.toes), bool)))
 
 
 def _row(

@@ -12,7 +12,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan
 from climbplan.walking.problem import SUBSTEPS
-from climbplan.walking.task import ANGLES, LEGS, VELOCITY
+from climbplan.walking.task import ANGLES, VELOCITY
 
 _RADIUS = 0.012  # [m] of a leg as it is drawn
 _THICKNESS = 0.07  # [m] of the body as it is drawn: the model has no shape
@@ -33,7 +33,7 @@ def scene_of_walk(plan: WalkPlan) -> Scene:
     count = len(found.state)
     rotation = rotation_world_body(found.state[:, ANGLES])
     center = found.state[:, :3]
-    hips = task.body.toe_center * [1.0, 1.0, 0.0]
+    hips = task.hips
     placed = center[:, None] + np.einsum("fij,nj->fni", rotation, hips)
     legs = np.stack([placed, found.toes], axis=2)  # (F, 4, 2, 3)
     standing = found.gait.contact
@@ -53,7 +53,11 @@ def scene_of_walk(plan: WalkPlan) -> Scene:
         marks=np.arange(0, count, every),
         shapes=_ground(plan, lower, upper),
         paths=(Path("body", np.stack([center[:-1], center[1:]], axis=1), palette.TRACE),),
-        rods=Rods(legs, np.full(LEGS, _RADIUS), tuple(map(palette.limb_color, range(LEGS)))),
+        rods=Rods(
+            legs,
+            np.full(plan.task.body.leg_count, _RADIUS),
+            tuple(map(palette.limb_color, range(plan.task.body.leg_count))),
+        ),
         boxes=Boxes(
             center[:, None],
             rotation[:, None],

@@ -22,7 +22,7 @@ from climbplan.reports.sheet import (
 )
 from climbplan.walking.online.choice import FALLBACK, KEPT, LAST, SAFE
 from climbplan.walking.plan import LoopRecord, WalkPlan
-from climbplan.walking.task import LEGS, VELOCITY, Array
+from climbplan.walking.task import VELOCITY, Array
 
 _BEFORE, _AFTER = 0.4, 1.0  # [s] of the window about a push
 _PUSH = palette.FAILURE
@@ -44,7 +44,7 @@ def loop_gait(plan: WalkPlan) -> Figure:
     end = task.step * task.knots
     first = max(0.0, pushes[0] - _BEFORE) if pushes else 0.0
     window = (first, min(end, first + _BEFORE + _AFTER))
-    figure = new_figure(6.4, entries=len(_WINNERS) + LEGS)
+    figure = new_figure(6.4, entries=len(_WINNERS) + task.body.leg_count)
     whole, near, speed = figure.subplots(3, 1, height_ratios=(1.0, 1.35, 1.15))
     _bars(whole, plan)
     whole.set_xlim(0, end)
@@ -101,17 +101,19 @@ def _bars(ax: Axes, plan: WalkPlan) -> None:
     task, found = plan.task, plan.trajectory
     push = np.linalg.norm(found.force[:-1], axis=-1)
     most = max(float(push.max()), 1e-9)
-    for leg in range(LEGS):
+    for leg in range(task.body.leg_count):
         color, stands = palette.limb_color(leg), found.gait.contact[:-1, leg]
         for first, last in even_runs(np.where(stands, push[:, leg], -1.0)):
             if stands[first]:
-                corner = (task.step * first, LEGS - 1 - leg - 0.36)
+                corner = (task.step * first, task.body.leg_count - 1 - leg - 0.36)
                 shade = 0.25 + 0.75 * push[first, leg] / most
                 wide = task.step * (last - first)
                 ax.add_patch(Rectangle(corner, wide, 0.72, color=color, alpha=shade, lw=0))
     style_axes(ax)
-    ax.set_ylim(-0.6, LEGS - 0.4)
-    ax.set_yticks(range(LEGS), list(reversed([plain(n, 10) for n in task.body.leg_names])))
+    ax.set_ylim(-0.6, task.body.leg_count - 0.4)
+    ax.set_yticks(
+        range(task.body.leg_count), list(reversed([plain(n, 10) for n in task.body.leg_names]))
+    )
     ax.grid(visible=False, axis="y")
 
 
@@ -119,7 +121,7 @@ def _step_lengths(ax: Axes, plan: WalkPlan, window: tuple[float, float]) -> None
     """How far ahead of its last foothold each leg stands, along the reference's direction."""
     task, found = plan.task, plan.trajectory
     ahead = _direction(plan)
-    for leg in range(LEGS):
+    for leg in range(task.body.leg_count):
         stands = found.gait.contact[:-1, leg]
         last: Array | None = None
         for first, end in even_runs(stands.astype(float)):
@@ -132,7 +134,7 @@ def _step_lengths(ax: Axes, plan: WalkPlan, window: tuple[float, float]) -> None
                 back = length < -0.5
                 ax.text(
                     middle,
-                    LEGS - 1 - leg,
+                    task.body.leg_count - 1 - leg,
                     f"{length:+.0f}",
                     ha="center",
                     va="center",

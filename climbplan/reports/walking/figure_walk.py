@@ -21,7 +21,7 @@ from climbplan.reports.walking.figure_loop import even_runs, mark_pushes, push_t
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import SUBSTEPS
-from climbplan.walking.task import ANGLES, LEGS, VELOCITY, Array, Whole
+from climbplan.walking.task import ANGLES, VELOCITY, Array, Whole
 
 _VELOCITY = "#B01E8C"
 _FORCE = palette.FAILURE
@@ -29,7 +29,9 @@ _BEGUN = palette.LIMBS[1]
 _SHOTS = 5
 _ABOUT = (-0.5, 0.5, 1.5, 2.5, 4.5)  # knots from a push at which a closed loop is shown
 _LONGEST = 0.22  # [m] arrow of the force limit
-_AROUND = 0.42  # [m] shown about the body
+_AROUND = 0.42  # [m] shown about the body, at least
+_ROOM = 0.14  # [m] beyond the boxes of toes
+_DOWN = 1.2  # of what toes reach down, shown below the body
 _AHEAD = 0.12  # [s] that arrows of the velocity lead ahead
 
 
@@ -113,18 +115,20 @@ def gait(plan: WalkPlan) -> Figure:
     ax = figure.subplots()
     push = np.linalg.norm(found.force[:-1], axis=-1)
     most = max(float(push.max()), 1e-9)
-    for leg in range(LEGS):
+    for leg in range(task.body.leg_count):
         color = palette.limb_color(leg)
         for first, last in even_runs(np.where(found.gait.contact[:-1, leg], push[:, leg], -1.0)):
             if found.gait.contact[first, leg]:
                 shade = 0.25 + 0.75 * push[first, leg] / most
-                bar = (task.step * first, LEGS - 1 - leg - 0.36)
+                bar = (task.step * first, task.body.leg_count - 1 - leg - 0.36)
                 wide = task.step * (last - first)
                 ax.add_patch(Rectangle(bar, wide, 0.72, color=color, alpha=shade, lw=0))
     style_axes(ax)
     ax.set_xlim(0, task.step * task.knots)
-    ax.set_ylim(-0.6, LEGS - 0.4)
-    ax.set_yticks(range(LEGS), list(reversed([plain(n, 10) for n in task.body.leg_names])))
+    ax.set_ylim(-0.6, task.body.leg_count - 0.4)
+    ax.set_yticks(
+        range(task.body.leg_count), list(reversed([plain(n, 10) for n in task.body.leg_names]))
+    )
     ax.set_xlabel("time [s]")
     ax.grid(visible=False, axis="y")
     handles = [Patch(color=palette.INK, alpha=a, lw=0) for a in (0.25, 1.0)]
@@ -141,6 +145,7 @@ def snapshots(plan: WalkPlan) -> Figure:
     axes = figure.subplots(2, _SHOTS, height_ratios=(0.52, 0.84))
     moments = _moments(plan)
     heights = plan.trajectory.state[moments, 2]
+    below = max(0.30, -_DOWN * float(task.body.toe_center[:, 2].min()))
     for column in range(_SHOTS):
         for row, (x, y) in enumerate(((0, 2), (0, 1))):
             ax = axes[row, column]
@@ -148,7 +153,7 @@ def snapshots(plan: WalkPlan) -> Figure:
                 _shot(ax, plan, int(moments[column]), x, y)
             else:
                 ax.set_visible(False)
-        axes[0, column].set_ylim(heights.min() - 0.30, heights.max() + 0.22)
+        axes[0, column].set_ylim(heights.min() - below, heights.max() + 0.22)
         axes[1, column].set_xlabel("x [m]")
     axes[0, 0].set_ylabel("z [m]")
     axes[1, 0].set_ylabel("y [m]")
@@ -158,7 +163,10 @@ def snapshots(plan: WalkPlan) -> Figure:
         Line2D([], [], color=palette.FORCE, lw=2),
         Line2D([], [], color=palette.BODY, lw=0, marker="o", ms=5),
         Line2D([], [], color=palette.BODY, lw=0, marker="o", ms=5, mfc="white"),
-        *(Line2D([], [], color=palette.limb_color(leg), lw=1.6) for leg in range(LEGS)),
+        *(
+            Line2D([], [], color=palette.limb_color(leg), lw=1.6)
+            for leg in range(task.body.leg_count)
+        ),
     ]
     words = [
         f"force, {_LONGEST / task.body.force_limit * 1e3:.2g} mm/N",
@@ -182,13 +190,19 @@ def _moments(plan: WalkPlan) -> Whole:
     return shown
 
 
+def _around(plan: WalkPlan) -> float:
+    """How much is shown about the body [m]."""
+    body = plan.task.body
+    return max(_AROUND, float((np.abs(body.toe_center) + body.toe_half)[:, :2].max()) + _ROOM)
+
+
 def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
     task, found = plan.task, plan.trajectory
     state, toes = found.state[n], found.toes[n]
     com, R = state[:3], rotation_world_body(state[ANGLES])
-    hips = com + (task.body.toe_center * [1.0, 1.0, 0.0]) @ R.T
+    hips, shown = com + task.hips @ R.T, _around(plan)
     ax.set_aspect("equal")
-    around = com[:2] - _AROUND, com[:2] + _AROUND
+    around = com[:2] - shown, com[:2] + shown
     for region in range(task.ground.count):
         corners = task.ground.outline(region, *around)
         if not len(corners):
@@ -198,12 +212,12 @@ def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
             ax.plot(ends[:, 0], ends[:, 2], color=palette.SURFACE, lw=2)
         elif task.ground.count > 1:
             ax.add_patch(Polygon(corners[:, :2], color=palette.SURFACE, alpha=0.25, lw=0))
-    ring = hips[[0, 1, 3, 2]]
+    ring = np.concatenate([hips[::2], hips[-1::-2]])
     ax.add_patch(Polygon(ring[:, [x, y]], fill=y == 1, color=palette.BODY, alpha=0.35, lw=2))
     front = hips[:2].mean(axis=0)
     ax.plot([com[x], front[x]], [com[y], front[y]], color=palette.FORCE, lw=2)
     scale = _LONGEST / task.body.force_limit
-    for leg in range(LEGS):
+    for leg in range(task.body.leg_count):
         color, stands = palette.limb_color(leg), bool(found.gait.contact[n, leg])
         ax.plot([hips[leg, x], toes[leg, x]], [hips[leg, y], toes[leg, y]], color=color, lw=1.4)
         ax.plot(*toes[leg, [x, y]], "o", ms=4.5, color=color, mfc=color if stands else "white")
@@ -211,11 +225,11 @@ def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
             _arrow(ax, toes[leg, [x, y]], scale * found.force[n, leg, [x, y]], _FORCE)
     _arrow(ax, com[[x, y]], _AHEAD * state[VELOCITY][[x, y]], _VELOCITY)
     style_axes(ax)
-    ax.set_xlim(com[0] - _AROUND, com[0] + _AROUND)
+    ax.set_xlim(com[0] - shown, com[0] + shown)
     if y == 2:
         panel_title(ax, f"{task.step * n:.2f} s")
     else:
-        ax.set_ylim(com[1] - _AROUND, com[1] + _AROUND)
+        ax.set_ylim(com[1] - shown, com[1] + shown)
 
 
 def _arrow(ax: Axes, base: Array, along: Array, color: str) -> None:

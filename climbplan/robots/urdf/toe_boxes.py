@@ -1,6 +1,6 @@
 """Boxes that toes of a walking robot keep within: reached everywhere, and everywhere strong enough.
 
-All four boxes have one size and stand about the standing toes. They grow step by step as long as
+All boxes have one size and stand about the standing toes. They grow step by step as long as
 every point of a grid in every box has inverse kinematics two degrees inside the joint bounds, and
 the leg holds half the robot's weight upright there. A little is then taken off again, and a finer
 grid and random points are asked; planning and checks use exact kinematics anyway.
@@ -22,16 +22,18 @@ _OFF = 0.005  # [m] taken off what the grid allows
 _GAP = 0.02  # [m] between boxes of neighbours
 _LEAST = (0.03, 0.02, 0.02)  # [m] half extents with which a step is possible
 _BOUND = np.deg2rad(2.0)  # of joints from their bounds
-_SHARE = 0.5  # of the weight, that a leg holds upright anywhere in its box: two legs of a trot
+# Of the weight, that a leg holds upright anywhere in its box: two legs of a trot, or the middle one
+# of a tripod, alone on its side
+_SHARE = 0.5
 _COARSE, _FINE = 3, 5  # points along each edge, while boxes grow and in the end
 _DRAWN = 500  # random points of each box
 
 
 @dataclass(frozen=True)
 class ToeBoxes:
-    """One size for all four legs."""
+    """One size for all legs."""
 
-    center: Array  # (4, 3) standing toes, body frame [m]
+    center: Array  # (L, 3) standing toes, body frame [m]
     half: Array  # (3,) [m]
     force: float  # largest upright force that every leg holds everywhere in its box [N]
 
@@ -39,15 +41,14 @@ class ToeBoxes:
 def toe_boxes(
     chain: SerialChain, toes: Array, lower: Array, upper: Array, torque: Array, weight: float
 ) -> ToeBoxes | str:
-    """Boxes about toes (4, 3) of legs with bounds and torque limits (4, 3), or why there are none.
+    """Boxes about toes (L, 3) of legs with bounds and torque limits (L, 3), or why there are none.
 
     weight: of the robot [N].
     """
     found = _Grown(chain, toes, lower, upper, torque, _SHARE * weight)
-    along, across = toes[:, 0], toes[:, 1]
-    most = np.array(
-        [along[:2].min() - along[2:].max(), across[::2].min() - across[1::2].max(), np.inf]
-    )
+    pairs, across = toes[:, 0].reshape(-1, 2), toes[:, 1]
+    along = (pairs[:-1].min(axis=1) - pairs[1:].max(axis=1)).min()
+    most = np.array([along, across[::2].min() - across[1::2].max(), np.inf])
     leg = np.linalg.norm(toes - chain.joint_zero[:, 0], axis=1).max()
     most = np.minimum(most / 2 - _GAP / 2, _LARGEST * leg)
     half = np.zeros(3)
@@ -103,11 +104,11 @@ class _Grown:
 
     def force(self, offsets: Array) -> float:
         """The least upright force that a leg can hold, toes off by (P, 3); 0 where out of reach."""
-        points = self.toes + offsets[:, None]  # (P, 4, 3)
+        points = self.toes + offsets[:, None]  # (P, L, 3)
         solution = self.chain.inverse(points, self.lower, self.upper)
         if not solution.valid.all():
             return 0.0
-        upward = np.abs(self.chain.jacobian(solution.best())[..., 2, :])  # (P, 4, 3) by joint
+        upward = np.abs(self.chain.jacobian(solution.best())[..., 2, :])  # (P, L, 3) by joint
         return float((self.torque / np.maximum(upward, 1e-9)).min())
 
 

@@ -1,4 +1,4 @@
-"""A quadruped from a URDF as walking has it: one rigid body, and legs with joints and motors.
+"""A legged robot from a URDF as walking has it: one rigid body, and legs with joints and motors.
 
 Body frame x forward, y to the left, z up, origin in the centre of mass of the whole robot in its
 standing posture, about which its inertia is: masses of legs count as if they were fixed there.
@@ -17,11 +17,12 @@ from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.spec.document import Finding
+from climbplan.spec.robots.leg_pairs import LEG_COUNTS, in_pairs
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
 TO_WALKING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From climbing's axes (x right, y forward) to walking's (x forward, y left)."""
-_LEGS, _JOINTS = 4, 3
+_JOINTS = 3
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,9 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     """The body and legs of a robot section.
 
     Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for a robot
-    that is no quadruped of legs with three joints, or has no room or no strength to walk.
+    that has no pairs of legs with three joints, or has no room or no strength to walk.
     """
-    names = leg_order(robot)
+    names = _leg_names(robot)
     found = urdf_model(robot)
     mass = robot.spec.mass or found.mass()
     if not mass > 0:
@@ -64,9 +65,9 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     chain = chain_at_zero(at_zero, _JOINTS, found.center(standing), posture)
     chain = _turned(chain)
     toes = chain.joint_points(posture)[:, -1]
-    order = by_place(toes)
+    order = in_pairs(toes.tolist())
     if order is None:
-        message = "expected one toe before and one behind the body's middle on either side"
+        message = "expected pairs of toes, one on either side, one pair behind the other"
         raise robot.refused([Finding(("legs",), message)])
     chain = _ordered(chain, order)
     toes, names = toes[order], tuple(names[i] for i in order)
@@ -94,12 +95,13 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     )
 
 
-def leg_order(robot: UrdfRobot) -> tuple[str, ...]:
-    """Legs as the section names them; raises SpecError for other than four of three joints."""
+def _leg_names(robot: UrdfRobot) -> tuple[str, ...]:
+    """Legs as the section names them; raises SpecError for too many joints, or an odd leg."""
     names = robot.limb_names
     faults = []
-    if len(names) != _LEGS:
-        faults.append(Finding(("legs",), f"walking is of four legs, got {len(names)}"))
+    if len(names) not in LEG_COUNTS:
+        message = f"walking is of four, six or eight legs, got {len(names)}"
+        faults.append(Finding(("legs",), message))
     faults += [
         Finding(
             ("legs", name),
@@ -117,19 +119,6 @@ def leg_order(robot: UrdfRobot) -> tuple[str, ...]:
     if faults:
         raise robot.refused(faults)
     return names
-
-
-def by_place(toes: Array) -> list[int] | None:
-    """Left front, right front, left hind, right hind of toes (4, 3); None where there is none."""
-    middle = toes[:, :2].mean(axis=0)
-    ahead, left = (toes[:, :2] > middle).T
-    found = []
-    for front, side in ((True, True), (True, False), (False, True), (False, False)):
-        own = np.flatnonzero((ahead == front) & (left == side))
-        if len(own) != 1:
-            return None
-        found.append(int(own[0]))
-    return found
 
 
 def inertia_of(found: UrdfModel, standing: dict[str, float]) -> Array:

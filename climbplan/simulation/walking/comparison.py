@@ -12,7 +12,7 @@ from climbplan.simulation.comparison import SLIP
 from climbplan.simulation.replay import planned_tilt
 from climbplan.simulation.walking.replay import WalkRun
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, LEGS, POSITION, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, Array, Flags
 
 LEAST_LOAD = 1.0  # [N] planned pressures below are left out of friction and lost contacts
 LOST = 0.02  # [s] without contact, longer than a toe that touches down a little late needs
@@ -33,10 +33,10 @@ class WalkComparison:
 
     off: Array  # (S,) distance of the body from its plan [m]
     tilt: Array  # (S,) angle between planned and simulated body [rad]
-    loaded: Flags  # (S - 1, 4) legs that the plan presses
+    loaded: Flags  # (S - 1, L) legs that the plan presses
     force_error: Array  # |ground's force - planned| of loaded legs, in weights of the robot
-    friction: Array  # (S - 1, 4) simulated shear over pressure, 0 where not loaded
-    friction_planned: Array  # (S - 1, 4)
+    friction: Array  # (S - 1, L) simulated shear over pressure, 0 where not loaded
+    friction_planned: Array  # (S - 1, L)
     mu: float  # of the simulated ground
     correction: Array  # |correction| of loaded legs, in weights of the robot
     overreach: float  # furthest that a standing toe was out of its workspace [m]
@@ -76,7 +76,7 @@ def _slips(plan: WalkPlan, run: WalkRun) -> tuple[WalkSlip, ...]:
     """Toes that slid by more than SLIP from where they touched down."""
     out = []
     contact = plan.trajectory.gait.contact[: run.samples]
-    for leg in range(LEGS):
+    for leg in range(plan.task.body.leg_count):
         for first, after in spans_of(contact[:, leg]):
             touched = np.flatnonzero(run.touching[first:after, leg] > 0)
             if not len(touched):
@@ -94,7 +94,7 @@ def _losses(plan: WalkPlan, run: WalkRun, loaded: Flags) -> tuple[WalkSlip, ...]
     """Legs that the plan presses and that do not touch for more than LOST."""
     step, out = plan.task.step, []
     missing = np.where(loaded, step * (1.0 - run.touching[: len(loaded)]), 0.0)
-    for leg in range(LEGS):
+    for leg in range(plan.task.body.leg_count):
         for first, after in spans_of(missing[:, leg] > 0):
             lasted = float(missing[first:after, leg].sum())
             if lasted > LOST:

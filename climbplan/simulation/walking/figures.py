@@ -23,7 +23,7 @@ from climbplan.simulation.walking.comparison import WalkComparison
 from climbplan.simulation.walking.replay import WalkRun, euler_angles
 from climbplan.simulation.walking.whole_replay import WholeRun
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, LEGS, POSITION, Array
+from climbplan.walking.task import ANGLES, POSITION, Array
 
 
 def path(plan: WalkPlan, run: WalkRun) -> Figure:
@@ -55,7 +55,7 @@ def path(plan: WalkPlan, run: WalkRun) -> Figure:
 def forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
     """Pressure and critical friction of each leg, planned and simulated, swings shaded."""
     figure = new_figure(6.4, entries=4)
-    axes = figure.subplots(LEGS, 2, sharex=True)
+    axes = figure.subplots(plan.task.body.leg_count, 2, sharex=True)
     last = max(run.samples - 1, 1)
     time = run.time[:last]
     found = plan.trajectory

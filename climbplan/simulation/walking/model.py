@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.simulation.conditions import Conditions
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import LEGS, POSITION, Array
+from climbplan.walking.task import POSITION, Array
 
 TIME_STEP = 1e-3  # [s]
 TOE_RADIUS = 0.005  # [m]
@@ -35,7 +35,7 @@ class GroundParts:
 
 def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
     """The model of a walk under given conditions; body and toes start anywhere."""
-    toes = "\n".join(_toe(leg) for leg in range(LEGS))
+    toes = "\n".join(_toe(leg) for leg in range(plan.task.body.leg_count))
     return world_of(plan, ground_of(plan, conditions), f"{_body(plan, conditions)}\n{toes}")
 
 
@@ -101,7 +101,7 @@ def ground_of(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> Grou
 
 
 def hips(plan: WalkPlan) -> Array:
-    """(4, 3) where legs are drawn to begin: above the middles of their workspaces, body frame."""
+    """(L, 3) where legs are drawn to begin: above the middles of their workspaces, body frame."""
     return np.asarray(plan.task.body.toe_center * [0.75, 0.75, 0.0])
 
 

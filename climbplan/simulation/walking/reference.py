@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, LEGS, Array, Flags
+from climbplan.walking.task import ANGLES, Array, Flags
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class WalkReference:
     time: Array  # (T,) [s]
     state: Array  # (T, 12)
     rotation: Array  # (T, 3, 3) body to world
-    contact: Flags  # (T, 4)
-    stand: Array  # (T, 4, 3) where standing toes are [m]
+    contact: Flags  # (T, L)
+    stand: Array  # (T, L, 3) where standing toes are [m]
     swings: tuple[tuple[Swing, ...], ...]  # of each leg
 
     def body(self, sample: int, share: float) -> Array:
@@ -65,7 +65,8 @@ def walk_reference(plan: WalkPlan) -> WalkReference:
     contact[-1] = contact[-2]  # flags tell of intervals; the last has none
     time = np.asarray(task.step * np.arange(task.knots + 1), np.float64)
     swings = tuple(
-        _swings(time, contact[:, leg], found.toes[:, leg], task.lift) for leg in range(LEGS)
+        _swings(time, contact[:, leg], found.toes[:, leg], task.lift)
+        for leg in range(task.body.leg_count)
     )
     rotation = np.asarray(rotation_world_body(found.state[:, ANGLES]), np.float64)
     return WalkReference(time, found.state, rotation, contact, found.toes, swings)

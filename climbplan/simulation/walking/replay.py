@@ -24,7 +24,7 @@ from climbplan.simulation.walking.reference import WalkReference, walk_reference
 from climbplan.walking.online.closed_loop import fallen as lies_down
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags
 
 STIFF = 10.0  # [rad/s] natural frequency of the correction, critically damped
 REACH = 0.25  # [m] beyond its workspace at which a leg carries nothing any more
@@ -44,12 +44,12 @@ class WalkRun:
     com: Array  # (S, 3) [m]
     rotation: Array  # (S, 3, 3) body to world
     velocity: Array  # (S, 3) [m/s]
-    toes: Array  # (S, 4, 3) [m]
-    force: Array  # (S, 4, 3) of the ground on the toes, mean until the next sample [N]
-    pressure: Array  # (S, 4) normal force likewise [N]
-    shear: Array  # (S, 4) [N]
-    touching: Array  # (S, 4) share of the time until the next sample
-    correction: Array  # (S, 4, 3) of the planned force, mean likewise [N]
+    toes: Array  # (S, L, 3) [m]
+    force: Array  # (S, L, 3) of the ground on the toes, mean until the next sample [N]
+    pressure: Array  # (S, L) normal force likewise [N]
+    shear: Array  # (S, L) [N]
+    touching: Array  # (S, L) share of the time until the next sample
+    correction: Array  # (S, L, 3) of the planned force, mean likewise [N]
     overreach: Array  # (S,) furthest that a standing toe is out of its workspace box [m]
     fallen: bool
 
@@ -93,10 +93,11 @@ class _Walker:
         self.plan, self.conditions, self.feedback = plan, conditions, feedback
         self.reference: WalkReference = walk_reference(plan)
         self.body = model.body("body").id
-        self.toe_geom = np.array([model.geom(f"toe{leg}").id for leg in range(LEGS)])
+        legs = plan.task.body.leg_count
+        self.toe_geom = np.array([model.geom(f"toe{leg}").id for leg in range(legs)])
         self.leg_of = np.full(model.ngeom, -1)
-        self.leg_of[self.toe_geom] = np.arange(LEGS)
-        slide = [[model.joint(f"toe{leg}{axis}") for axis in "xyz"] for leg in range(LEGS)]
+        self.leg_of[self.toe_geom] = np.arange(legs)
+        slide = [[model.joint(f"toe{leg}{axis}") for axis in "xyz"] for leg in range(legs)]
         self.at = np.array([[joint.qposadr[0] for joint in row] for row in slide])
         self.dof = np.array([[joint.dofadr[0] for joint in row] for row in slide])
 
@@ -117,7 +118,9 @@ class _Walker:
             if watch is not None:
                 watch(sample, self.model, self.data)
             last = sample + 1 == len(reference.time)
-            rows.append(row | (nothing() if last else self._interval(sample)))
+            rows.append(
+                row | (nothing(plan.task.body.leg_count) if last else self._interval(sample))
+            )
             if progress is not None:
                 progress((sample + 1) / len(reference.time))
             state = np.concatenate(
@@ -156,7 +159,7 @@ class _Walker:
         contact = reference.contact[sample]
         planned = np.where(contact[:, None], self.plan.trajectory.force[sample], 0.0)
         lose_contacts(self.model, self.toe_geom, self.conditions, begin)
-        total = nothing()
+        total = nothing(len(self.toe_geom))
         for step in range(steps):
             share = (step + 0.5) / steps
             reachable = self._overreach() <= REACH
@@ -192,7 +195,7 @@ class _Walker:
         data.qfrc_applied[self.dof] = on_toes
 
     def _corrected(self, sample: int, share: float, planned: Array, carries: Flags) -> Array:
-        """Planned forces (4, 3) with what brings the body back, as far as friction allows."""
+        """Planned forces (L, 3) with what brings the body back, as far as friction allows."""
         if not carries.any():
             return planned
         task, data = self.plan.task, self.data
@@ -226,7 +229,7 @@ class _Walker:
         return out
 
     def _overreach(self) -> Array:
-        """(4,) how far toes are out of their workspace boxes [m], <= 0 inside."""
+        """(L,) how far toes are out of their workspace boxes [m], <= 0 inside."""
         body, data = self.plan.task.body, self.data
         rotation = data.xmat[self.body].reshape(3, 3)
         spots = (data.qpos[self.at] - [0, 0, TOE_RADIUS] - data.qpos[:3]) @ rotation
@@ -250,14 +253,14 @@ def lose_contacts(model: Any, toe_geom: NDArray[Any], conditions: Conditions, no
         model.geom_friction[toe_geom[loss.limb], 0] = 1e-5 if gone else 0.0
 
 
-def nothing() -> dict[str, Any]:
+def nothing(legs: int) -> dict[str, Any]:
     """What toes felt in an interval that has not begun."""
     return {
-        "force": np.zeros((LEGS, 3)),
-        "pressure": np.zeros(LEGS),
-        "shear": np.zeros(LEGS),
-        "touching": np.zeros(LEGS),
-        "correction": np.zeros((LEGS, 3)),
+        "force": np.zeros((legs, 3)),
+        "pressure": np.zeros(legs),
+        "shear": np.zeros(legs),
+        "touching": np.zeros(legs),
+        "correction": np.zeros((legs, 3)),
         "overreach": 0.0,
     }
 
@@ -265,11 +268,12 @@ def nothing() -> dict[str, Any]:
 def ground_forces(
     mujoco: ModuleType, model: Any, data: Any, leg_of: NDArray[np.int64]
 ) -> tuple[Array, Array, Array]:
-    """Force (4, 3) of the ground on toes, its normal part and its shear (4,) [N].
+    """Force (L, 3) of the ground on toes, its normal part and its shear (L,) [N].
 
     leg_of: (geoms,) the leg whose toe a geom is, else -1.
     """
-    force, pressure, shear = np.zeros((LEGS, 3)), np.zeros(LEGS), np.zeros(LEGS)
+    legs = int(leg_of.max()) + 1
+    force, pressure, shear = np.zeros((legs, 3)), np.zeros(legs), np.zeros(legs)
     local = np.zeros(6)
     for index in range(data.ncon):
         contact = data.contact[index]

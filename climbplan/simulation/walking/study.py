@@ -30,7 +30,7 @@ from climbplan.simulation.walking.walk_report import (
     walk_numbers,
 )
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import LEGS, POSITION
+from climbplan.walking.task import POSITION
 
 MODEL = (
     "One rigid body with massless legs and point feet, as the plan has it: legs push with the "
@@ -100,7 +100,9 @@ def random_walks(
     if not asked.runs:
         return ()
     span = plan.task.step * plan.task.knots
-    about = Drawn(asked.conditions, LEGS, plan.task.body.mass, span, CONTACT_LOSS)
+    about = Drawn(
+        asked.conditions, plan.task.body.leg_count, plan.task.body.mass, span, CONTACT_LOSS
+    )
     worlds = drawn_worlds(about, asked.runs, asked.seed)
     return run_trials(trial, worlds, asked.jobs, lambda part: progress("runs", part))
 
@@ -179,7 +181,7 @@ def tell(found: SimulatedWalk) -> Told:
     return Told(
         title=f"{plan.name}: simulated",
         headline=headline(found),
-        end=end_of(run, compared),
+        end=end_of(plan, run, compared),
         report=report_dict(found),
         table=contact_table(plan, run, compared),
         figures=drawn,
@@ -209,7 +211,7 @@ def _draw_legs(plan: WalkPlan, mujoco: Any, scene: Any, data: Any) -> None:
     """Legs as lines from the body to the toes, which the model has no geoms for."""
     rotation = data.body("body").xmat.reshape(3, 3)
     tops = data.body("body").xpos + hips(plan) @ rotation.T
-    for leg in range(LEGS):
+    for leg in range(plan.task.body.leg_count):
         if scene.ngeom >= scene.maxgeom:
             return
         geom = scene.geoms[scene.ngeom]

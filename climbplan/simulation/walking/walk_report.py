@@ -20,7 +20,6 @@ from climbplan.simulation.walking.comparison import WalkComparison
 from climbplan.simulation.walking.model import TIME_STEP
 from climbplan.simulation.walking.replay import WalkRun
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import LEGS
 
 UNITS = {
     "path.*": "m", "tilt.*": "rad", "time": "s", "fall_time": "s", "time_step": "s",
@@ -69,10 +68,10 @@ def walk_numbers(
     }
 
 
-def end_of(run: WalkRun, compared: WalkComparison) -> End:
+def end_of(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> End:
     """How the nominal run ended; feet of a trot may land a few hundredths of a second late."""
     fall = float(run.time[-1]) if run.fallen else None
-    return End(fall, len(compared.slips), len(compared.losses), allowed=LEGS)
+    return End(fall, len(compared.slips), len(compared.losses), allowed=plan.task.body.leg_count)
 
 
 def filmed(plan: WalkPlan, camera: Camera | str) -> tuple[dict[str, Figure], bytes | None]:

@@ -16,7 +16,7 @@ import daqp
 import numpy as np
 
 from climbplan.robots.rotations import skew
-from climbplan.walking.task import LEGS, Array, Flags, Whole
+from climbplan.walking.task import Array, Flags, Whole
 
 BODY_STIFF = 12.0  # [rad/s] of the body's way back to its path, critically damped
 SWING_STIFF = 60.0  # [rad/s] of a swinging toe's, critically damped
@@ -39,10 +39,10 @@ class Wanted:
 
     acceleration: Array  # (3,) of the body's origin [m/s^2]
     turning: Array  # (3,) angular [rad/s^2]
-    toes: Array  # (4, 3) accelerations of toes that do not carry [m/s^2]
-    carries: Flags  # (4,) legs whose toes stand on the ground
-    force: Array  # (4, 3) planned [N]
-    normal: Array  # (4, 3) of the ground under each toe
+    toes: Array  # (L, 3) accelerations of toes that do not carry [m/s^2]
+    carries: Flags  # (L,) legs whose toes stand on the ground
+    force: Array  # (L, 3) planned [N]
+    normal: Array  # (L, 3) of the ground under each toe
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class Commanded:
     """A tick's answer."""
 
     torque: Array  # (12,) [N m]
-    force: Array  # (4, 3) that it counts on [N]
+    force: Array  # (L, 3) that it counts on [N]
     solved: bool
 
 
 class WholeBodyControl:
-    """The QP of one robot. `dof`: (4, 3) addresses of joint speeds in MuJoCo's model."""
+    """The QP of one robot. `dof`: (L, 3) addresses of joint speeds in MuJoCo's model."""
 
     def __init__(
         self, mujoco: Any, model: Any, dof: Array, limits: Array, friction: float, weight: float
@@ -63,7 +63,7 @@ class WholeBodyControl:
         self.mujoco, self.model, self.data = mujoco, model, mujoco.MjData(model)
         self.joints = np.asarray(dof, int).ravel()
         self.limits, self.friction, self.weight = limits.ravel(), friction, weight
-        self.sites = [model.site(f"toe{leg}").id for leg in range(LEGS)]
+        self.sites = [model.site(f"toe{leg}").id for leg in range(len(dof))]
         self.bodies = [int(model.site_bodyid[site]) for site in self.sites]
         self.root = model.body("body").id
         self.size = int(model.nv)
@@ -112,9 +112,9 @@ class WholeBodyControl:
         x = np.asarray(answer)
         if flag != _SOLVED or not np.isfinite(x).all():
             kept = self.before.torque if self.before is not None else np.zeros(len(self.joints))
-            return Commanded(kept, np.zeros((LEGS, 3)), False)
+            return Commanded(kept, np.zeros((len(self.sites), 3)), False)
         torque = np.clip(dynamics[self.joints] @ x + bias[self.joints], -self.limits, self.limits)
-        force = np.zeros((LEGS, 3))
+        force = np.zeros((len(self.sites), 3))
         force[stands] = x[n:].reshape(-1, 3)
         self.before = Commanded(torque, force, True)
         return self.before
@@ -150,7 +150,7 @@ class WholeBodyControl:
         turn = np.zeros((3, unknowns))
         turn[:, 3:6] = self.data.xmat[self.root].reshape(3, 3)  # MuJoCo's is in the body's frame
         tasks.append((turn, wanted.turning, _TURN))
-        for leg in range(LEGS):
+        for leg in range(len(self.sites)):
             toe = np.zeros((3, unknowns))
             toe[:, :n] = jacobians[leg]
             if wanted.carries[leg]:

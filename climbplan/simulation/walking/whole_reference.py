@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.walking.reference import walk_reference
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array
 
 _STEP_ASIDE = 2.0  # of a box's half extents, that a toe lands off its plan at most
 _BEYOND = 1.1  # times as far as the capture point, so that the body comes back
@@ -45,18 +45,20 @@ class OnItsWay:
 
 
 class WholeReference:
-    """A plan as functions of time. `contact`: (T, 4) legs that stand until the next sample."""
+    """A plan as functions of time. `contact`: (T, L) legs that stand until the next sample."""
 
     def __init__(self, plan: WalkPlan) -> None:
         self.plan, self.task = plan, plan.task
         self.base = walk_reference(plan)
         self.time, self.contact = self.base.time, self.base.contact
         ground, region = self.task.ground, plan.trajectory.gait.region
-        self.normal: Array = ground.frame[region][..., 2, :]  # (T, 4, 3)
+        self.normal: Array = ground.frame[region][..., 2, :]  # (T, L, 3)
         self.adapts = ground.count == 1
         self.pendulum = float(np.sqrt(self.task.reference.height[0] / self.task.body.gravity))
-        self.left: list[Array | None] = [None] * LEGS  # where swinging toes came from
-        self.aside = np.zeros((LEGS, 3))
+        self.left: list[Array | None] = [
+            None
+        ] * self.task.body.leg_count  # where swinging toes came from
+        self.aside = np.zeros_like(self.task.body.toe_center)
 
     def sample(self, time: float) -> int:
         """The last sample before a time."""
@@ -115,7 +117,7 @@ class WholeReference:
         self.left[leg] = None
 
     def planned_force(self, sample: int) -> Array:
-        """(4, 3) of standing legs until the next sample [N]."""
+        """(L, 3) of standing legs until the next sample [N]."""
         force = self.plan.trajectory.force[sample]
         return np.where(self.contact[sample][:, None], force, 0.0)
 

@@ -37,7 +37,7 @@ from climbplan.simulation.walking.whole_robot import WholeRobot, whole_model, wh
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags
 
 TICK = 2  # steps of the simulation
 PUSH = 0.05  # [s] that a push takes, as a force on the body
@@ -63,8 +63,8 @@ class Pushed:
 class WholeRun(WalkRun):
     """A run of the whole robot; maxima are until the next sample."""
 
-    torque: Array  # (S, 4, 3) largest share of the torque limit
-    speed: Array  # (S, 4, 3) largest share of the speed limit
+    torque: Array  # (S, L, 3) largest share of the torque limit
+    speed: Array  # (S, L, 3) largest share of the speed limit
     unanswered: int  # ticks whose QP had no answer
     pushes: tuple[Pushed, ...]
     ticks: int
@@ -96,7 +96,10 @@ class _Player:
         self.model = make(whole_model(plan, robot, conditions))
         self.data = self.mujoco.MjData(self.model)
         self.reference = WholeReference(plan)
-        hinges = [[self.model.joint(f"{leg}_{j}") for j in range(3)] for leg in range(LEGS)]
+        hinges = [
+            [self.model.joint(f"{leg}_{j}") for j in range(3)]
+            for leg in range(plan.task.body.leg_count)
+        ]
         self.at = np.array([[hinge.qposadr[0] for hinge in row] for row in hinges])
         self.dof = np.array([[hinge.dofadr[0] for hinge in row] for row in hinges])
         self.control = WholeBodyControl(
@@ -104,10 +107,12 @@ class _Player:
             plan.task.ground.friction, plan.task.weight,
         )  # fmt: skip
         self.root = self.model.body("body").id
-        self.sites = [self.model.site(f"toe{leg}").id for leg in range(LEGS)]
-        self.toe_geom = np.array([self.model.geom(f"toe{leg}").id for leg in range(LEGS)])
+        self.sites = [self.model.site(f"toe{leg}").id for leg in range(plan.task.body.leg_count)]
+        self.toe_geom = np.array(
+            [self.model.geom(f"toe{leg}").id for leg in range(plan.task.body.leg_count)]
+        )
         self.leg_of = np.full(self.model.ngeom, -1)
-        self.leg_of[self.toe_geom] = np.arange(LEGS)
+        self.leg_of[self.toe_geom] = np.arange(plan.task.body.leg_count)
         planned = plan.loop.push if plan.loop is not None else np.zeros((0, 3))
         own = [
             Pushed(float(self.reference.time[n]), planned[n])
@@ -116,8 +121,8 @@ class _Player:
         ]
         self.pushes = (*own, *pushes)
         self.height = -float(plan.task.body.toe_center[:, 2].mean())
-        self.felt = np.full(LEGS, -np.inf)  # [s] when toes last touched
-        self.torque = np.zeros((LEGS, 3))
+        self.felt = np.full(plan.task.body.leg_count, -np.inf)  # [s] when toes last touched
+        self.torque = np.zeros_like(self.legs.max_torque)
         self.commanded: Commanded | None = None
         self.unanswered = self.ticks = 0
 
@@ -134,7 +139,7 @@ class _Player:
                 watch(sample, self.model, self.data)
             fell = self._lies(row)
             last = sample + 1 == len(time) or fell
-            rows.append(row | (_nothing() if last else self._interval(sample)))
+            rows.append(row | (_nothing(len(self.sites)) if last else self._interval(sample)))
             if progress is not None:
                 progress((sample + 1) / len(time))
             if fell:
@@ -167,7 +172,7 @@ class _Player:
         drift = rotation.T @ state[VELOCITY]
         data.qvel[:3] = state[VELOCITY] - rotation @ np.cross(spin, self.centre)
         data.qvel[3:6] = spin
-        away = -(drift + np.cross(spin, spots))  # (4, 3) of toes in the body
+        away = -(drift + np.cross(spin, spots))  # (L, 3) of toes in the body
         jacobian = legs.chain.jacobian(angles)
         data.qvel[self.dof] = np.linalg.solve(jacobian, away[..., None])[..., 0]
         self.mujoco.mj_forward(self.model, data)
@@ -177,7 +182,7 @@ class _Player:
         steps = max(round((end - begin) / TIME_STEP), 1)
         stands = np.asarray(self.reference.contact[sample], bool)
         planned = self.reference.planned_force(sample)
-        total = _nothing()
+        total = _nothing(len(self.sites))
         for step in range(steps):
             now = begin + step * (end - begin) / steps
             lose_contacts(self.model, self.toe_geom, self.conditions, now)
@@ -234,13 +239,13 @@ class _Player:
         )  # fmt: skip
         self.ticks += 1
         self.unanswered += not self.commanded.solved
-        self.torque = self.commanded.torque.reshape(LEGS, 3)
+        self.torque = self.commanded.torque.reshape(-1, 3)
 
     def _toes(self, now: float, stands: Flags, toes: Array, capture: Array) -> tuple[Array, Flags]:
-        """Accelerations (4, 3) of toes that do not carry, and which carry."""
-        asked, carries = np.zeros((LEGS, 3)), np.zeros(LEGS, bool)
+        """Accelerations (L, 3) of toes that do not carry, and which carry."""
+        asked, carries = np.zeros_like(toes), np.zeros_like(stands)
         speeds = self._toe_speeds()
-        for leg in range(LEGS):
+        for leg in range(len(stands)):
             touches = now - self.felt[leg] <= _FELT or now == 0.0
             if stands[leg]:
                 self.reference.stands(leg)
@@ -255,7 +260,7 @@ class _Player:
         return asked, carries
 
     def _toe_speeds(self) -> Array:
-        out, own = np.zeros((LEGS, 3)), np.zeros((3, self.model.nv))
+        out, own = np.zeros((len(self.sites), 3)), np.zeros((3, self.model.nv))
         for leg, site in enumerate(self.sites):
             self.mujoco.mj_jacSite(self.model, self.data, own, None, site)
             out[leg] = own @ self.data.qvel
@@ -269,7 +274,7 @@ class _Player:
         self.data.xfrc_applied[self.root, :3] = force
 
     def _overreach(self) -> Array:
-        """(4,) how far toes are out of their boxes [m], <= 0 inside."""
+        """(L,) how far toes are out of their boxes [m], <= 0 inside."""
         body, data = self.plan.task.body, self.data
         rotation = data.xmat[self.root].reshape(3, 3)
         spots = (data.site_xpos[self.sites] - data.qpos[:3]) @ rotation - self.centre
@@ -294,5 +299,5 @@ class _Player:
         }
 
 
-def _nothing() -> dict[str, Any]:
-    return nothing() | {"torque": np.zeros((LEGS, 3)), "speed": np.zeros((LEGS, 3))}
+def _nothing(legs: int) -> dict[str, Any]:
+    return nothing(legs) | {"torque": np.zeros((legs, 3)), "speed": np.zeros((legs, 3))}

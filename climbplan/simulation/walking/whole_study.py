@@ -160,7 +160,7 @@ def tell(found: SimulatedWhole) -> Told:
     return Told(
         title=f"{plan.name}: simulated with the whole robot",
         headline=headline(found),
-        end=end_of(run, compared),
+        end=end_of(plan, run, compared),
         report=report_dict(found),
         table=contact_table(plan, run, compared),
         figures=drawn,

@@ -1,4 +1,4 @@
-"""Rigid-body spec (`kind: rigid-body`): a quadruped as one body with boxes that its toes reach."""
+"""Rigid-body spec (`kind: rigid-body`): a robot as one body with boxes that its toes reach."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.robots.leg_pairs import LEG_COUNTS, in_pairs
 
 
 class RigidBodySpec(SpecModel):
-    """A quadruped as a single rigid body (`robots/bodies/scaler.yaml`)."""
+    """A legged robot as a single rigid body (`robots/bodies/scaler.yaml`)."""
 
     kind: Literal["rigid-body"] = Field(description="always `rigid-body`")
     name: str = Field(min_length=1, description="name used in reports")
@@ -25,14 +26,24 @@ class RigidBodySpec(SpecModel):
     force_limit: Number = quantity("N", "largest component of a contact force", gt=0)
     toe_half: Vector = quantity("m", "half extents of the toes' workspace boxes")
     legs: dict[str, Vector] = quantity(
-        "m", "middle of each leg's box, body frame: left front, right front, left hind, right hind"
+        "m",
+        "middle of each leg's box, body frame: four, six or eight, pairs from "
+        "front to hind, of each the left leg first: left front, right front, ..., right hind",
     )
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         faults = []
-        if len(self.legs) != 4:
-            faults.append(Fault("legs", f"expected four legs, got {len(self.legs)}"))
+        if len(self.legs) not in LEG_COUNTS:
+            message = f"expected four, six or eight legs, got {len(self.legs)}"
+            faults.append(Fault("legs", message))
+        elif (order := in_pairs(list(self.legs.values()))) is None:
+            message = "expected pairs, a leg on either side, one pair behind the other"
+            faults.append(Fault("legs", message))
+        elif order != sorted(order):
+            names = list(self.legs)
+            message = f"expected the order {', '.join(names[leg] for leg in order)}"
+            faults.append(Fault("legs", message))
         if min(self.toe_half) <= 0:
             message = f"expected three numbers > 0, got {list(self.toe_half)}"
             faults.append(Fault("toe_half", message))

@@ -1,4 +1,4 @@
-"""MPC spec (`kind: mpc`): a walking quadruped that chooses footsteps, gait and forces (8.2)."""
+"""MPC spec (`kind: mpc`): a walking robot that chooses footsteps, gait and forces (8.2)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from climbplan.spec.walking.terrain import WalkTerrainSpec, plane_of
 
 
 class MpcSpec(SpecModel):
-    """Footsteps, gait, body motion and contact forces of a walking quadruped, chosen together."""
+    """Footsteps, gait, body motion and contact forces of a walking robot, chosen together."""
 
     kind: Literal["mpc"] = Field(description="always `mpc`")
     title: str = Field(default="", description="one line for reports")

@@ -69,7 +69,10 @@ class WalkSolverSpec(SpecModel):
     )
     guess: Literal[
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
-    ] = Field(default="trot", description="gait that `nlp` starts from")
+    ] = Field(
+        default="trot",
+        description="gait that `nlp` starts from; of six legs a trot is on tripods, a walk a wave",
+    )
     warm: Literal["nlp", "search"] = Field(
         default="search",
         description="what `micp` starts from: its cost bounds ranges, its gait is a partial start",

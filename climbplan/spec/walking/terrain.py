@@ -1,4 +1,4 @@
-"""Ground that a quadruped walks on: flat without end, or convex regions, level or sloped."""
+"""Ground that a robot walks on: flat without end, or convex regions, level or sloped."""
 
 from __future__ import annotations
 

@@ -246,7 +246,7 @@ def _feet(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:
 
 
 def worst(task: WalkTask, name: str, residuals: Array, used: Array | None = None) -> Check:
-    """A check over knots (n,) or knots and legs (n, 4); NaN anywhere counts as the worst."""
+    """A check over knots (n,) or knots and legs (n, L); NaN anywhere counts as the worst."""
     values = np.where(np.isnan(residuals), np.inf, residuals)
     index = np.unravel_index(int(np.argmax(values)), values.shape)
     check = judge(name, float(values[index]))

@@ -10,7 +10,7 @@ from climbplan.walking.task import Array, WalkTask
 
 
 def objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
-    """Each term by name. state (N + 1, 12); force (N + 1, 4, 3), of which the last is not used."""
+    """Each term by name. state (N + 1, 12); force (N + 1, L, 3), of which the last is not used."""
     weights, wanted = task.weights, task.reference
     terms = dict.fromkeys(("velocity", "angles", "height", "motion", "force_difference"), 0.0)
     for n in range(task.knots):

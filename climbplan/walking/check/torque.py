@@ -19,10 +19,10 @@ from climbplan.walking.task import ANGLES, Array, Flags, WalkTask, WalkTrajector
 
 @dataclass(frozen=True)
 class LegLoads:
-    """Of each interval and leg at the interval's beginning and end (N, 2, 4); swinging legs: 0."""
+    """Of each interval and leg at the interval's beginning and end (N, 2, L); swinging legs: 0."""
 
-    missing: Array  # (N, 2, 4) [m] by which joints do not get a standing toe to where it is
-    torque: Array  # (N, 2, 4, 3) [N m]; infinite where they do not
+    missing: Array  # (N, 2, L) [m] by which joints do not get a standing toe to where it is
+    torque: Array  # (N, 2, L, 3) [N m]; infinite where they do not
 
 
 def leg_loads(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegLoads:
@@ -30,13 +30,13 @@ def leg_loads(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegLo
     stands = found.gait.contact[:-1]
     begin = toes_in_body(found.state[:-1], found.toes[:-1])
     end = toes_in_body(found.state[1:], found.toes[:-1])
-    toes = np.stack([begin, end], axis=1)  # (N, 2, 4, 3)
+    toes = np.stack([begin, end], axis=1)  # (N, 2, L, 3)
     both = np.broadcast_to(stands[:, None], toes.shape[:-1])
     rest = legs.chain.joint_points(legs.chain.posture)[:, -1]
     solution = legs.chain.inverse(np.where(both[..., None], toes, rest), legs.lower, legs.upper)
     R = rotation_world_body(found.state[:, ANGLES])
     turned = np.stack([R[:-1], R[1:]], axis=1)  # (N, 2, 3, 3)
-    force = found.force[:-1, None] @ turned  # (N, 2, 4, 3) body frame
+    force = found.force[:-1, None] @ turned  # (N, 2, L, 3) body frame
     angles = solution.angles[..., 0, :, :]
     torque = (force[..., None, :] @ legs.chain.jacobian(angles))[..., 0, :]
     valid: Flags = solution.valid
@@ -46,7 +46,7 @@ def leg_loads(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegLo
 
 
 def torque_residuals(task: WalkTask, found: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
-    """Names of checks, residuals and shares of limits (N, 4); nothing of bodies without joints."""
+    """Names of checks, residuals and shares of limits (N, L); nothing of bodies without joints."""
     if task.legs is None:
         return
     loads = leg_loads(task.legs, task, found)

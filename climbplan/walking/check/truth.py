@@ -34,7 +34,7 @@ def euler_rates(angles: Array, spin: Array) -> Array:
 
 
 def acceleration(body: RigidBody, force: Array) -> Array:
-    """Of the centre of mass (..., 3) under forces (..., 4, 3), eq. (8.14)."""
+    """Of the centre of mass (..., 3) under forces (..., L, 3), eq. (8.14)."""
     result: Array = force.sum(axis=-2) / body.mass
     result[..., 2] -= body.gravity
     return result
@@ -51,7 +51,7 @@ def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array
 
 
 def moment(position: Array, toes: Array, force: Array) -> Array:
-    """Of forces (..., 4, 3) at toes (..., 4, 3) about the centre of mass (..., 3)."""
+    """Of forces (..., L, 3) at toes (..., L, 3) about the centre of mass (..., 3)."""
     return _cross(toes - position[..., None, :], force).sum(axis=-2)
 
 
@@ -131,7 +131,7 @@ def runge_kutta(body: RigidBody, dt: float, state: Array, toes: Array, force: Ar
 def knot_rollout(
     body: RigidBody, integrator: Integrator, dt: float, start: Array, toes: Array, force: Array
 ) -> Array:
-    """States (N + 1, 12) that forces (>= N, 4, 3) at toes bring about from a start (12,)."""
+    """States (N + 1, 12) that forces (>= N, L, 3) at toes bring about from a start (12,)."""
     states = np.empty((len(force) + 1, STATE))
     states[0] = start
     for n in range(len(force)):
@@ -146,7 +146,7 @@ def continuous_rollout(
 
     Four of 20 ms agree with sixteen to 1e-4 rad at 7 rad/s, far below what is judged by them.
 
-    start (..., 12), toes and force (N, ..., 4, 3); returns (N + 1, ..., 12).
+    start (..., 12), toes and force (N, ..., L, 3); returns (N + 1, ..., 12).
     """
     states = np.empty((len(force) + 1, *start.shape))
     states[0] = start
@@ -159,6 +159,6 @@ def continuous_rollout(
 
 
 def toes_in_body(state: Array, toes: Array) -> Array:
-    """Toes (..., 4, 3) seen from the body: R^T (toe - p)."""
+    """Toes (..., L, 3) seen from the body: R^T (toe - p)."""
     R = rotation_world_body(state[..., ANGLES])
     return (toes - state[..., None, POSITION]) @ R

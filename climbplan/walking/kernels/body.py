@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.kernels.step import rates
+from climbplan.walking.kernels.step import net_load, rates
 from climbplan.walking.task import Array
 
 PARTS = 4  # Runge-Kutta steps of a knot in rollouts: 20 ms at 80 ms
@@ -36,23 +36,25 @@ def moved(
     toes: Array,
     force: Array,
 ) -> Array:
-    """The state (12,) after dt with toes (4, 3) and forces constant, in `parts` RK4 steps."""
+    """The state (12,) after dt with toes (L, 3) and forces constant, in `parts` RK4 steps."""
     # Copies are C-ordered, which what is given need not be
-    inertia, inverse, toes, force = inertia.copy(), inverse.copy(), toes.copy(), force.copy()
+    inertia, inverse = inertia.copy(), inverse.copy()
+    push, about_origin = np.empty(3), np.empty(3)
+    net_load(toes, force, push, about_origin)
     state, at = start.copy(), np.empty(12)
     k1, k2, k3, k4 = np.empty(12), np.empty(12), np.empty(12), np.empty(12)
     h = dt / parts
     for _ in range(parts):
-        rates((mass, gravity, inertia, inverse, state, toes, force), (k1,))
+        rates((mass, gravity, inertia, inverse, state, push, about_origin), (k1,))
         for i in range(12):
             at[i] = state[i] + 0.5 * h * k1[i]
-        rates((mass, gravity, inertia, inverse, at, toes, force), (k2,))
+        rates((mass, gravity, inertia, inverse, at, push, about_origin), (k2,))
         for i in range(12):
             at[i] = state[i] + 0.5 * h * k2[i]
-        rates((mass, gravity, inertia, inverse, at, toes, force), (k3,))
+        rates((mass, gravity, inertia, inverse, at, push, about_origin), (k3,))
         for i in range(12):
             at[i] = state[i] + h * k3[i]
-        rates((mass, gravity, inertia, inverse, at, toes, force), (k4,))
+        rates((mass, gravity, inertia, inverse, at, push, about_origin), (k4,))
         for i in range(12):
             state[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
     return state
@@ -70,7 +72,7 @@ def rolled(
     toes: Array,
     force: Array,
 ) -> Array:
-    """States (N + 1, 12) at knots that forces (N, 4, 3) at toes (>= N, 4, 3) bring about.
+    """States (N + 1, 12) at knots that forces (N, L, 3) at toes (>= N, L, 3) bring about.
 
     steps (N,) [s]: of the knots.
     """

@@ -46,11 +46,11 @@ def place_toes(
     base: Array,
     tilt: Array,
 ) -> Array:
-    """All toes (N + 1, 4, 3): standing ones at their footholds, others under the body.
+    """All toes (N + 1, L, 3): standing ones at their footholds, others under the body.
 
-    center (4, 3) and half (3,): workspace boxes; foothold (N + 1, 4) as of `Footing`: of a free
+    center (L, 3) and half (3,): workspace boxes; foothold (N + 1, L) as of `Footing`: of a free
     one its index, -1 where the toe is held from the start, below that swinging; state (N + 1, 12);
-    height (N + 1, 4) of swinging ones; start (4, 3); spots (F, 2) the free footholds; their
+    height (N + 1, L) of swinging ones; start (L, 3); spots (F, 2) the free footholds; their
     heights are base (F,) + tilt (F, 2) spots.
     """
     knots, legs = foothold.shape
@@ -104,7 +104,7 @@ def worst_beyond(
 
 @compiled
 def worst_standing(center: Array, half: Array, state: Array, toes: Array, contact: Flags) -> float:
-    """How far standing toes (4, 3) are out of their boxes in a state (12,) [m]; 0 if none is."""
+    """How far standing toes (L, 3) are out of their boxes in a state (12,) [m]; 0 if none is."""
     worst, R = 0.0, np.empty((3, 3))
     rotation(state[6:9], R)
     for leg in range(center.shape[0]):
@@ -115,7 +115,7 @@ def worst_standing(center: Array, half: Array, state: Array, toes: Array, contac
 
 @compiled
 def each_beyond(center: Array, half: Array, state: Array, toes: Array) -> Array:
-    """(4,) how far toes (4, 3) are out of their boxes in a state (12,) [m]; below zero inside."""
+    """(L,) how far toes (L, 3) are out of their boxes in a state (12,) [m]; below zero inside."""
     R, beyond = np.empty((3, 3)), np.empty(center.shape[0])
     rotation(state[6:9], R)
     for leg in range(center.shape[0]):
@@ -141,7 +141,7 @@ def worst_between(
     """How far standing toes leave their boxes on the way from knot to knot [m]; 0 if none does.
 
     steps (N,) [s], each looked at in so many parts; state (N + 1, 12) of the rollout of force
-    (N, 4, 3) at toes (N + 1, 4, 3). Between knots a body that rolls swings out and back.
+    (N, L, 3) at toes (N + 1, L, 3). Between knots a body that rolls swings out and back.
     """
     worst = 0.0
     for n in range(force.shape[0]):

@@ -13,9 +13,9 @@ SWINGING = -2
 
 @compiled
 def stance_phases(contact: Flags) -> tuple[Whole, Whole]:
-    """Footholds (N + 1, 4) as of `Footing`, and leg, first and last knot (F, 3) of the free ones.
+    """Footholds (N + 1, L) as of `Footing`, and leg, first and last knot (F, 3) of the free ones.
 
-    contact (N + 1, 4). Leg by leg, in the order in which they are stood on.
+    contact (N + 1, L). Leg by leg, in the order in which they are stood on.
     """
     knots, legs = contact.shape
     foothold = np.full((knots, legs), SWINGING, np.int64)
@@ -44,7 +44,7 @@ def walk_cost(
 ) -> float:
     """The objective of eq. (8.30), as `cost.objective`.
 
-    state (N + 1, 12); force (>= N, 4, 3); wanted (N, 7) and weight (7,): of height, velocity and
+    state (N + 1, 12); force (>= N, L, 3); wanted (N, 7) and weight (7,): of height, velocity and
     angles; motion, difference: weights of the body's steps and of force differences.
     """
     total = 0.0

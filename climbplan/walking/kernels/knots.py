@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.kernels.step import euler_step, mean_step
+from climbplan.walking.kernels.step import euler_step, mean_step, net_load
 from climbplan.walking.task import Array
 
 
@@ -21,7 +21,7 @@ def knots_rolled(
     toes: Array,
     force: Array,
 ) -> Array:
-    """States (N + 1, 12) that forces (N, 4, 3) at toes (>= N, 4, 3) bring about from a start (12,).
+    """States (N + 1, 12) that forces (N, L, 3) at toes (>= N, L, 3) bring about from a start (12,).
 
     steps (N,) [s] of the knots; mean: as the integrator of that name, else forward Euler;
     inverse: of the inertia, body frame.
@@ -30,11 +30,11 @@ def knots_rolled(
     states = np.empty((knots + 1, 12))
     # Copies are C-ordered, which what is given need not be
     inertia, inverse = inertia.copy(), inverse.copy()
-    spots, pushes = np.empty((4, 3)), np.empty((4, 3))
+    push, about_origin = np.empty(3), np.empty(3)
     states[0] = start
     for n in range(knots):
-        spots[:], pushes[:] = toes[n], force[n]
-        given = (mass, gravity, inertia, inverse, states[n], spots, pushes, steps[n])
+        net_load(toes[n], force[n], push, about_origin)
+        given = (mass, gravity, inertia, inverse, states[n], push, about_origin, steps[n])
         if mean:
             mean_step(given, (states[n + 1],))
         else:

@@ -94,8 +94,8 @@ def torque_rows(
     """Rows (6 F, Z): torques of the F standing legs' joints by force unknowns, J' R' f scale.
 
     Of each leg at the beginning of an interval and at its end, when the body has moved on. joint,
-    axis (4, 3, 3), toe, posture (4, 3): legs; state (N + 1, 12); toes (N + 1, 4, 3); contact
-    (N + 1, 4). Where a leg does not reach, its workspace rows say so, and nothing is said here.
+    axis (L, 3, 3), toe, posture (L, 3): legs; state (N + 1, 12); toes (N + 1, L, 3); contact
+    (N + 1, L). Where a leg does not reach, its workspace rows say so, and nothing is said here.
     """
     knots, legs = contact.shape
     R, jacobian = np.empty((3, 3)), np.empty((3, 3))

@@ -35,9 +35,9 @@ def states(
 ) -> None:
     """States as offset + by z, eqs. (8.14) to (8.19) linearised about a point.
 
-    after (N, 12) and jacobian (N, 36, 12) [of after by state, toes, forces]: at the point state
-    (N + 1, 12), force (N, 4, 3), spots (F, 2), whose heights rise by tilt (F, 2). Writes offset
-    (N + 1, 12) and by (N + 1, 12, Z).
+    after (N, 12) and jacobian (N, 12 + 6 L, 12) [of after by state, toes, forces]: at the point
+    state (N + 1, 12), force (N, L, 3), spots (F, 2), whose heights rise by tilt (F, 2). Writes
+    offset (N + 1, 12) and by (N + 1, 12, Z).
     """
     knots, legs = force.shape[0], force.shape[1]
     width = by.shape[2]
@@ -67,7 +67,7 @@ def states(
                 if not contact[n, leg]:
                     continue
                 for k in range(3):
-                    slope = J[24 + 3 * leg + k, i]
+                    slope = J[12 + 3 * (legs + leg) + k, i]
                     constant -= slope * force[n, leg, k]
                     row[column] = slope * force_unit
                     column += 1

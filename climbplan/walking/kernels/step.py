@@ -19,14 +19,16 @@ from climbplan.walking.task import Array
 
 
 def _symbols() -> tuple[dynamics.Body, list[Any]]:
-    """A body of symbols; what it is given by, then state, toes and force (12,).
+    """A body of symbols; what it is given by, then its state (12,) and what legs do.
 
     That is mass, gravity, inertia and its inverse (9,) row by row: one code serves all bodies.
+    Legs, however many, count by the sum of their forces (3,) and by that of their moments about the
+    world's origin (3,).
     """
     mass, gravity = ca.SX.sym("mass"), ca.SX.sym("gravity")
     inertia, inverse = ca.SX.sym("inertia", 9), ca.SX.sym("inverse", 9)
     tensors = (ca.reshape(inertia, 3, 3).T, ca.reshape(inverse, 3, 3).T)
-    point = [ca.SX.sym(name, 12) for name in ("state", "toes", "force")]
+    point = [ca.SX.sym("state", 12), ca.SX.sym("push", 3), ca.SX.sym("about_origin", 3)]
     body = dynamics.BodySymbols(mass, gravity, tensors)
     return body, [mass, gravity, inertia, inverse, *point]
 
@@ -38,7 +40,7 @@ def _rates() -> Any:
 
 
 def _step(mean: float, slopes: bool) -> Any:
-    """The state one knot later (12,) and, if asked for, its slopes (12, 36); dt is given last."""
+    """The state one knot later (12,) and, if asked for, its slopes (12, 18); dt is given last."""
     body, given = _symbols()
     dt, point = ca.SX.sym("dt"), given[4:]
     outputs = [dynamics.knot_step(body, dt, mean, *point)]
@@ -50,6 +52,41 @@ def _step(mean: float, slopes: bool) -> Any:
 rates = kernel(_rates)
 euler_step, mean_step = (kernel(partial(_step, mean, False)) for mean in (0.0, 1.0))
 _euler_slopes, _mean_slopes = (kernel(partial(_step, mean, True)) for mean in (0.0, 1.0))
+
+
+@compiled
+def net_load(toes: Array, force: Array, push: Array, about_origin: Array) -> None:
+    """Writes the sum (3,) of forces (L, 3) and that of their moments about the world's origin."""
+    push[:], about_origin[:] = 0.0, 0.0
+    for leg in range(force.shape[0]):
+        x, y, z = toes[leg]
+        fx, fy, fz = force[leg]
+        push += force[leg]
+        about_origin[0] += y * fz - z * fy
+        about_origin[1] += z * fx - x * fz
+        about_origin[2] += x * fy - y * fx
+
+
+@compiled
+def _by_legs(toes: Array, force: Array, slopes: Array, by: Array) -> None:
+    """Slopes (18, 12) by state and load become those by state, toes and forces (12 + 6 L, 12).
+
+    A toe moves the moment alone: by e x f for a unit e; a force adds itself, and toe x e.
+    """
+    legs = force.shape[0]
+    by[:12] = slopes[:12]
+    for leg in range(legs):
+        at, pushed = 12 + 3 * leg, 12 + 3 * (legs + leg)
+        x, y, z = toes[leg]
+        fx, fy, fz = force[leg]
+        for i in range(12):
+            mx, my, mz = slopes[15, i], slopes[16, i], slopes[17, i]
+            by[at, i] = fy * mz - fz * my
+            by[at + 1, i] = fz * mx - fx * mz
+            by[at + 2, i] = fx * my - fy * mx
+            by[pushed, i] = slopes[12, i] + z * my - y * mz
+            by[pushed + 1, i] = slopes[13, i] + x * mz - z * mx
+            by[pushed + 2, i] = slopes[14, i] + y * mx - x * my
 
 
 @compiled
@@ -68,17 +105,19 @@ def linearised(
 ) -> None:
     """States one knot later and their slopes at N knots, steps (N,) [s] apart.
 
-    mean: as the integrator of that name, else forward Euler. state (>= N, 12), toes (>= N, 4, 3),
-    force (N, 4, 3). Writes after (N, 12) and jacobian (N, 36, 12): by state, toes and forces, both
-    C-ordered.
+    mean: as the integrator of that name, else forward Euler. state (>= N, 12), toes (>= N, L, 3),
+    force (N, L, 3). Writes after (N, 12) and jacobian (N, 12 + 6 L, 12): by state, toes and forces,
+    both C-ordered.
     """
     # Copies are C-ordered, which what is given need not be
     inertia, inverse = inertia.copy(), inverse.copy()
-    x, spots, pushes = np.empty(12), np.empty((4, 3)), np.empty((4, 3))
+    x, push, about_origin, slopes = np.empty(12), np.empty(3), np.empty(3), np.empty((18, 12))
     for n in range(force.shape[0]):
-        x[:], spots[:], pushes[:] = state[n], toes[n], force[n]
-        given = (mass, gravity, inertia, inverse, x, spots, pushes, steps[n])
+        x[:] = state[n]
+        net_load(toes[n], force[n], push, about_origin)
+        given = (mass, gravity, inertia, inverse, x, push, about_origin, steps[n])
         if mean:
-            _mean_slopes(given, (after[n], jacobian[n]))
+            _mean_slopes(given, (after[n], slopes))
         else:
-            _euler_slopes(given, (after[n], jacobian[n]))
+            _euler_slopes(given, (after[n], slopes))
+        _by_legs(toes[n], force[n], slopes, jacobian[n])

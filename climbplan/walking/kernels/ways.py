@@ -8,6 +8,7 @@ from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.task import Array, Flags, Whole
 
 _NOTHING = -1e30
+_TOUCHES = 1e-9  # [m], and of a way: ground that a way begins or ends at counts, whatever rounding
 
 
 @compiled
@@ -34,7 +35,7 @@ def highest_beneath(
                 room = bound - sign * one[k]
                 rate = sign * step
                 if abs(rate) < 1e-12:
-                    if room < 0.0:
+                    if room < -_TOUCHES:
                         end = -1.0
                 elif rate > 0.0:
                     end = min(end, room / rate)
@@ -45,13 +46,13 @@ def highest_beneath(
             room = sides[s, c, 2] - a * one[0] - b * one[1]
             rate = a * (other[0] - one[0]) + b * (other[1] - one[1])
             if abs(rate) < 1e-12:
-                if room < 0.0:
+                if room < -_TOUCHES:
                     end = -1.0
             elif rate > 0.0:
                 end = min(end, room / rate)
             else:
                 begin = max(begin, room / rate)
-        if begin > end:
+        if begin > end + _TOUCHES:
             continue
         for share in (begin, end):
             level = height[s]
@@ -73,10 +74,10 @@ def swing_heights(
     slope: Array,
     inner: Array,
 ) -> Array:
-    """Ground (N + 1, 4) that swinging toes (N + 1, 4, 3) have to clear at each knot [m].
+    """Ground (N + 1, L) that swinging toes (N + 1, L, 3) have to clear at each knot [m].
 
     The highest beneath their ways from the knot before and to the next, and where they come down:
-    up where a toe stood, level across, down where it will stand. region (N + 1, 4): where they
+    up where a toe stood, level across, down where it will stand. region (N + 1, L): where they
     stand, or will. Of standing toes their own height.
     """
     knots, legs = contact.shape

@@ -1,7 +1,7 @@
 """How many legs stand: vertical forces and velocities of each number apart, so that mixtures cost.
 
-Relaxed contacts would have the body walk on four legs at once that stand by half each: no two
-forces differ, and the body never falls. Therefore each knot has shares of 0 to 4 standing legs,
+Relaxed contacts would have the body walk on all legs at once that stand by half each: no two
+forces differ, and the body never falls. Therefore each knot has shares of 0 to all standing legs,
 with vertical forces and velocities of their own and squares in perspective form: the convex hull
 over the numbers.
 """
@@ -12,13 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.robots.leg_order import contrasts
 from climbplan.walking.micp.legs import Legs
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Piece
-from climbplan.walking.task import LEGS
-
-# Ordered pairs of four legs: eight times the squares of three orthogonal contrasts
-_CONTRASTS = ((1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
 
 
 @dataclass(frozen=True)
@@ -36,9 +33,9 @@ class Counts(Legs):
     """Rows and squares of each knot by the number of standing legs."""
 
     def counts(self, n: int, legs: tuple[tuple[Piece, ...], ...]) -> tuple[Count, ...]:
-        """Shares of 0 to 4 standing legs at a knot, and what they add up to."""
+        """Shares of 0 to all standing legs at a knot, and what they add up to."""
         task, model = self.task, self.model
-        found = tuple(self.of_count(n, m) for m in range(task.least_contacts, LEGS + 1))
+        found = tuple(self.of_count(n, m) for m in range(task.least_contacts, self.legs + 1))
         contacts = [total(q.chosen for q in leg) for leg in legs]
         model.add("gait.contacts", total(one.chosen for one in found), 1.0, 1.0)
         standing = total(one.chosen * float(one.legs) for one in found)
@@ -99,33 +96,38 @@ class Counts(Legs):
                 model.least("cost.tracking", cost - total(squares))
 
     def differences(self, legs: tuple[tuple[Piece, ...], ...], counts: tuple[Count, ...]) -> None:
-        """Cost of differences of forces: a sum F on m legs costs at least 2 (4 / m - 1) F^2."""
+        """Cost of differences of forces: a sum F on m legs costs at least 2 (L / m - 1) F^2.
+
+        Squares over ordered pairs of legs are 2 L times those of L - 1 orthonormal contrasts.
+        """
         model, weight = self.model, self.task.weights.force_difference * self.unit**2
         if weight == 0.0:
             return
-        contrasts = []  # of vertical forces
+        vertical = []
         for k in range(3):
             forces = [total(q.force[k] for q in leg) for leg in legs]
-            for sign in _CONTRASTS:
-                contrast = total(f * (0.5 * s) for f, s in zip(forces, sign, strict=True))
+            for signs in contrasts(self.legs):
+                contrast = total(f * float(s) for f, s in zip(forces, signs, strict=True))
                 price = 0.0 if k == 2 else 1.0
-                square = self.square("cost.force_difference", 8.0 * weight, contrast, cost=price)
+                square = self.square(
+                    "cost.force_difference", 2.0 * self.legs * weight, contrast, cost=price
+                )
                 if k == 2:
-                    contrasts.append(square)
+                    vertical.append(square)
         cost = model.variable(0.0, np.inf, cost=1.0)
         sums = [
             self.square(
                 "cost.force_difference",
-                2.0 * (LEGS / one.legs - 1.0) * weight,
+                2.0 * (self.legs / one.legs - 1.0) * weight,
                 one.force,
                 (0.0, one.legs * self.most),
                 one.chosen,
                 cost=0.0,
             )
             for one in counts
-            if 0 < one.legs < LEGS
+            if 0 < one.legs < self.legs
         ]
-        model.least("cost.force_difference", cost - total(contrasts))
+        model.least("cost.force_difference", cost - total(vertical))
         model.least("cost.force_difference", cost - total(sums))
 
     def square(

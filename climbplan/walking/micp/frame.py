@@ -7,7 +7,7 @@ import numpy as np
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.tube import Tube, Turning, turning
-from climbplan.walking.task import LEGS, POSITION, VELOCITY, Array, WalkTask
+from climbplan.walking.task import POSITION, VELOCITY, Array, WalkTask
 
 
 class Frame:
@@ -29,7 +29,8 @@ class Frame:
         self.arm_pieces, self.height_pieces, self.ratio = arms, heights, ratio
         self.model = LinearModel()
         self.arms: dict[tuple[int, int], tuple[Lin, Lin]] = {}
-        self.unit = task.weight / LEGS
+        self.legs = task.body.leg_count
+        self.unit = task.weight / self.legs
         self.most = task.body.force_limit / self.unit
         self.known = box is not None
         self.box = box = Box.open(task, cost, self.most) if box is None else box
@@ -137,7 +138,7 @@ class Frame:
 
     def body_heights(self, n: int) -> tuple[float, float]:
         """Least and largest height of the body above a toe within its box."""
-        ends = [self.arm_range(self.turns[n], leg) for leg in range(LEGS)]
+        ends = [self.arm_range(self.turns[n], leg) for leg in range(self.legs)]
         return float(max(-high[2] for _, high in ends)), float(min(-low[2] for low, _ in ends))
 
     def ways(self, n: int, last: int) -> tuple[Array, Array]:

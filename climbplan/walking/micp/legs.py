@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.walking.micp.frame import Frame
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Piece
-from climbplan.walking.task import LEGS, POSITION, Array
+from climbplan.walking.task import POSITION, Array
 
 FACETS = 8  # of friction cones, around them
 
@@ -190,8 +190,10 @@ class Legs(Frame):
     def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
         """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
         knots, held = self.task.knots, self.task.start
-        reach = [[self.arm_range(self.turns[n], leg) for leg in range(LEGS)] for n in range(knots)]
-        for leg in range(LEGS):
+        reach = [
+            [self.arm_range(self.turns[n], leg) for leg in range(self.legs)] for n in range(knots)
+        ]
+        for leg in range(self.legs):
             there = held.toes[leg] - held.state[POSITION]
             reach[0][leg] = (there, there)
             standing = [total(q.chosen for q in pieces[n][leg]) for n in range(knots)]

@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.walking.micp.counts import Count, Counts
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Height, Piece
-from climbplan.walking.task import LEGS, VELOCITY
+from climbplan.walking.task import VELOCITY
 
 
 class Motion(Counts):
@@ -76,13 +76,13 @@ class Motion(Counts):
         # How large moments can be: arms times forces within friction
         friction = task.ground.friction
         largest = []
-        reach = [np.zeros(3) for _ in range(LEGS)]
-        for leg in range(LEGS):
+        reach = [np.zeros(3) for _ in range(self.legs)]
+        for leg in range(self.legs):
             low, high = self.arm_range(t, leg)
             reach[leg] = np.maximum(np.abs(low), np.abs(high))
         for a, b in ((1, 2), (0, 2), (0, 1)):
             parts = []
-            for leg in range(LEGS):
+            for leg in range(self.legs):
                 arm = reach[leg]
                 share = arm[a] + friction * arm[b] if b == 2 else friction * (arm[a] + arm[b])
                 parts += [q.force[2] * float(share) for q in legs[leg]]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, STATE, VELOCITY, Array, WalkTask
+from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, Array, WalkTask
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ def ranges_below(task: WalkTask, cost: float) -> Ranges:
     """Velocity and height tracking alone cost no more than a cost; forces move no faster."""
     knots, dt, body = task.knots, task.step, task.body
     start = task.start.state
-    most = LEGS * body.force_limit / body.mass
+    most = body.leg_count * body.force_limit / body.mass
     fastest = np.array([most, most, most - body.gravity])
     slowest = np.array([-most, -most, -body.gravity])
     with np.errstate(divide="ignore"):
@@ -54,29 +54,29 @@ class Box:
     off: Array  # (2,) the most that velocities along x and y that are not the cheapest cost them
     push_low: Array  # (N, 3) sums of forces
     push_high: Array
-    stands_low: Array  # (N, 4) 1: stands in any case
+    stands_low: Array  # (N, L) 1: stands in any case
     stands_high: Array  # 0: never
     arm_low: Array  # (N, 4, 2) toe from the body along x and y [m]
     arm_high: Array
-    force_low: Array  # (N, 4, 3)
+    force_low: Array  # (N, L, 3)
     force_high: Array
 
     @classmethod
     def open(cls, task: WalkTask, cost: float, most: float) -> Box:
         """Nothing is known but the limit of each force, and a cost."""
-        knots = task.knots
-        states, legs, sums = (knots + 1, STATE), (knots, LEGS), np.array([-LEGS, -LEGS, 0.0])
+        knots, count = task.knots, task.body.leg_count
+        states, legs, sums = (knots + 1, STATE), (knots, count), np.array([-count, -count, 0.0])
         return cls(
             np.full(states, -np.inf),
             np.full(states, np.inf),
             np.full(2, cost),
             np.tile(sums * most, (knots, 1)),
-            np.full((knots, 3), LEGS * most),
+            np.full((knots, 3), count * most),
             np.zeros(legs),
             np.ones(legs),
             np.full((*legs, 2), -np.inf),
             np.full((*legs, 2), np.inf),
-            np.tile(sums / LEGS * most, (*legs, 1)),
+            np.tile(sums / count * most, (*legs, 1)),
             np.full((*legs, 3), most),
         )
 

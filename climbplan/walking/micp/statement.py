@@ -20,7 +20,7 @@ from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.pieces import Height, Piece
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import LEGS, POSITION, Array, Flags, WalkTask, WalkTrajectory, Whole
+from climbplan.walking.task import POSITION, Array, Flags, WalkTask, WalkTrajectory, Whole
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Relaxation:
     ]  # columns of what velocities along x and y cost, but the last
     given: Array  # (2,) cost of those of them that are no variables
     most: float  # that motions cost
-    rows: Whole  # (N, 4) of whether legs stand
+    rows: Whole  # (N, L) of whether legs stand
     box: Box  # what is known already
 
     def integers(self, found: WalkTrajectory) -> dict[int, float]:
@@ -74,9 +74,9 @@ class Relaxation:
         return values
 
     def gait(self, x: Array, share: float = 0.5) -> tuple[Flags, Whole]:
-        """Contacts beyond a share and regions (N, 4) of a point; of swinging legs -1."""
-        contact = np.zeros((len(self.pieces), LEGS), bool)
-        region = np.full((len(self.pieces), LEGS), -1, np.int64)
+        """Contacts beyond a share and regions (N, L) of a point; of swinging legs -1."""
+        contact = np.zeros((len(self.pieces), len(self.pieces[0])), bool)
+        region = np.full((len(self.pieces), len(self.pieces[0])), -1, np.int64)
         for n, legs in enumerate(self.pieces):
             for leg, pieces in enumerate(legs):
                 chosen = [piece.chosen.at(x) for piece in pieces]
@@ -106,7 +106,7 @@ class _Statement(Motion):
     def done(self) -> Relaxation:
         task, knots = self.task, self.task.knots
         p, v, angles, spin = self.p, self.v, self.angles, self.spin
-        pieces = [tuple(self.leg(n, leg) for leg in range(LEGS)) for n in range(knots)]
+        pieces = [tuple(self.leg(n, leg) for leg in range(self.legs)) for n in range(knots)]
         heights = []
         for n in range(knots):
             force = [total(q.force[k] for leg in pieces[n] for q in leg) for k in range(3)]
@@ -115,10 +115,10 @@ class _Statement(Motion):
             self.dynamics(n, pieces[n], force, height[1])
             if task.least_contacts:
                 standing = total(q.chosen for leg in pieces[n] for q in leg)
-                self.model.add("gait.contacts", standing, task.least_contacts, LEGS)
+                self.model.add("gait.contacts", standing, task.least_contacts, self.legs)
         self.endurance(pieces)
         for n in range(knots - 1):
-            for leg in range(LEGS):
+            for leg in range(self.legs):
                 self.no_slip(n, pieces[n][leg], pieces[n + 1][leg])
         counts = self.costs(pieces)
         # Nothing dearer than what is known
@@ -135,6 +135,6 @@ class _Statement(Motion):
             tuple(tuple(columns) for columns in self.aside),
             self.given,
             self.cost,
-            np.array([[self.rows[n, leg] for leg in range(LEGS)] for n in range(knots)]),
+            np.array([[self.rows[n, leg] for leg in range(self.legs)] for n in range(knots)]),
             self.box,
         )

@@ -60,7 +60,7 @@ def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube
     still = np.abs(turning) < _NEAR * 10
     slow = np.where(still, np.minimum(turning, 0.0), turning).min(axis=0) - spin
     fast = np.where(still, np.maximum(turning, 0.0), turning).max(axis=0) + spin
-    none = np.zeros((1, 4, 3))
+    none = np.zeros((1, task.body.leg_count, 3))
     after = knot_step(task.body, "euler", task.step, task.start.state[None], none, none)[0]
     low[0] = high[0] = task.start.state[ANGLES]
     low[1] = high[1] = after[ANGLES]

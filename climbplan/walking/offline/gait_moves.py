@@ -6,40 +6,40 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from climbplan.robots.leg_order import alternating, mirror_legs
 from climbplan.walking.footing import gait_of
 from climbplan.walking.ground import Ground
-from climbplan.walking.offline.gaits import MIRROR
-from climbplan.walking.task import LEGS, Flags, Gait, Whole
+from climbplan.walking.task import Flags, Gait, Whole
 
 _BESIDE = 4  # regions that a foothold may go to in one move
-_PAIRS = ((0, 3), (1, 2), (0, 1), (2, 3))  # diagonal, then fore and hind
 
 
 def contact_moves(contact: Flags) -> list[Flags]:
-    """All contacts (N + 1, 4) one move away."""
-    knots, moves = len(contact), []
+    """All contacts (N + 1, L) one move away."""
+    knots, legs, moves = len(contact), contact.shape[1], []
+    together = _together(legs)
     for n in range(knots):
-        for leg in range(LEGS):
+        for leg in range(legs):
             moves.append(_flipped(contact, [n], [leg]))
-        for pair in _PAIRS:
-            moves.append(_flipped(contact, [n], list(pair)))
-        moves.append(_flipped(contact, [n], list(range(LEGS))))
+        for group in together:
+            moves.append(_flipped(contact, [n], group))
+        moves.append(_flipped(contact, [n], list(range(legs))))
     for n in range(knots - 1):
-        for leg in range(LEGS):
+        for leg in range(legs):
             moves.append(_flipped(contact, [n, n + 1], [leg]))
         swapped = contact.copy()
         swapped[[n, n + 1]] = contact[[n + 1, n]]
         moves.append(swapped)
     moves.append(np.concatenate([contact[1:], contact[-1:]]))
     moves.append(np.concatenate([contact[:1], contact[:-1]]))
-    moves.append(contact[:, MIRROR])
+    moves.append(contact[:, mirror_legs(legs)])
     return moves
 
 
 def region_moves(gait: Gait, beside: Sequence[Whole]) -> Iterator[Gait]:
     """The same contacts with one stance phase on another region; beside: those next to each."""
     for n in range(1, len(gait.contact)):
-        for leg in range(LEGS):
+        for leg in range(gait.contact.shape[1]):
             if gait.contact[n, leg] and not gait.contact[n - 1, leg]:
                 for region in beside[gait.region[n, leg]]:
                     changed = gait.region.copy()
@@ -55,6 +55,12 @@ def regions_beside(ground: Ground) -> list[Whole]:
     np.fill_diagonal(distance, np.inf)
     order = np.argsort(distance, axis=1, kind="stable")[:, : min(_BESIDE, ground.count - 1)]
     return [row.astype(np.int64) for row in order]
+
+
+def _together(legs: int) -> list[list[int]]:
+    """Legs that step together: halves that alternate, then pairs from front to hind."""
+    halves = [np.flatnonzero(alternating(legs) == half).tolist() for half in (0, 1)]
+    return halves + [[first, first + 1] for first in range(0, legs, 2)]
 
 
 def _flipped(contact: Flags, knots: list[int], legs: list[int]) -> Flags:

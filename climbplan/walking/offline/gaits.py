@@ -3,35 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 
 import numpy as np
 
+from climbplan.robots.leg_order import MIRROR_POINT, alternating, mirror_legs
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.footing import gait_of
 from climbplan.walking.kernels.footing import stance_phases
 from climbplan.walking.kernels.regions import best_region, nearest_regions
 from climbplan.walking.offline.sqp import guessed_states
-from climbplan.walking.task import LEGS, POSITION, Array, Flags, Gait, WalkTask, Whole
+from climbplan.walking.task import POSITION, Array, Flags, Gait, WalkTask, Whole
 
-# Legs in the order left front, right front, left hind, right hind
-_ALL, _NONE = (1, 1, 1, 1), (0, 0, 0, 0)
-_TROT = ((1, 0, 0, 1), (0, 1, 1, 0))
-MIRROR = [1, 0, 3, 2]
-_ASIDE = np.array([1.0, -1.0, 1.0])
-CYCLES: dict[str, tuple[tuple[int, ...], ...]] = {
-    "trot": _TROT,
-    "slow trot": (_TROT[0], _TROT[0], _TROT[1], _TROT[1]),
-    "jump": (_ALL, _NONE),
-    "walking trot": (_TROT[0], _ALL, _TROT[1], _ALL),
-    "pace": ((1, 0, 1, 0), (0, 1, 0, 1)),
-    "bound": ((1, 1, 0, 0), (0, 0, 1, 1)),
-    "walk": ((0, 1, 1, 1), (1, 1, 1, 0), (1, 0, 1, 1), (1, 1, 0, 1)),
-    "stand": (_ALL,),
-}
+GAITS = ("trot", "slow trot", "jump", "walking trot", "pace", "bound", "walk", "stand")
+
+
+@cache
+def steps_of(name: str, legs: int) -> Flags:
+    """Which legs stand (P, L) in the phases of a named gait, which come round.
+
+    In a trot halves alternate: diagonals of a quadruped, tripods of a hexapod. In a pace sides do,
+    in a bound one pair after the other steps, in a walk one leg, those of one half first.
+    """
+    half = alternating(legs) == 0
+    left = np.arange(legs) % 2 == 0
+    every = np.ones(legs, bool)
+    if name in ("trot", "slow trot", "walking trot"):
+        between = {"trot": (), "slow trot": (half,), "walking trot": (every,)}[name]
+        again = (~half,) if name == "slow trot" else between
+        steps = [half, *between, ~half, *again]
+    elif name == "pace":
+        steps = [left, ~left]
+    elif name == "jump":
+        steps = [every, ~every]
+    elif name == "bound":
+        steps = [np.arange(legs) // 2 != pair for pair in reversed(range(legs // 2))]
+    elif name == "walk":
+        order = np.argsort(alternating(legs), kind="stable")
+        steps = [np.arange(legs) != leg for leg in order]
+    else:
+        assert name == "stand"
+        steps = [every]
+    return np.array(steps)
 
 
 def with_regions(task: WalkTask, contact: Flags, state: Array | None = None) -> Gait:
-    """A gait with these contacts (N + 1, 4), on the regions that feet would best stand on.
+    """A gait with these contacts (N + 1, L), on the regions that feet would best stand on.
 
     state: (N + 1, 12) the motion to judge that by; an even one to the reference if None.
     """
@@ -43,9 +60,9 @@ def with_regions(task: WalkTask, contact: Flags, state: Array | None = None) -> 
 
 
 def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
-    """Regions (N + 1, 4) nearest to the middle of the workspace boxes; at knot 0 to the toes."""
+    """Regions (N + 1, L) nearest to the middle of the workspace boxes; at knot 0 to the toes."""
     if task.ground.count == 1:
-        return np.zeros((task.knots + 1, LEGS), np.int64)
+        return np.zeros((task.knots + 1, task.body.leg_count), np.int64)
     motion = guessed_states(task) if state is None else state
     ground, under = task.ground, _under(task, motion)[..., :2]
     points = np.ascontiguousarray(under.reshape(-1, 2))
@@ -56,7 +73,7 @@ def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
 
 
 def _under(task: WalkTask, motion: Array) -> Array:
-    """Middles of the workspace boxes (N + 1, 4, 3), world frame."""
+    """Middles of the workspace boxes (N + 1, L, 3), world frame."""
     R = rotation_world_body(motion[:, 6:9])
     middle: Array = motion[:, None, :3] + task.body.toe_center @ np.swapaxes(R, -1, -2)
     return middle
@@ -92,9 +109,9 @@ def _within_reach(task: WalkTask, contact: Flags, motion: Array, region: Whole) 
     return chosen
 
 
-def cycle(name: str, knots: int, phase: int = 0) -> Flags:
-    """Contacts (N + 1, 4) of a named gait, started at one of its phases."""
-    steps = np.array(CYCLES[name], bool)
+def cycle(name: str, legs: int, knots: int, phase: int = 0) -> Flags:
+    """Contacts (N + 1, L) of a named gait, started at one of its phases."""
+    steps = steps_of(name, legs)
     return steps[(np.arange(knots + 1) + phase) % len(steps)]
 
 
@@ -106,17 +123,17 @@ def braked(contact: Flags, knots: int) -> Flags:
 
 
 def starting_gaits(
-    task: WalkTask, names: Sequence[str] = tuple(CYCLES), brakes: Iterable[int] = range(4)
+    task: WalkTask, names: Sequence[str] = GAITS, brakes: Iterable[int] = range(4)
 ) -> Iterator[Gait]:
     """Named gaits in all their phases that keep the least contacts.
 
     brakes: knots in which they first brake with all legs.
     """
-    seen = set()
+    seen, legs = set(), task.body.leg_count
     for brake in brakes:
         for name in names:
-            for phase in range(len(CYCLES[name])):
-                contact = braked(cycle(name, task.knots, phase), brake)
+            for phase in range(len(steps_of(name, legs))):
+                contact = braked(cycle(name, legs, task.knots, phase), brake)
                 if not enough_contacts(task, contact):
                     continue
                 gait = with_regions(task, contact)
@@ -132,7 +149,8 @@ def enough_contacts(task: WalkTask, contact: Flags) -> bool:
 
 def mirrored(gait: Gait) -> Gait:
     """What left legs do is done by right ones."""
-    return Gait(gait.contact[:, MIRROR], gait.region[:, MIRROR])
+    other = mirror_legs(gait.contact.shape[1])
+    return Gait(gait.contact[:, other], gait.region[:, other])
 
 
 def mirror_even(task: WalkTask) -> bool:
@@ -140,14 +158,15 @@ def mirror_even(task: WalkTask) -> bool:
     if task.ground.rough:
         return False
     body, reference = task.body, task.reference
+    other = mirror_legs(body.leg_count)
     toes = task.start.toes - task.start.state[POSITION]
     aside = np.concatenate(
         [
             task.start.state[[4, 6, 8, 9, 11]],
             reference.velocity[:, 1],
             reference.euler[:, [0, 2]].ravel(),
-            (toes - toes[MIRROR] * _ASIDE).ravel(),
-            (body.toe_center - body.toe_center[MIRROR] * _ASIDE).ravel(),
+            (toes - toes[other] * MIRROR_POINT).ravel(),
+            (body.toe_center - body.toe_center[other] * MIRROR_POINT).ravel(),
             body.inertia[1, [0, 2]],
         ]
     )

@@ -15,12 +15,12 @@ import numpy as np
 from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
 from climbplan.walking.offline.gaits import (
-    CYCLES,
     cycle,
     enough_contacts,
     mirror_even,
     mirrored,
     starting_gaits,
+    steps_of,
     with_regions,
 )
 from climbplan.walking.offline.nlp_program import (
@@ -132,7 +132,9 @@ def guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
     Each with what a few QPs make of it. The mirror image of a gait is left out where it could not
     do better.
     """
-    phases = [with_regions(task, cycle(name, task.knots, k)) for k in range(len(CYCLES[name]))]
+    legs = task.body.leg_count
+    starts = range(len(steps_of(name, legs)))
+    phases = [with_regions(task, cycle(name, legs, task.knots, k)) for k in starts]
     phases = [gait for gait in phases if enough_contacts(task, gait.contact)]
     glances = [solve_gait(task, gait, None, 1, agreement=ROUGHLY).predicted for gait in phases]
     even = mirror_even(task)

@@ -17,9 +17,9 @@ import numpy as np
 from climbplan.program.trajectory import Trajectory
 from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
-from climbplan.walking.dynamics import BodyNumbers, knot_step, plain_knot_step
+from climbplan.walking.dynamics import BodyNumbers, knot_step, net_load, plain_knot_step
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
-from climbplan.walking.task import ANGLE_RANGE, LEGS, STATE, Array, Gait, WalkTask
+from climbplan.walking.task import ANGLE_RANGE, STATE, Array, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
 ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
@@ -101,34 +101,37 @@ class WalkNlp:
         N = shape.knots
         self.shape = shape
         self.stated = walk = Trajectory("walk", ca.SX)
+        self.legs = L = len(shape.center) // 3
         tilt = np.array([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4)
-        limit = np.full(3 * LEGS, shape.force_limit)
-        push = np.where(np.arange(3 * LEGS) % 3 == 2, 0.0, -limit)  # legs push
-        nothing, far = np.zeros(2 * LEGS), np.inf
+        limit = np.full(3 * L, shape.force_limit)
+        push = np.where(np.arange(3 * L) % 3 == 2, 0.0, -limit)  # legs push
+        nothing, far = np.zeros(2 * L), np.inf
         knots = range(1, N + 1)
         state = [walk.variable(f"state{n}", np.zeros(STATE), -tilt, tilt) for n in knots]
-        self.force = [walk.variable(f"force{n}", np.zeros(3 * LEGS), push, limit) for n in range(N)]
+        self.force = [walk.variable(f"force{n}", np.zeros(3 * L), push, limit) for n in range(N)]
         self.spot = [walk.variable(f"toe{n}", nothing, -far, far) for n in knots]
         every = range(N + 1)
-        self.contact = [walk.binary(f"contact{n}", np.zeros(LEGS)) for n in every]
-        start, toes0 = walk.parameter("x0", STATE), walk.parameter("toes0", 3 * LEGS)
+        self.contact = [walk.binary(f"contact{n}", np.zeros(L)) for n in every]
+        start, toes0 = walk.parameter("x0", STATE), walk.parameter("toes0", 3 * L)
         self.velocity, self.angles = walk.parameter("v_ref", 3, N), walk.parameter("a_ref", 3, N)
         self.height = walk.parameter("h_ref", N)
-        self.level, self.clear = walk.parameter("level", LEGS, N), walk.parameter("clear", LEGS, N)
+        self.level, self.clear = walk.parameter("level", L, N), walk.parameter("clear", L, N)
         self.low, self.high = (
-            walk.parameter("low", 2 * LEGS, N),
-            walk.parameter("high", 2 * LEGS, N),
+            walk.parameter("low", 2 * L, N),
+            walk.parameter("high", 2 * L, N),
         )
         # Rise of the regions of knots 1 to N, their planes' frames at knots 0 to N - 1, their sides
-        self.rise = walk.parameter("rise", 2 * LEGS, N) if shape.sloped else None
-        self.frame = walk.parameter("frame", 9 * LEGS, N) if shape.sloped else None
-        self.side = walk.parameter("side", 3 * shape.sides * LEGS, N) if shape.sides else None
+        self.rise = walk.parameter("rise", 2 * L, N) if shape.sloped else None
+        self.frame = walk.parameter("frame", 9 * L, N) if shape.sloped else None
+        self.side = walk.parameter("side", 3 * shape.sides * L, N) if shape.sides else None
         self.x = [start, *state]
         self.toes = [toes0, *(self._toes(n) for n in knots)]
-        s, t, f = ca.SX.sym("s", STATE), ca.SX.sym("t", 12), ca.SX.sym("f", 12)
+        s, t, f = ca.SX.sym("s", STATE), ca.SX.sym("t", 3 * L), ca.SX.sym("f", 3 * L)
         numbers = (shape.body, shape.step, float(shape.mean))
-        self.step = ca.Function("step", [s, t, f], [knot_step(*numbers, s, t, f)])
-        self.plain = ca.Function("plain", [s, t, f], [plain_knot_step(*numbers, s, t, f)])
+        self.step = ca.Function("step", [s, t, f], [knot_step(*numbers, s, *net_load(t, f))])
+        self.plain = ca.Function(
+            "plain", [s, t, f], [plain_knot_step(*numbers, s, *net_load(t, f))]
+        )
         for n in range(N):
             self._dynamics(n)
         for n in range(N):
@@ -138,8 +141,8 @@ class WalkNlp:
             self._tracking(n)
         self._goal()
         for n in range(N):
-            each = ca.reshape(self.force[n], 3, LEGS)
-            apart = 2 * shape.weights[8] * (LEGS * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
+            each = ca.reshape(self.force[n], 3, L)
+            apart = 2 * shape.weights[8] * (L * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
             walk.minimise("force_difference", apart)
 
     def hessian(self) -> ca.Function:
@@ -155,7 +158,7 @@ class WalkNlp:
     def _toes(self, n: int) -> Any:
         """Heights of toes: on the ground, or lifted, eq. (8.23)."""
         c, spot, places = self.contact[n], self.spot[n - 1], []
-        for i in range(LEGS):
+        for i in range(self.legs):
             level = self.level[i, n - 1]
             if self.rise is not None:
                 level += ca.dot(self.rise[2 * i : 2 * i + 2, n - 1], spot[2 * i : 2 * i + 2])
@@ -170,7 +173,7 @@ class WalkNlp:
 
     def _forces(self, n: int) -> None:
         walk, shape = self.stated, self.shape
-        for i in range(LEGS):
+        for i in range(self.legs):
             fx, fy, fz = (self.force[n][3 * i + k] for k in range(3))
             c = self.contact[n][i]
             # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
@@ -192,13 +195,13 @@ class WalkNlp:
                     walk.between("force.swing", component + most, 0.0, unit="N")
         if shape.least_contacts:
             standing = ca.sum1(self.contact[n])
-            walk.between("gait.contacts", standing, float(shape.least_contacts), float(LEGS))
+            walk.between("gait.contacts", standing, float(shape.least_contacts), float(self.legs))
 
     def _feet(self, n: int) -> None:
         walk, shape = self.stated, self.shape
-        center, half = np.reshape(shape.center, (LEGS, 3)), np.array(shape.half)
+        center, half = np.reshape(shape.center, (self.legs, 3)), np.array(shape.half)
         R = rotation(self.x[n][6:9])
-        for i in range(LEGS):
+        for i in range(self.legs):
             toe = self.toes[n][3 * i : 3 * i + 3]
             # Workspace, eqs. (8.20), (8.21)
             seen = R.T @ (toe - self.x[n][:3])
@@ -257,7 +260,7 @@ def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     at: a motion of the gait, whose swinging toes say what there is to clear.
     """
     reference, ground, region = task.reference, task.ground, gait.region[1:]
-    spread, (lower, upper, sides) = (task.knots, 2 * LEGS), ground.footholds
+    spread, (lower, upper, sides) = (task.knots, 2 * task.body.leg_count), ground.footholds
     slope = ground.slope[region]
     level = ground.height[region] - (slope * ground.inner[region]).sum(axis=-1)
     toes = _toes(task, gait, at)[1:]
@@ -283,7 +286,7 @@ def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
 
 
 def _toes(task: WalkTask, gait: Gait, at: Iterate) -> Array:
-    """All toes (N + 1, 4, 3) of a motion of a gait, lifted above what is on their ways."""
+    """All toes (N + 1, L, 3) of a motion of a gait, lifted above what is on their ways."""
     program = PinnedProgram(task, gait)
     toes = program.toes(at.state, at.spots)
     while program.raised(toes):
@@ -305,12 +308,12 @@ def values_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
 
 def parts_of(task: WalkTask, x: Array) -> tuple[Array, Array, Array, Array]:
     """States 1 to N, forces, toes 1 to N (x, y) and contacts 0 to N of a point."""
-    knots = task.knots
-    sizes = np.cumsum([STATE * knots, 3 * LEGS * knots, 2 * LEGS * knots])
+    knots, L = task.knots, task.body.leg_count
+    sizes = np.cumsum([STATE * knots, 3 * L * knots, 2 * L * knots])
     state, force, toes, contact = np.split(x, sizes)
     return (
         state.reshape(knots, STATE),
-        force.reshape(knots, LEGS, 3),
-        toes.reshape(knots, LEGS, 2),
-        contact.reshape(knots + 1, LEGS),
+        force.reshape(knots, L, 3),
+        toes.reshape(knots, L, 2),
+        contact.reshape(knots + 1, L),
     )

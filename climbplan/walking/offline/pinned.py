@@ -23,7 +23,7 @@ from climbplan.walking.kernels.legs import torque_rows
 from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
 from climbplan.walking.kernels.step import linearised
 from climbplan.walking.kernels.ways import swing_heights
-from climbplan.walking.task import LEGS, STATE, Array, Gait, WalkTask
+from climbplan.walking.task import STATE, Array, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
@@ -44,7 +44,7 @@ class Iterate:
     """A point to linearise about."""
 
     state: Array  # (N + 1, 12)
-    force: Array  # (N, 4, 3) zeros of swinging legs
+    force: Array  # (N, L, 3) zeros of swinging legs
     spots: Array  # (F, 2) free footholds [m]
 
 
@@ -81,10 +81,10 @@ class PinnedProgram:
         self.foot_column = 3 * self.forces
         self.size = self.foot_column + 2 * self.footing.count
         self.fixed = self.forces * FACETS + self.footing.count * ground.corners.shape[1]
-        self.force_scale = task.weight / LEGS
+        self.force_scale = task.weight / task.body.leg_count
         self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._after = np.empty((task.knots, STATE))
-        self._slopes = np.empty((task.knots, 2 * STATE + 3 * LEGS, STATE))
+        self._slopes = np.empty((task.knots, STATE + 6 * task.body.leg_count, STATE))
         self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
         weights, reference = task.weights, task.reference
         self._weight = np.concatenate([[weights.height], weights.velocity, weights.angles])
@@ -107,14 +107,14 @@ class PinnedProgram:
         self._wanted[:, 0] = reference.height
 
     def split(self, z: Array) -> tuple[Array, Array]:
-        """Forces (N, 4, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
-        force = np.zeros((self.task.knots, LEGS, 3))
+        """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
+        force = np.zeros((self.task.knots, self.task.body.leg_count, 3))
         each = z[: self.foot_column].reshape(-1, 3) * self.force_scale
         force[self.stand_knot, self.stand_leg] = each
         return force, z[self.foot_column :].reshape(-1, 2) * FOOT_SCALE
 
     def toes(self, state: Array, spots: Array) -> Array:
-        """All toes (N + 1, 4, 3)."""
+        """All toes (N + 1, L, 3)."""
         body = self.task.body
         toes: Array = place_toes(
             body.toe_center,
@@ -130,7 +130,7 @@ class PinnedProgram:
         return toes
 
     def raised(self, toes: Array) -> bool:
-        """Lift swinging toes (N + 1, 4, 3) above what is beneath their ways; False if they are.
+        """Lift swinging toes (N + 1, L, 3) above what is beneath their ways; False if they are.
 
         Heights only grow, so that linearisations come to an end.
         """
@@ -148,7 +148,7 @@ class PinnedProgram:
         return higher
 
     def rolled(self, toes: Array, force: Array) -> Array:
-        """States (N + 1, 12) that forces (N, 4, 3) at toes (N + 1, 4, 3) bring about."""
+        """States (N + 1, 12) that forces (N, L, 3) at toes (N + 1, L, 3) bring about."""
         task, body = self.task, self.task.body
         states: Array = knots_rolled(
             body.mass,
@@ -174,7 +174,7 @@ class PinnedProgram:
         return max(worst, float(self.task.goal.missed(state[-1, :2])))
 
     def cost(self, state: Array, force: Array) -> float:
-        """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, 4, 3)."""
+        """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, L, 3)."""
         weights = self.task.weights
         difference = weights.force_difference
         return float(
@@ -391,11 +391,11 @@ class PinnedProgram:
         )
 
     def _force_cost(self) -> Array:
-        """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (4 sum f^2 - (sum f)^2) at each knot."""
+        """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (L sum f^2 - (sum f)^2) at each knot."""
         hessian = np.zeros((self.size, self.size))
         factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
         same = self.stand_knot[:, None] == self.stand_knot[None, :]
-        legs = factor * (LEGS * np.eye(self.forces) - same)
+        legs = factor * (self.task.body.leg_count * np.eye(self.forces) - same)
         for k in range(3):
             hessian[k : self.foot_column : 3, k : self.foot_column : 3] = legs
         return hessian

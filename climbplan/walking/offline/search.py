@@ -21,7 +21,7 @@ from climbplan.walking.offline.gait_moves import (
     region_moves,
     regions_beside,
 )
-from climbplan.walking.offline.gaits import CYCLES, enough_contacts, starting_gaits, with_regions
+from climbplan.walking.offline.gaits import GAITS, enough_contacts, starting_gaits, with_regions
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.offline.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
 from climbplan.walking.online.warm_up import warm_up
@@ -49,7 +49,7 @@ class SearchLimits:
     seconds: float = np.inf  # a cap
     gaits: int = 100_000  # beyond the named ones
     seed: int = 0
-    names: tuple[str, ...] = tuple(CYCLES)  # gaits to begin with
+    names: tuple[str, ...] = GAITS  # gaits to begin with
     qps: int = 1_000_000_000
 
 

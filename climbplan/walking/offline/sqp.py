@@ -10,7 +10,6 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.footing import footing_of
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.task import (
-    LEGS,
     POSITION,
     STATE,
     VELOCITY,
@@ -105,7 +104,7 @@ def rolled_out(program: PinnedProgram, at: Iterate) -> WalkTrajectory:
     toes = program.toes(state, at.spots)  # swinging ones follow the body
     while program.raised(toes):
         toes = program.toes(state, at.spots)
-    force = np.concatenate([at.force, np.zeros((1, LEGS, 3))])
+    force = np.concatenate([at.force, np.zeros_like(at.force[:1])])
     return WalkTrajectory(state, toes, force, program.gait)
 
 

@@ -24,7 +24,7 @@ from climbplan.walking.offline.nlp_program import (
     parts_of,
     values_of,
 )
-from climbplan.walking.task import LEGS, Array, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task import Array, Gait, WalkTask, WalkTrajectory
 
 
 def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str, Array]]:
@@ -55,7 +55,7 @@ def trajectory_of(task: WalkTask, start: Gait, values: Mapping[str, Array]) -> W
     state, force, spots, relaxed = parts_of(task, np.concatenate(list(values.values())))
     states = np.vstack([task.start.state, state])
     gait = gait_of(relaxed > 0.5, start.region)
-    toes = np.empty((task.knots + 1, LEGS, 3))
+    toes = np.empty((task.knots + 1, task.body.leg_count, 3))
     toes[0] = task.start.toes
     toes[1:, :, :2] = spots
     ground = task.ground
@@ -65,6 +65,6 @@ def trajectory_of(task: WalkTask, start: Gait, values: Mapping[str, Array]) -> W
         ground.height, ground.slope, ground.inner,
     )  # fmt: skip
     toes[1:, :, 2] += np.where(gait.contact, 0.0, clear + task.lift - toes[..., 2])[1:]
-    forces = np.zeros((task.knots + 1, LEGS, 3))
+    forces = np.zeros_like(toes)
     forces[:-1] = np.where(gait.contact[:-1, :, None], force, 0.0)
     return WalkTrajectory(states, toes, forces, gait)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.walking.task import LEGS, Array, Flags
+from climbplan.walking.task import Array, Flags
 
 
 @dataclass(frozen=True)
@@ -32,20 +32,20 @@ class AdmittanceGains:
 
 
 class AdmittanceLegs:
-    """Forces of four compliant legs within a knot, and the controller that moves their commands."""
+    """Forces of compliant legs within a knot, and the controller that moves their commands."""
 
-    def __init__(self, gains: AdmittanceGains) -> None:
+    def __init__(self, gains: AdmittanceGains, legs: int) -> None:
         self.gains = gains
-        self._off, self._rate = np.zeros((LEGS, 3)), np.zeros((LEGS, 3))
+        self._off, self._rate = np.zeros((legs, 3)), np.zeros((legs, 3))
 
     def begin(self) -> None:
         """A new knot: commands start where the plan has them."""
-        self._off, self._rate = np.zeros((LEGS, 3)), np.zeros((LEGS, 3))
+        self._off, self._rate = np.zeros_like(self._off), np.zeros_like(self._rate)
 
     def force(self, planned: Array, ahead: Array, rate: Array) -> Array:
-        """Contact forces (4, 3) on the robot, before the ground's limits.
+        """Contact forces (L, 3) on the robot, before the ground's limits.
 
-        planned (4, 3) forces; ahead (4, 3): how far the true toe is from where the plan would have
+        planned (L, 3) forces; ahead (L, 3): how far the true toe is from where the plan would have
         it as seen from the true body [m]; rate: its change [m/s]. World frame.
         """
         gains = self.gains
@@ -66,7 +66,7 @@ class AdmittanceLegs:
 
 
 def limited(force: Array, contact: Flags, friction: float, most: float) -> Array:
-    """What the ground can give (4, 3): no pull, within friction cones and components' limits."""
+    """What the ground can give (L, 3): no pull, within friction cones and components' limits."""
     result = np.clip(force, -most, most)
     result[:, 2] = np.maximum(result[:, 2], 0.0)
     room = friction * result[:, 2]

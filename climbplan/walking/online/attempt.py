@@ -17,7 +17,7 @@ from climbplan.walking.kernels.feet import worst_between, worst_beyond
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.task import ANGLES, LEGS, VELOCITY, Array, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task import ANGLES, VELOCITY, Array, Gait, WalkTask, WalkTrajectory
 
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]
@@ -170,7 +170,7 @@ class GaitTrials:
             reach / REACH_SLACK,
             swung / SWUNG_SLACK,
         )
-        force = np.concatenate([at.force, np.zeros((1, LEGS, 3))])
+        force = np.concatenate([at.force, np.zeros_like(at.force[:1])])
         return Attempt(WalkTrajectory(state, toes, force, program.gait), excess - 1.0)
 
 

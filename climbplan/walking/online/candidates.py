@@ -23,7 +23,7 @@ _QUICKEST = 8.0  # [m/s^2] that forces within friction change the velocity by
 
 
 def reachable(task: WalkTask) -> Flags:
-    """(4,) legs whose toes are in their boxes right now, and may be until the first interval ends.
+    """(L,) legs whose toes are in their boxes right now, and may be until the first interval ends.
 
     The latter where standing toes have to: the body moves on, whatever forces do within that time.
     """
@@ -39,7 +39,7 @@ def reachable(task: WalkTask) -> Flags:
 
 
 def _beyond(body: RigidBody, state: Array, toes: Array) -> Array:
-    """(4,) how far toes (4, 3) are out of their boxes in a state (12,) [m]."""
+    """(L,) how far toes (L, 3) are out of their boxes in a state (12,) [m]."""
     beyond: Array = each_beyond(body.toe_center, body.toe_half, state, toes)
     return beyond
 

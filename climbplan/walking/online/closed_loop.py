@@ -31,7 +31,6 @@ from climbplan.walking.online.plant import LegForces
 from climbplan.walking.online.tick import OnlineController
 from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import (
-    LEGS,
     STATE,
     VELOCITY,
     Array,
@@ -259,7 +258,7 @@ class _Run:
         unfelt = tuple(int(leg) for leg in np.flatnonzero(wanted & self.lost(sample)))
         # The plan begins when the phase that is in force by then ends: legs in the air come down.
         ended = stance if left else stance.followed(self.task, state, stance.phase)
-        airborne = ~stance.phase.contact if left else np.zeros(LEGS, bool)
+        airborne = ~stance.phase.contact if left else np.zeros_like(stance.phase.contact)
         age = max(0.0, (sample - since) * self.dt - _BLIND)
         situation = Situation(
             state,
@@ -355,13 +354,13 @@ class _Run:
             self.felt = sample
 
     def shown(self, sample: int) -> Array:
-        """Toes (4, 3) as they are."""
+        """Toes (L, 3) as they are."""
         share = (sample - self.begun) / (self.ends - self.begun)
         return self.stance.shown(self.task, min(share, 1.0))
 
     def lost(self, sample: int) -> Flags:
-        """(4,) legs that make no contact."""
-        lost = np.zeros(LEGS, bool)
+        """(L,) legs that make no contact."""
+        lost = np.zeros(self.task.body.leg_count, bool)
         for one in self.world.lost:
             lost[one.leg] |= one.time <= sample * self.dt + 1e-9
         return lost

@@ -7,8 +7,8 @@ ever learned by linearisation. With X the true and X^ the estimated pose, exp(xi
 
     R^ R' = exp(xi_R),  v^ - R^ R' v = xi_v,  p^ - R^ R' p = xi_p,  d^ - R^ R' d = xi_d,
 
-and biases' errors are estimate minus truth. The order of errors is R, v, p, d (4 feet), gyroscope,
-accelerometer.
+and biases' errors are estimate minus truth. The order of errors is R, v, p, gyroscope,
+accelerometer, d (feet).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.task import LEGS, Array, Flags
+from climbplan.walking.task import Array, Flags
 
-SIZE = 9 + 3 * LEGS + 6
 TURN, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
-GYRO_BIAS, ACCEL_BIAS = slice(SIZE - 6, SIZE - 3), slice(SIZE - 3, SIZE)
+GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
+_FEET = 15  # where the errors of feet begin
 _UNKNOWN = 1e4  # [m^2] variance of a foot in the air
 _NEARLY_ZERO = 1e-8  # [rad]
 _SLIPPED = 21.1  # squared distance that one in 10,000 of three Gaussian numbers exceeds
@@ -48,10 +48,10 @@ class Sensed:
 
     gyro: Array  # (3,) mean angular velocity since the last sample, body frame [rad/s]
     accel: Array  # (3,) mean specific force since the last sample, body frame then [m/s^2]
-    toes: Array  # (4, 3) in the body frame, from joint angles [m]
-    contact: Flags  # (4,) felt
+    toes: Array  # (L, 3) in the body frame, from joint angles [m]
+    contact: Flags  # (L,) felt
     rate: Array  # (3,) angular velocity now, body frame, for whoever needs it at once [rad/s]
-    toe_rate: Array | None = None  # (4, 3) of toes in the body frame now, from joint rates [m/s]
+    toe_rate: Array | None = None  # (L, 3) of toes in the body frame now, from joint rates [m/s]
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,11 @@ class Beginning:
 
 def foot(leg: int) -> slice:
     """Where the error of a foot is."""
-    return slice(9 + 3 * leg, 12 + 3 * leg)
+    return slice(_FEET + 3 * leg, _FEET + 3 * leg + 3)
 
 
 def _legs(chosen: Flags) -> list[int]:
-    return [leg for leg in range(LEGS) if chosen[leg]]
+    return [int(leg) for leg in np.flatnonzero(chosen)]
 
 
 class ContactFilter:
@@ -81,27 +81,28 @@ class ContactFilter:
     A foot that is seen where it cannot be has slipped: it is taken anew instead of being used.
     """
 
-    def __init__(self, begin: Beginning, quality: SensorQuality, gravity: float) -> None:
+    def __init__(self, begin: Beginning, quality: SensorQuality, gravity: float, legs: int) -> None:
+        self.size = _FEET + 3 * legs  # of the error
         self.quality = quality
         self.gravity = np.array([0.0, 0.0, -gravity])
         self.R: Array = rotation_world_body(begin.state[6:9])
         self.v: Array = begin.state[3:6].copy()
         self.p: Array = begin.state[:3].copy()
-        self.d: Array = np.zeros((LEGS, 3))
+        self.d: Array = np.zeros((legs, 3))
         self.gyro_bias, self.accel_bias = np.zeros(3), np.zeros(3)
-        self.standing: Flags = np.zeros(LEGS, bool)
+        self.standing: Flags = np.zeros(legs, bool)
         self.slips = 0  # feet that were taken anew because they moved
-        self.P = np.zeros((SIZE, SIZE))
+        self.P = np.zeros((self.size, self.size))
         # Given as errors of velocity and position themselves, whose invariant errors turn with R.
         self._spread(TURN, begin.turn)
         self._spread(VELOCITY, begin.velocity)
         self._spread(POSITION, begin.position)
         self._spread(GYRO_BIAS, begin.gyro_bias)
         self._spread(ACCEL_BIAS, begin.accel_bias)
-        turned = np.eye(SIZE)
+        turned = np.eye(self.size)
         turned[VELOCITY, TURN], turned[POSITION, TURN] = skew(self.v), skew(self.p)
         self.P = turned @ self.P @ turned.T
-        for leg in range(LEGS):
+        for leg in range(legs):
             self._forget(leg)
 
     def predict(self, sensed: Sensed, dt: float) -> None:
@@ -110,7 +111,7 @@ class ContactFilter:
         turn = (sensed.gyro - self.gyro_bias) * dt
         force = sensed.accel - self.accel_bias
         a = R @ force + self.gravity
-        A = np.zeros((SIZE, SIZE))
+        A = np.zeros((self.size, self.size))
         A[VELOCITY, TURN] = skew(self.gravity)
         A[POSITION, VELOCITY] = np.eye(3)
         A[TURN, GYRO_BIAS] = -R
@@ -118,7 +119,7 @@ class ContactFilter:
         A[POSITION, GYRO_BIAS] = -skew(self.p) @ R
         for leg in _legs(self.standing):
             A[foot(leg), GYRO_BIAS] = -skew(self.d[leg]) @ R
-        step = np.eye(SIZE) + dt * A
+        step = np.eye(self.size) + dt * A
         step[POSITION, TURN] += 0.5 * dt**2 * A[VELOCITY, TURN]
         self.P = step @ self.P @ step.T + self._noise(sensed, dt)
         self.p = self.p + dt * self.v + 0.5 * dt**2 * a
@@ -143,7 +144,7 @@ class ContactFilter:
             self._stand(leg, sensed.toes[leg])
 
     def toes(self, sensed: Sensed) -> Array:
-        """World positions (4, 3) of all toes: standing ones as estimated, others by encoders."""
+        """World positions (L, 3) of all toes: standing ones as estimated, others by encoders."""
         free: Array = self.p + sensed.toes @ self.R.T
         toes: Array = np.where(self.standing[:, None], self.d, free)
         return toes
@@ -161,7 +162,7 @@ class ContactFilter:
         accel = quality.accel
         if np.abs(sensed.accel).max() >= quality.accel_range:
             accel = quality.accel_range  # what was beyond is not known
-        by = np.zeros((SIZE, 6))  # of the noise of both sensors, invariant as the errors
+        by = np.zeros((self.size, 6))  # of the noise of both sensors, invariant as the errors
         by[TURN, :3], by[VELOCITY, :3] = R, skew(self.v) @ R
         by[POSITION, :3], by[VELOCITY, 3:] = skew(self.p) @ R, R
         by[POSITION, 3:] = 0.5 * dt * R
@@ -188,7 +189,7 @@ class ContactFilter:
         """Innovation R^ s - (d^ - p^) = xi_p - xi_d + R^ n of standing legs' toes s (L, 3)."""
         count = len(legs)
         innovation = (toes @ self.R.T - (self.d[legs] - self.p)).ravel()
-        H = np.zeros((3 * count, SIZE))
+        H = np.zeros((3 * count, self.size))
         for k, leg in enumerate(legs):
             rows = slice(3 * k, 3 * k + 3)
             H[rows, POSITION], H[rows, foot(leg)] = np.eye(3), -np.eye(3)
@@ -208,7 +209,7 @@ class ContactFilter:
         spread = self.P[VELOCITY, VELOCITY] + variance * np.eye(3)
         off = np.einsum("li,ij,lj->l", innovation, np.linalg.inv(spread), innovation)
         still = np.flatnonzero(off <= _SLIPPED)
-        H = np.zeros((3 * len(still), SIZE))
+        H = np.zeros((3 * len(still), self.size))
         for k, leg in enumerate(still):
             rows = slice(3 * k, 3 * k + 3)
             H[rows, VELOCITY], H[rows, GYRO_BIAS] = np.eye(3), self.R @ skew(toes[leg])
@@ -220,7 +221,7 @@ class ContactFilter:
         PH = self.P @ H.T
         innovated = H @ PH + variance * np.eye(len(H))
         gain: Array = np.linalg.solve(innovated, PH.T).T.astype(float)
-        left = np.eye(SIZE) - gain @ H
+        left = np.eye(self.size) - gain @ H
         self.P = left @ self.P @ left.T + variance * gain @ gain.T
         self.P = 0.5 * (self.P + self.P.T)
         self._shift(-gain @ innovation)

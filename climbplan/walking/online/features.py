@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
 from climbplan.walking.online.measurement import Situation
-from climbplan.walking.task import LEGS, SPIN, VELOCITY, Array
+from climbplan.walking.task import SPIN, VELOCITY, Array
 
 # What a unit of distance between two situations is, for each kind of feature
 _SCALES = {
@@ -17,9 +18,6 @@ _SCALES = {
     "toes_before": 0.16,
     "contact": 1.0,
 }
-MIRROR_LEGS = np.array([1, 0, 3, 2])
-MIRROR_POINT = np.array([1.0, -1.0, 1.0])
-MIRROR_TURN = np.array([-1.0, 1.0, -1.0])
 
 
 def features_of(situation: Situation, height: float) -> Array:
@@ -37,10 +35,15 @@ def features_of(situation: Situation, height: float) -> Array:
     return np.concatenate(parts)
 
 
-def feature_mirror() -> Array:
+def feature_count(legs: int) -> int:
+    """F."""
+    return 9 + 5 * legs
+
+
+def feature_mirror(legs: int) -> Array:
     """Features of the mirrored situation as a matrix (F, F)."""
     flat = np.diag([1.0, -1.0])
-    swap = np.eye(LEGS)[MIRROR_LEGS]
+    swap = np.eye(legs)[mirror_legs(legs)]
     blocks = [
         np.diag(MIRROR_POINT),
         np.eye(1),
@@ -56,6 +59,3 @@ def feature_mirror() -> Array:
         whole[at : at + len(block), at : at + len(block)] = block
         at += len(block)
     return whole
-
-
-FEATURES = len(feature_mirror())

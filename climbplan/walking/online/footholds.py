@@ -25,7 +25,7 @@ from climbplan.walking.task import (
 
 
 def grounded(ground: Ground, toes: Array) -> Array:
-    """Toes (4, 3) on the nearest footholds; on flat ground straight below."""
+    """Toes (L, 3) on the nearest footholds; on flat ground straight below."""
     if ground.endless:
         return toes * [1.0, 1.0, 0.0]
     region = ground.nearest(toes[:, :2])
@@ -34,7 +34,7 @@ def grounded(ground: Ground, toes: Array) -> Array:
 
 
 def gait_on(task: WalkTask, contact: Flags, motion: Array | None) -> Gait:
-    """A gait with these contacts (N + 1, 4), on the regions that legs would best stand on.
+    """A gait with these contacts (N + 1, L), on the regions that legs would best stand on.
 
     motion: (N + 1, 12) to judge that by; an even one to the reference if None.
     """

@@ -13,7 +13,6 @@ from climbplan.walking.online.footholds import grounded
 from climbplan.walking.online.safe_stance import braced_forces
 from climbplan.walking.task import (
     ANGLES,
-    LEGS,
     POSITION,
     VELOCITY,
     Array,
@@ -31,9 +30,9 @@ EDGE = 0.019  # [m] out of its box that a standing toe comes to before its leg l
 class Phase:
     """What legs do for one knot."""
 
-    contact: Flags  # (4,) legs that are to stand
-    force: Array  # (4, 3) planned [N]
-    landing: Array  # (4, 3) where swinging toes are to come down
+    contact: Flags  # (L,) legs that are to stand
+    force: Array  # (L, 3) planned [N]
+    landing: Array  # (L, 3) where swinging toes are to come down
     plan: WalkTrajectory | None = None  # None before the first command
 
     def seen_from(self, task: WalkTask, state: Array) -> Phase:
@@ -53,9 +52,9 @@ class Phase:
 class Stance:
     """Toes between two commands."""
 
-    toes: Array  # (4, 3) where legs stand, or where they left the ground
-    before: Array  # (4, 3) one phase earlier
-    stood: Flags  # (4,) in the phase before
+    toes: Array  # (L, 3) where legs stand, or where they left the ground
+    before: Array  # (L, 3) one phase earlier
+    stood: Flags  # (L,) in the phase before
     phase: Phase
 
     def followed(self, task: WalkTask, state: Array, phase: Phase) -> Stance:
@@ -81,9 +80,9 @@ class Stance:
         return self.lifted(legs, force)
 
     def lifted(self, legs: Flags, force: Array) -> Stance:
-        """Some standing legs (4,) leave the ground, and come down no farther than they reach.
+        """Some standing legs (L,) leave the ground, and come down no farther than they reach.
 
-        force (4, 3): of the others from now on.
+        force (L, 3): of the others from now on.
         """
         phase = self.phase
         return replace(
@@ -97,14 +96,14 @@ class Stance:
         )
 
     def beyond(self, task: WalkTask, state: Array) -> Flags:
-        """(4,) standing legs that are at the edge of what they reach in a state (12,)."""
+        """(L,) standing legs that are at the edge of what they reach in a state (12,)."""
         body = task.body
         off = np.abs(toes_in_body(state, self.toes) - body.toe_center) - body.toe_half
         found: Flags = self.phase.contact & (off.max(axis=1) > EDGE)
         return found
 
     def shown(self, task: WalkTask, share: float) -> Array:
-        """Toes (4, 3) on the way: swinging ones straight on, lifted as half a sine.
+        """Toes (L, 3) on the way: swinging ones straight on, lifted as half a sine.
 
         Where the ground is not flat: up, across above all that lies beneath, and down.
         """
@@ -147,14 +146,14 @@ def phase_of(plan: WalkTrajectory) -> Phase:
 
 def standing(task: WalkTask, toes: Array) -> Stance:
     """All legs down with equal shares of the weight."""
-    force = np.zeros((LEGS, 3))
-    force[:, 2] = task.weight / LEGS
-    every = np.ones(LEGS, bool)
+    force = np.zeros_like(toes)
+    force[:, 2] = task.weight / len(toes)
+    every = np.ones(len(toes), bool)
     return Stance(toes, toes, every, Phase(every, force, toes))
 
 
 def landed(task: WalkTask, state: Array, landing: Array) -> Array:
-    """Where swinging toes (4, 3) come down: where planned, or as near as legs reach by then.
+    """Where swinging toes (L, 3) come down: where planned, or as near as legs reach by then.
 
     Reach them they have to until the interval ends, as fast as the body moves over them.
     """

@@ -15,19 +15,16 @@ from climbplan.errors import LimitReached, UsageError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import (
-    FEATURES,
-    MIRROR_LEGS,
-    MIRROR_POINT,
-    MIRROR_TURN,
+    feature_count,
     feature_mirror,
     features_of,
 )
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.task import (
     ANGLES,
-    LEGS,
     POSITION,
     SPIN,
     STATE,
@@ -43,13 +40,13 @@ from climbplan.walking.task import (
 FORMAT = "climbplan/walk-library"
 _NAMES = ("trot", "walking trot", "slow trot", "stand")  # gaits to begin with
 SECTION = 5  # knots of a section: 400 ms
-# K sections of M knots, F features
+# K sections of M knots, F features, L legs
 _LAYOUT = {
     "features": Layout(("K", "F")),
     "state": Layout(("K", "M", STATE), "m, m/s, rad, rad/s", "world, from the first position"),
-    "toes": Layout(("K", "M", LEGS, 3), "m", "world, from the first position"),
-    "force": Layout(("K", "M", LEGS, 3), "N", "world"),
-    "contact": Layout(("K", "M", LEGS), kind="bool"),
+    "toes": Layout(("K", "M", "L", 3), "m", "world, from the first position"),
+    "force": Layout(("K", "M", "L", 3), "N", "world"),
+    "contact": Layout(("K", "M", "L"), kind="bool"),
     "walk": Layout(("K",), kind="int"),
 }
 
@@ -60,9 +57,9 @@ class Library:
 
     features: Array  # (K, F)
     state: Array  # (K, M + 1, 12) horizontal positions from the first
-    toes: Array  # (K, M + 1, 4, 3) the same
-    force: Array  # (K, M + 1, 4, 3)
-    contact: Flags  # (K, M + 1, 4)
+    toes: Array  # (K, M + 1, L, 3) the same
+    force: Array  # (K, M + 1, L, 3)
+    contact: Flags  # (K, M + 1, L)
     walk: Whole  # (K,) the walk it was cut from
 
     @property
@@ -102,7 +99,7 @@ def drawn_task(task: WalkTask, rng: np.random.Generator, ranges: Draw) -> WalkTa
     state[6:8] += rng.uniform(-ranges.tilt, ranges.tilt, 2)
     state[SPIN] += rng.uniform(-ranges.spin, ranges.spin, 3)
     toes = task.start.toes.copy()
-    toes[:, :2] += rng.uniform(-ranges.toes, ranges.toes, (LEGS, 2))
+    toes[:, :2] += rng.uniform(-ranges.toes, ranges.toes, (len(toes), 2))
     return replace(task, start=Start(state, toes))
 
 
@@ -134,7 +131,7 @@ def build_library(
         if report is not None:
             report((k + 1) / walks)
     if not parts:
-        return _empty()
+        return _empty(task.body.leg_count)
     whole = joined(parts)
     return joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
 
@@ -148,7 +145,7 @@ def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
             found.state[n],
             _grounded(found.toes[n]),
             _grounded(found.toes[before]),
-            found.gait.contact[before] if n else np.ones(LEGS, bool),
+            found.gait.contact[before] if n else np.ones_like(found.gait.contact[0]),
         )
         here = slice(n, n + SECTION + 1)
         base = np.array([*found.state[n, :2], 0.0])
@@ -166,7 +163,7 @@ def symmetric(task: WalkTask) -> bool:
     """Whether a walk seen in a mirror answers the same task."""
     reference, center = task.reference, task.body.toe_center
     inertia = task.body.inertia
-    same_legs = np.allclose(center[MIRROR_LEGS] * MIRROR_POINT, center)
+    same_legs = np.allclose(center[mirror_legs(len(center))] * MIRROR_POINT, center)
     sideways = np.abs(reference.velocity[:, 1]).max() + np.abs(reference.euler[:, [0, 2]]).max()
     return bool(same_legs and sideways < 1e-9 and abs(inertia[0, 1]) + abs(inertia[1, 2]) < 1e-9)
 
@@ -178,10 +175,12 @@ def mirrored(task: WalkTask, library: Library) -> Library:
     state[..., VELOCITY] *= MIRROR_POINT
     state[..., ANGLES] *= MIRROR_TURN
     state[..., SPIN] *= MIRROR_TURN
-    toes = library.toes[:, :, MIRROR_LEGS] * MIRROR_POINT
-    force = library.force[:, :, MIRROR_LEGS] * MIRROR_POINT
-    features = library.features @ feature_mirror().T
-    contact = library.contact[:, :, MIRROR_LEGS]
+    legs = task.body.leg_count
+    other = mirror_legs(legs)
+    toes = library.toes[:, :, other] * MIRROR_POINT
+    force = library.force[:, :, other] * MIRROR_POINT
+    features = library.features @ feature_mirror(legs).T
+    contact = library.contact[:, :, other]
     return Library(features, state, toes, force, contact, library.walk)
 
 
@@ -206,7 +205,10 @@ def read_library(path: Path, key: str) -> Library:
         parts = {name: reader.array(name, layout) for name, layout in _LAYOUT.items()}
         if reader.not_finite:
             raise reader.refuse(f"NaN or infinity in {', '.join(reader.not_finite)}")
-        if parts["features"].shape[1] != FEATURES or parts["state"].shape[1] != SECTION + 1:
+        if (
+            parts["features"].shape[1] != feature_count(parts["contact"].shape[2])
+            or parts["state"].shape[1] != SECTION + 1
+        ):
             raise reader.refuse("its sections are of another shape")
         if reader.text("", "task") != key:
             raise UsageError(f"{path}: made for another robot, reference or weights")
@@ -219,18 +221,18 @@ def joined(parts: list[Library]) -> Library:
     return Library(*(np.concatenate([vars(part)[name] for part in parts]) for name in names))
 
 
-def _empty() -> Library:
+def _empty(legs: int) -> Library:
     knots = SECTION + 1
     return Library(
-        np.zeros((0, FEATURES)),
+        np.zeros((0, feature_count(legs))),
         np.zeros((0, knots, STATE)),
-        np.zeros((0, knots, LEGS, 3)),
-        np.zeros((0, knots, LEGS, 3)),
-        np.zeros((0, knots, LEGS), bool),
+        np.zeros((0, knots, legs, 3)),
+        np.zeros((0, knots, legs, 3)),
+        np.zeros((0, knots, legs), bool),
         np.zeros(0, np.int64),
     )
 
 
 def _grounded(toes: Array) -> Array:
-    """Toes (4, 3) where they are to stand."""
+    """Toes (L, 3) where they are to stand."""
     return toes * [1.0, 1.0, 0.0]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from climbplan.walking.task import (
-    LEGS,
     POSITION,
     SPIN,
     VELOCITY,
@@ -17,7 +16,6 @@ from climbplan.walking.task import (
 )
 
 OLDEST = 0.1  # [s] of a measurement that is still used
-FEWEST = 2  # legs that have to feel the ground where they are to stand
 _LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement
 _HEIGHTS = (0.02, 2.0)  # [m] of the body above the ground
 _FARTHEST = 2.0  # [m] of a toe from the body
@@ -28,20 +26,21 @@ class Situation:
     """What the controller knows at a knot: the body, its toes, and what legs just did."""
 
     state: Array  # (12,)
-    toes: Array  # (4, 3) world [m]
-    toes_before: Array  # (4, 3) one knot earlier
-    contact_before: Flags  # (4,) from one knot earlier until now
+    toes: Array  # (L, 3) world [m]
+    toes_before: Array  # (L, 3) one knot earlier
+    contact_before: Flags  # (L,) from one knot earlier until now
     age: float = 0.0  # [s] since it was measured, beyond what was predicted since
     unfelt: tuple[int, ...] = ()  # legs that were to stand and feel no ground
     left: float = 0.0  # [s] until the next knot, where a plan is to begin between knots
     shorter: float = 0.0  # [s] of a first interval that may be taken where no plan holds; 0: none
-    airborne: Flags = field(default_factory=lambda: np.zeros(LEGS, bool))  # then: until that knot
+    airborne: Flags | None = None  # (L,) then: in the air until that knot; None: no leg is
 
 
 def fault_of(situation: Situation, body: RigidBody) -> str:
     """Why a measurement cannot be one, or is of no use; empty if it can be used."""
     parts = (situation.state, situation.toes, situation.toes_before)
-    shapes = ((12,), (LEGS, 3), (LEGS, 3))
+    legs = body.leg_count
+    shapes = ((12,), (legs, 3), (legs, 3))
     if any(part.shape != shape for part, shape in zip(parts, shapes, strict=True)):
         return "the measurement has another shape"
     numbers = np.concatenate([part.ravel() for part in parts])
@@ -58,7 +57,7 @@ def fault_of(situation: Situation, body: RigidBody) -> str:
         return "the measured tilt leaves no way to stand"
     if np.abs(situation.toes - state[POSITION]).max() > _FARTHEST:
         return "the measured toes are nowhere near the body"
-    if LEGS - len(situation.unfelt) < FEWEST:
-        legs = ", ".join(body.leg_names[leg] for leg in situation.unfelt)
-        return f"{legs} make no contact"
+    if 2 * len(situation.unfelt) > legs:
+        names = ", ".join(body.leg_names[leg] for leg in situation.unfelt)
+        return f"{names} make no contact"
     return ""

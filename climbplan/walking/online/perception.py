@@ -11,7 +11,6 @@ from climbplan.walking.online.legs import Stance
 from climbplan.walking.online.sensors import SimulatedSensors
 from climbplan.walking.task import (
     ANGLES,
-    LEGS,
     POSITION,
     SPIN,
     STATE,
@@ -50,17 +49,17 @@ class Perception:
         self._sensed: Sensed | None = None
         if quality is not None:
             gravity = task.body.gravity
-            self._filter = ContactFilter(Beginning(state), quality, gravity)
+            self._filter = ContactFilter(Beginning(state), quality, gravity, task.body.leg_count)
             self._sensors = SimulatedSensors(quality, gravity, rng)
 
     def listen(self, state: Array, toes: Array, dt: float) -> None:
         """Stand still before the walk: the gyroscope's bias shows, and most of the tilt."""
         if not state[VELOCITY].any() and not state[SPIN].any():
             for _ in range(round(_LISTENING / dt)):
-                self.feel(state, state, toes, np.ones(LEGS, bool), dt)
+                self.feel(state, state, toes, np.ones(len(toes), bool), dt)
 
     def feel(self, before: Array, after: Array, toes: Array, contact: Flags, dt: float) -> None:
-        """A sample of the sensors; toes (4, 3) in the world after it."""
+        """A sample of the sensors; toes (L, 3) in the world after it."""
         if self._filter is not None:
             self._sensed = self._sensors.sample(before, after, toes, contact, dt)
             self._filter.predict(self._sensed, dt)
@@ -83,7 +82,7 @@ class Perception:
         return self._filter.speed_error
 
     def state_and_toes(self, state: Array, stance: Stance) -> tuple[Array, Array]:
-        """The state (12,), and where legs stand (4, 3); heights are above the ground."""
+        """The state (12,), and where legs stand (L, 3); heights are above the ground."""
         if self._filter is None or self._sensed is None:
             return self._noisy(state, stance.toes)
         found, sensed = self._filter, self._sensed
@@ -109,6 +108,6 @@ class Perception:
         off[VELOCITY] = noise.velocity * rng.normal(size=3)
         off[ANGLES] = noise.angles * rng.normal(size=3)
         off[SPIN] = noise.spin * rng.normal(size=3)
-        shift = np.zeros((LEGS, 3))
-        shift[:, :2] = noise.position * rng.normal(size=(LEGS, 2))
+        shift = np.zeros_like(toes)
+        shift[:, :2] = noise.position * rng.normal(size=(len(toes), 2))
         return state + off, toes + shift

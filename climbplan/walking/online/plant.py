@@ -18,10 +18,12 @@ class LegForces:
     def __init__(self, task: WalkTask, gains: AdmittanceGains | None, dt: float) -> None:
         self._task, self._dt = task, dt
         self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
-        self._legs = AdmittanceLegs(gains) if gains is not None else None
-        self._first: Array | None = None  # (4, 3) toes in the body when the phase began
+        self._legs: AdmittanceLegs | None = None
+        if gains is not None:
+            self._legs = AdmittanceLegs(gains, task.body.leg_count)
+        self._first: Array | None = None  # (L, 3) toes in the body when the phase began
         self._plan: Array | None = None  # the state that was planned for the last sample
-        self._planned: Array | None = None  # (4, 3) toes in the body, by plan, when it began
+        self._planned: Array | None = None  # (L, 3) toes in the body, by plan, when it began
 
     def begin(self, state: Array, stance: Stance) -> None:
         """A phase begins in a state (12,)."""
@@ -34,7 +36,7 @@ class LegForces:
             self._planned = toes_in_body(self._plan, plan.toes[0])
 
     def force(self, state: Array, stance: Stance, contact: Flags) -> Array:
-        """Contact forces (4, 3) from this sample of the phase to the next; contact (4,) as made."""
+        """Contact forces (L, 3) from this sample of the phase to the next; contact (L,) as made."""
         task, phase = self._task, stance.phase
         wanted, friction, most = phase.force, task.ground.friction, task.body.force_limit
         if self._legs is None or self._plan is None or phase.plan is None:

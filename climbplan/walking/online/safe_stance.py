@@ -10,12 +10,12 @@ from __future__ import annotations
 import daqp
 import numpy as np
 
+from climbplan.robots.leg_order import alternating
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.online.footholds import grounded
 from climbplan.walking.task import (
     ANGLES,
-    LEGS,
     POSITION,
     SPIN,
     VELOCITY,
@@ -27,8 +27,6 @@ from climbplan.walking.task import (
 )
 
 _SLACK = 0.02  # [m] out of its box that a toe may be told to stand
-_FEWEST = 2  # legs
-_DIAGONALS = ([0, 3], [1, 2])
 _FRICTION = 0.8  # share of the friction coefficient that is made use of
 _FACETS = 8
 _BRAKE = 0.1  # [s] in which the body is to come to rest
@@ -52,9 +50,9 @@ def safe_stance(task: WalkTask) -> WalkTrajectory:
     ahead = start.state[POSITION] + 1.5 * task.step * start.state[VELOCITY]
     under = grounded(task.ground, ahead + task.body.toe_center @ R.T)
     toes[1:, ~stands] = under[~stands]
-    force = np.zeros((task.knots + 1, LEGS, 3))
+    force = np.zeros_like(toes)
     force[:-1] = braced_forces(task, start.state, start.toes, stands)
-    contact = np.ones((task.knots + 1, LEGS), bool)
+    contact = np.ones(toes.shape[:2], bool)
     contact[0] = stands
     force[1:-1, ~stands] = 0.0
     region = np.tile(task.ground.nearest(toes[1, :, :2]), (len(contact), 1))
@@ -62,26 +60,28 @@ def safe_stance(task: WalkTask) -> WalkTrajectory:
 
 
 def _standing(task: WalkTask) -> Flags:
-    """(4,) legs whose toes stay in reach while the body moves on, or the diagonal that does most.
+    """(L,) legs whose toes stay in reach while the body moves on, or those of the better half.
 
-    The others step.
+    Halves alternate: diagonals, tripods. The others step.
     """
     moved = task.start.state.copy()
-    beyond = np.zeros(LEGS)
+    legs = task.body.leg_count
+    beyond = np.zeros(legs)
     for share in (0.0, 1.0):
         moved[POSITION] = task.start.state[POSITION] + share * task.steps[0] * moved[VELOCITY]
         off = np.abs(toes_in_body(moved, task.start.toes) - task.body.toe_center)
         beyond = np.maximum(beyond, (off - task.body.toe_half).max(axis=1))
     reached: Flags = beyond <= _SLACK
-    if reached.sum() < _FEWEST:
-        reached[min(_DIAGONALS, key=lambda pair: beyond[pair].max())] = True
+    if 2 * reached.sum() < legs:
+        halves = [alternating(legs) == half for half in (0, 1)]
+        reached[min(halves, key=lambda half: beyond[half].max())] = True
     return reached
 
 
 def braced_forces(task: WalkTask, state: Array, toes: Array, stands: Flags) -> Array:
-    """(4, 3) contact forces of the legs that stand, world frame; one leg gives next to none."""
+    """(L, 3) contact forces of the legs that stand, world frame; one leg gives next to none."""
     body = task.body
-    force = np.zeros((LEGS, 3))
+    force = np.zeros_like(toes)
     legs = np.flatnonzero(stands)
     if not len(legs):
         return force

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.online.estimation import Sensed, SensorQuality, logarithm
-from climbplan.walking.task import ANGLES, LEGS, POSITION, SPIN, VELOCITY, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags
 
 
 class SimulatedSensors:
@@ -27,7 +27,7 @@ class SimulatedSensors:
         self.accel_bias: Array = accel_bias * rng.normal(size=3)
 
     def sample(self, before: Array, after: Array, toes: Array, contact: Flags, dt: float) -> Sensed:
-        """Between two states (12,), dt apart; toes (4, 3) in the world at the second.
+        """Between two states (12,), dt apart; toes (L, 3) in the world at the second.
 
         The IMU integrates: its means are exact but for noise, bias and range.
         """
@@ -40,15 +40,15 @@ class SimulatedSensors:
         gyro = spin + self.gyro_bias + quality.gyro * rng.normal(size=3)
         accel = force + self.accel_bias + quality.accel * rng.normal(size=3)
         accel = np.clip(accel, -quality.accel_range, quality.accel_range)
-        seen = (toes - after[POSITION]) @ R_after + quality.toe * rng.normal(size=(LEGS, 3))
+        seen = (toes - after[POSITION]) @ R_after + quality.toe * rng.normal(size=toes.shape)
         rate = after[SPIN] @ R_after + self.gyro_bias + quality.gyro * rng.normal(size=3)
         return Sensed(gyro, accel, seen, contact.copy(), rate, self._rates(after, toes, R_after))
 
     def _rates(self, after: Array, toes: Array, R: Array) -> Array | None:
-        """Velocities (4, 3) in the body of toes that stay where they are; None without sensors."""
+        """Velocities (L, 3) in the body of toes that stay where they are; None without sensors."""
         deviation = self.quality.toe_rate
         if deviation == 0:
             return None
         here = (toes - after[POSITION]) @ R
         rates: Array = -after[VELOCITY] @ R - np.cross(after[SPIN] @ R, here)
-        return rates + deviation * self._rng.normal(size=(LEGS, 3))
+        return rates + deviation * self._rng.normal(size=toes.shape)

@@ -42,7 +42,6 @@ from climbplan.walking.online.safe_stance import safe_stance
 from climbplan.walking.online.strategies import Neighbours, Ranking
 from climbplan.walking.task import (
     ANGLES,
-    LEGS,
     POSITION,
     VELOCITY,
     Array,
@@ -109,7 +108,9 @@ class OnlineController:
         self._last: WalkTrajectory | None = None
         self._expected = task.start  # at the next tick, if nothing is measured then
         self._since = 0  # ticks since others than the plan before were looked at
-        self._doubted = np.zeros(LEGS, np.int64)  # ticks for which a leg is not stood on
+        self._doubted = np.zeros(
+            task.body.leg_count, np.int64
+        )  # ticks for which a leg is not stood on
         self._inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self._warm_up()
 
@@ -123,7 +124,9 @@ class OnlineController:
         start = Start(situation.state, situation.toes)
         task = following(replace(self.task, start=start, first=situation.left), self._above)
         soon = replace(task, first=situation.shorter)
-        firm = (self._doubted == 0) & ~situation.airborne
+        firm = self._doubted == 0
+        if situation.airborne is not None:
+            firm = firm & ~situation.airborne
         able, able_soon = reachable(task) & firm, reachable(soon) & firm
         # Where the body walks as asked, and as planned, others are looked at now and then only.
         self._since += 1
@@ -190,13 +193,13 @@ class OnlineController:
 
     def _warm_up(self) -> None:
         """Load compiled code and make the programs of the commonest gaits, before time counts."""
-        contact = self.library.contact.reshape(-1, (SECTION + 1) * LEGS)
+        contact = self.library.contact.reshape(-1, (SECTION + 1) * self.library.contact.shape[2])
         gaits, count = np.unique(contact, axis=0, return_counts=True)
         # Where there are regions a gait has others in every tick.
         made = _MADE_BEFORE if self.task.ground.endless else 0
         for row in gaits[np.argsort(-count)[:made]]:
-            self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, LEGS)))
-        stand = gait_on(self.task, cycle("stand", SECTION), None)
+            self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, -1)))
+        stand = gait_on(self.task, cycle("stand", self.task.body.leg_count, SECTION), None)
         named = _Candidate(FALLBACK, stand, None, elastic=True)
         reachable(self.task)
         found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
@@ -235,7 +238,7 @@ class OnlineController:
         for candidate in first[:_SECOND_LOOKS]:
             yield replace(candidate, elastic=True, short=early)
         for name, phase in _FALLBACKS:
-            gait = gait_on(task, cycle(name, SECTION, phase), None)
+            gait = gait_on(task, cycle(name, task.body.leg_count, SECTION, phase), None)
             yield _Candidate(FALLBACK, gait, None, elastic=True, short=early)
 
     def _section(self, task: WalkTask, index: int, base: Array) -> _Candidate:

@@ -20,6 +20,7 @@ def warm_up(task: WalkTask) -> None:
     if key in _done:
         return
     _done.add(key)
-    found = solve_gait(task, with_regions(task, cycle("stand", task.knots)), None, 2)
+    stand = cycle("stand", task.body.leg_count, task.knots)
+    found = solve_gait(task, with_regions(task, stand), None, 2)
     if found.trajectory is not None:
         passes(task, found.trajectory)

@@ -16,7 +16,6 @@ from climbplan.walking.footing import Footing
 from climbplan.walking.task import (
     ANGLE_RANGE,
     ANGLES,
-    LEGS,
     POSITION,
     RATE_RANGE,
     SPIN,
@@ -65,7 +64,7 @@ class Layout:
     def __init__(self, task: WalkTask, gait: Gait, footing: Footing) -> None:
         self.task, self.gait, self.footing = task, gait, footing
         self.mean = task.integrator == "mean"
-        self.force_unit = task.weight / LEGS
+        self.force_unit = task.weight / task.body.leg_count
         knots = task.knots
         self.stand_knot, self.stand_leg = np.nonzero(gait.contact[:-1])
         self.reaches = tuple(_reaches(task, gait, footing))
@@ -130,7 +129,7 @@ class Layout:
     def values(self, state: Array, force: Array, toes: Array, spots: Array) -> Array:
         """All unknowns along a motion, products exact.
 
-        state (N + 1, 12), force (N, 4, 3), toes (N + 1, 4, 3), spots (F, 2).
+        state (N + 1, 12), force (N, L, 3), toes (N + 1, L, 3), spots (F, 2).
         """
         body = self.task.body
         x = np.zeros(self.size)
@@ -215,7 +214,7 @@ class Layout:
 def _reaches(task: WalkTask, gait: Gait, footing: Footing) -> Iterator[Reach]:
     contact: Flags = gait.contact
     for knot in range(1, task.knots + 1):
-        for leg in range(LEGS):
+        for leg in range(task.body.leg_count):
             yield Reach(knot, leg, int(footing.foothold[knot, leg]))
             if task.whole_stance and contact[knot - 1, leg] and not contact[knot, leg]:
                 yield Reach(knot, leg, int(footing.foothold[knot - 1, leg]), lifts=True)

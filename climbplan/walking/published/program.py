@@ -21,7 +21,7 @@ from climbplan.walking.kernels.footing import HELD, SWINGING
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.published.layout import ENTRIES, SQUARES, Layout, tracked_columns
 from climbplan.walking.published.rows import ChangingRows
-from climbplan.walking.task import LEGS, POSITION, Array
+from climbplan.walking.task import POSITION, Array
 
 TOLERANCE = 1e-3  # absolute and relative, of OSQP: its default
 _MOST_STEPS = 4000
@@ -98,7 +98,7 @@ class PublishedProgram:
 
     def _iterate(self, x: Array) -> Iterate:
         layout = self.layout
-        force = np.zeros((layout.task.knots, LEGS, 3))
+        force = np.zeros((layout.task.knots, layout.task.body.leg_count, 3))
         force[layout.stand_knot, layout.stand_leg] = x[layout.force] * layout.force_unit
         return Iterate(x[layout.state], force, x[layout.spot])
 
@@ -291,13 +291,13 @@ class PublishedProgram:
                 hessian[a, a] += 2 * weights.motion
                 hessian[b, b] += 2 * weights.motion
                 hessian[a, b] -= 2 * weights.motion
-        # Sum over ordered pairs of || f_s - f_t ||^2 = 2 (4 sum f^2 - (sum f)^2) at each knot
+        # Sum over ordered pairs of || f_s - f_t ||^2 = 2 (L sum f^2 - (sum f)^2) at each knot
         factor = 4.0 * weights.force_difference * layout.force_unit**2
         for n in range(task.knots):
             legs = layout.force[layout.stand_knot == n]
             for k in range(3):
                 for s, one in enumerate(legs[:, k]):
-                    hessian[one, one] += factor * (LEGS - 1)
+                    hessian[one, one] += factor * (task.body.leg_count - 1)
                     for other in legs[s + 1 :, k]:
                         hessian[one, other] -= factor
         return sparse.csc_matrix(hessian), gradient

@@ -1,4 +1,4 @@
-"""A walk of a proposed quadruped, as a spec of `plan-mpc`."""
+"""A walk of a proposed robot, as a spec of `plan-mpc`."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _FRICTION = 0.8
 
 
 def walk_document(body: WalkingBody, robot_file: str) -> str:
-    """The spec: forward from rest by a walking trot, a pair of legs at a time."""
+    """The spec: forward from rest by a walking trot, diagonals of four legs or tripods of six."""
     half, height = body.boxes.half, body.height
     speed = min(_SPEED, _FROUDE * float(np.sqrt(body.gravity * height)))
     step = min(_STEP * float(np.sqrt(height)), 2 * _IN_REACH * float(half[0]) / (_STANCE * speed))
     size = " x ".join(f"{2e3 * value:.0f}" for value in half)
-    return f"""# {body.name} walks forward at {speed:.2g} m/s, a pair of legs at a time.
+    return f"""# {body.name} walks forward at {speed:.2g} m/s, every other leg at a time.
 #
 #     climbplan plan-mpc {robot_file.removesuffix(".yaml")}_walk.yaml
 #
@@ -39,7 +39,7 @@ terrain: {{friction: {_FRICTION:g}}}  # ASSUMED: rubber on a floor
 task:
   knots: {_KNOTS}  # up to 40
   step: {step:.3f}  # [s]
-  least_contacts: 2
+  least_contacts: {len(body.leg_names) // 2}
   lift: {min(_LIFT * float(half[2]), _HIGHEST):.3f}
   reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, 0]}}
 

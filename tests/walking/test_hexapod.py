@@ -1,0 +1,102 @@
+"""A robot of six legs walks: planned, checked, written and read, and what its legs have to be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.errors import SpecError
+from climbplan.spec.robots.leg_pairs import in_pairs
+from climbplan.spec.walking.loading import load_body, load_mpc
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
+from climbplan.walking.planner import plan_walk
+
+SPEC = Path(__file__).parents[2] / "specs" / "mpc_hexapod.yaml"
+
+BODY = """
+kind: rigid-body
+name: six
+mass: 10
+inertia: [[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.2]]
+force_limit: 60
+toe_half: [0.06, 0.06, 0.05]
+legs:
+  LF: [0.3, 0.3, -0.2]
+  RF: [0.3, -0.3, -0.2]
+  LM: [0, 0.4, -0.2]
+  RM: [0, -0.4, -0.2]
+  LH: [-0.3, 0.3, -0.2]
+  RH: [-0.3, -0.3, -0.2]
+"""
+
+
+@pytest.fixture(scope="module")
+def plan() -> WalkPlan:
+    pytest.importorskip("pinocchio")
+    return plan_walk(load_mpc(SPEC, ["task.knots=5"]))
+
+
+def test_it_walks_on_tripods_within_its_torques(plan: WalkPlan) -> None:
+    task, found = plan.task, plan.trajectory
+    assert task.body.leg_names == ("LF", "RF", "LM", "RM", "LR", "RR")
+    assert failures(check_trajectory(task, found)) == ""
+    names = {check.name for check in check_trajectory(task, found)}
+    assert {"torque.limit", "torque.reach"} <= names
+    few = found.gait.contact[:-1][found.gait.contact[:-1].sum(axis=1) == 3]
+    halves = {tuple(row) for row in few.astype(int).tolist()}
+    assert halves <= {(1, 0, 0, 1, 1, 0), (0, 1, 1, 0, 0, 1)}
+    assert halves
+    broken = found.force.copy()
+    broken[0, int(np.flatnonzero(found.gait.contact[0])[0])] *= 1.5
+    assert failures(
+        check_trajectory(task, type(found)(found.state, found.toes, broken, found.gait))
+    )
+
+
+def test_its_file_is_read_as_it_was_written(plan: WalkPlan, tmp_path: Path) -> None:
+    write_walk_plan(plan, tmp_path / "plan.h5")
+    again = read_walk_plan(tmp_path / "plan.h5")
+    assert again.task.body.leg_names == plan.task.body.leg_names
+    assert again.task.legs is not None
+    assert plan.task.legs is not None
+    assert again.task.legs.chain.names == plan.task.legs.chain.names
+    np.testing.assert_array_equal(again.trajectory.force, plan.trajectory.force)
+    np.testing.assert_array_equal(again.trajectory.gait.contact, plan.trajectory.gait.contact)
+
+
+def written(folder: Path, text: str) -> str:
+    (folder / "body.yaml").write_text(text, encoding="utf-8")
+    return str(folder / "body.yaml")
+
+
+def test_bodies_by_file_have_six_legs_too(tmp_path: Path) -> None:
+    assert len(load_body(written(tmp_path, BODY)).legs) == 6
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (BODY.replace("  RH: [-0.3, -0.3, -0.2]\n", ""), "four, six or eight legs, got 5"),
+        (BODY.replace("RF: [0.3, -0.3", "RF: [0.3, 0.2"), "expected pairs"),
+        (BODY.replace("RM: [0, -0.4", "RM: [0.3, -0.4"), "one pair behind the other"),
+        (
+            BODY.replace("LF: [0.3, 0.3", "XX: [0.3, -0.3").replace(
+                "RF: [0.3, -0.3", "YY: [0.3, 0.3"
+            ),
+            "expected the order YY, XX, LM",
+        ),
+    ],
+)
+def test_legs_are_in_pairs(tmp_path: Path, changed: str, words: str) -> None:
+    with pytest.raises(SpecError, match=words):
+        load_body(written(tmp_path, changed))
+
+
+def test_pairs_by_place() -> None:
+    places = [[0.0, -1.0], [1.0, 1.0], [1.1, -1.0], [0.0, 1.0]]
+    assert in_pairs(places) == [1, 2, 3, 0]
+    assert in_pairs([*places[:3], [2.0, -1.0]]) is None

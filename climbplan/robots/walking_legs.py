@@ -10,10 +10,10 @@ from climbplan.robots.serial_chain import SerialChain
 
 @dataclass(frozen=True)
 class WalkingLegs:
-    """L legs of three joints: pairs from front to hind, of each the left one first."""
+    """L legs of J joints: pairs from front to hind, of each the left one first."""
 
     chain: SerialChain  # body frame of walking; its posture is how the robot stands
-    lower: Array  # (L, 3) [rad]
-    upper: Array  # (L, 3) [rad]
-    max_torque: Array  # (L, 3) [N m]
-    max_speed: Array  # (L, 3) [rad/s]
+    lower: Array  # (L, J) [rad]
+    upper: Array  # (L, J) [rad]
+    max_torque: Array  # (L, J) [N m]
+    max_speed: Array  # (L, J) [rad/s]

@@ -46,19 +46,19 @@ START = {
 }
 
 
-LEGS_OF_URDF = {  # of a robot from a URDF: chains of three joints at zero angles
-    "joint_zero": Layout(("L", 3, 3), "m", "body, points on the joint axes at zero angles"),
-    "axis_zero": Layout(("L", 3, 3), "", "body, unit axes of joints at zero angles"),
+LEGS_OF_URDF = {  # of a robot from a URDF: chains of J joints at zero angles
+    "joint_zero": Layout(("L", "J", 3), "m", "body, points on the joint axes at zero angles"),
+    "axis_zero": Layout(("L", "J", 3), "", "body, unit axes of joints at zero angles"),
     "toe_zero": Layout(("L", 3), "m", "body, at zero angles"),
-    "posture": Layout(("L", 3), "rad", "as it stands"),
+    "posture": Layout(("L", "J"), "rad", "as it stands"),
 }
 MOTORS = {
-    "lower": Layout(("L", 3), "rad"),
-    "upper": Layout(("L", 3), "rad"),
-    "max_torque": Layout(("L", 3), "N m"),
-    "max_speed": Layout(("L", 3), "rad/s"),
+    "lower": Layout(("L", "J"), "rad"),
+    "upper": Layout(("L", "J"), "rad"),
+    "max_torque": Layout(("L", "J"), "N m"),
+    "max_speed": Layout(("L", "J"), "rad/s"),
 }
-_NAMES = Layout(("J",), kind="text")  # leg by leg
+_NAMES = Layout(("M",), kind="text")  # leg by leg
 GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")}
 
 
@@ -181,9 +181,10 @@ def _legs(reader: Reader) -> WalkingLegs:
         for name, layout in (LEGS_OF_URDF | MOTORS).items()
     }
     names = reader.texts("robot/legs/joint_names", _NAMES)
-    legs = len(parts["posture"])
-    if len(names) != 3 * legs:
-        raise reader.refuse(f"robot/legs/joint_names has {len(names)} names, expected {3 * legs}")
-    each = tuple(tuple(names[3 * leg : 3 * leg + 3]) for leg in range(legs))
+    legs, joints = parts["posture"].shape
+    if len(names) != legs * joints:
+        count = legs * joints
+        raise reader.refuse(f"robot/legs/joint_names has {len(names)} names, expected {count}")
+    each = tuple(tuple(names[joints * leg : joints * (leg + 1)]) for leg in range(legs))
     chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF))
     return WalkingLegs(chain, **parts)

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from urdf_walkers import Walker
-from walking_urdf import walking_robot
+from walking_urdf import walking_robot, write_robot
 
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
+from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
 pytest.importorskip("pinocchio")
@@ -75,10 +76,24 @@ def test_boxes_are_reached_and_held_at_points_that_were_not_looked_at(found: Wal
     assert boxes.force >= 0.5 * found.mass * found.gravity
 
 
+def test_legs_of_four_joints_walk(tmp_path: Path) -> None:
+    found = walking_body(walking_robot(tmp_path, Walker(joints=4)))
+    assert found.legs.max_torque.shape == found.legs.chain.posture.shape == (4, 4)
+    assert (found.boxes.half > 0.02).all()
+
+
+def test_legs_have_as_many_joints_each(tmp_path: Path) -> None:
+    path = write_robot(tmp_path, Walker(joints=4))
+    path.write_text(path.read_text().replace("toe: R1_toe", "toe: R1_knee_link"))
+    robot = load_any_robot(path)
+    assert isinstance(robot, UrdfRobot)
+    with pytest.raises(SpecError, match="as many joints each, 4, as L1, got 3: R1_yaw"):
+        walking_body(robot)
+
+
 @pytest.mark.parametrize(
     ("walker", "more", "words"),
     [
-        (Walker(joints=4), "", "three joints, got 4"),
         (Walker(forward=TEN, sprawl_deg=(0.0,) * 5), "", "four, six or eight legs, got 10"),
         (Walker(effort=3.0), "", "cannot hold half the weight within its torque limits"),
         (QUADRUPED, "gravity: 0", "expected more than 0 to walk"),

@@ -22,7 +22,7 @@ from climbplan.spec.robots.urdf.source import UrdfRobot
 
 TO_WALKING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From climbing's axes (x right, y forward) to walking's (x forward, y left)."""
-_JOINTS = 3
+_LEAST, _MOST = 3, 7  # joints of a leg
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,10 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     """The body and legs of a robot section.
 
     Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for a robot
-    that has no pairs of legs with three joints, or has no room or no strength to walk.
+    that has no pairs of legs with as many joints each, or has no room or no strength to walk.
     """
     names = _leg_names(robot)
+    joints = len(robot.joints[names[0]])
     found = urdf_model(robot)
     mass = robot.spec.mass or found.mass()
     if not mass > 0:
@@ -54,7 +55,7 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         raise robot.refused([Finding(("gravity",), "expected more than 0 to walk")])
     at_zero = [found.leg(name) for name in names]
     lower, upper, posture = (
-        by_leg(_JOINTS, [[values[j] for j in leg.names] for leg in at_zero], 0.0)
+        by_leg(joints, [[values[j] for j in leg.names] for leg in at_zero], 0.0)
         for values in joint_angles_of(robot)
     )
     standing = {
@@ -62,7 +63,7 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         for leg, row in zip(at_zero, posture, strict=True)
         for joint, angle in zip(leg.names, row, strict=True)
     }
-    chain = chain_at_zero(at_zero, _JOINTS, found.center(standing), posture)
+    chain = chain_at_zero(at_zero, joints, found.center(standing), posture)
     chain = _turned(chain)
     toes = chain.joint_points(posture)[:, -1]
     order = in_pairs(toes.tolist())
@@ -75,8 +76,8 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         chain,
         lower[order],
         upper[order],
-        joint_limits(robot, [at_zero[i] for i in order], _JOINTS, "max_torque", "effort"),
-        joint_limits(robot, [at_zero[i] for i in order], _JOINTS, "max_speed", "velocity"),
+        joint_limits(robot, [at_zero[i] for i in order], joints, "max_torque", "effort"),
+        joint_limits(robot, [at_zero[i] for i in order], joints, "max_speed", "velocity"),
     )
     boxes = toe_boxes(
         chain, toes, legs.lower, legs.upper, legs.max_torque, mass * robot.spec.gravity
@@ -96,20 +97,22 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
 
 
 def _leg_names(robot: UrdfRobot) -> tuple[str, ...]:
-    """Legs as the section names them; raises SpecError for too many joints, or an odd leg."""
+    """Legs as the section names them; raises SpecError for legs that differ, or an odd one."""
     names = robot.limb_names
     faults = []
     if len(names) not in LEG_COUNTS:
         message = f"walking is of four, six or eight legs, got {len(names)}"
         faults.append(Finding(("legs",), message))
+    alike = len(robot.joints[names[0]])
+    wanted = f"{_LEAST} to {_MOST}" if not _LEAST <= alike <= _MOST else f"{alike}, as {names[0]}"
     faults += [
         Finding(
             ("legs", name),
-            f"walking is of legs with three joints, got {len(robot.joints[name])}: "
-            + ", ".join(joint.name for joint in robot.joints[name]),
+            f"walking is of legs with as many joints each, {wanted}, got {len(own)}: "
+            + ", ".join(joint.name for joint in own),
         )
-        for name in names
-        if len(robot.joints[name]) != _JOINTS
+        for name, own in robot.joints.items()
+        if len(own) != alike or not _LEAST <= alike <= _MOST
     ]
     faults += [
         Finding(("legs", name, "stance"), "walking stands as `posture_deg` has it")

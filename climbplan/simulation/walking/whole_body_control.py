@@ -9,6 +9,7 @@ simulated world adds (a payload, another friction) is not known here.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,14 +17,17 @@ import daqp
 import numpy as np
 
 from climbplan.robots.rotations import skew
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.task import Array, Flags, Whole
 
 BODY_STIFF = 12.0  # [rad/s] of the body's way back to its path, critically damped
 SWING_STIFF = 60.0  # [rad/s] of a swinging toe's, critically damped
+_BEND_STIFF = 8.0  # [rad/s] of joints that no toe needs, likewise
 _STAND_DAMPING = 60.0  # [1/s] of what speed a standing toe has
 # Weights of squared accelerations: on two legs a body that is pushed aside can be slowed down by
 # leaning alone, and rather keeps upright until a leg has stepped aside.
 _LEVEL, _UP, _TURN, _SWING, _STAND = 5.0, 50.0, 50.0, 5.0, 50.0
+_BEND = 1e-3  # of joints that no toe needs: their masses move the body
 _FORCE = 20.0  # of squared departures from planned forces, in robot's weights
 _CALM = 1e-4  # of squared joint accelerations
 _LEAST = 1.0  # [N] pressure of a leg that stands
@@ -49,20 +53,29 @@ class Wanted:
 class Commanded:
     """A tick's answer."""
 
-    torque: Array  # (12,) [N m]
+    torque: Array  # (L J,) [N m]
     force: Array  # (L, 3) that it counts on [N]
     solved: bool
 
 
 class WholeBodyControl:
-    """The QP of one robot. `dof`: (L, 3) addresses of joint speeds in MuJoCo's model."""
+    """The QP of one robot. `at`, `dof`: (L, J) addresses of angles and speeds in MuJoCo's model."""
 
     def __init__(
-        self, mujoco: Any, model: Any, dof: Array, limits: Array, friction: float, weight: float
+        self,
+        mujoco: Any,
+        model: Any,
+        at: Array,
+        dof: Array,
+        legs: WalkingLegs,
+        friction: float,
+        weight: float,
     ) -> None:
         self.mujoco, self.model, self.data = mujoco, model, mujoco.MjData(model)
-        self.joints = np.asarray(dof, int).ravel()
-        self.limits, self.friction, self.weight = limits.ravel(), friction, weight
+        self.at, self.dof = np.asarray(at, int), np.asarray(dof, int)
+        self.joints = self.dof.ravel()
+        self.posture = legs.chain.posture
+        self.limits, self.friction, self.weight = legs.max_torque.ravel(), friction, weight
         self.sites = [model.site(f"toe{leg}").id for leg in range(len(dof))]
         self.bodies = [int(model.site_bodyid[site]) for site in self.sites]
         self.root = model.body("body").id
@@ -132,6 +145,19 @@ class WholeBodyControl:
             drifts.append(rate @ qvel)
         return jacobians, drifts
 
+    def _bends(self, jacobians: list[Array], unknowns: int) -> Iterator[tuple[Array, Array, float]]:
+        """Of legs of more than three joints: what moves no toe goes back to the posture."""
+        if self.dof.shape[1] <= 3:
+            return
+        data = self.data
+        for leg, own in enumerate(self.dof):
+            by_joint = jacobians[leg][:, own]
+            free = np.eye(len(own)) - np.linalg.pinv(by_joint) @ by_joint
+            off, speed = self.posture[leg] - data.qpos[self.at[leg]], data.qvel[own]
+            rows = np.zeros((len(own), unknowns))
+            rows[:, own] = free
+            yield rows, free @ (_BEND_STIFF**2 * off - 2 * _BEND_STIFF * speed), _BEND
+
     def _costs(
         self,
         wanted: Wanted,
@@ -158,6 +184,7 @@ class WholeBodyControl:
                 tasks.append((toe, -_STAND_DAMPING * speed - drifts[leg], _STAND))
             else:
                 tasks.append((toe, wanted.toes[leg] - drifts[leg], _SWING))
+        tasks += self._bends(jacobians, unknowns)
         hessian = np.zeros((unknowns, unknowns))
         gradient = np.zeros(unknowns)
         for rows, target, weight in tasks:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.replay import load_mujoco
 from climbplan.simulation.walking.model import TIME_STEP
@@ -63,8 +64,8 @@ class Pushed:
 class WholeRun(WalkRun):
     """A run of the whole robot; maxima are until the next sample."""
 
-    torque: Array  # (S, L, 3) largest share of the torque limit
-    speed: Array  # (S, L, 3) largest share of the speed limit
+    torque: Array  # (S, L, J) largest share of the torque limit
+    speed: Array  # (S, L, J) largest share of the speed limit
     unanswered: int  # ticks whose QP had no answer
     pushes: tuple[Pushed, ...]
     ticks: int
@@ -97,13 +98,13 @@ class _Player:
         self.data = self.mujoco.MjData(self.model)
         self.reference = WholeReference(plan)
         hinges = [
-            [self.model.joint(f"{leg}_{j}") for j in range(3)]
+            [self.model.joint(f"{leg}_{j}") for j in range(self.legs.chain.joint_count)]
             for leg in range(plan.task.body.leg_count)
         ]
         self.at = np.array([[hinge.qposadr[0] for hinge in row] for row in hinges])
         self.dof = np.array([[hinge.dofadr[0] for hinge in row] for row in hinges])
         self.control = WholeBodyControl(
-            self.mujoco, make(whole_model(plan, known, NOMINAL)), self.dof, self.legs.max_torque,
+            self.mujoco, make(whole_model(plan, known, NOMINAL)), self.at, self.dof, self.legs,
             plan.task.ground.friction, plan.task.weight,
         )  # fmt: skip
         self.root = self.model.body("body").id
@@ -139,7 +140,7 @@ class _Player:
                 watch(sample, self.model, self.data)
             fell = self._lies(row)
             last = sample + 1 == len(time) or fell
-            rows.append(row | (_nothing(len(self.sites)) if last else self._interval(sample)))
+            rows.append(row | (_nothing(self.legs) if last else self._interval(sample)))
             if progress is not None:
                 progress((sample + 1) / len(time))
             if fell:
@@ -174,7 +175,7 @@ class _Player:
         data.qvel[3:6] = spin
         away = -(drift + np.cross(spin, spots))  # (L, 3) of toes in the body
         jacobian = legs.chain.jacobian(angles)
-        data.qvel[self.dof] = np.linalg.solve(jacobian, away[..., None])[..., 0]
+        data.qvel[self.dof] = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
         self.mujoco.mj_forward(self.model, data)
 
     def _interval(self, sample: int) -> dict[str, Any]:
@@ -182,7 +183,7 @@ class _Player:
         steps = max(round((end - begin) / TIME_STEP), 1)
         stands = np.asarray(self.reference.contact[sample], bool)
         planned = self.reference.planned_force(sample)
-        total = _nothing(len(self.sites))
+        total = _nothing(self.legs)
         for step in range(steps):
             now = begin + step * (end - begin) / steps
             lose_contacts(self.model, self.toe_geom, self.conditions, now)
@@ -239,7 +240,7 @@ class _Player:
         )  # fmt: skip
         self.ticks += 1
         self.unanswered += not self.commanded.solved
-        self.torque = self.commanded.torque.reshape(-1, 3)
+        self.torque = self.commanded.torque.reshape(self.legs.max_torque.shape)
 
     def _toes(self, now: float, stands: Flags, toes: Array, capture: Array) -> tuple[Array, Flags]:
         """Accelerations (L, 3) of toes that do not carry, and which carry."""
@@ -299,5 +300,6 @@ class _Player:
         }
 
 
-def _nothing(legs: int) -> dict[str, Any]:
-    return nothing(legs) | {"torque": np.zeros((legs, 3)), "speed": np.zeros((legs, 3))}
+def _nothing(legs: WalkingLegs) -> dict[str, Any]:
+    none = np.zeros_like(legs.max_torque)
+    return nothing(len(none)) | {"torque": none, "speed": none.copy()}

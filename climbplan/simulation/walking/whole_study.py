@@ -125,7 +125,8 @@ def headline(found: SimulatedWhole) -> str:
     kept = found.velocity_off
     speed = "" if kept is None else f", mean velocity {kept:.1%} off"
     torque = f"torques at most {run.torque.max():.0%} of their limits"
-    return f"{end}, {len(compared.slips)} slips, {lost}{off}{speed}, {torque}"
+    fast = f"joint speeds {run.speed.max():.0%}"
+    return f"{end}, {len(compared.slips)} slips, {lost}{off}{speed}, {torque}, {fast}"
 
 
 def report_dict(found: SimulatedWhole) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.task import Array, Flags
 
 _ITERATIONS = 60
-_NEAR = 1e-11  # [m]
+_NEAR, _STILL = 1e-11, 1e-9  # [m], [rad]
 _LONGEST = (
     0.3  # [rad] turned by a joint in one step: keeps to the bend of the knee that it stands in
 )
@@ -34,20 +34,21 @@ def _turned_about(axis: Array, angle: float, R: Array) -> None:
 
 @compiled
 def leg_pose(joint: Array, axis: Array, toe: Array, angles: Array, jacobian: Array) -> Array:
-    """The toe (3,) of a leg of three joints at angles (3,), and its Jacobian (3, 3), body frame.
+    """The toe (3,) of a leg at angles (J,), and its Jacobian (3, J), body frame.
 
-    joint, axis (3, 3) and toe (3,) at zero angles.
+    joint, axis (J, 3) and toe (3,) at zero angles.
     """
+    count = joint.shape[0]
     R, one = np.eye(3), np.empty((3, 3))
-    at, points, axes = joint[0].copy(), np.empty((3, 3)), np.empty((3, 3))
-    for j in range(3):
+    at, points, axes = joint[0].copy(), np.empty((count, 3)), np.empty((count, 3))
+    for j in range(count):
         points[j] = at
         axes[j] = R @ axis[j]
         _turned_about(axis[j], angles[j], one)
         R = R @ one
-        end = joint[j + 1] if j < 2 else toe
+        end = joint[j + 1] if j < count - 1 else toe
         at = at + R @ (end - joint[j])
-    for j in range(3):
+    for j in range(count):
         arm = at - points[j]
         jacobian[0, j] = axes[j, 1] * arm[2] - axes[j, 2] * arm[1]
         jacobian[1, j] = axes[j, 2] * arm[0] - axes[j, 0] * arm[2]
@@ -59,21 +60,27 @@ def leg_pose(joint: Array, axis: Array, toe: Array, angles: Array, jacobian: Arr
 def leg_jacobian(
     joint: Array, axis: Array, toe: Array, posture: Array, spot: Array, jacobian: Array
 ) -> bool:
-    """The Jacobian (3, 3) of a leg whose toe is at a spot (3,); False where it does not get there.
+    """The Jacobian (3, J) of a leg whose toe is at a spot (3,); False where it does not get there.
 
-    Newton's steps from the posture (3,), short enough to keep to its bend.
+    Newton's steps from the posture (J,), short enough to keep to its bend; of a leg of more than
+    three joints to the angles that are nearest to it, as everywhere.
     """
-    angles = posture.copy()
+    angles, free = posture.copy(), posture.shape[0] > 3
+    step = np.zeros_like(posture)
     for _ in range(_ITERATIONS):
         off = spot - leg_pose(joint, axis, toe, angles, jacobian)
         distance = np.sqrt((off**2).sum())
-        if distance < _NEAR:
+        if distance < _NEAR and (not free or np.abs(step).max() < _STILL):
             return True
         square = jacobian @ jacobian.T
         damping = _DAMPED * (square[0, 0] + square[1, 1] + square[2, 2])
         for i in range(3):
             square[i, i] += damping
-        step = jacobian.T @ np.linalg.solve(square, off)
+        if free:
+            back = posture - angles
+            step = back + jacobian.T @ np.linalg.solve(square, off - jacobian @ back)
+        else:
+            step = jacobian.T @ np.linalg.solve(square, off)
         longest = np.abs(step).max()
         angles += step * min(1.0, _LONGEST / max(longest, 1e-300))
     return distance < 1e-6
@@ -91,14 +98,15 @@ def torque_rows(
     scale: float,
     rows: Array,
 ) -> None:
-    """Rows (6 F, Z): torques of the F standing legs' joints by force unknowns, J' R' f scale.
+    """Rows (2 J F, Z): torques of the F standing legs' joints by force unknowns, J' R' f scale.
 
     Of each leg at the beginning of an interval and at its end, when the body has moved on. joint,
-    axis (L, 3, 3), toe, posture (L, 3): legs; state (N + 1, 12); toes (N + 1, L, 3); contact
+    axis (L, J, 3), toe (L, 3), posture (L, J): legs; state (N + 1, 12); toes (N + 1, L, 3); contact
     (N + 1, L). Where a leg does not reach, its workspace rows say so, and nothing is said here.
     """
     knots, legs = contact.shape
-    R, jacobian = np.empty((3, 3)), np.empty((3, 3))
+    joints = joint.shape[1]
+    R, jacobian = np.empty((3, 3)), np.empty((3, joints))
     count = 0
     for n in range(knots - 1):
         for leg in range(legs):
@@ -109,8 +117,8 @@ def torque_rows(
                 spot = R.T @ (toes[n, leg] - state[n + late, :3])
                 there = leg_jacobian(joint[leg], axis[leg], toe[leg], posture[leg], spot, jacobian)
                 world = R @ jacobian
-                for j in range(3):
-                    row = 6 * count + 3 * late + j
+                for j in range(joints):
+                    row = joints * (2 * count + late) + j
                     for i in range(3):
                         rows[row, 3 * count + i] = scale * world[i, j] if there else 0.0
             count += 1

@@ -34,7 +34,6 @@ _NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
 _SOFT = 8  # rows that DAQP may break at a price
 _FAR = 1e30
-_TORQUES = 6  # rows of a force: three joints, at both ends of its interval
 _IN_HAND = 0.999  # of torque limits, for what iterates still move
 _MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
@@ -348,10 +347,12 @@ class PinnedProgram:
         standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
         leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
         friction = self.forces * FACETS
-        goal, motorised = 2 * int(self.task.goal.stated), self.task.legs is not None
+        goal, legs = 2 * int(self.task.goal.stated), self.task.legs
+        # Of a force at both ends of its interval
+        torques = 2 * legs.chain.joint_count if legs is not None else 0
         moving = 3 * int(standing + leaving) + 2 * int(lifted) + goal
         self.motors = self.fixed + moving  # first row of torques
-        rows = np.zeros((self.motors + _TORQUES * self.forces * motorised, self.size))
+        rows = np.zeros((self.motors + torques * self.forces, self.size))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
         angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
         slope = self.task.ground.friction * np.cos(np.pi / FACETS)

@@ -7,21 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from climbplan.datasets.verification import verify
 from climbplan.datasets.work import make_row
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_file import write_dataset_file
+from climbplan.plans.dataset_file import read_dataset_file, write_dataset_file
 from climbplan.plans.dataset_row import dataset_of
-from climbplan.spec.datasets.walks import WalksProblemSpec
+from climbplan.spec.datasets.walks import WalksProblemSpec, WorldRangesSpec
 from climbplan.spec.walking.loading import load_body
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.dataset_rows import WalkRows, task_of_frame, walk_of
+from climbplan.walking.draws import TREADS, in_world
 from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
-from climbplan.walking.online.library import SECTION
+from climbplan.walking.online.library import SECTION, sections_of
 from climbplan.walking.online.run import library_key
 from climbplan.walking.problem import build_task
+from climbplan.walking.task import Gait, WalkTrajectory
 
 SPEC = WalksProblemSpec.model_validate(
     {
@@ -87,3 +90,66 @@ def test_a_spoilt_walk_is_found(walks: Dataset, tmp_path: Path) -> None:
     other = replace(walks, frame=replace(walks.frame, facts={"body": 3}))
     with pytest.raises(PlanFileError, match="not those of a walking task"):
         task_of_frame(other.frame, path)
+
+
+WORLDS = SPEC.model_copy(update={"world": WorldRangesSpec(mass=0.3, rise=0.05, tread=(0.15, 0.3))})
+
+
+@pytest.fixture(scope="module")
+def worlds() -> Dataset:
+    source = WalkRows(WORLDS, load_body("scaler"))
+    return dataset_of(source.frame, [make_row(source, 3, index) for index in range(3)])
+
+
+def test_walks_in_worlds_of_their_own_are_read_back(worlds: Dataset, tmp_path: Path) -> None:
+    path = tmp_path / "dataset.h5"
+    write_dataset_file(worlds, path)
+    data = read_dataset_file(path)
+    task = task_of_frame(data.frame, path)
+    rows = np.flatnonzero(data.feasible).tolist()
+    assert rows
+    for row in rows:
+        own, found = walk_of(task, data, row)
+        assert own.ground.count == 2 * TREADS + 1
+        assert not failures(check_trajectory(own, found))
+        standing = found.gait.contact[0]
+        assert np.allclose(own.start.toes[standing], found.toes[0, standing])
+    factor = data.parameters[:, data.frame.parameter_names.index("mass_factor")]
+    assert len(set(factor)) == 3
+    assert ((factor >= 0.7) & (factor <= 1.3)).all()
+    assert walk_of(task, data, rows[0])[0].body.mass == factor[rows[0]] * task.body.mass
+    assert all(check.passed for check in verify(path).checks if check.name.startswith("rows."))
+    # Such walks serve the controller of flat ground, which finds footholds by itself.
+    library = library_of_dataset(path, library_key(task), library_key)
+    assert library.walks == len(rows)
+
+
+def test_sections_have_heights_above_their_own_ground() -> None:
+    task = build_task(SPEC.walk, load_body("scaler"))
+    world = np.concatenate([[1.0], *2 * [[0.25, 0.5, 0.75, 1.0]], np.full(2 * TREADS, 0.04)])
+    raised = in_world(task, world)
+    state = np.tile(task.start.state, (task.knots + 1, 1))
+    state[:, 0] = 0.6  # all feet on treads of the same height
+    flat = sections_of(task, _standing(state), 0)
+    state[:, 2] += 0.04
+    above = sections_of(raised, _standing(state), 0)
+    assert np.allclose(above.features, flat.features)
+    assert np.allclose(above.state, flat.state)
+
+
+def _standing(state: np.ndarray) -> WalkTrajectory:
+    knots = len(state)
+    toes = np.zeros((knots, 4, 3))
+    gait = Gait(np.ones((knots, 4), bool), np.zeros((knots, 4), np.int64))
+    return WalkTrajectory(state, toes, toes, gait)
+
+
+def test_a_flat_world_leaves_ground_and_toes_as_they_are() -> None:
+    task = build_task(SPEC.walk, load_body("scaler"))
+    world = np.concatenate([[1.2], np.ones(2 * TREADS), np.zeros(2 * TREADS)])
+    same = in_world(task, world)
+    assert same.ground is task.ground
+    assert same.body.mass == pytest.approx(1.2 * task.body.mass)
+    assert np.array_equal(same.start.toes, task.start.toes)
+    with pytest.raises(ValidationError, match="the shorter first"):
+        WorldRangesSpec(tread=(0.5, 0.2))

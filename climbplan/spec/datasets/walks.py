@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Count, Fault, Number, SpecModel, quantity, refuse
+from climbplan.spec.base import Count, Fault, Interval, Number, SpecModel, quantity, refuse
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.walking.task import WalkTaskSpec, WalkWeightsSpec
 from climbplan.spec.walking.terrain import WalkTerrainSpec
@@ -26,6 +26,30 @@ class StartRangesSpec(SpecModel):
     toes: Number = quantity("m", "toes along x and y", default=0.04, ge=0, le=0.2)
 
 
+class WorldRangesSpec(SpecModel):
+    """Robots and ground drawn anew for each walk; left out both are as the spec says."""
+
+    mass: Number = quantity(
+        "", "share of the mass either way; the inertia goes with it", default=0.0, ge=0, lt=1
+    )
+    rise: Number = quantity(
+        "m",
+        "from one tread across the way to the next, up or down; 0: flat ground",
+        default=0.0,
+        ge=0,
+        le=0.2,
+    )
+    tread: Interval = quantity("m", "lengths of treads, from and to", default=(0.2, 0.5))
+
+    @model_validator(mode="after")
+    def _lengths(self) -> Self:
+        low, high = self.tread
+        if not 0.05 <= low <= high <= 5.0:
+            message = f"expected lengths from 0.05 to 5, the shorter first, got {[low, high]}"
+            refuse([Fault("tread", message)])
+        return self
+
+
 class WalkRowSolverSpec(SpecModel):
     """Method and limits of a row."""
 
@@ -42,7 +66,7 @@ class WalkRowSolverSpec(SpecModel):
 
 
 class WalksProblemSpec(SpecModel):
-    """Random starts of a walking task on flat ground."""
+    """Random starts of a walking task, on flat ground or in worlds that are drawn, too."""
 
     kind: Literal["mpc"] = Field(description="always `mpc`")
     robot: str = Field(
@@ -58,6 +82,8 @@ class WalksProblemSpec(SpecModel):
     """The objective."""
     start: StartRangesSpec = StartRangesSpec()
     """What starts are drawn from."""
+    world: WorldRangesSpec = WorldRangesSpec()
+    """What robots and ground are drawn from."""
     solver: WalkRowSolverSpec = WalkRowSolverSpec()
     """Method and limits."""
 
@@ -65,7 +91,10 @@ class WalksProblemSpec(SpecModel):
     def _solvable(self) -> Self:
         faults = []
         if self.terrain.regions:
-            faults.append(Fault("terrain.regions", "walks of a dataset are on flat ground"))
+            message = "walks of a dataset are on flat ground, or on treads by `problem.world.rise`"
+            faults.append(Fault("terrain.regions", message))
+        if 2 * self.terrain.edge >= self.world.tread[0]:
+            faults.append(Fault("terrain.edge", "leaves nothing of the shortest tread"))
         if self.task.knots < 5:
             faults.append(Fault("task.knots", f"sections need 5 knots, got {self.task.knots}"))
         refuse(faults)

@@ -23,6 +23,7 @@ from climbplan.walking.online.features import (
     features_of,
 )
 from climbplan.walking.online.measurement import Situation
+from climbplan.walking.problem import ground_under
 from climbplan.walking.task import (
     ANGLES,
     POSITION,
@@ -137,7 +138,11 @@ def build_library(
 
 
 def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
-    """Every run of `SECTION` knots of a walk."""
+    """Every run of `SECTION` knots of a walk, with heights above the ground that it is to walk on.
+
+    That is the ground under the next knot of its reference, as a tick has it.
+    """
+    above, under = _heights(task, found)
     rows: list[tuple[Any, ...]] = []
     for n in range(task.knots - SECTION + 1):
         before = max(n - 1, 0)
@@ -148,15 +153,27 @@ def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
             found.gait.contact[before] if n else np.ones_like(found.gait.contact[0]),
         )
         here = slice(n, n + SECTION + 1)
-        base = np.array([*found.state[n, :2], 0.0])
+        base = np.array([*found.state[n, :2], under[n]])
         state, toes = found.state[here].copy(), found.toes[here] - base
         state[:, POSITION] -= base
-        features = features_of(situation, float(task.reference.height[0]))
+        features = features_of(situation, above + under[n])
         rows.append((features, state, toes, found.force[here], found.gait.contact[here]))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     features, state, toes, force, contact = columns
     number = np.full(len(rows), walk, np.int64)
     return Library(features, state, toes, force, contact.astype(bool), number)
+
+
+def _heights(task: WalkTask, found: WalkTrajectory) -> tuple[float, Array]:
+    """Height of the reference above the ground, and of the ground (N + 1,) ahead of each knot."""
+    reference, ground = task.reference, task.ground
+    if ground.endless:
+        return float(reference.height[0]), np.zeros(len(found.state))
+    ahead = found.state[:, :2] + task.step * reference.velocity[0, :2]
+    under = ground_under(ground, task.body, ahead, reference.euler[0])
+    start = task.start.state[None, :2] + task.steps[0] * reference.velocity[0, :2]
+    first = ground_under(ground, task.body, start, reference.euler[0])
+    return float(reference.height[0] - first[0]), under
 
 
 def symmetric(task: WalkTask) -> bool:

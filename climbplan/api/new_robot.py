@@ -1,4 +1,4 @@
-"""Files for a robot from its URDF alone: the robot, a walk and a climb that plan as they are."""
+"""Files for a robot from its URDF alone: the robot, and specs that plan as they are."""
 
 from __future__ import annotations
 
@@ -32,19 +32,18 @@ def new_robot(
     report("proposing legs, toes and postures")
     found = propose(urdf)
     made = planned_proposal(found, directory, report)
+    found = made.found
     report("planning a walk at speed")
     robot_file, walk_file = f"{made.name}.yaml", f"{made.name}_walk.yaml"
     walk = proposed_walk(found, robot_file)
-    outcomes = (made.walk, made.climb, walk)
+    outcomes = (made.walk, made.climb, made.wall, walk)
     notes = [f"implausible: {text}" for text in found.odd]
     notes += [f"assumed: {text}" for text in found.assumed]
     notes += [str(outcome) for outcome in outcomes]
     badges = [
         (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
-        for one in (made.walk, made.climb)
+        for one in outcomes
     ]
-    what = "walks at speed"
-    badges.append((what if walk.verified else f"not found: {what}", walk.verified))
     walks = {walk_file: walk.text} if walk.text else {}
-    page = {f"{made.name}.html": robot_page(found, made.brace, badges)}
+    page = {f"{made.name}.html": robot_page(found, made.climb.brace, badges)}
     return NewRobot(made.name, made.files | walks | page, tuple(notes))

@@ -13,16 +13,10 @@ import numpy as np
 from climbplan.climb.check.verification import verify
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.file import write_climb
+from climbplan.climb.transition.carrying import Complete, Found, Run, assemble, carry_through
 from climbplan.climb.transition.homotopy import run_start
 from climbplan.climb.transition.motion import plan_motion
-from climbplan.climb.transition.planner import (
-    Complete,
-    Found,
-    Run,
-    assemble,
-    carry_through,
-    plan_transition,
-)
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import Search

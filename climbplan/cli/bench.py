@@ -53,6 +53,7 @@ _KNOWN = {
     "stands": ("count",),
     "judge": ("count",),
     "scans": ("scenes",),
+    "zoo": ("scenes",),
     "instances": ("methods", "count", "seconds"),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
@@ -73,7 +74,7 @@ def bench(
             "--scenes",
             metavar="FILE[:GROUP]",
             help="Scenes to solve [default: generated, with pymunk]; of scans: folder of "
-            "meshes [.].",
+            "meshes [.]; of zoo: robots, by commas.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -194,8 +195,8 @@ def bench(
             "--out",
             "-o",
             metavar="DIR",
-            help="Also write tables, JSON and plots there; of instances: results, which a later "
-            "run goes on with.",
+            help="Also write tables, JSON and plots there; of instances and zoo: results, which a "
+            "later run goes on with.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -213,7 +214,8 @@ def bench(
     `bench strategies`; `bench limms` knows --methods, --count and --time-limit of them, `bench mpc`
     --methods (offline, envelopes, bounds, stones, ticks, strategies, recovery, pushes), --count,
     --library and --library-size, `bench refusals` --count and --time-limit, `bench stands` and
-    `bench judge` --count, `bench scans` --scenes, the folder of its meshes.
+    `bench judge` --count, `bench scans` --scenes, the folder of its meshes, `bench zoo` --scenes,
+    its robots, and --out.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -250,8 +252,8 @@ def bench(
         raise UsageError("--published goes with `bench bookshelf`")
     if name == "bookshelf" and clusters is not None:
         raise UsageError("--clusters goes with `bench strategies`")
-    if name == "instances" and as_json:
-        raise UsageError("`bench instances` has no --json: results.csv of --out has all numbers")
+    if name in ("instances", "zoo") and as_json:
+        raise UsageError(f"`bench {name}` has no --json: results.csv of --out has all numbers")
     session = context.ensure_object(Session)
     for chosen in [name] if name is not None else BENCHMARKS:
         session.note(f"bench {chosen}: {BENCHMARKS[chosen]}")
@@ -308,10 +310,10 @@ def bench(
                 bench_scans(quick, stream, scenes)
             continue
         if chosen == "zoo":
-            from climbplan.bench.climb.zoo import bench_zoo
+            from climbplan.bench.zoo.run import bench_zoo
 
             with standard_output() as stream:
-                bench_zoo(quick, stream)
+                bench_zoo(quick, stream, scenes, out)
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

@@ -55,8 +55,9 @@ def new(
 ) -> None:
     """Write a commented example spec that runs as it is, and print its path.
 
-    With --urdf or --package: NAME.yaml, NAME_ground.yaml, NAME_chimney.yaml and the page NAME.html
-    of a robot, with legs, toes, postures and stiffness proposed and what is assumed marked.
+    With --urdf or --package: NAME.yaml, specs of a robot on the ground, between walls, from the
+    ground to walls and walking (NAME_ground, _chimney, _wall, _walk) and the page NAME.html, with
+    legs, toes, postures and stiffness proposed and what is assumed marked.
     """
     if urdf is not None or package is not None:
         _new_robot(context, kind, urdf, package, example, directory, force)

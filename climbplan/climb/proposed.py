@@ -1,4 +1,4 @@
-"""A proposed robot put to the test: a walk on ground and a climb between walls, as planned."""
+"""A proposed robot put to the test: over ground, up stairs, between walls, from ground to walls."""
 
 from __future__ import annotations
 
@@ -6,26 +6,35 @@ import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
-from climbplan.robots.urdf.proposal.document import (
+from climbplan.robots.urdf.proposal.document import paths, robot_document
+from climbplan.robots.urdf.proposal.postures import Posture
+from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.spec_documents import (
     chimney_document,
     ground_document,
-    paths,
-    robot_document,
+    stairs_document,
+    wall_document,
 )
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.proposing import Proposal
+from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.spec.loading import load_climb
 
+_STANDINGS = 4  # standing postures that are planned with
 _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
+_WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
+_WALL_PLANS = 3  # transitions that are planned to the end, at most
 _LIMIT = 20.0  # [s] of a posture planner's time
+_WALL_LIMIT = 60.0  # [s] of a transition's search
 _METHOD = ("solver.method=micp", f"solver.time_limit={_LIMIT}")
+_WALL_METHOD = ("solver.method=enumerate", f"solver.time_limit={_WALL_LIMIT}")
 
 Told = Callable[[str], None]
 
@@ -37,6 +46,8 @@ class Outcome:
     what: str  # "walks on ground"
     plan: ClimbPlan | None  # that is verified
     why: str  # there is none
+    text: str = ""  # of the spec; empty where there is none
+    brace: Posture | None = None  # between its walls
 
     @property
     def share(self) -> float:
@@ -55,43 +66,122 @@ class Proposed:
     """Files by name, and what became of their specs."""
 
     name: str
+    found: Proposal  # in the standing posture that was settled on
     files: dict[str, str]
     walk: Outcome
     climb: Outcome
-    brace: Posture | None  # between the walls of the climb's spec
+    wall: Outcome
+
+
+class Trials:
+    """Specs of a proposed robot, planned in a folder; a folder is for one robot."""
+
+    def __init__(self, found: Proposal, folder: Path) -> None:
+        """Settle on the roomiest of its standing postures in which it walks on ground."""
+        self.folder = folder
+        self.name = _file_name(found.name)
+        self.robot_file = f"{self.name}.yaml"
+        self._stand(found)
+        self.ground = first = self._walk()
+        for other in islice(found.otherwise(), _STANDINGS - 1):
+            if self.ground.plan is not None:
+                return
+            self._stand(other)
+            self.ground = self._walk()
+        if self.ground.plan is None and self.found is not found:
+            self._stand(found)
+            self.ground = first
+
+    def _stand(self, found: Proposal) -> None:
+        """Write the robot file, for what is planned from now on."""
+        self.found = found
+        text = robot_document(found, str(found.draft.urdf), "")
+        (self.folder / self.robot_file).write_text(text, encoding="utf-8")
+
+    def _walk(self) -> Outcome:
+        """A few steps on flat ground."""
+        return self._outcome("walks on ground", ground_document(self.found, self.robot_file))
+
+    def stairs(self) -> Outcome:
+        """Up two stairs."""
+        return self._outcome("walks up stairs", stairs_document(self.found, self.robot_file))
+
+    def chimney(self, report: Told) -> Outcome:
+        """Up between walls: in the first posture whose plan keeps nearly all of its margins.
+
+        Else in the one that keeps most; where none leads to a plan, the best by the proposal, with
+        its refusal.
+        """
+        return self._braced("climbs between walls", chimney_document, report, _ENOUGH, _TRIED)
+
+    def wall(self, report: Told) -> Outcome:
+        """From the ground to walls, chosen likewise."""
+        what = "goes from the ground to walls"
+        return self._braced(what, wall_document, report, _WALL_ENOUGH, _WALL_PLANS)
+
+    def _braced(
+        self,
+        what: str,
+        document: Callable[[Proposal, str, Posture], str],
+        report: Told,
+        enough: float,
+        most: int,
+    ) -> Outcome:
+        best: Outcome | None = None
+        planned = 0
+        for number, posture in enumerate(_varied(self.found.braces), 1):
+            report(f"planning: {what}, posture {number}")
+            one = self._outcome(what, document(self.found, self.robot_file, posture), posture)
+            planned += one.plan is not None
+            if best is None or one.share > best.share:
+                best = one
+            if best.share >= enough or planned == most:
+                break
+        if best is not None:
+            return best
+        why = f"no posture between walls was found{self.found.lacks}"
+        return Outcome(what, None, why)
+
+    def _outcome(self, what: str, text: str, brace: Posture | None = None) -> Outcome:
+        """The verified plan of a spec, or why there is none."""
+        path = self.folder / "spec.yaml"
+        path.write_text(text, encoding="utf-8")
+        try:
+            if text.partition("\nkind: ")[2].startswith("transition"):
+                plan = plan_transition(load_transition(path, _WALL_METHOD))
+            else:
+                plan = plan_climb(load_climb(path, _METHOD))
+        except (NoPlanFound, SpecError, UsageError) as error:
+            return Outcome(what, None, _why(error), text, brace)
+        verification = verification_of(plan)
+        if not verification.passed:
+            why = f"the plan fails its verification: {verification.headline()}"
+            return Outcome(what, None, why, text, brace)
+        return Outcome(what, plan, "", text, brace)
 
 
 def planned_proposal(found: Proposal, directory: Path, report: Told) -> Proposed:
     """Specs of a proposed robot, each planned by the global method before it is written.
 
-    Paths in the files are for `directory`; report: told what is being done. The climb's spec has
-    the first bracing posture whose plan keeps nearly all of its margins, or the one that keeps
-    most; where none leads to a plan, the best by the proposal, with its refusal.
+    Paths in the files are for `directory`; report: told what is being done.
     """
-    name = _file_name(found.name)
-    robot_file, ground, chimney = (f"{name}{end}.yaml" for end in ("", "_ground", "_chimney"))
-    files = {
-        robot_file: robot_document(found, paths(found, directory), f"{ground}, {chimney}"),
-        ground: ground_document(found, robot_file),
-    }
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        absolute = robot_document(found, str(found.draft.urdf), "")
-        (place / robot_file).write_text(absolute, encoding="utf-8")
         report("planning a walk on flat ground")
-        walk = _outcome("walks on ground", place / ground, files[ground])
-        what = "climbs between walls"
-        climb = Outcome(what, None, "no posture between walls holds it with any leg lifted")
-        brace: Posture | None = None
-        for number, posture in enumerate(_varied(found.braces), 1):
-            report(f"planning a climb between walls, posture {number}")
-            text = chimney_document(found, robot_file, posture)
-            one = _outcome(what, place / chimney, text)
-            if brace is None or one.share > climb.share:
-                brace, climb, files[chimney] = posture, one, text
-            if climb.share >= _ENOUGH:
-                break
-    return Proposed(name, files, walk, climb, brace)
+        trials = Trials(found, Path(folder))
+        outcomes = trials.ground, trials.chimney(report), trials.wall(report)
+    specs = {
+        f"{trials.name}_{end}.yaml": outcome.text
+        for end, outcome in zip(("ground", "chimney", "wall"), outcomes, strict=True)
+        if outcome.text
+    }
+    robot = robot_document(trials.found, paths(found, directory), ", ".join(specs))
+    return Proposed(trials.name, trials.found, {trials.robot_file: robot} | specs, *outcomes)
+
+
+def _why(error: Exception) -> str:
+    """The first two lines of a refusal: what is lacking often stands in the second."""
+    lines = [line.strip() for line in str(error).splitlines()[:2]]
+    return "; ".join(line for line in lines if line)
 
 
 def _varied(braces: tuple[Posture, ...]) -> list[Posture]:
@@ -100,19 +190,6 @@ def _varied(braces: tuple[Posture, ...]) -> list[Posture]:
     for brace in braces:
         by_friction.setdefault(brace.friction, []).append(brace)
     return [brace for own in by_friction.values() for brace in own[: _TRIED // len(by_friction)]]
-
-
-def _outcome(what: str, path: Path, text: str) -> Outcome:
-    """The verified plan of a spec, or why there is none."""
-    path.write_text(text, encoding="utf-8")
-    try:
-        plan = plan_climb(load_climb(path, list(_METHOD)))
-    except (NoPlanFound, SpecError, UsageError) as error:
-        return Outcome(what, None, str(error).partition("\n")[0])
-    verification = verification_of(plan)
-    if not verification.passed:
-        return Outcome(what, None, f"the plan fails its verification: {verification.headline()}")
-    return Outcome(what, plan, "")
 
 
 def _file_name(name: str) -> str:

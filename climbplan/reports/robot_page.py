@@ -14,7 +14,7 @@ from climbplan.robots.facts import robot_facts
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import with_stance
 from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.proposing import Proposal
+from climbplan.robots.urdf.proposal.settled import Proposal
 
 _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "speed [rad/s]",
            "stiffness [N m/rad]")  # fmt: skip

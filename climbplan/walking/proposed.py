@@ -8,11 +8,12 @@ from pathlib import Path
 
 from climbplan.errors import NoPlanFound, SpecError
 from climbplan.robots.urdf.proposal.document import robot_document
-from climbplan.robots.urdf.proposal.proposing import Proposal
+from climbplan.robots.urdf.proposal.settled import Proposal
 from climbplan.robots.urdf.proposal.walk_document import walk_document
 from climbplan.robots.urdf.walking_body import walking_body
 from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.plan import WalkPlan
 from climbplan.walking.planner import plan_walk
 
 _TIME_LIMIT = "solver.time_limit=60"
@@ -22,21 +23,26 @@ _TIME_LIMIT = "solver.time_limit=60"
 class ProposedWalk:
     """A spec, or why there is none; and what became of it."""
 
+    what: str
     text: str  # empty where the robot cannot walk by `plan-mpc`
-    verified: bool
+    plan: WalkPlan | None  # that is verified
     words: str  # "verified"; else the reason
 
     def __str__(self) -> str:
-        return f"walks at speed: {self.words}"
+        return f"{self.what}: {self.words}"
 
 
-def proposed_walk(found: Proposal, robot_file: str) -> ProposedWalk:
-    """The spec of a walk by a proposed robot; robot_file: how it names the robot's file."""
+def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
+    """The spec of a walk by a proposed robot; robot_file: how it names the robot's file.
+
+    turns: on the spot, instead of forward.
+    """
+    what = "turns on the spot" if turns else "walks at speed"
     try:
         body = walking_body(found.draft.robot(meshes=False))
     except SpecError as error:
-        return ProposedWalk("", False, f"no spec: {error.mistakes[0].message}")
-    text = walk_document(body, robot_file)
+        return ProposedWalk(what, "", None, f"no spec: {error.mistakes[0].message}")
+    text = walk_document(body, robot_file, turns)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         absolute = robot_document(found, str(found.draft.urdf), "")
@@ -45,6 +51,6 @@ def proposed_walk(found: Proposal, robot_file: str) -> ProposedWalk:
         try:
             plan = plan_walk(load_mpc(place / "walk.yaml", [_TIME_LIMIT]))
         except (NoPlanFound, SpecError) as error:
-            return ProposedWalk(text, False, str(error).partition("\n")[0])
+            return ProposedWalk(what, text, None, str(error).partition("\n")[0])
     broken = failures(check_trajectory(plan.task, plan.trajectory))
-    return ProposedWalk(text, not broken, broken or "verified")
+    return ProposedWalk(what, text, None if broken else plan, broken or "verified")

@@ -36,8 +36,9 @@ def test_the_specs_plan_as_they_are(folder: Path, capsys: pytest.CaptureFixture[
         "walker4_chimney.yaml",
         "walker4_ground.yaml",
         "walker4_walk.yaml",
+        "walker4_wall.yaml",
     ]
-    for spec in ("ground", "chimney", "walk"):
+    for spec in ("ground", "chimney", "wall", "walk"):
         plan = climbplan.plan(folder / f"walker4_{spec}.yaml")
         assert plan.verify().passed
         assert spec != "ground" or "found by" not in " ".join(plan.warnings)  # not by trials
@@ -58,6 +59,7 @@ def test_the_page_shows_both_postures(folder: Path) -> None:
     assert page.count("data:image/png") == 2
     assert "walks on ground" in page
     assert "climbs between walls" in page
+    assert "goes from the ground to walls" in page
     assert "walks at speed" in page
     assert "L1_knee" in page
     assert "IMPLAUSIBLE" not in page or "inside their own feet" in page
@@ -111,6 +113,7 @@ def test_urdfs_of_packages() -> None:
     # As the list of what there is calls them
     for name in ("anymal_b_simple_description/anymal", "solo_description/solo12"):
         assert package_urdf(f"example-robot-data:{name}").stem == name.partition("/")[2]
+    assert package_urdf("example-robot-data:robots/solo12.urdf").name == "solo12.urdf"
     with pytest.raises(UsageError, match=r"solo_description/solo, solo_description/solo12"):
         package_urdf("example-robot-data:solo_")
     with pytest.raises(UsageError, match="--package example-robot-data:PART"):
@@ -127,4 +130,5 @@ def test_robots_of_a_package_walk_and_climb(part: str, tmp_path: Path) -> None:
     except UsageError:
         pytest.skip("example-robot-data is not installed")
     made = new_robot(urdf, tmp_path)
-    assert made.notes[-2:] == ("walks on ground: verified", "climbs between walls: verified")
+    columns = ("walks on ground", "climbs between walls", "goes from the ground to walls")
+    assert made.notes[-4:] == tuple(f"{what}: verified" for what in (*columns, "walks at speed"))

@@ -1,203 +1,42 @@
-"""The transition planner: sequences, motion, instants, forces, trajectory (chapter 5.3)."""
+"""The transition planner: sequences, and the motion of the one that holds (chapter 5.3)."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.check.verification import verification_of
-from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
-    Array,
     ClimbPlan,
-    Forces,
-    Instants,
-    Mask,
-    Rounds,
     Sequences,
-    Trajectory,
 )
-from climbplan.climb.planner import deflection_warnings, step_limits
-from climbplan.climb.scene import Stance, on_scan
-from climbplan.climb.trajectory import plan_trajectory
+from climbplan.climb.scene import on_scan
 from climbplan.climb.transition.balanced_poses import balanced_poses
-from climbplan.climb.transition.clear_standing import standing_trouble
-from climbplan.climb.transition.gait import plan_instants
+from climbplan.climb.transition.carrying import (
+    Complete,
+    Found,
+    Run,
+    assemble,
+    carry_through,
+    transition_cost,
+)
 from climbplan.climb.transition.homotopy import run_start
-from climbplan.climb.transition.mission import Tail, climb_after, joined_instants, joined_rounds
-from climbplan.climb.transition.motion import plan_motion
+from climbplan.climb.transition.mission import climb_after
 from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.refusal import OutOfReach, no_sequence
 from climbplan.climb.transition.remedies import with_remedies
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import Search
 from climbplan.climb.transition.stances import Laboratory
-from climbplan.climb.transition.summary import summary_lines
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
-from climbplan.plans.verification import Verification
 from climbplan.progress import Progress
-from climbplan.robots.any_robot import assumptions
 from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.robots.stored import robot_texts
 
 _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies
-# Of the margins, tried in turn; forces of the body that goes on, after each lift, take some
-_SHARES = (1.2, 0.9, 0.6, 0.3, 0.0)
-# Checks that rows for limbs and body may mend
-_TOO_CLOSE = frozenset(
-    f"{part}.{what}"
-    for part in ("limbs", "body", "trajectory")
-    for what in ("clearance", "capsules", "self_collision")
-)
-_FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
-
-
-@dataclass(frozen=True)
-class Complete:
-    """A motion with everything that follows from it."""
-
-    rounds: Rounds
-    instants: Instants
-    forces: Forces
-    trajectory: Trajectory
-
-
-@dataclass(frozen=True)
-class Run:
-    """One planning run."""
-
-    loaded: LoadedTransition
-    scene: TransitionScene
-    clock: StageClock
-    tail: Tail | None = None  # the climb that follows
-
-
-class LimbsMeet(NotProved):
-    """Limbs meet the terrain, the body or one another."""
-
-    def __init__(self, words: str) -> None:
-        because = "the motion of a sequence is found by a local method"
-        super().__init__(f"limbs meet: {words}", because=because, stage="motion")
-
-
-def complete(run: Run, rounds: Rounds, moved: Mask, first: Array) -> Complete:
-    """Instants, forces and trajectory of postures; raises what each of them raises.
-
-    first: (3,) where the body is at the first lift.
-    """
-    scene, clock = run.scene, run.clock
-    with clock.stage("kinematics"):
-        instants = plan_instants(scene, rounds, moved, first)
-        trouble = standing_trouble(scene, instants)
-        if trouble is not None:
-            raise LimbsMeet(trouble)
-    if run.tail is not None:
-        rounds = joined_rounds(rounds, run.tail.rounds)
-        instants = joined_instants(instants, run.tail.instants)
-    with clock.stage("force"):
-        forces = plan_forces(scene, instants)
-    with clock.stage("trajectory"):
-        trajectory = plan_trajectory(scene, rounds, instants, forces)
-    return Complete(rounds, instants, forces, trajectory)
-
-
-def verified(run: Run, rounds: Rounds, moved: Mask, first: Array) -> tuple[Complete, Verification]:
-    """What follows from postures, and all checks of their plan; raises what `complete` raises."""
-    done = complete(run, rounds, moved, first)
-    with run.clock.stage("check"):
-        return done, verification_of(assemble(run, Found(done, {})))
-
-
-def transition_cost(
-    scene: TransitionScene, rounds: Rounds, forces: Forces, goal: Stance | None = None
-) -> float:
-    """Body, turn and toe steps, and 1 / S_tau at every lift, weighted as in the spec.
-
-    Where a climb follows, also what it misses of its goal.
-    """
-    w = scene.spec.posture.weights
-    off_com = off_toes = off_turn = np.zeros(3)
-    if goal is not None:
-        off_com, off_turn = rounds.com[-1] - goal.com, rounds.rpy[-1] - goal.rpy
-        off_toes = rounds.toes[-1] - goal.toes
-    cost = (
-        w.goal * np.sum(off_toes**2)
-        + w.goal_com * np.sum(off_com**2)
-        + w.goal_rotation * np.sum(off_turn**2)
-        + w.com * np.sum(np.diff(rounds.com, axis=0) ** 2)
-        + w.rotation * np.sum(np.diff(rounds.rpy, axis=0) ** 2)
-        + w.toe * np.sum(np.diff(rounds.toes, axis=0) ** 2)
-        + w.effort * np.sum(1 / forces.safety_torque[::2])
-    )
-    return float(cost)
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """What became of a sequence: a whole motion, or why there is none."""
-
-    complete: Complete | None
-    iterations: int  # of IPOPT
-    reason: str = ""
-
-
-def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
-    """The verified motion of a sequence, planned firmer where it does not hold.
-
-    The program of the motion knows neither buckling nor links that hit a box: where the forces, the
-    trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
-    It is asked for all margins first, and for less where it finds no motion with them. Where limbs
-    or body come too close to anything it is planned again with rows that keep them off.
-    """
-    scene, parted = run.scene, False
-    reason, iterations = "", 0
-    shares = (0.0,) if not scene.spec.margins.asked else _SHARES
-    beyond = 0.0  # share of the margins for which there is no motion
-    for share, factor in product(shares, _FIRMER):
-        asked = factor * scene.spec.force.safety_torque
-        if asked > sequence.safety_torque or share == beyond > 0:
-            continue
-        for with_rows in (False, True):
-            if parted and not with_rows:
-                continue
-            with run.clock.stage("motion"):
-                motion = plan_motion(lab, sequence, asked, share, with_rows)
-            iterations += motion.iterations
-            if not motion.accepted:
-                beyond = share
-                reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
-                break
-            try:
-                done, verification = verified(run, motion.rounds, sequence.moved, motion.first)
-            except NoPlanFound as error:
-                reason = " ".join(str(error).split())
-                parted |= isinstance(error, LimbsMeet)
-            else:
-                if verification.passed:
-                    return Attempt(done, iterations)
-                reason = f"fails its verification: {verification.headline()}"
-                failed = {check.name for check in verification.checks if not check.passed}
-                parted |= not failed.isdisjoint(_TOO_CLOSE)
-            if not parted:
-                break
-    return Attempt(None, iterations, reason or "no room for a safety margin")
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a method found."""
-
-    complete: Complete
-    sizes: dict[str, dict[str, int]]
-    sequences: Sequences | None = None
-    warnings: tuple[str, ...] = ()
 
 
 def plan_transition(loaded: LoadedTransition, report: Progress | None = None) -> ClimbPlan:
@@ -220,49 +59,6 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
             raise
         refused = with_remedies(loaded, error, plan_transition, begin + options.time_limit)
         raise refused from error
-
-
-def assemble(run: Run, found: Found) -> ClimbPlan:
-    """The plan of what a method found."""
-    loaded, scene, done = run.loaded, run.scene, found.complete
-    limits, assumed = step_limits(scene), assumptions(loaded.robot, scene.robot)
-    goal = run.tail.goal if run.tail is not None else scene.goal
-    if run.tail is not None:
-        last = scene.spec.last_goal
-        limits = replace(
-            limits,
-            goal_com=goal.com,
-            goal_toes=goal.toes,
-            goal_rpy=goal.rpy,
-            goal_tolerance=last.tolerance,
-            goal_rotation_tolerance=float(np.deg2rad(last.rotation_tolerance_deg)),
-        )
-    plan = ClimbPlan(
-        name=loaded.name,
-        robot=scene.robot,
-        terrain=scene.terrain,
-        rounds=done.rounds,
-        instants=done.instants,
-        forces=done.forces,
-        trajectory=done.trajectory,
-        limits=limits,
-        status="feasible",
-        objective=transition_cost(scene, done.rounds, done.forces, goal),
-        bound=None,
-        gap=None,
-        spec_text=loaded.text,
-        spec_sha256=loaded.sha256,
-        seed=scene.spec.seed,
-        timings=dict(run.clock.seconds),
-        solvers={"motion": "ipopt (mumps)", "force": scene.spec.solver.force},
-        sizes={**found.sizes, "force": {"instants": done.instants.count}},
-        warnings=(*assumed, *found.warnings, *deflection_warnings(done.forces), *done.forces.notes),
-        kind="transition",
-        sequences=found.sequences,
-        robot_texts=robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
-        looks=plan_looks(loaded.robot, scene.robot),
-    )
-    return replace(plan, summary=summary_lines(plan))
 
 
 def searched(scene: TransitionScene, deadline: float) -> tuple[Search, list[Sequence]]:

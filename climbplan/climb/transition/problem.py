@@ -17,6 +17,7 @@ import numpy as np
 
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import Array
+from climbplan.climb.transition.carrying import Run, carry_through, verified
 from climbplan.climb.transition.complementarity import complementarity_statement
 from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion
 from climbplan.climb.transition.homotopy import admissible, sequence_at
@@ -29,7 +30,7 @@ from climbplan.climb.transition.motion_numbers import (
     toes_of,
 )
 from climbplan.climb.transition.motion_statement import motion_statement
-from climbplan.climb.transition.planner import Run, carry_through, searched, verified
+from climbplan.climb.transition.planner import searched
 from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.stances import Laboratory

@@ -18,7 +18,7 @@ from climbplan.robots.touching_parts import always_touching
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, leg_capsules
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
-from climbplan.robots.urdf.workspace import farthest_toes, stance_balls
+from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
 from climbplan.spec.document import Finding
 from climbplan.spec.robots.ranges import LENGTH, THICKNESS
 from climbplan.spec.robots.urdf.source import UrdfRobot
@@ -77,7 +77,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
             raise robot.refused([Finding(("urdf",), message)])
     parts = tuple(part - centre for part in body_parts(shapes))
     bounds = lower, upper
-    reach = spec.workspace.reach or float(farthest_toes(chain, *bounds).min())
+    reach = spec.workspace.reach or common_reach(farthest_toes(chain, *bounds))
     toward = stance - first
     points = chain.joint_points(np.zeros_like(posture))
     made = Robot(

@@ -16,6 +16,7 @@ from climbplan.robots.serial_chain import SerialChain
 
 _POSTURES = 4000  # sampled of every leg
 _FAR = 0.97  # of the farthest sampled toe
+_ALIKE = 0.2  # by which the reach of legs may differ
 _RADII = np.arange(1, 13) * 0.025  # [m] of the sampled shells about the stance
 _DIRECTIONS = 60
 _TOGETHER = 2  # shells asked about at once: toes out of reach take longest
@@ -27,6 +28,16 @@ def farthest_toes(chain: SerialChain, lower: Array, upper: Array) -> Array:
     points = chain.joint_points(lower + share * (upper - lower))
     distance = np.linalg.norm(points[..., -1, :] - points[..., 0, :], axis=-1)
     return np.asarray(_FAR * distance.max(axis=0))
+
+
+def common_reach(farthest: Array) -> float:
+    """One `reach` for legs (N,) [m]: of that which reaches least, where all are alike.
+
+    Where they are not, arms beside legs, of that which reaches farthest: the condition has to be a
+    necessary one for all.
+    """
+    least, most = float(farthest.min()), float(farthest.max())
+    return least if most <= (1 + _ALIKE) * least else most
 
 
 def stance_balls(

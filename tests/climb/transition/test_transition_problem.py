@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from climbplan.climb.motion import StageClock
+from climbplan.climb.transition.carrying import Run, carry_through, transition_cost, verified
 from climbplan.climb.transition.complementarity_numbers import free_motion
 from climbplan.climb.transition.homotopy import complements, sequence_at
 from climbplan.climb.transition.motion import first_at, plan_motion, rounds_at
 from climbplan.climb.transition.motion_numbers import shape_of
 from climbplan.climb.transition.motion_statement import motion_program, motion_statement
-from climbplan.climb.transition.planner import Run, carry_through, transition_cost, verified
 from climbplan.climb.transition.problem import motion_problem, transition_problem
 from climbplan.climb.transition.round_rows import COST_SCALE
 from climbplan.climb.transition.scene import build_transition

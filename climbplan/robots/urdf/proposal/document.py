@@ -1,4 +1,4 @@
-"""A proposal as files that people read and change: the robot's, and two specs that use it."""
+"""A proposed robot as a file that people read and change."""
 
 from __future__ import annotations
 
@@ -8,19 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.proposing import SAFETY, SHARE, WALLS, Proposal
-
-_FRICTION = 0.8  # rubber on a floor
-_STEP = 0.35  # of the ball about its stance, that a toe steps in a round on ground
-_RISE = 0.3  # and between walls
-_LONGEST_STEP = 0.08  # [m]
-_SHIFT = 0.6  # of the level distance of a toe from the body, that it may shift at most
-_LIFT = 0.25  # of the ball, that a toe is lifted
-_ROUNDS = 2
-_NO_SHIFT = 1e-3  # [m]
-_FAR = 3.0  # [m] of ground and walls beyond the robot
+from climbplan.robots.urdf.proposal.settled import SHARE, Proposal
+from climbplan.robots.urdf.proposal.yaml_words import mapping, scalar
 
 
 def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
@@ -37,8 +26,8 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         *odd,
         *assumed,
         "kind: robot",
-        f"urdf: {_text(urdf)}",
-        f"base: {_text(draft.base)}  # the body; its frame and those of toes are links of the URDF",
+        f"urdf: {scalar(urdf)}",
+        f"base: {scalar(draft.base)}  # the body; its frame and toes are links of it",
         f"forward: {draft.forward}  # axis of the base that points forward; its z is up",
     ]
     if draft.packages:
@@ -57,10 +46,14 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     if draft.joints:
         lines += ["", "# Where the URDF says nothing that a motor can be, or joints are not alike"]
         lines.append("joints:")
-        lines += [f"  {_text(n)}: {_mapping(own)}" for n, own in draft.joints.items()]
+        lines += [f"  {scalar(n)}: {mapping(own)}" for n, own in draft.joints.items()]
     if draft.locked:
-        lines += ["", "# [deg] Held there: joints that legs share, or beyond the seventh of a leg"]
-        lines.append(f"locked: {_mapping(draft.locked)}")
+        lines += [
+            "",
+            "# [deg] Held there: joints that legs share, or beyond the seventh of a leg, or of an",
+            "# arm that would be in the way at zero",
+        ]
+        lines.append(f"locked: {mapping(draft.locked)}")
     lines.append("")
     if p.body_box is not None:
         size = " x ".join(f"{v:.3f}" for v in np.ptp(p.body_box[0:2], axis=0))
@@ -79,11 +72,11 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     ]
     for name, toe in zip(robot.limb_names, p.toes, strict=True):
         own = draft.legs[name]
-        lines.append(f"  {_text(name)}:")
-        lines.append(f"    toe: {_text(toe.link)}  # {toe.why}")
+        lines.append(f"  {scalar(name)}:")
+        lines.append(f"    toe: {scalar(toe.link)}  # {toe.why}")
         if any(toe.offset):
             lines.append(f"    toe_offset: {json.dumps(list(toe.offset))}  # [m] in its frame")
-        lines.append(f"    posture_deg: {_mapping(own['posture_deg'])}")
+        lines.append(f"    posture_deg: {mapping(own['posture_deg'])}")
     return "\n".join(lines) + "\n"
 
 
@@ -102,96 +95,8 @@ def _links(robot: Robot) -> list[str]:
         "# Links are as thick as their collision geometry: each piece of it has a capsule of its",
         "# own. `limb_radii` says otherwise: the radius [m] of a link that is straight from its",
         f"# joint to the next. The thickest, of {robot.limb_names[0]}:",
-        f"# limb_radii: {_mapping(thick)}",
+        f"# limb_radii: {mapping(thick)}",
     ]
-
-
-def ground_document(proposal: Proposal, robot_file: str) -> str:
-    """A few steps over flat ground."""
-    robot = proposal.robot
-    ball = robot.stance_radius
-    step = min(_STEP * ball, _LONGEST_STEP)
-    height = float(-robot.stance_body[:, 2].min())
-    away = float(np.linalg.norm(robot.stance_body[:, :2], axis=1).max())
-    far = _FAR + away
-    gait = ", ".join(_text(name) for name in proposal.named.gait)
-    way = f"{1e3 * step * _ROUNDS:.0f} mm over flat ground"
-    return f"""# {robot.name} walks {way}, one leg at a time.
-kind: climb
-title: {_text(f"{robot.name} on flat ground")}
-robot: {_text(robot_file)}
-
-terrain:
-  friction: {_FRICTION:g}  # ASSUMED: rubber on a floor
-  ground: {{across: [-{far:.1f}, {far:.1f}], along: [-{far:.1f}, {far:.1f}]}}
-
-task:
-  rounds: {_ROUNDS}
-  start: {{com: [0, 0, {height:.4f}]}}  # toes stand where the robot's stance meets the ground
-  goal: {{com: [0, {step * _ROUNDS:.4f}, {height:.4f}]}}
-  gait: [{gait}]  # from rear to front, one side after the other
-
-posture:
-  steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, shift_max: {_SHIFT * away:.3f}}}
-
-force: {{safety_friction: {SAFETY:g}}}
-trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}}}
-seed: 0
-"""
-
-
-def chimney_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
-    """Up between two walls, in one of its bracing postures."""
-    robot = proposal.robot
-    rise = min(_RISE * min(robot.stance_radius, 2 * brace.room), _LONGEST_STEP)
-    reach = _FAR + float(np.abs(brace.toes).max())
-    stance = "\n".join(
-        f"    {_text(name)}: {_vector(toe)}"
-        for name, toe in zip(robot.limb_names, brace.toes, strict=True)
-    )
-    gait = ", ".join(_text(name) for name in proposal.named.gait)
-    ball = min(robot.stance_radius, 2 * brace.room)
-    extent = f"[-{reach:.1f}, {reach:.1f}]"
-    shift = f", shift_max: {2 * brace.shift:.3f}" if brace.shift > _NO_SHIFT else ""
-    return f"""# {robot.name} climbs {1e3 * rise * _ROUNDS:.0f} mm between two walls.
-kind: climb
-title: {_text(f"{robot.name} between two walls")}
-robot: {_text(robot_file)}
-
-terrain:
-  friction: {brace.friction:g}  # ASSUMED: {WALLS[brace.friction]}
-  walls: {{gap: {brace.gap:.4f}, along: {extent}, up: {extent}}}
-
-task:
-  rounds: {_ROUNDS}
-  start: {{com: [0, 0, 0]}}
-  goal: {{com: [0, 0, {rise * _ROUNDS:.4f}]}}
-  gait: [{gait}]
-  stance:  # [m] toes against the walls, body frame: most room, motors least used
-{stance}
-
-posture:
-  steps: {{com_max: {1.5 * rise:.4f}, toe_max: {3 * rise:.4f}{shift}}}
-
-force: {{safety_friction: {SAFETY:g}}}
-trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}}}
-seed: 0
-"""
-
-
-def _text(value: str) -> str:
-    """A scalar of YAML that reads back as this text."""
-    plain = value.replace("_", "a").replace("-", "a").isalnum() and value[:1].isalpha()
-    words = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
-    return value if plain and value.lower() not in words else json.dumps(value)
-
-
-def _mapping(values: dict[str, float]) -> str:
-    return "{" + ", ".join(f"{_text(n)}: {v:g}" for n, v in values.items()) + "}"
-
-
-def _vector(values: Array) -> str:
-    return "[" + ", ".join(f"{float(v):.4f}" for v in values) + "]"
 
 
 def paths(proposal: Proposal, directory: Path) -> str:

@@ -3,7 +3,7 @@
 For each leg lifted the least share s of the torque limits with which the others hold the weight:
 
     minimise    s + level shift of the body
-    such that   sum f = W,   sum p x f - d x W = 0,   |J^T f| <= s tau,   s <= 1
+    such that   sum f = W,   sum p x f - d x W = 0,   |J^T f| <= s tau
                 forces in pyramids inside the friction cones, and of some pressure
 
 a linear program, with the Jacobians of the unshifted body. The planner of forces knows more than
@@ -34,6 +34,8 @@ def holding_share(
     most: float,
 ) -> tuple[float, float]:
     """The largest share of any lift, and the largest shift [m]; infinite where a lift has none.
+
+    A share above 1 is what the torque limits lack.
 
     toes, normal: (N, 3) from the centre of mass; jacobian: (N, 3, J); torque: (N, J) [N m]; mu:
     friction coefficient that may be used; most: [m] of shift.
@@ -100,6 +102,6 @@ def _least_share(
         ends.append(np.zeros(1))
     cost = np.zeros(size)
     cost[3 * n], cost[-1] = 1.0, _SHIFT_COST
-    bounds = [(None, None)] * (3 * n) + [(0.0, 1.0), (-most, most), (-most, most), (0.0, most)]
+    bounds = [(None, None)] * (3 * n) + [(0.0, None), (-most, most), (-most, most), (0.0, most)]
     found = linprog(cost, np.vstack(rows), np.concatenate(ends), equal, right, bounds)
     return (float(found.x[3 * n]), float(found.x[-1])) if found.status == 0 else None

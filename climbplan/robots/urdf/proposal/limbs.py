@@ -2,8 +2,9 @@
 
 From every joint that the body carries the chain is followed outwards. Where it divides into several
 chains of at least three joints each, what came before is shared by them (a waist) and has to be
-locked; where it divides into shorter ones (fingers), the limb ends. Joints that push, or follow
-others, end a limb, too. Legs are the largest group of limbs that are alike.
+locked; where it divides into shorter ones (fingers), the limb ends. Joints that push, follow others
+or cannot move (lower bound equal to upper, wheels that are held) end a limb, too. Legs are the
+largest group of limbs that are alike.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def limbs_of(tree: UrdfTree, base: str) -> FoundLimbs:
 
     def chains(joint: UrdfJoint) -> list[list[UrdfJoint]]:
         """The chains that begin with a joint: one, or those it divides into."""
-        if not joint.turns or joint.mimics is not None:
+        if not joint.turns or joint.mimics is not None or not joint.lower < joint.upper:
             return []
         further = [chain for j in moving(joint.child) for chain in chains(j)]
         long = [chain for chain in further if len(chain) >= FEWEST_JOINTS]

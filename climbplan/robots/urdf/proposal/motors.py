@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from climbplan.robots.rotations import Array
+from climbplan.robots.urdf.workspace import common_reach
 from climbplan.spec.robots.urdf.tree import UrdfJoint
 
 _MOST = 10.0  # times what holds the whole robot at the end of the limb: no motor of its has that
@@ -15,6 +16,7 @@ _OWN_TORQUE = 1.5  # times what holds a leg's share of the weight at its full le
 _OWN_SPEED = 8.0  # [rad/s]
 _OFF = 0.25  # [rad] off its command at which a joint is to give all of its torque
 _UPRIGHT = 4.0  # [1/rad] of weight times reach that stiffness is at least
+_TOP_HEAVY = 1.5  # times that where arms stand beside legs: more weight is above hips
 _CYCLE = 0.01  # [s] that it takes for that at its full speed, at least
 _DIGITS = 2
 
@@ -49,12 +51,17 @@ def motors_of(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) ->
     command, slack enough that a toe a few millimetres off its place does not use up the motor. For
     joints so fast that they cross that in less than a cycle of 10 ms it is the angle of a cycle. It
     is more where the robot is heavy for its motors: 4 times its weight times a leg's reach, with
-    which the body on its springs does not buckle.
+    which the body on its springs does not buckle. Where arms stand beside legs it is half as much
+    again, with the reach of the legs.
     """
     found = Motors()
     odd: dict[str, list[str]] = {}
+    common = common_reach(reach)
     for joints, length in zip(legs, reach, strict=True):
         holds = weight * float(length)
+        upright = _UPRIGHT * weight * max(float(length), common)
+        if common > float(reach.min()):
+            upright *= _TOP_HEAVY
         own = _rounded(_OWN_TORQUE * holds / len(legs))
         for joint in joints:
             torque, speed = joint.effort or 0.0, joint.velocity or 0.0
@@ -70,7 +77,7 @@ def motors_of(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) ->
                 odd.setdefault(f"{what}; {fast:g} rad/s ASSUMED", []).append(joint.name)
             off = max(_OFF, _CYCLE * fast)
             found.joints[joint.name] = Motor(
-                _rounded(max(taken / off, _UPRIGHT * holds)),
+                _rounded(max(taken / off, upright)),
                 None if taken == torque else taken,
                 None if fast == speed else fast,
             )

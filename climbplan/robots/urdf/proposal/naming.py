@@ -21,6 +21,7 @@ class Named:
     names: tuple[str, ...]  # in that order
     gait: tuple[str, ...]  # from rear to front, one side after the other
     by_place: bool  # whether they are named by where they are
+    arms: tuple[bool, ...]  # of those in that order that begin clearly above others
 
 
 def named(hips: Array, links: list[str], groups: list[int]) -> Named:
@@ -47,13 +48,18 @@ def named(hips: Array, links: list[str], groups: list[int]) -> Named:
     paired = len(left) == len(right) and len(names) == len(hips)
     if not paired or len(set(names.values())) < len(hips):
         order = tuple(range(len(hips)))
-        return Named(order, tuple(links), tuple(links), False)
+        return Named(order, tuple(links), tuple(links), False, (False,) * len(hips))
     # Round the body: down the right side, up the left
     down = sorted(right, key=lambda i: -hips[i, 1])
     up = sorted(left, key=lambda i: hips[i, 1])
     step = [*up, *down[::-1]]
     order = (*down, *up)
-    return Named(order, tuple(names[i] for i in order), tuple(names[i] for i in step), True)
+    arms = tuple(kinds[groups[i]] == "arm" for i in order)
+    step = [
+        *(i for i in step if kinds[groups[i]] != "arm"),
+        *(i for i in step if kinds[groups[i]] == "arm"),
+    ]
+    return Named(order, tuple(names[i] for i in order), tuple(names[i] for i in step), True, arms)
 
 
 def _of(groups: list[int], group: int) -> list[int]:

@@ -24,7 +24,7 @@ def package_urdf(package: str, robot: str | None = None) -> Path:
     urdfs = [path.resolve() for path in urdfs if path.is_file()]
     asked = part.lower().removesuffix(".urdf")
     named = [path for path in urdfs if any(asked in name for name in _names(path))]
-    exact = [path for path in named if asked in (path.stem.lower(), _listed(path).lower())]
+    exact = [path for path in named if _is(path, asked)]
     if len(exact) == 1 or len(named) == 1:
         return (exact or named)[0]
     known = ", ".join(sorted(map(_listed, named or urdfs)))
@@ -32,6 +32,12 @@ def package_urdf(package: str, robot: str | None = None) -> Path:
         raise UsageError(f"the package {package!r} ships no URDF")
     how = f"--package {package}:PART" if not named or not part else f"a longer part than {part!r}"
     raise UsageError(f"expected {how}, which names one URDF of: {known}")
+
+
+def _is(path: Path, asked: str) -> bool:
+    """Whether a part is a URDF's whole name, or its path from some folder on."""
+    whole = path.with_suffix("").as_posix().lower()
+    return asked == _listed(path).lower() or whole.endswith(f"/{asked}")
 
 
 def _listed(path: Path) -> str:

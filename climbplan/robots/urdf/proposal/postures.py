@@ -19,7 +19,8 @@ from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.holding import holding_share
-from climbplan.robots.urdf.proposal.quality import Quality, inside, quality_of
+from climbplan.robots.urdf.proposal.quality import Quality, quality_of
+from climbplan.robots.urdf.workspace import common_reach
 
 Mask = NDArray[np.bool_]
 
@@ -32,12 +33,14 @@ _WIDE = np.arange(0.25, 0.96, 0.07)  # shares of reach that walls are from first
 _BELOW = np.array([-0.2, 0.0, 0.15, 0.3, 0.45, 0.6])
 _SPREAD = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
 _HELD = 120  # of the roomiest braces whose forces are looked at
-_SHIFTED = 0.15  # of reach that the body may shift between walls
+_SHIFTED = (0.15, 0.22)  # of reach that the body may shift between walls; more if need be
+_WEAK = 0.75  # share of the torque limits from which on there is need
 _ABOVE = 0.05  # of reach that links stay above toes on the ground
 _ROUND_ZERO = 2.0  # [rad] that joints without bounds are bent at most
 _HOLDING = 3  # legs that bear the weight
 _ONE_BEND = 0.5  # [m] off the mirror image of the other leg, that counts as one metre of room
 _LEAST_ROOM = 0.01  # [m]
+_NEAR = 0.2  # of a limb's length, within which it may be in the body's box
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,16 @@ class Legs:
         return self.chain.joint_zero[:, 0]
 
     @property
+    def away(self) -> Mask:
+        """(N, P) joints and toe that have to be out of the body: not its first two, nor near."""
+        points = self.chain.joint_points(np.zeros((1, *self.lower.shape)))[0]
+        along = np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=1)
+        along = np.concatenate([np.zeros((len(points), 1)), along], axis=1)
+        far = along > _NEAR * along[:, -1:]
+        far[:, :2] = False
+        return np.asarray(far)
+
+    @property
     def limits(self) -> tuple[Array, Array, Array]:
         """Lower and upper bounds and torques."""
         return self.lower, self.upper, self.torque
@@ -96,17 +109,20 @@ def standing_postures(legs: Legs, count: int) -> list[Posture]:
     toes[..., 2] = level[:, None]
     force = np.zeros((len(hips), 3))
     force[:, 2] = legs.weight / min(_HOLDING, len(hips))
-    angles, reached = _reached(legs, toes, force)
+    angles, reached = reached_angles(legs, toes, force)
     quality = quality_of(legs.chain, angles, force, legs.limits)
     above = quality.points[..., :-1, 2].min(axis=-1) - toes[..., 2]
-    fine = reached & _clear(legs, quality.points) & (above > _ABOVE * reach)
-    return _best(quality, angles, toes, fine, count)
+    fine = reached & clear_of_body(legs, quality.points) & (above > _ABOVE * reach)
+    return best_of(quality, angles, toes, fine, count)
 
 
 def bracing_postures(
     legs: Legs, standing: Array, count: int, clearance: float, mu: float
-) -> list[Posture]:
+) -> tuple[list[Posture], float]:
     """The best postures between two walls, the same distance on both sides; best first.
+
+    And the least share of the torque limits that any posture needs with one leg lifted: above 1
+    where there are none, infinite where friction holds none, NaN where none is in reach.
 
     standing: (N, J) angles that legs start from, as when the robot is planned with. clearance: [m]
     of the body from the walls; mu: friction coefficient that may be used. Frame: the centre of
@@ -122,7 +138,7 @@ def bracing_postures(
     toes = np.empty((len(half), len(hips), 3))
     toes[..., 0] = sides * half[:, None]
     toes[..., 1] = hips[:, 1] + sign[:, 1] * apart[:, None] * reach
-    toes[..., 2] = hips[:, 2].mean() - below[:, None] * float(reach.min())
+    toes[..., 2] = hips[:, 2] - below[:, None] * np.minimum(reach, common_reach(reach))
     chain = SerialChain(
         legs.chain.names,
         legs.chain.joint_zero,
@@ -135,22 +151,36 @@ def bracing_postures(
     angles = np.where(reached[..., None], found.best(), standing)
     quality = quality_of(chain, angles, np.zeros((len(hips), 3)), legs.limits)
     within = np.abs(quality.points[..., :-1, 0]).max(axis=-1) < half[:, None] - clearance
-    fine = reached & within & _clear(legs, quality.points)
+    fine = reached & within & clear_of_body(legs, quality.points)
     normal = np.zeros((len(hips), 3))
     normal[:, 0] = -sides
-    held = []
-    for brace in _best(quality, angles, toes, fine, _HELD, 2 * half):
-        jacobian = chain.jacobian(brace.angles)
-        most = _SHIFTED * float(reach.min())
-        use, shift = holding_share(brace.toes, normal, jacobian, legs.torque, legs.weight, mu, most)
-        if use < 1:
-            score = brace.room * (1 - use)
-            held.append(replace(brace, use=use, shift=shift, score=score))
-    return sorted(held, key=lambda brace: -brace.score)[:count]
+    tried = best_of(quality, angles, toes, fine, _HELD, 2 * half)
+    held: list[Posture] = []
+    least = np.inf
+    for share in _SHIFTED:
+        if least <= _WEAK:
+            break
+        held, most = [], share * float(reach.min())
+        for brace in tried:
+            jacobian = chain.jacobian(brace.angles)
+            use, shift = holding_share(
+                brace.toes, normal, jacobian, legs.torque, legs.weight, mu, most
+            )
+            least = min(least, use)
+            if use < 1:
+                score = brace.room * (1 - use)
+                held.append(replace(brace, use=use, shift=shift, score=score))
+    any_tried = bool(fine.all(axis=1).any())
+    return sorted(held, key=lambda brace: -brace.score)[:count], least if any_tried else np.nan
 
 
-def _reached(legs: Legs, toes: Array, force: Array) -> tuple[Array, Mask]:
-    """Angles (C, N, J) for toes (C, N, 3), mirrored legs bent alike, and whether they get there."""
+def reached_angles(
+    legs: Legs, toes: Array, force: Array, grounded: Mask | None = None
+) -> tuple[Array, Mask]:
+    """Angles (C, N, J) for toes (C, N, 3), mirrored legs bent alike, and whether they get there.
+
+    grounded: (N,) limbs whose joints have to be above their toes; all, if left out.
+    """
     chain, count = legs.chain, toes.shape[1]
     # Bounds of more than a turn say nothing: postures are looked for round zero then
     most = np.where(legs.upper - legs.lower > 2 * np.pi, _ROUND_ZERO, np.pi)
@@ -160,7 +190,8 @@ def _reached(legs: Legs, toes: Array, force: Array) -> tuple[Array, Mask]:
     quality = quality_of(chain, drawn, force, legs.limits)
     # Knees above their toes, and links out of the body
     under = quality.points[..., :-1, 2].min(axis=-1) - quality.points[..., -1, 2]
-    good = _clear(legs, quality.points) & (under > _ABOVE * legs.reach)
+    free = False if grounded is None else ~grounded
+    good = clear_of_body(legs, quality.points) & ((under > _ABOVE * legs.reach) | free)
     score = np.where(good, quality.score, -np.inf)
     angles = np.zeros((*toes.shape[:2], legs.lower.shape[1]))
     done: set[int] = set()
@@ -197,13 +228,14 @@ def _reached(legs: Legs, toes: Array, force: Array) -> tuple[Array, Mask]:
     return angles, reached
 
 
-def _clear(legs: Legs, points: Array) -> Mask:
+def clear_of_body(legs: Legs, points: Array) -> Mask:
     """(F, N) whether knees are outside the body's box; links at the first joints may not be."""
     low, high = legs.box
-    return np.asarray(~inside(points[..., 2:, :], low, high))
+    inside = ((points > low) & (points < high)).all(axis=-1)  # (F, N, P)
+    return np.asarray(~(inside & legs.away).any(axis=-1))
 
 
-def _best(
+def best_of(
     quality: Quality,
     angles: Array,
     toes: Array,

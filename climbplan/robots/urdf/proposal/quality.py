@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
@@ -48,8 +47,3 @@ def quality_of(
     taken = np.einsum("fnij,...ni->fnj", jacobian, np.asarray(force, float))
     use = np.where(there, np.abs(taken) / torque, 0.0).max(axis=-1)
     return Quality(room, use, chain.joint_points(angles))
-
-
-def inside(points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """(...,) whether any of points (..., P, 3) is inside a box."""
-    return np.asarray(((points > low) & (points < high)).all(axis=-1).any(axis=-1))

@@ -17,22 +17,27 @@ _LIFT = 0.8  # of a box's half height, at most
 _HIGHEST = 0.05  # [m]
 _KNOTS = 16
 _FRICTION = 0.8
+_TURN = 45.0  # [deg] on the spot
 
 
-def walk_document(body: WalkingBody, robot_file: str) -> str:
-    """The spec: forward from rest by a walking trot, diagonals of four legs or tripods of six."""
+def walk_document(body: WalkingBody, robot_file: str, turns: bool = False) -> str:
+    """The spec: forward from rest by a walking trot, diagonals or tripods in turn; or round."""
     half, height = body.boxes.half, body.height
     speed = min(_SPEED, _FROUDE * float(np.sqrt(body.gravity * height)))
     step = min(_STEP * float(np.sqrt(height)), 2 * _IN_REACH * float(half[0]) / (_STANCE * speed))
     size = " x ".join(f"{2e3 * value:.0f}" for value in half)
-    return f"""# {body.name} walks forward at {speed:.2g} m/s, every other leg at a time.
+    what, end = (f"walks forward at {speed:.2g} m/s", "walk")
+    if turns:
+        what, end, speed = (f"turns by {_TURN:g} degrees on the spot", "turn", 0.0)
+    yaw = _TURN if turns else 0.0
+    return f"""# {body.name} {what}, every other leg at a time.
 #
-#     climbplan plan-mpc {robot_file.removesuffix(".yaml")}_walk.yaml
+#     climbplan plan-mpc {robot_file.removesuffix(".yaml")}_{end}.yaml
 #
 # Axes of walking: x forward, y to the left. As it stands the body is {height:.3f} m above the toes;
 # boxes of toes are {size} mm, in which every leg holds {body.boxes.force:.0f} N upright anywhere.
 kind: mpc
-title: {json.dumps(f"{body.name} walks forward")}
+title: {json.dumps(f"{body.name} {what}")}
 robot: {json.dumps(robot_file)}
 terrain: {{friction: {_FRICTION:g}}}  # ASSUMED: rubber on a floor
 
@@ -41,7 +46,7 @@ task:
   step: {step:.3f}  # [s]
   least_contacts: {len(body.leg_names) // 2}
   lift: {min(_LIFT * float(half[2]), _HIGHEST):.3f}
-  reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, 0]}}
+  reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, {yaw:g}]}}
 
 weights: {{velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}}  # a calm body
 solver: {{method: nlp, guess: walking trot}}

@@ -1,0 +1,1 @@
+"""Robots from URDFs, with no hand work between file and verified plan."""

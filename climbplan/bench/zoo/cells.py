@@ -1,0 +1,99 @@
+"""What is asked of every robot of the zoo: one function a column, from a proposal to a cell."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.bench.climb.stands import fares
+from climbplan.climb.proposed import Outcome, Trials
+from climbplan.simulation.conditions import NOMINAL
+from climbplan.simulation.walking.comparison import compare_walk
+from climbplan.simulation.walking.walk_report import end_of
+from climbplan.simulation.walking.whole_replay import simulate_whole
+from climbplan.walking.plan import WalkPlan
+from climbplan.walking.proposed import ProposedWalk, proposed_walk
+from climbplan.walking.task import ANGLES, VELOCITY
+
+Told = Callable[[str], None]
+_LAST = 4  # a walk's speed is that of its last quarter
+_REACHED = 0.9  # of the speed or the turn that was asked for
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What became of one thing asked of one robot."""
+
+    planned: bool  # and verified
+    simulated: str  # "stands"; how it ends in MuJoCo otherwise; empty without a plan
+    words: str  # why there is no plan; what is reached
+    cpu: float  # [s] of planning, simulation not counted
+
+
+Column = Callable[[Trials, Told], Cell]
+
+
+def _climb(make: Callable[[Trials, Told], Outcome]) -> Column:
+    def cell(trials: Trials, told: Told) -> Cell:
+        begin = time.process_time()
+        outcome = make(trials, told)
+        spent = time.process_time() - begin
+        if outcome.plan is None:
+            return Cell(False, "", outcome.why, spent)
+        kept = f"keeps {outcome.share:.0%} of its margins"
+        return Cell(True, fares(outcome.plan, "joints"), kept, spent)
+
+    return cell
+
+
+def _walk(turns: bool) -> Column:
+    def cell(trials: Trials, told: Told) -> Cell:
+        begin = time.process_time()
+        made: ProposedWalk = proposed_walk(trials.found, trials.robot_file, turns)
+        spent = time.process_time() - begin
+        if made.plan is None:
+            return Cell(False, "", made.words, spent)
+        reached, asked, unit = _turned(made.plan) if turns else _speed(made.plan)
+        words = f"{reached:.2f} of {asked:.2f} {unit}"
+        if reached < _REACHED * asked:
+            return Cell(False, "", f"the plan reaches {words} alone", spent)
+        return Cell(True, _fares(made.plan), words, spent)
+
+    return cell
+
+
+def _speed(plan: WalkPlan) -> tuple[float, float, str]:
+    """Mean forward speed of the last quarter, and what is asked."""
+    speed = plan.trajectory.state[:, VELOCITY][:, 0]
+    last = max(len(speed) // _LAST, 1)
+    return float(speed[-last:].mean()), float(plan.task.reference.velocity[-1, 0]), "m/s"
+
+
+def _turned(plan: WalkPlan) -> tuple[float, float, str]:
+    yaw = plan.trajectory.state[-1, ANGLES][2]
+    asked = plan.task.reference.euler[-1, 2]
+    return float(np.rad2deg(yaw)), float(np.rad2deg(asked)), "deg"
+
+
+def _fares(plan: WalkPlan) -> str:
+    """How a walk ends in MuJoCo with the whole robot."""
+    run = simulate_whole(plan, NOMINAL)
+    if run.fallen:
+        return f"falls at {run.time[-1]:.1f} s"
+    end = end_of(run, compare_walk(plan, run))
+    return "stands" if end.good else f"{end.slips} slips, {end.lost_contacts} lost"
+
+
+COLUMNS: dict[str, Column] = {
+    "ground": _climb(lambda trials, told: trials.ground),
+    "stairs": _climb(lambda trials, told: trials.stairs()),
+    "chimney": _climb(lambda trials, told: trials.chimney(told)),
+    "wall": _climb(lambda trials, told: trials.wall(told)),
+    "forward": _walk(turns=False),
+    "turn": _walk(turns=True),
+}
+"""By what the table calls them: steps on flat ground, up two stairs, up between walls, from the
+ground to walls, a walk at 0.5 m/s, a turn on the spot."""

@@ -1,0 +1,327 @@
+"""A robot whose legs are settled: how it stands, how it braces, and what is proposed of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import UsageError
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
+from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
+from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
+from climbplan.robots.urdf.proposal.corridor import corridor_postures
+from climbplan.robots.urdf.proposal.draft import Draft
+from climbplan.robots.urdf.proposal.idle import idle_joints, rest_of
+from climbplan.robots.urdf.proposal.motors import Motors, motors_of
+from climbplan.robots.urdf.proposal.naming import Named, mirrored
+from climbplan.robots.urdf.proposal.postures import (
+    Legs,
+    Posture,
+    bracing_postures,
+    standing_postures,
+)
+from climbplan.robots.urdf.proposal.toes import Toe
+from climbplan.robots.urdf.proposal.touching import Parts, parts_of
+from climbplan.robots.urdf.shapes import Shape, body_box
+from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
+from climbplan.spec.robots.urdf.tree import UrdfTree
+
+GRAVITY = 9.81  # [m/s^2]
+CLEARANCE = 0.02  # [m] of body and knees from walls
+SAFETY = 1.2  # S_mu
+WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may not brace on less"}
+_IN_HAND = 0.95  # of the friction that may be used
+SHARE = 0.1  # of compliance in the structure
+_TRIED = 24  # postures whose room is measured with exact kinematics
+_BRACES = 16  # postures between walls that are kept, for the planner to choose from
+_LONGEST = 0.97  # share of reach that `farthest_toes` gives
+FLOOR = 0.8  # friction: rubber on a floor
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What is proposed of a robot, and why. N legs in their order."""
+
+    name: str
+    draft: Draft
+    tree: UrdfTree
+    toes: tuple[Toe, ...]  # (N,)
+    named: Named
+    motors: Motors
+    settled: Settled
+    standing: dict[str, float]  # posture by joint [deg]
+    posture: Posture  # as it stands on ground, frame of the base
+    braces: tuple[Posture, ...]  # between walls, body frame, best first; may be none
+    lacks: str  # why there are none
+    robot: Robot  # as it would be planned with
+    body_box: tuple[Array, Array] | None  # corners from the base's collision geometry [m]
+    half_size: tuple[float, float, float] | None  # of the body, where there is none of it [m]
+    odd: tuple[str, ...]  # implausible data of the URDF
+    assumed: tuple[str, ...]  # what else is not in it
+
+    def otherwise(self) -> Iterator[Proposal]:
+        """The same robot in its other standing postures, roomiest first."""
+        for posture in self.settled.standings:
+            if posture is not self.posture:
+                yield self.settled.proposal(posture)
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Everything that does not depend on how the robot stands, and the ways in which it may."""
+
+    draft: Draft
+    tree: UrdfTree
+    toes: tuple[Toe, ...]  # (N,)
+    named: Named
+    shapes: list[Shape]
+    unread: str  # why there is no collision geometry
+    at_zero: tuple[LegAtZero, ...]  # (N,)
+    motors: Motors
+    mirror: tuple[int | None, ...]
+    parts: Parts | None
+    inner: tuple[Array, Array]  # corners of the body [m]
+    standings: tuple[Posture, ...]  # roomiest first
+
+    def proposal(self, posture: Posture | None = None) -> Proposal:
+        """What is proposed of the robot in one of its standing postures, else in the roomiest."""
+        posture = self.standings[0] if posture is None else posture
+        standing = {
+            joint: round(float(np.rad2deg(angle)), 2)
+            for leg, row in zip(self.at_zero, posture.angles, strict=True)
+            for joint, angle in zip(leg.names, row[len(row) - len(leg.names) :], strict=True)
+        }
+        legs = {
+            name: {**self.draft.legs[name], "posture_deg": {j: standing[j] for j in leg.names}}
+            for name, leg in zip(self.named.names, self.at_zero, strict=True)
+        }
+        draft = replace(self.draft, legs=legs)
+        box, half = body_box(self.shapes), None
+        if box is None:
+            x, y, z = (round(float(value), 3) for value in np.ptp(self.inner, axis=0) / 2)
+            half = (x, y, z)
+        robot = _planned_with(draft, half, self.shapes)
+        found, lacks = _braces(robot, self.mirror)
+        braces = tuple(b for b in found if not _touching(self.parts, self.at_zero, b))
+        if found and not braces:
+            lacks = f": parts touch in all {len(found)} that would hold"
+        assumed = []
+        if self.unread:
+            assumed.append(f"collision geometry is not read: {self.unread}")
+        if not self.named.by_place:
+            assumed.append("legs are no pairs left and right: they have the names of their toes")
+        if draft.forward != "x":
+            assumed.append(
+                f"forward is the base's {draft.forward} axis, along which legs are spread"
+            )
+        buried = _buried(self.toes, self.at_zero, self.shapes)
+        odd = (*self.motors.odd, *_masses(self.tree), *buried)
+        return Proposal(
+            robot.name, draft, self.tree, self.toes, self.named, self.motors, self, standing,
+            posture, braces, lacks, robot, box, half, odd, tuple(assumed),
+        )  # fmt: skip
+
+
+def settled(
+    draft: Draft,
+    tree: UrdfTree,
+    toes: list[Toe],
+    names: Named,
+    shapes: list[Shape],
+    unread: str,
+) -> Settled:
+    """Motors, idle joints and standing postures of legs that are settled.
+
+    Raises UsageError for links without mass, and where it stands in no posture.
+    """
+    model = draft.model()
+    at_zero = [model.leg(name) for name in names.names]
+    width = max(len(leg.names) for leg in at_zero)
+    mass = model.mass()
+    if not mass > 0:
+        raise UsageError(f"{tree.path}: the links have no mass, which no proposal can make up")
+    lower, upper, rest = (
+        by_leg(width, [[values[j] for j in leg.names] for leg in at_zero], empty)
+        for values, empty in zip(joint_angles_of(model.robot), (-1.0, 1.0, 0.0), strict=True)
+    )
+    joints = [tuple(tree.joints[j] for j in leg.names) for leg in at_zero]
+    chain = chain_at_zero(at_zero, width, np.zeros(3), rest)
+    reach = _farthest(chain, lower, upper)
+    motors = motors_of(joints, reach, mass * GRAVITY)
+    draft = replace(draft, joints=_stated(motors))
+    bounds = {
+        joint: (low, high) if high - low <= 2 * np.pi else (-np.pi, np.pi)
+        for leg, lows, highs in zip(at_zero, lower, upper, strict=True)
+        for joint, low, high in zip(
+            leg.names, lows[-len(leg.names) :], highs[-len(leg.names) :], strict=True
+        )
+    }
+    hips = chain.joint_zero[:, 0]
+    if shapes:
+        idle = idle_joints(tree, set(bounds), set(draft.locked))
+        if held := rest_of(urdf_model(draft.robot(meshes=True)), idle, bounds, hips):
+            draft = replace(draft, locked=draft.locked | held)
+            shapes, _ = draft.shapes()
+            model = draft.model()
+    torque = by_leg(
+        width,
+        [
+            [motors.joints[j.name].max_torque or float(j.effort or 0.0) for j in own]
+            for own in joints
+        ],
+        1.0,
+    )
+    inner = body_box(shapes) or (hips.min(axis=0) - 0.03, hips.max(axis=0) + 0.03)
+    legs = Legs(chain, lower, upper, torque, reach, mass * GRAVITY, mirrored(hips), inner)
+    parts = parts_of(urdf_model(draft.robot(meshes=True)), bounds) if shapes else None
+
+    def fine(found: list[Posture]) -> list[Posture]:
+        return [one for one in found if not _touching(parts, at_zero, one)]
+
+    def center(angles: Array) -> Array:
+        return model.center(_by_joint(at_zero, angles))
+
+    least = np.nan
+    standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
+    if not standings and any(names.arms):
+        usable = _IN_HAND * FLOOR / SAFETY
+        found, least = corridor_postures(
+            legs, np.array(names.arms), center, _TRIED, CLEARANCE, usable
+        )
+        standings = _roomiest(legs, fine([replace(one, friction=FLOOR) for one in found]))
+    if not standings:
+        lacks = f"; standing on its feet with its hands on walls{_lacking(least)}"
+        raise UsageError(
+            f"{tree.path}: found no posture in which it stands with {', '.join(names.names)} "
+            f"(toes {', '.join(toe.link for toe in toes)}): `climbplan new robot --example "
+            f"robot_walker` shows what to write by hand{lacks if any(names.arms) else ''}"
+        )
+    return Settled(
+        draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs.mirror,
+        parts, inner, tuple(standings),
+    )  # fmt: skip
+
+
+def _by_joint(legs: Sequence[LegAtZero], angles: Array) -> dict[str, float]:
+    """Angles (N, J) by joint."""
+    return {
+        joint: float(angle)
+        for leg, row in zip(legs, angles, strict=True)
+        for joint, angle in zip(leg.names, row[len(row) - len(leg.names) :], strict=True)
+    }
+
+
+def _touching(parts: Parts | None, legs: Sequence[LegAtZero], posture: Posture) -> bool:
+    """Whether parts of the robot touch in a posture; not, where there is no collision geometry."""
+    return parts is not None and bool(parts.touching(_by_joint(legs, posture.angles)))
+
+
+def _farthest(chain: SerialChain, lower: Array, upper: Array) -> Array:
+    """(N,) farthest toe of sampled postures from the first joint [m]."""
+    low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
+    return farthest_toes(chain, low, high) / _LONGEST
+
+
+def _stated(motors: Motors) -> dict[str, dict[str, float]]:
+    """What the section says of joints: where the URDF says nonsense, and other stiffness."""
+    out = {}
+    for name, motor in motors.joints.items():
+        own = {"max_torque": motor.max_torque, "max_speed": motor.max_speed}
+        given = {key: value for key, value in own.items() if value is not None}
+        if motor.stiffness != motors.stiffness:
+            given["stiffness"] = motor.stiffness
+        if given:
+            out[name] = given
+    return out
+
+
+def _roomiest(legs: Legs, found: list[Posture]) -> list[Posture]:
+    """Postures by their room by exact kinematics, less what motors have not left; best first."""
+    by_worth = []
+    for posture in found:
+        chain = replace(legs.chain, posture=posture.angles)
+        ball = stance_balls(
+            chain, posture.toes, common_reach(legs.reach) * _LONGEST, legs.lower, legs.upper
+        )
+        worth = float(ball.min()) * (1 - posture.use)
+        if worth > 0:
+            by_worth.append((worth, posture))
+    return [posture for _, posture in sorted(by_worth, key=lambda pair: -pair[0])]
+
+
+def _planned_with(
+    draft: Draft,
+    half: tuple[float, ...] | None,
+    shapes: list[Shape],
+) -> Robot:
+    """The robot as planning has it."""
+    robot = draft.robot(meshes=bool(shapes))
+    update: dict[str, Any] = {"body_half_size": half}
+    if not shapes:
+        update["limb_radius"] = LIMB_RADIUS
+    return robot_of_urdf(replace(robot, spec=robot.spec.model_copy(update=update)))
+
+
+def _braces(robot: Robot, mirror: tuple[int | None, ...]) -> tuple[tuple[Posture, ...], str]:
+    """Postures between walls, and what is lacking on the roughest."""
+    if not isinstance(robot.mechanism, SerialChain):
+        raise TypeError("a robot from a URDF has chains")
+    chain, low, high = robot.mechanism, robot.joint_lower, robot.joint_upper
+    box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
+    reach = _farthest(chain, low, high)
+    legs = Legs(chain, low, high, robot.max_torque, reach, robot.weight, mirror, box)
+    out: list[Posture] = []
+    lacks = ""
+    for mu in WALLS:
+        usable = _IN_HAND * mu / SAFETY
+        found, least = bracing_postures(legs, chain.posture, _BRACES, CLEARANCE, usable)
+        out += [replace(brace, friction=mu) for brace in found]
+        lacks = f", on walls of friction {mu:g}{_lacking(least)}"
+    return tuple(out), lacks
+
+
+def _lacking(least: float) -> str:
+    """What motors lack to hold the robot with any one limb lifted."""
+    if np.isnan(least):
+        return " no posture is in reach, clear of the body"
+    if np.isinf(least):
+        return " no posture in reach holds its weight within the friction cones"
+    return f" the motors need {least:.2g} times their torque limits with any one limb lifted"
+
+
+def _masses(tree: UrdfTree) -> list[str]:
+    """Links that joints move and that weigh nothing, with all that is fixed to them."""
+    mass = tree.moving_mass
+    empty = [name for name, own in mass.items() if own == 0]
+    if not empty:
+        return []
+    shown = ", ".join(empty[:4]) + (f" and {len(empty) - 4} more" if len(empty) > 4 else "")
+    return [f"{len(empty)} of {len(mass)} moving links have no mass: {shown}"]
+
+
+def _buried(toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape]) -> list[str]:
+    """Toes that lie inside the collision geometry of their own last link, by how much."""
+    depth: dict[str, float] = {}
+    for toe, leg in zip(toes, legs, strict=True):
+        own = [shape for shape in shapes if shape.joint == leg.names[-1]]
+        deepest = 0.0
+        for shape in own:
+            along = leg.toe - leg.joints[-1]
+            length = float(np.linalg.norm(along))
+            if length > 0:
+                beyond = (shape.points - leg.toe) @ (along / length) + shape.radius
+                deepest = max(deepest, float(beyond.max()))
+        if deepest > 1e-3:
+            depth[toe.link] = 1e3 * deepest
+    if not depth:
+        return []
+    least, most = f"{min(depth.values()):.0f}", f"{max(depth.values()):.0f}"
+    span = most if least == most else f"{least} to {most}"
+    where = f"toes {', '.join(depth)} lie {span} mm inside their own feet"
+    return [f"{where}, which touch that much earlier; `toe_offset` moves them"]

@@ -1,0 +1,230 @@
+"""Specs that use a proposed robot: over ground, up stairs, between walls, from ground to walls."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.robots.urdf.proposal.postures import Posture
+from climbplan.robots.urdf.proposal.settled import FLOOR, SAFETY, WALLS, Proposal
+from climbplan.robots.urdf.proposal.yaml_words import scalar, vector
+
+_STEP = 0.35  # of the ball about its stance, that a toe steps in a round on ground
+_RISE = 0.3  # and between walls
+_LONGEST_STEP = 0.08  # [m]
+_SHIFT = 0.6  # of the level distance of a toe from the body, that it may shift at most
+_LIFT = 0.25  # of the ball, that a toe is lifted
+_ROUNDS = 2
+_NO_SHIFT = 1e-3  # [m]
+_FAR = 3.0  # [m] of ground and walls beyond the robot
+_STAIR_STEP = 0.6  # of the ball about its stance, that a toe steps on stairs in a round
+_STAIR = 0.25  # of the ball, that a stair is high
+_HIGHEST_STAIR = 0.05  # [m]
+_OVER_EDGE = 1.5  # of a stair's height, that toes are lifted
+_STAIR_ROUNDS = 4
+_WALL_TORQUE = 1.2  # S_tau on the way to the walls
+_WALL_HEIGHTS = 4
+_ASIDE = 0.12  # of the level distance of a toe from the body: poses beside the straight way
+_ABOVE_GROUND = 0.05  # [m] of the lowest toe on a wall
+
+
+def ground_document(proposal: Proposal, robot_file: str) -> str:
+    """A few steps over flat ground."""
+    robot = proposal.robot
+    ball = robot.stance_radius
+    step = min(_STEP * ball, _LONGEST_STEP)
+    height, away, shift = _stands(proposal)
+    far = _FAR + away
+    gait = ", ".join(scalar(name) for name in proposal.named.gait)
+    way = f"{1e3 * step * _ROUNDS:.0f} mm over flat ground"
+    return f"""# {robot.name} walks {way}, one leg at a time.
+kind: climb
+title: {scalar(f"{robot.name} on flat ground")}
+robot: {scalar(robot_file)}
+
+terrain:
+  friction: {FLOOR:g}  # ASSUMED: rubber on a floor
+{_floor(proposal, far)}
+
+task:
+  rounds: {_ROUNDS}
+{_start(proposal)}
+  goal: {{com: [0, {step * _ROUNDS:.4f}, {height:.4f}]}}
+  gait: [{gait}]  # from rear to front, one side after the other
+
+posture:
+  steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, shift_max: {shift:.3f}}}
+
+force: {{safety_friction: {SAFETY:g}}}
+trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}}}
+seed: 0
+"""
+
+
+def chimney_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
+    """Up between two walls, in one of its bracing postures."""
+    robot = proposal.robot
+    rise = min(_RISE * min(robot.stance_radius, 2 * brace.room), _LONGEST_STEP)
+    reach = _FAR + float(np.abs(brace.toes).max())
+    stance = "\n".join(
+        f"    {scalar(name)}: {vector(toe)}"
+        for name, toe in zip(robot.limb_names, brace.toes, strict=True)
+    )
+    gait = ", ".join(scalar(name) for name in proposal.named.gait)
+    ball = min(robot.stance_radius, 2 * brace.room)
+    extent = f"[-{reach:.1f}, {reach:.1f}]"
+    shift = f", shift_max: {2 * brace.shift:.3f}" if brace.shift > _NO_SHIFT else ""
+    return f"""# {robot.name} climbs {1e3 * rise * _ROUNDS:.0f} mm between two walls.
+kind: climb
+title: {scalar(f"{robot.name} between two walls")}
+robot: {scalar(robot_file)}
+
+terrain:
+  friction: {brace.friction:g}  # ASSUMED: {WALLS[brace.friction]}
+  walls: {{gap: {brace.gap:.4f}, along: {extent}, up: {extent}}}
+
+task:
+  rounds: {_ROUNDS}
+  start: {{com: [0, 0, 0]}}
+  goal: {{com: [0, 0, {rise * _ROUNDS:.4f}]}}
+  gait: [{gait}]
+  stance:  # [m] toes against the walls, body frame: most room, motors least used
+{stance}
+
+posture:
+  steps: {{com_max: {1.5 * rise:.4f}, toe_max: {3 * rise:.4f}{shift}}}
+
+force: {{safety_friction: {SAFETY:g}}}
+trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}}}
+seed: 0
+"""
+
+
+def stairs_document(proposal: Proposal, robot_file: str) -> str:
+    """Up two stairs with the front toes, one with those of the middle; rear ones stay below."""
+    robot = proposal.robot
+    ball = robot.stance_radius
+    step, stair = _STAIR_STEP * ball, min(_STAIR * ball, _HIGHEST_STAIR)
+    height, away, shift = _stands(proposal)
+    along = robot.stance_body[~np.array(proposal.named.arms), 1]
+    front, rear = float(along.max()), float(along.min())
+    # The last steps of the front toes are taken on the second stair
+    first = front + 0.6 * step
+    second = first + (_STAIR_ROUNDS - 1.5) * step
+    # The body leans with a stance that is long enough for it
+    pitch = 0.0
+    if front - rear > away:
+        pitch = float(np.rad2deg(np.arctan2(2 * stair, front - rear)))
+    wide = 2 * (_FAR + away)
+    edges = {"floor": (-_FAR - away, first, 0.0), "first stair": (first, second, stair)}
+    edges["second stair"] = (second, second + _FAR, 2 * stair)
+    regions = "\n".join(
+        f"    - name: {name}\n      rectangle: {{center: [0, {(low + high) / 2:.4f}, {at:.4f}], "
+        f"normal: [0, 0, 1], width: {wide:.1f}, height: {high - low:.4f}}}"
+        for name, (low, high, at) in edges.items()
+    )
+    gait = ", ".join(scalar(name) for name in proposal.named.gait)
+    walls = f"{_walls(proposal, _FAR + away)}\n" if proposal.posture.gap else ""
+    return f"""# {robot.name} walks up two stairs of {1e3 * stair:.0f} mm, one leg at a time.
+kind: climb
+title: {scalar(f"{robot.name} on stairs")}
+robot: {scalar(robot_file)}
+
+terrain:
+  friction: {FLOOR:g}  # ASSUMED: rubber on a floor
+{walls}  regions:
+{regions}
+
+task:
+  rounds: {_STAIR_ROUNDS}
+{_start(proposal)}
+  goal: {{com: [0, {step * _STAIR_ROUNDS:.4f}, {height + stair:.4f}], rpy_deg: [{pitch:.1f}, 0, 0]}}
+  gait: [{gait}]  # from rear to front, one side after the other
+
+posture:
+  steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, shift_max: {shift:.3f}}}
+
+force: {{safety_friction: {SAFETY:g}}}
+trajectory: {{lift: {_OVER_EDGE * stair:.4f}}}
+seed: 0
+"""
+
+
+def wall_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
+    """From standing on the ground to bracing between walls, in one of its bracing postures."""
+    robot = proposal.robot
+    height, away, shift = _stands(proposal)
+    up = max(height, _ABOVE_GROUND - float(brace.toes[:, 2].min()))
+    far = _FAR + away
+    stance = "\n".join(
+        f"    {scalar(name)}: {vector(toe)}"
+        for name, toe in zip(robot.limb_names, brace.toes, strict=True)
+    )
+    shift = max(shift, 2 * brace.shift)
+    lift = min(_LIFT * min(robot.stance_radius, 2 * brace.room), 0.05)
+    rounds, half = robot.limb_count, brace.gap / 2
+    return f"""# {robot.name} goes from the ground to two walls, in {rounds} rounds.
+#
+#     climbplan plan-transition {robot_file.removesuffix(".yaml")}_wall.yaml
+kind: transition
+title: {scalar(f"{robot.name} from the ground to two walls")}
+robot: {scalar(robot_file)}
+
+terrain:
+  friction: {brace.friction:g}  # ASSUMED: {WALLS[brace.friction]}
+  walls: {{gap: {brace.gap:.4f}, along: [-{far:.1f}, {far:.1f}], up: [0, {far:.1f}]}}
+  ground: {{across: [-{half:.4f}, {half:.4f}], along: [-{far:.1f}, {far:.1f}]}}
+
+task:
+  rounds: {rounds}
+{_start(proposal, brace.gap)}
+  goal: {{com: [0, 0, {up:.4f}]}}
+  stance:  # [m] toes against the walls, body frame
+{stance}
+
+posture:
+  steps: {{shift_max: {shift:.3f}, com_max: {2 * shift:.3f}}}
+
+search: {{aside: {_ASIDE * away + 0.5 * brace.shift:.3f}, heights: {_WALL_HEIGHTS}}}
+force: {{safety_torque: {_WALL_TORQUE:g}}}
+trajectory: {{lift: {lift:.4f}}}
+seed: 0
+"""
+
+
+def _stands(proposal: Proposal) -> tuple[float, float, float]:
+    """Height of the body [m], of its farthest toe on the level, and how far it may shift."""
+    stance = proposal.robot.stance_body
+    away = float(np.linalg.norm(stance[:, :2], axis=1).max())
+    shift = 2 * proposal.posture.shift if proposal.posture.gap else _SHIFT * away
+    return float(-stance[:, 2].min()), away, shift
+
+
+def _start(proposal: Proposal, gap: float = 0.0) -> str:
+    """The start of a task: toes on the ground, and of arms on walls that far apart [m]."""
+    robot, posture = proposal.robot, proposal.posture
+    height = _stands(proposal)[0]
+    if not (gap or posture.gap):
+        words = "# toes stand where the robot's stance meets the ground"
+        return f"  start: {{com: [0, 0, {height:.4f}]}}  {words}"
+    toes = robot.stance_body.copy()
+    arms = np.array(proposal.named.arms) & (posture.gap > 0)
+    toes[:, 2] = np.where(arms, toes[:, 2] + height, 0.0)
+    toes[arms, 0] = np.sign(toes[arms, 0]) * round(gap or posture.gap, 4) / 2
+    listed = "\n".join(
+        f"      {scalar(name)}: {vector(toe, 5 if arm else 4)}"
+        for name, toe, arm in zip(robot.limb_names, toes, arms, strict=True)
+    )
+    return f"  start:\n    com: [0, 0, {height:.4f}]\n    toes:  # [m] as it stands\n{listed}"
+
+
+def _floor(proposal: Proposal, far: float) -> str:
+    """Ground, and walls for the hands of a robot that stands between them."""
+    gap = proposal.posture.gap
+    across = f"{gap / 2:.4f}" if gap else f"{far:.1f}"
+    ground = f"  ground: {{across: [-{across}, {across}], along: [-{far:.1f}, {far:.1f}]}}"
+    return f"{ground}\n{_walls(proposal, far)}" if gap else ground
+
+
+def _walls(proposal: Proposal, far: float) -> str:
+    gap = proposal.posture.gap
+    return f"  walls: {{gap: {gap:.4f}, along: [-{far:.1f}, {far:.1f}], up: [0, {far:.1f}]}}"

@@ -20,7 +20,6 @@ from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
 
 GAP = 1e-6
-UNSOLVED = (144, 161)  # convex programs that stay unsolved: the gap is told, not closed
 _WALLS = np.array([0.35, 0.40])
 
 
@@ -48,17 +47,16 @@ def _agrees_with_the_tree(seed: int) -> None:
     instance = random_program(seed).at({})
     if instance.features - HOLDS:
         return
-    ours, tree = solve_benders(instance, GAP, 30.0), solve_mixed_integer(instance, GAP, 30.0)
+    ours, tree = solve_benders(instance, GAP, 30.0), solve_mixed_integer(instance, 10 * GAP, 30.0)
     assert tree.status in ("optimal", "infeasible")
     if tree.objective is None:
-        assert ours.status in ("infeasible", "limit")
+        assert ours.status == "infeasible"
         return
     room = 1e-6 * max(1.0, abs(tree.objective))
     assert ours.bound <= tree.objective + room
     assert ours.objective is not None
     assert ours.objective >= tree.bound - room
-    if seed not in UNSOLVED:
-        assert ours.status == "optimal"
+    assert ours.status == "optimal"
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -20,6 +20,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.benders.cuts import Cut, CutForm, Planes
 from climbplan.solvers.benders.master import Master
+from climbplan.solvers.benders.rays import farkas_ray
 from climbplan.solvers.benders.subproblem import Subproblem
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
@@ -174,7 +175,7 @@ class BendersMemory:
             integers = np.clip(integers, n.lowest, n.highest)
         told = 0  # cuts that the master has
         master = Master(form, read.program, relaxed)
-        if not self._try(instance, form, sub, state, integers):
+        if not self._try(instance, form, read, sub, state, integers):
             state.leave(relaxed)
             master.add(Planes.without(integers), np.inf)
         while True:
@@ -199,7 +200,7 @@ class BendersMemory:
             if state.best is not None and relative_gap(state.cost, state.bound) <= self.gap:
                 return
             again = found.integers.tobytes() in state.tried  # their cut was not good enough
-            if again or not self._try(instance, form, sub, state, found.integers):
+            if again or not self._try(instance, form, read, sub, state, found.integers):
                 state.leave(found.bound if again else relaxed)
                 master.add(Planes.without(found.integers), state.cost)
 
@@ -207,6 +208,7 @@ class BendersMemory:
         self,
         instance: Instance,
         form: Conditional,
+        read: CutForm,
         sub: Subproblem,
         state: _State,
         integers: NDArray[np.int64],
@@ -217,13 +219,17 @@ class BendersMemory:
         """
         state.tried.add(integers.tobytes())
         x, cut = sub.solve(integers)
+        stated = None if x is None else x[: instance.size]
+        met = False
+        if x is not None and stated is not None:
+            met = instance.violation(stated, form.alternatives(x)) <= self.tolerance
+        if not met and (cut is None or cut.feasible):  # rounding stopped the solver
+            star = read.program.start.copy()
+            star[read.program.entities] = integers
+            cut = farkas_ray(form, read, integers, star) or cut
         if cut is None:
             return False
         self.cuts.append(cut)
-        if x is None:
-            return True
-        stated, assignment = x[: instance.size], form.alternatives(x)
-        cost = instance.objective(stated)
-        if cost < state.cost and instance.violation(stated, assignment) <= self.tolerance:
-            state.best, state.cost = x, cost
+        if met and stated is not None and instance.objective(stated) < state.cost:
+            state.best, state.cost = x, instance.objective(stated)
         return True

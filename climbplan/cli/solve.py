@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from climbplan.spec.program.loading import LoadedProgram
 
 
-_SEQUENCE = ("auto", "branch-and-bound")  # methods that rows of a sequence may name
+_SEQUENCE = ("auto", "branch-and-bound", "benders")  # methods that rows of a sequence may name
 
 
 def solve(
@@ -102,7 +102,7 @@ def solve(
     loaded = load_program(spec, spec_overrides(assignments, seed, time_limit, method, solver=only))
     if sequence and (loaded.spec.solver.method not in _SEQUENCE or loaded.spec.solver.solver):
         raise UsageError(
-            "--sequence: solved by method branch-and-bound, got "
+            "--sequence: solved by method branch-and-bound or benders, got "
             f"{loaded.spec.solver.method!r}; give --method branch-and-bound and no solver"
         )
     if problem is None:

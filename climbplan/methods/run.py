@@ -98,7 +98,9 @@ def run(
     library = None if loaded.library is None else library_of(problem, loaded.library)
     model = None if loaded.model is None else model_of(problem, loaded.model)
     settings = replace(settings_of(solver, library, model), certificate=certificate)
-    sequence = None if shift is None else ProblemSequence(problem, settings)
+    sequence = None
+    if shift is not None:
+        sequence = ProblemSequence(problem, settings, solver.method)
     results, kept = [], Kept()
     for k, theta in enumerate(thetas):
         if report is not None:

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import get_args
 
+import numpy as np
+
 from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
 from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
@@ -18,6 +20,7 @@ from climbplan.methods.pipeline import Tried
 from climbplan.methods.task import Kept, Method, MethodSettings, Outcome, Task
 from climbplan.methods.whole_methods import (
     admm,
+    benders,
     branch_and_bound,
     micp,
     minlp_bonmin,
@@ -27,6 +30,7 @@ from climbplan.methods.whole_methods import (
 )
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
+from climbplan.solvers.mixed_integer.cost import Unbounded
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
 
@@ -71,13 +75,17 @@ def solve_instance(
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
     settings = settings or MethodSettings()
     instance = problem.instance(theta)
+    chosen = method == "auto"
     if method == "auto":
         method = _automatic(instance, settings)
     if settings.certificate and method != "branch-and-bound":
         raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or Kept())
-    outcome = _METHODS[method](task)
+    if chosen and method == "branch-and-bound":
+        outcome, method = _own_or_micp(task)
+    else:
+        outcome = _METHODS[method](task)
     if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
         outcome = _fallen_back(task, method, settings.fallback, outcome)
     result = outcome.result if outcome.checked else task.passing(outcome.result)
@@ -103,6 +111,22 @@ def _automatic(instance: Instance, settings: MethodSettings) -> Method:
     return "branch-and-bound" if own else "micp"
 
 
+def _own_or_micp(task: Task) -> tuple[Outcome, Method]:
+    """The own tree; `micp` where nothing bounds a direction that costs nothing, nor the answer."""
+    own = None
+    try:
+        own = branch_and_bound(task)
+    except Unbounded:
+        if task.settings.certificate:
+            raise
+    if own is not None and (task.settings.certificate or not np.isneginf(own.result.bound)):
+        return own, "branch-and-bound"
+    other = micp(task)
+    if own is not None and other.result.x is None and own.result.x is not None:
+        return own, "branch-and-bound"
+    return other, "micp"
+
+
 def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:
     """Another method, where no candidate of a learned one holds."""
     if fallback == method:
@@ -115,6 +139,7 @@ def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome)
 
 _METHODS: dict[str, Callable[[Task], Outcome]] = {
     "branch-and-bound": branch_and_bound,
+    "benders": benders,
     "minlp-scip": minlp_scip,
     "minlp-bonmin": minlp_bonmin,
     "micp": micp,

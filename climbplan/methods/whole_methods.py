@@ -20,6 +20,7 @@ from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.admm import solve_admm
+from climbplan.solvers.benders.method import solve_benders
 from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.mixed_integer.method import TreeMemory
@@ -42,10 +43,7 @@ def branch_and_bound(task: Task) -> Outcome:
             f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, mpcc or pinned"
         )
     if settings.certificate and task.instance.products.count:
-        raise UsageError(
-            f"{task.instance.name}: a certificate holds no products, whose envelopes change with "
-            "the boxes of the tree"
-        )
+        raise UsageError(no_certificate(task.instance))
     if settings.certificate:
         # The tree over integers, whose leaves can be told in the rows of the statement
         tree = TreeMemory(settings.gap, settings.tolerance, proves=True)
@@ -57,6 +55,21 @@ def branch_and_bound(task: Task) -> Outcome:
         task.instance, settings.gap, task.left, settings.tolerance, proposals=first
     )
     return Outcome(found, "own tree", 1 + len(first))
+
+
+def benders(task: Task) -> Outcome:
+    """Integers by cuts, the convex program that is left by the solver of tree nodes."""
+    settings = task.settings
+    found = solve_benders(task.instance, settings.gap, task.left, settings.tolerance)
+    return Outcome(found, "Benders cuts", 1)
+
+
+def no_certificate(instance: Instance) -> str:
+    """Why an instance with products has none."""
+    return (
+        f"{instance.name}: a certificate holds no products, whose envelopes change with "
+        "the boxes of the tree"
+    )
 
 
 def minlp_scip(task: Task) -> Outcome:

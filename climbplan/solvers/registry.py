@@ -73,6 +73,12 @@ def _branch_and_bound() -> SolveKnowing:
     return solve_branch_and_bound
 
 
+def _benders() -> Solve:
+    from climbplan.solvers.benders.method import solve_benders
+
+    return solve_benders
+
+
 def _scip() -> Solve:
     from climbplan.solvers.scip.instances import solve_scip
 
@@ -158,6 +164,15 @@ BACKENDS = {
             load=_branch_and_bound,
             load_knowing=_branch_and_bound,
             purpose="postures: own tree with DAQP nodes; compiled tree over integers and in space",
+        ),
+        Backend(
+            name="benders",
+            module="highspy",
+            distribution="highspy",
+            install="pip install highspy",
+            accepts=frozenset({"choices", "integers", "implications"}),
+            load=_benders,
+            purpose="generalised Benders cuts by the own tree's solver, integers by HiGHS",
         ),
         Backend(
             name="scip",

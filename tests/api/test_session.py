@@ -14,9 +14,10 @@ _START = np.array([0.30, 0.05, 0.3, -0.4])
 _WALLS = np.array([0.35, 0.40])
 
 
-def test_a_session_agrees_with_single_solves() -> None:
+@pytest.mark.parametrize("method", ["branch-and-bound", "benders"])
+def test_a_session_agrees_with_single_solves(method: str) -> None:
     problem = springs()
-    session = climbplan.Session(problem, gap=1e-4)
+    session = climbplan.Session(problem, gap=1e-4, method=method)
     state = _START
     for t in range(8):
         theta = {"start": state, "walls": _WALLS + 0.01 * np.sin(t)}
@@ -51,10 +52,27 @@ def test_a_session_that_may_not_work_long_says_how_far_it_came() -> None:
     assert last.status == "optimal"
 
 
+def test_a_session_remembers_boxes_of_products() -> None:
+    problem = damped()
+    session = climbplan.Session(problem, gap=1e-3)
+    state = _START
+    for t in range(4):
+        theta = {"start": state, "walls": _WALLS}
+        warm = session.solve(theta, shift=int(t > 0))
+        cold = climbplan.solve(problem, theta, gap=1e-3)
+        assert warm.status == cold.status == "optimal"
+        assert warm.objective == pytest.approx(cold.objective, rel=2e-3)
+        assert warm.check().passed(1e-6)
+        state = warm["state"][1]
+    assert "remembered" in warm.method
+
+
 def test_a_session_refuses_what_the_tree_cannot_hold() -> None:
-    session = climbplan.Session(damped())
-    with pytest.raises(UsageError, match="holds no products"):
+    session = climbplan.Session(damped(), method="benders")
+    with pytest.raises(UsageError, match="by benders, whose memory holds no products"):
         session.solve({"start": _START, "walls": _WALLS})
+    with pytest.raises(UsageError, match="branch-and-bound or benders, got 'mpcc'"):
+        climbplan.Session(springs(), method="mpcc")
     with pytest.raises(UsageError, match="no setting solver of a session"):
         climbplan.Session(springs(), solver="highs")
     with pytest.raises(UsageError, match="1 dual step or more"):

@@ -300,9 +300,13 @@ def test_rows_as_a_sequence(pond: Path, run_command: RunCommand) -> None:
     assert alone.code == together.code == 0, together.err
     with h5py.File(pond / "alone/plan.h5") as one, h5py.File(pond / "together/plan.h5") as other:
         assert np.allclose(one["objective"], other["objective"], rtol=2e-4)
+    by_cuts = ("--sequence", "--shift", "1", "--method", "benders")
+    assert run_command(*command, "--out", "cuts", *by_cuts).code == 0
+    with h5py.File(pond / "alone/plan.h5") as one, h5py.File(pond / "cuts/plan.h5") as other:
+        assert np.allclose(one["objective"], other["objective"], rtol=2e-4)
     refused = run_command(*command, "--shift", "1")
     assert refused.code == 2
     assert "--shift goes with --sequence" in refused.err
     refused = run_command(*command, "--sequence", "--method", "mpcc")
     assert refused.code == 2
-    assert "solved by method branch-and-bound, got 'mpcc'" in refused.err
+    assert "solved by method branch-and-bound or benders, got 'mpcc'" in refused.err

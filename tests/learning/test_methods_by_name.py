@@ -26,7 +26,7 @@ from climbplan.program.polytope import Array
 from climbplan.reformulations.mccormick import McCormick
 
 SEEDS = range(5)
-GLOBAL = ("minlp-scip", "micp")
+GLOBAL = ("minlp-scip", "micp", "benders")
 QUICK: dict[str, MethodSettings] = {"minlp-bonmin": MethodSettings(time_limit=20.0)}
 
 
@@ -48,6 +48,10 @@ def library(problem: Problem, count: int = 16) -> Library:
 @pytest.mark.parametrize("method", [m for m in METHODS if m != "nlp"])  # which holds no integers
 def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
     problem = islands_problem(bilinear)
+    if method == "benders" and bilinear:
+        with pytest.raises(UsageError, match="holds no products"):
+            solve_instance(problem, problem.drawn(np.random.default_rng(0)), method)
+        return
     solved = library(problem)
     settings = replace(QUICK.get(method, MethodSettings()), library=solved)
     if method in NEEDS_MODEL:
@@ -231,6 +235,23 @@ def test_what_cannot_be_asked_for() -> None:
     other = Library.of(frame, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1))
     with pytest.raises(UsageError, match="does not serve"):
         solve_instance(problem, theta, "knn", MethodSettings(library=other))
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_auto_leaves_directions_that_nothing_bounds_to_micp(whole: bool) -> None:
+    p = Program("open")
+    x, y = p.continuous("x", (2,)), p.continuous("y", (1,), 0.0, 3.0)
+    p.equal("tied", x[0] - x[1] - y[0])  # x[0] + x[1] is free and costs nothing
+    if whole:
+        z = p.binary("z", (1,))
+        p.when("on", z, y, lower=1.0)
+        p.minimise("cost", y[0] ** 2 - 2.0 * z[0])
+    else:
+        p.minimise("cost", (y[0] - 1.0) ** 2 + (x[0] - x[1]))
+    answer = solve_instance(Problem("open", p), {})
+    assert answer.method == "micp"
+    assert answer.result.status == "optimal"
+    assert answer.result.objective == pytest.approx(-1.0 if whole else 0.75, abs=1e-4)
 
 
 def test_a_factor_without_bounds_is_named() -> None:

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from climbplan.bench.engine import flyers, learned, products, ticks
+from climbplan.bench.engine import cuts, flyers, learned, products, remembering, ticks
 from climbplan.bench.engine import run as benchmark
 
 
@@ -15,8 +15,9 @@ def test_every_contender_proves_the_same_cost(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(benchmark, "_STEPS", 3)
     monkeypatch.setattr(benchmark, "_QUICK", 1)
     monkeypatch.setattr(benchmark, "_NOISE", (0.001,))
-    for table in ("run_ticks", "run_flyers", "run_learned", "run_products"):  # of the next tests
-        monkeypatch.setattr(benchmark, table, lambda *_: None)
+    others = ("ticks", "cuts", "flyers", "learned", "products", "remembering")  # of the next tests
+    for table in others:
+        monkeypatch.setattr(benchmark, f"run_{table}", lambda *_: None)
     stream = io.StringIO()
     benchmark.run_engine(0, True, stream)
     rows = [line.split() for line in stream.getvalue().splitlines()[1:]]
@@ -74,3 +75,30 @@ def test_products_are_solved_to_the_cost_of_scip(monkeypatch: pytest.MonkeyPatch
         assert float(row[-1]) < 2e-3  # cost off by
         if "branch-and-bound" in row:
             assert row[-7] == row[-6] == "1"  # problems, proved
+
+
+@pytest.mark.slow
+def test_cuts_and_trees_prove_the_same_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cuts, "QUICK_TICKS", 4)
+    monkeypatch.setattr(cuts, "HORIZONS", (10,))
+    stream = io.StringIO()
+    cuts.run_cuts(0, True, stream)
+    rows = [line.split() for line in stream.getvalue().splitlines()[3:]]
+    assert [row[1] for row in rows] == ["branch-and-bound"] * 2 + ["benders"] * 2
+    for row in rows:
+        assert row[-8] == row[-7] == "4"  # ticks, proved
+        assert float(row[-1]) < 2e-3
+
+
+@pytest.mark.slow
+def test_remembered_products_have_the_cost_of_cold_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remembering, "QUICK_COUNT", 3)
+    few = {k: v for k, v in remembering.PROBLEMS.items() if k != "planar push, 3"}
+    monkeypatch.setattr(remembering, "PROBLEMS", few)
+    stream = io.StringIO()
+    remembering.run_remembering(0, True, stream)
+    rows = [line.split() for line in stream.getvalue().splitlines()[3:]]
+    assert len(rows) == 2 * len(few)
+    for row in rows:
+        assert row[-7] == row[-6] == "3"  # problems, proved
+        assert float(row[-1]) < 2e-3

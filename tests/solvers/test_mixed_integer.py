@@ -15,9 +15,10 @@ from climbplan.methods.pinning import at_point
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, Rows, solve_rows, working
+from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_rows
 from climbplan.solvers.mixed_integer.memory import shifted
 from climbplan.solvers.mixed_integer.method import TreeMemory, solve_mixed_integer
+from climbplan.solvers.mixed_integer.working_set import Rows, working
 from climbplan.solvers.registry import solve
 
 GAP = 1e-5

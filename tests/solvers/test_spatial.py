@@ -11,10 +11,15 @@ from climbplan.errors import UsageError
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import MethodSettings
 from climbplan.program import Problem, Program
-from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
+from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory, solve_spatial
 from climbplan.solvers.registry import solve
 
 GAP = 1e-4
+FLIGHT = {
+    "start": np.array([1.2, 0.4, 0.0, 0.0]),
+    "heading": np.array([0.0, 1.0]),
+    "goal": np.array([1.5, 2.4]),
+}
 HARD = [110, 205, 241, 248, 298]  # of many nodes if what is wide were not split first
 
 
@@ -122,3 +127,25 @@ def test_a_certificate_of_products_is_refused() -> None:
             "branch-and-bound",
             MethodSettings(certificate=True),
         )
+
+
+@pytest.mark.parametrize("most", [4, 40_000])
+def test_remembered_boxes_cover_whatever_changes(most: int) -> None:
+    """Flights whose start and goal move: bounds and proofs as from the root, nothing is lost."""
+    rng, memory = np.random.default_rng(0), SpatialMemory(GAP, 1e-6)
+    memory.recall.most = most
+    found = []
+    for _ in range(6):
+        start = FLIGHT["start"] + np.array([0.1, 0.1, 0.05, 0.05]) * rng.normal(size=4)
+        theta = {**FLIGHT, "start": start, "goal": FLIGHT["goal"] + 0.2 * rng.normal(size=2)}
+        instance = turning_flyer(2).instance(theta)
+        warm, cold = memory.solve(instance, 60.0), solve_spatial(instance, GAP, 60.0, 1e-6)
+        assert warm.status == cold.status
+        assert warm.status in ("optimal", "infeasible")
+        found.append(cold.status)
+        if cold.objective is not None and warm.objective is not None:
+            assert warm.objective == pytest.approx(cold.objective, rel=2 * GAP)
+            assert warm.bound <= cold.objective * (1 + 1e-9)
+    assert found.count("optimal") >= 3
+    assert memory.leaves is not None
+    assert len(memory.leaves.low) <= most

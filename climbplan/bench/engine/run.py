@@ -16,10 +16,12 @@ from typing import TextIO
 import numpy as np
 
 from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.bench.engine.cuts import run_cuts
 from climbplan.bench.engine.daqp_mode import solve_daqp_mode
 from climbplan.bench.engine.flyers import run_flyers
 from climbplan.bench.engine.learned import run_learned
 from climbplan.bench.engine.products import run_products
+from climbplan.bench.engine.remembering import run_remembering
 from climbplan.bench.engine.ticks import run_ticks
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
@@ -57,7 +59,7 @@ class _Column:
 
 
 def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
-    """Print one table for each noise, then moving walls, free-flyers, learned ones, products."""
+    """Print a table for each noise, then walls, cuts, free-flyers, learned ones, products."""
     print(
         "noise   engine             problems  proved  median [ms]   99 % [ms]  nodes   99 %  "
         "of the tree   cost off by",
@@ -76,9 +78,11 @@ def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
                 file=stream,
             )
     run_ticks(seed, quick, stream)
+    run_cuts(seed, quick, stream)
     run_flyers(seed, quick, stream)
     run_learned(seed, quick, stream)
     run_products(seed, quick, stream)
+    run_remembering(seed, quick, stream)
 
 
 def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Column]:

@@ -24,6 +24,7 @@ from climbplan.solvers.result import Answer, SolverResult, judged
 GAP = 1e-4
 _TOLERANCE = 1e-5  # of rows: what solvers of files leave by their own defaults
 _CONVEX = frozenset({"balls", "choices", "integers", "implications"})
+_PRODUCTS = _CONVEX | {"products"}
 
 
 @dataclass(frozen=True)
@@ -121,16 +122,10 @@ def _mpcc(instance: Instance, limit: float) -> SolverResult:
 
 
 CONTENDERS = (
-    Contender("tree", "branch-and-bound", "our own branch and bound", _CONVEX, _tree),
-    Contender(
-        "scip", "scip", "SCIP on the statement: hulls, indicators", _CONVEX | {"products"}, _scip
-    ),
-    Contender("scip-file", "scip", "SCIP on the file", _CONVEX | {"products"}, _scip_file),
+    Contender("tree", "branch-and-bound", "our own branch and bound", _PRODUCTS, _tree),
+    Contender("scip", "scip", "SCIP on the statement: hulls, indicators", _PRODUCTS, _scip),
+    Contender("scip-file", "scip", "SCIP on the file", _PRODUCTS, _scip_file),
     Contender("highs", "highs", "HiGHS on big-M, squares and cones by tangents", _CONVEX, _highs),
-    Contender(
-        "mpcc", "mpcc", "complementarity by IPOPT: no bounds", _CONVEX | {"products"}, _mpcc, False
-    ),
-    Contender(
-        "bonmin", "bonmin", "Bonmin on big-M: no bounds", _CONVEX | {"products"}, _bonmin, False
-    ),
+    Contender("mpcc", "mpcc", "complementarity by IPOPT: no bounds", _PRODUCTS, _mpcc, False),
+    Contender("bonmin", "bonmin", "Bonmin on big-M: no bounds", _PRODUCTS, _bonmin, False),
 )

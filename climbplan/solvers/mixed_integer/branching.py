@@ -8,12 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.solvers.mixed_integer.active_set import (
-    EMPTY,
-    Working,
-    _copy_working,
-    _solve,
-)
+from climbplan.solvers.mixed_integer.active_set import EMPTY, _solve
 from climbplan.solvers.mixed_integer.bounds import (
     _apply,
     _bound,
@@ -44,6 +39,7 @@ from climbplan.solvers.mixed_integer.nodes import (
 )
 from climbplan.solvers.mixed_integer.numbers import Numbers
 from climbplan.solvers.mixed_integer.spatial import _wanted_split
+from climbplan.solvers.mixed_integer.working_set import Working, _copy_working
 
 _PROBE_ITERATIONS = constant(25)
 _RELIABLE = 4  # branchings after which an integer's pseudo-costs are believed

@@ -13,12 +13,15 @@ SOURCES = (  # files with compiled functions, and those that they take numbers f
     "branching.py",
     "compiling.py",
     "elimination.py",
+    "incumbents.py",
     "nodes.py",
     "numbers.py",
     "pairs.py",
     "propagation.py",
     "search.py",
     "spatial.py",
+    "tangents.py",
+    "working_set.py",
 )
 compiled = compiler(Path(__file__).parent, SOURCES, borrows=True, lets_go=True)
 

@@ -1,9 +1,7 @@
 """The program that nodes solve: 1/2 |v|^2 over rows, some of which only some nodes have.
 
 Equations are eliminated (`elimination`), what is left is w = L'^-1 (v - u) with the Cholesky
-factor L of the cost's Hessian. A small proximal term makes that definite: 1/2 sum eps_i (w_i -
-center_i)^2, whose effect on a bound is subtracted exactly (`search`), which needs a bound on
-every w_i that the cost leaves flat.
+factor L of the cost's Hessian (`cost`).
 
 A binary that stands in conditional rows alone has no column (a switch, `pairs`); decided nodes have
 its rows themselves. Other integers are columns, and their conditional rows are big-M rows while
@@ -13,16 +11,15 @@ they are undecided.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.conditional import Conditional
+from climbplan.solvers.mixed_integer.cost import Cost, ceiling, cost_over
 from climbplan.solvers.mixed_integer.elimination import eliminated
 from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram, Numbers
 from climbplan.solvers.mixed_integer.pairs import switches
@@ -41,8 +38,6 @@ from climbplan.solvers.mixed_integer.spatial_rows import (
 )
 from climbplan.solvers.result import Indices
 
-_PROXIMAL = 1e-6  # of the cost's own curvature over the box
-_FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
 _ROUNDS = 20
 _EQUAL = 1e-12  # sides of an equation, relative
 _FEASIBLE = 1e-9  # tolerance of rows in their own unit, as far as rounding allows
@@ -68,7 +63,7 @@ def mixed_integer_program(
         return Impossible("equations contradict each other")
     if time.perf_counter() >= deadline:
         return None
-    cost = _cost(instance, space)
+    cost = cost_over(instance, space)
     if time.perf_counter() >= deadline:
         return None
     stack = row_stack(form, space)
@@ -138,74 +133,11 @@ def _coordinates(
     )
 
 
-@dataclass(frozen=True)
-class _Cost:
-    """1/2 w'Hw + g'w + constant, the proximal term, and L L' = H + diag(eps)."""
-
-    H: Array  # (k, k)
-    g: Array  # (k,)
-    constant: float
-    eps: Array  # (k,)
-    center: Array  # (k,)
-    L: Array  # (k, k)
-    u: Array  # (k,) L u = g - eps center
-
-
-def _cost(instance: Instance, space: Coordinates) -> _Cost:
-    """The cost over w; raises UsageError where a direction without cost is not bounded."""
-    n, k = instance.size, space.X.shape[1]
-    P, q = instance.P, instance.q
-    X, start = space.X[:n], space.start[:n]  # choices cost nothing
-    H = X.T @ (P @ X)
-    g = X.T @ (P @ start + q)
-    low, high = space.lower[space.independent], space.upper[space.independent]
-    half = 0.5 * (high - low)
-    bounded = np.isfinite(half)
-    reach = np.where(bounded, np.maximum(half, 1e-9), 1.0)
-    own = float(np.max(np.diag(H) * reach**2, initial=0.0, where=bounded))
-    eta = _PROXIMAL * (own or float(np.sum(np.abs(g) * reach, where=bounded)) or 1.0)
-    eps = np.where(bounded, eta / reach**2, 0.0)
-    top = float(np.abs(np.diag(H)).max(initial=0.0))
-    # Where bounds leave next to nothing the term need not grow beyond all others
-    wide = float(np.median(reach[bounded])) if bounded.any() else 1.0
-    eps = np.clip(eps, 1e-9 * top, max(top, eta / wide**2))
-    eps = np.where(bounded, eps, 0.0)
-    eps = np.minimum(eps, np.where(half > 0, np.inf, 1.0))
-    center = np.zeros(k)
-    center[bounded] = 0.5 * (low[bounded] + high[bounded])
-    L = _factor(H + np.diag(eps), bounded)
-    if L is None:
-        raise UsageError(
-            f"{instance.name}: a direction without cost is not bounded, which branch-and-bound "
-            "needs; give its variables bounds, or use micp"
-        )
-    return _Cost(
-        H=H,
-        g=g,
-        constant=float(instance.constant + 0.5 * start @ P @ start + q @ start),
-        eps=eps,
-        center=center,
-        L=L,
-        u=solve_triangular(L, g - eps * center, lower=True) if k else np.zeros(0),
-    )
-
-
-def _factor(regular: Array, bounded: NDArray[np.bool_]) -> Array | None:
-    """Cholesky factor, None where a direction without bounds is flat."""
-    try:
-        L: Array = np.linalg.cholesky(regular).astype(float)
-    except np.linalg.LinAlgError:
-        return None
-    top = np.abs(np.diag(regular)).max(initial=0.0)
-    flat = (np.diag(L) ** 2 < _FLAT * top) & ~bounded
-    return None if flat.any() else L
-
-
 def _in_unit_rows(
     instance: Instance,
     form: Conditional,
     space: Coordinates,
-    cost: _Cost,
+    cost: Cost,
     stack: RowStack,
     factors: Factors | None,
 ) -> MixedIntegerProgram:
@@ -214,7 +146,7 @@ def _in_unit_rows(
     entities = np.flatnonzero(form.integer)
     stated = len(stack.R)
     if factors is not None:
-        stack = with_products(stack, factors, space)
+        stack = with_products(stack, form, factors, space)
     M = solve_triangular(cost.L, stack.R.T, lower=True).T if k else stack.R
     norm = np.linalg.norm(M, axis=1)
     norm = np.where(norm > 0.0, norm, 1.0)  # a factor that equations leave one value
@@ -260,7 +192,7 @@ def _in_unit_rows(
         H=np.ascontiguousarray(cost.H),
         g=cost.g,
         constant=cost.constant,
-        ceiling=_ceiling(cost.H, cost.g, cost.constant, low, high),
+        ceiling=ceiling(cost.H, cost.g, cost.constant, low, high),
         ball_rows=ball_rows,
         ball=ball,
         radius=radius,
@@ -274,6 +206,8 @@ def _in_unit_rows(
         X=space.X,
         start=space.start,
         entities=entities,
+        factors=np.zeros(0, np.int64) if factors is None else factors.space,
+        products=form.size if factors is None else int(factors.places[0]),
         key=stack.key,
         lower=space.lower,
         upper=space.upper,
@@ -295,14 +229,6 @@ def _balls(instance: Instance, X: Array, start: Array) -> tuple[Array, Array, Ar
         radius[here] = balls.radius
         at += balls.count
     return rows, centre, radius
-
-
-def _ceiling(H: Array, g: Array, constant: float, lower: Array, upper: Array) -> float:
-    """No point of the box costs more; where it is open, far more than can be told apart."""
-    most = np.maximum(np.abs(lower), np.abs(upper))
-    if np.isfinite(most).all():
-        return constant + float(np.abs(g) @ most + 0.5 * most @ np.abs(H) @ most)
-    return 1e15 * max(1.0, abs(constant), float(np.abs(g).max(initial=0.0)))
 
 
 def _groups(form: Conditional, number: Indices) -> Indices:

@@ -1,7 +1,8 @@
 """Names of rows that stay the same while parameters change: what multipliers are kept by.
 
 A key is one number: a variable's bound, a plain row, a conditional row, a pair of sides of two
-conditional rows, or a side's big-M row, in this order.
+conditional rows, a side's big-M row, the range of a factor or product in space, or one of the four
+planes of a product's envelope, in this order.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ class KeySpace:
     variables: int
     rows: int
     conditions: int
+    products: int = 0  # place of the first product among the variables
 
     @property
     def plain(self) -> int:
@@ -51,6 +53,22 @@ class KeySpace:
         """Keys of big-M rows."""
         return self._big_m + 2 * row + int(sign < 0)
 
+    @property
+    def _ranges(self) -> int:
+        return self._big_m + 2 * self.conditions
+
+    @property
+    def _envelopes(self) -> int:
+        return self._ranges + self.variables
+
+    def ranges(self, variable: Indices) -> Indices:
+        """Keys of the rows that hold values of factors and products."""
+        return self._ranges + variable
+
+    def envelopes(self, count: int) -> Indices:
+        """Keys of the planes of all products' envelopes, four by four."""
+        return self._envelopes + np.arange(4 * count)
+
     def parts(self, key: Indices) -> tuple[Indices, NDArray[np.int64], Indices]:
         """What a row is made of: its kind, two rows of the form, and which sides of these.
 
@@ -77,9 +95,8 @@ class KeySpace:
     def moved(self, key: Indices, variable: Indices, row: Indices, condition: Indices) -> Indices:
         """Keys with every variable, row and condition replaced; -1 where that is nowhere."""
         out = np.full(len(key), -1)
-        kind = np.searchsorted(
-            [self.plain, self.conditional, self._pairs, self._big_m], key, "right"
-        )
+        ends = [self.plain, self.conditional, self._pairs, self._big_m]
+        kind = np.searchsorted([*ends, self._ranges, self._envelopes], key, "right")
         here = kind == 0
         out[here] = variable[key[here]]
         for number, begin, to in ((1, self.plain, row), (2, self.conditional, condition)):
@@ -96,6 +113,13 @@ class KeySpace:
         here = kind == 4
         at, sign = np.divmod(key[here] - self._big_m, 2)
         out[here] = np.where(condition[at] >= 0, self._big_m + 2 * condition[at] + sign, -1)
+        here = kind == 5
+        at = variable[key[here] - self._ranges]
+        out[here] = np.where(at >= 0, self._ranges + at, -1)
+        here = kind == 6
+        product, plane = np.divmod(key[here] - self._envelopes, 4)
+        at = variable[self.products + product]
+        out[here] = np.where(at >= 0, self._envelopes + 4 * (at - self.products) + plane, -1)
         return out
 
 

@@ -5,6 +5,9 @@ Multipliers of the right sign give a bound whatever the numbers are, so the next
 these leaves and the bounds that their multipliers have now, instead of with one root that knows
 nothing; the last integers are tried first (Marcucci and Tedrake, arXiv 1912.01110).
 
+Boxes of factors are kept as numbers and divided into the cells of the next problem, whose ranges
+are others; the planes of their envelopes are written anew there, and the multipliers meet these.
+
 For a receding horizon everything moves by some steps along the first axis of its block: integers,
 rows, multipliers. Leaves that disagree with what was done in the steps that are over are dropped;
 the others still cover all integers that are left, so nothing is lost whatever was moved where.
@@ -18,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.program.blocks import Blocks
+from climbplan.program.instance import Products
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional
@@ -27,7 +31,6 @@ from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.search import revive
 from climbplan.solvers.result import Indices
 
-_LEAST, _MOST = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of integers that are free
 _LEFT = (place.OPEN, place.CLOSED, place.EMPTY_NODE, place.LEFT)
 
 
@@ -42,15 +45,16 @@ class Move:
 
 @dataclass(frozen=True)
 class Leaves:
-    """A cover of all integers with the multipliers of each part, and the best integers."""
+    """A cover of all integers and factors with the multipliers of each part, and the best point."""
 
-    low: NDArray[np.int64]  # (S, E)
-    high: NDArray[np.int64]
+    low: Array  # (S, E + F) integers, then factors: least values, -inf where they are free
+    high: Array  # and largest ones
     key: NDArray[np.int64]  # (S, K) of active rows, -1 behind the last
     side: NDArray[np.int8]
     multiplier: Array
-    best: NDArray[np.int64] | None  # (E,)
+    best: Array | None  # (size,) in the variables of the conditional form
     entities: Indices  # (E,) places among the variables
+    factors: Indices  # (F,)
     space: KeySpace
 
     @classmethod
@@ -61,36 +65,40 @@ class Leaves:
         search: Search,
         tree: Tree,
         most: int,
+        best: Array | None,
     ) -> Leaves:
         """Of a tree that has run; where they are more than `most`, of its upper part."""
         here = _cover(tree, int(search.whole[place.COUNT]), most)
         stated = np.append(program.key, -1)
         row = np.minimum(tree.row[here], len(program.key))  # tangents are forgotten
         behind = np.arange(tree.row.shape[1]) >= tree.active[here][:, None]
-        found = not np.isinf(search.real[place.BEST])
+        n, E = program.numbers, len(program.entities)
+        low, high = tree.low[here].astype(float), tree.high[here].astype(float)
+        first, last = low <= n.lowest, high >= n.highest
+        left, cell = n.spatial.left[E:], n.spatial.cell[E:]
+        low[:, E:], high[:, E:] = left + cell * low[:, E:], left + cell * (high[:, E:] + 1.0)
         # The root had what was left by its parameters: leaves at its edge reach beyond it, so that
         # they cover whatever others leave.
-        low, high = tree.low[here].astype(np.int64), tree.high[here].astype(np.int64)
-        low[low <= program.numbers.lowest] = _LEAST
-        high[high >= program.numbers.highest] = _MOST
+        low[first], high[last] = -np.inf, np.inf
         return cls(
             low=low,
             high=high,
             key=np.where(behind, -1, stated[row]),
             side=tree.side[here].copy(),
             multiplier=tree.multiplier[here].copy(),
-            best=search.best_whole.copy() if found else None,
+            best=best,
             entities=program.entities,
-            space=KeySpace(form.size, len(form.row_lower), len(form.when)),
+            factors=program.factors,
+            space=KeySpace(form.size, len(form.row_lower), len(form.when), program.products),
         )
 
     def root(self) -> Leaves:
-        """A cover that knows no more than its best integers."""
-        size = len(self.entities)
+        """A cover that knows no more than its best point."""
+        free = np.full((1, self.low.shape[1]), np.inf)
         return replace(
             self,
-            low=np.full((1, size), _LEAST, np.int64),
-            high=np.full((1, size), _MOST, np.int64),
+            low=-free,
+            high=free,
             key=np.full((1, self.key.shape[1]), -1),
             side=np.zeros((1, self.key.shape[1]), np.int8),
             multiplier=np.zeros((1, self.key.shape[1])),
@@ -98,36 +106,50 @@ class Leaves:
 
     def moved(self, move: Move) -> Leaves:
         """The same cover for a problem in which everything has moved; those that are over go."""
-        size = len(move.variable)
-        number = np.full(size, -1)
-        number[self.entities] = np.arange(len(self.entities))
-        to = move.variable[self.entities]
+        at = np.concatenate([self.entities, self.factors])
+        number = np.full(len(move.variable), -1)
+        number[at] = np.arange(len(at))
+        to = move.variable[at]
         to = np.where(to >= 0, number[to], -1)
         over = to < 0
         keep: NDArray[np.bool_] = np.ones(len(self.low), bool)
         best = None
-        if over.any() and self.best is not None:
-            inside = (self.low <= self.best) & (self.best <= self.high)
-            keep = np.asarray(inside[:, over].all(axis=1))
-        low = np.full((int(keep.sum()), len(to)), _LEAST, np.int64)
-        high = np.full_like(low, _MOST)
-        low[:, to[~over]], high[:, to[~over]] = self.low[keep][:, ~over], self.high[keep][:, ~over]
         if self.best is not None:
+            done = self.best[at]
+            below = np.where(
+                np.arange(len(at)) < len(self.entities), done, np.nextafter(done, np.inf)
+            )
+            keep = ((self.low <= done) & (below <= self.high))[:, over].all(axis=1)
             best = self.best.copy()  # what is new repeats what was last
-            best[to[~over]] = self.best[~over]
+            there = move.variable >= 0
+            best[move.variable[there]] = self.best[there]
+        low = np.full((int(keep.sum()), len(to)), -np.inf)
+        high = np.full_like(low, np.inf)
+        low[:, to[~over]], high[:, to[~over]] = self.low[keep][:, ~over], self.high[keep][:, ~over]
         key = self.key[keep]
         moved = self.space.moved(key.ravel(), move.variable, move.row, move.condition)
         key = np.where(key >= 0, moved.reshape(key.shape), -1)
-        return Leaves(
-            low, high, key, self.side[keep], self.multiplier[keep], best, self.entities, self.space
+        return replace(
+            self,
+            low=low,
+            high=high,
+            key=key,
+            side=self.side[keep],
+            multiplier=self.multiplier[keep],
+            best=best,
         )
 
     def into(self, program: MixedIntegerProgram, search: Search, tree: Tree) -> bool:
         """Begin a tree, which must have room, with these leaves; False if they do not fit it."""
-        n = program.numbers
-        if not len(self.low) or len(self.entities) != len(program.entities):
+        n, E = program.numbers, len(program.entities)
+        if not len(self.low) or self.low.shape[1] != len(n.lowest):
             return False
-        low, high = np.maximum(self.low, n.lowest), np.minimum(self.high, n.highest)
+        left, cell = n.spatial.left[E:], n.spatial.cell[E:]
+        low, high = self.low.copy(), self.high.copy()
+        # Two leaves have the same number where they meet, and so the same cell
+        low[:, E:] = np.round((low[:, E:] - left) / cell)
+        high[:, E:] = np.round((high[:, E:] - left) / cell) - 1.0
+        low, high = np.maximum(low, n.lowest), np.minimum(high, n.highest)
         possible = np.flatnonzero((low <= high).all(axis=1))
         count, width = len(possible), min(self.key.shape[1], tree.row.shape[1])
         if not count:
@@ -142,8 +164,9 @@ class Leaves:
             target[:count, :width] = np.take_along_axis(source, order, axis=1)
         tree.active[:count] = np.minimum(known.sum(axis=1), width)
         search.whole[place.COUNT] = count
-        if self.best is not None:
-            search.hint[0] = np.clip(self.best, n.lowest, n.highest)
+        if self.best is not None and not len(self.factors):
+            integers = np.round(self.best[self.entities]).astype(np.int64)
+            search.hint[0] = np.clip(integers, n.lowest, n.highest)
             search.whole[place.HINTED] = 1
         revive(n, search, tree)
         return True
@@ -165,14 +188,20 @@ def _cover(tree: Tree, count: int, most: int) -> Indices:
     return np.flatnonzero((left & (depth <= deepest)) | (~left & (depth == deepest)))
 
 
-def shifted(blocks: Blocks, form: Conditional, steps: int) -> Move:
+def shifted(
+    blocks: Blocks, form: Conditional, steps: int, products: Products | None = None
+) -> Move:
     """Everything by some steps along the first axis of its block, towards the beginning.
 
-    Blocks whose first axis is no longer than the steps stay where they are.
+    Blocks whose first axis is no longer than the steps stay where they are. products: those that
+    the form has as variables behind the stated ones; each moves with its factors.
     """
-    variable = np.full(form.size, -1)
+    variable, size = np.full(form.size, -1), 0
     for block in blocks.variables:
         _placed(variable, block.start, block.shape, steps)
+        size += int(np.prod(block.shape, dtype=int))
+    if products is not None:
+        variable[size : size + products.count] = _with_factors(variable, products, size)
     at = 0
     for group in blocks.choices:
         to = _along(group.shape, steps)
@@ -189,6 +218,14 @@ def shifted(blocks: Blocks, form: Conditional, steps: int) -> Move:
     for implied in blocks.implications:
         begin = _placed(condition, begin, implied.shape, steps)
     return Move(variable, row, condition)
+
+
+def _with_factors(variable: Indices, products: Products, begin: int) -> Indices:
+    """(K,) where each product is that of the factors which take its place, -1 for nowhere."""
+    pairs = zip(products.first, products.second, strict=True)
+    number = {(int(i), int(j)): begin + q for q, (i, j) in enumerate(pairs)}
+    to = np.sort(np.stack([variable[products.first], variable[products.second]]), axis=0)
+    return np.array([number.get((int(i), int(j)), -1) for i, j in to.T], np.int64)
 
 
 def _placed(into: Indices, begin: int, shape: tuple[int, ...], steps: int) -> int:

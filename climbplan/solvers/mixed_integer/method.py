@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible
 from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
+from climbplan.solvers.mixed_integer.recall import Recall
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.result import (
     FEASIBILITY,
@@ -28,12 +29,8 @@ from climbplan.solvers.result import (
 )
 
 NAME = "branch-and-bound"
-_PATIENCE = 4  # nodes for each leaf that is remembered
-_PATIENT = 256  # and for all of them together
-_MOST_LEAVES, _LEAF_SHARE = 400, 8  # that are remembered; dual steps for each
+_MOST_LEAVES = 400  # that are remembered
 _LEAST_PROOF = 1.0  # [s] that a certificate may take after the time limit
-_WORSE = 2.0  # times the nodes of a tree from its root: leaves that need more are dropped
-_FEW = 8  # nodes that do not count in this
 
 
 def solve_mixed_integer(
@@ -62,17 +59,24 @@ class TreeMemory:
 
     gap: float = 1e-4
     tolerance: float = FEASIBILITY
-    leaves: Leaves | None = None
     proves: bool = False  # whether each answer comes with its certificate
     certificate: Certificate | None = None  # of the last answer
     work: int = MOST  # dual steps after which a tree stops with what it has found
-    _from_root: int = MOST  # nodes of the last finished tree that began with its root
-    _worse: bool = False  # whether the last tree would have been smaller from its root
+    recall: Recall = field(default_factory=lambda: Recall(_MOST_LEAVES))
 
     @property
-    def _most_leaves(self) -> int:
-        """More are worth less than a new tree: each costs about a dual step to look at."""
-        return int(np.clip(self.work // _LEAF_SHARE, 1, _MOST_LEAVES))
+    def leaves(self) -> Leaves | None:
+        """What the next tree begins with, None for its root."""
+        return self.recall.leaves
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the next tree begins with something."""
+        return self.recall.leaves is not None
+
+    def forget(self) -> None:
+        """Begin the next tree with its root."""
+        self.recall = Recall(_MOST_LEAVES)
 
     def solve(
         self,
@@ -100,11 +104,7 @@ class TreeMemory:
             if self.proves:
                 self.certificate = certificate_of_nothing(instance, form)
             return judged(instance, _impossible(program.why, begin), self.gap, self.tolerance)
-        leaves = self.leaves
-        if leaves is not None and move is not None:
-            leaves = leaves.moved(move(form))
-        if leaves is not None and self._worse:
-            leaves = leaves.root()
+        leaves = self.recall.begun(form, move)
         remembers = leaves is not None and len(leaves.low) > 1
         run = TreeRun.of(program, self.gap, self.tolerance, leaves, self.work)
         if proposals:
@@ -112,8 +112,7 @@ class TreeMemory:
             run.propose(np.round(points[:, program.entities]).astype(np.int64))
         deadline = begin + time_limit
         if leaves is not None and remembers:
-            # What is remembered may fit badly: then it is dropped, after work that counts bound
-            run.go(deadline, min(nodes, _PATIENCE * len(leaves.low) + _PATIENT))
+            run.go(deadline, min(nodes, Recall.patience(leaves)))
             if not run.finished and not run.worked and time.perf_counter() < deadline:
                 run = TreeRun.of(program, self.gap, self.tolerance, leaves.root(), self.work)
                 remembers = False
@@ -121,13 +120,7 @@ class TreeMemory:
         if proposals and run.worked and run.best() is None:
             run.search.whole[place.WORK] = MOST
             run.go(deadline, nodes)
-        self.leaves = Leaves.of(program, form, run.search, run.tree, self._most_leaves)
-        if self.leaves.best is None and leaves is not None:
-            self.leaves = replace(self.leaves, best=leaves.best)
-        made = int(run.search.whole[place.NODES])
-        if not remembers:
-            self._from_root = made if run.finished else MOST
-        self._worse = remembers and made > _WORSE * self._from_root + _FEW
+        self.recall.keep(run, form, leaves, remembers, run.best(), self.work)
         if self.proves:
             # After the limit as long again as the search was, so that it limits proofs, too
             now = time.perf_counter()

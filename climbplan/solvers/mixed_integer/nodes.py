@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.program.polytope import Array
-from climbplan.solvers.mixed_integer.active_set import (
+from climbplan.solvers.mixed_integer.compiling import compiled
+from climbplan.solvers.mixed_integer.numbers import Numbers
+from climbplan.solvers.mixed_integer.working_set import (
     _FAR,
     Rows,
     Working,
@@ -19,8 +21,6 @@ from climbplan.solvers.mixed_integer.active_set import (
     _edge,
     _refactor,
 )
-from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.numbers import Numbers
 from climbplan.solvers.result import LEAST_OBJECTIVE
 
 Whole = NDArray[np.int64]

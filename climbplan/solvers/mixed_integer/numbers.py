@@ -59,7 +59,9 @@ class MixedIntegerProgram:
     tolerance: Array  # (m,)
     X: Array  # (size, k) x = X w + start
     start: Array  # (size,)
-    entities: Indices  # the integers' places in x; factors of products are numbered behind them
+    entities: Indices  # the integers' places in x
+    factors: Indices  # those of factors of products, which are numbered behind them
+    products: int  # place of the first product in x, the size where there are none
     key: NDArray[np.int64]  # (m,) what each row is, whatever the parameters: see `memory`
     lower: Array  # (size,) the box that bounds and rows leave
     upper: Array

@@ -156,13 +156,16 @@ def row_stack(form: Conditional, space: Coordinates) -> RowStack | None:
     return _kept(form, space, pile, plain, order, first)
 
 
-def with_products(stack: RowStack, factors: Factors, space: Coordinates) -> RowStack:
+def with_products(
+    stack: RowStack, form: Conditional, factors: Factors, space: Coordinates
+) -> RowStack:
     """Behind all others the values of factors and products, and room for the envelopes' rows."""
     F, K = len(factors.space), factors.products.count
     at = np.concatenate([factors.space, factors.places])
     m = len(at) + 4 * K
     k, stated = space.X.shape[1], len(stack.R)
     none = np.full(m, -1)
+    keys = KeySpace(form.size, len(form.row_lower), len(form.when), int(factors.places[0]))
     open_ends = np.full(4 * K, np.inf)
     base = np.concatenate([space.start[at], np.zeros(4 * K)])
     low, high = space.lower[at] - space.start[at], space.upper[at] - space.start[at]
@@ -171,7 +174,7 @@ def with_products(stack: RowStack, factors: Factors, space: Coordinates) -> RowS
         base=np.concatenate([stack.base, base]),
         low=np.concatenate([stack.low, low, -open_ends]),
         high=np.concatenate([stack.high, high, open_ends]),
-        key=np.concatenate([stack.key, none]),
+        key=np.concatenate([stack.key, keys.ranges(at), keys.envelopes(K)]),
         when=np.concatenate([stack.when, np.full(m, ALWAYS, np.int8)]),
         entity=np.concatenate([stack.entity, none]),
         value=np.concatenate([stack.value, np.zeros(m, np.int64)]),

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from climbplan.program.polytope import Array
 from climbplan.solvers.interruption import run_aside
 from climbplan.solvers.mixed_integer import nodes as place
-from climbplan.solvers.mixed_integer.active_set import Rows, working
 from climbplan.solvers.mixed_integer.memory import Leaves
 from climbplan.solvers.mixed_integer.nodes import MOST, Search, Tree
 from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram, with_room
 from climbplan.solvers.mixed_integer.search import run as run_tree
+from climbplan.solvers.mixed_integer.working_set import Rows, working
 
 _FIRST_ROOM = 256  # nodes
 _LONG = 300_000  # entries of rows from which a node may take a tenth of a second

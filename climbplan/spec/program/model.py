@@ -76,6 +76,7 @@ class EnvelopeSpec(SpecModel):
 ProgramMethod = Literal[
     "auto",
     "branch-and-bound",
+    "benders",
     "minlp-scip",
     "minlp-bonmin",
     "micp",
@@ -99,7 +100,8 @@ class ProgramSolverSpec(SpecModel):
         default="auto",
         description="`auto`: `branch-and-bound` where the statement is convex but for its "
         "integers and up to 50 products, else `micp`; `branch-and-bound`: the own compiled tree "
-        "over integers and in space, with a valid bound; "
+        "over integers and in space, with a valid bound; `benders`: integers by cuts, where all "
+        "else is a convex quadratic program over rows; "
         "`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
         "envelopes, then the exact program at its integers; `nlp`: IPOPT where there are no "
         "integers; `mpcc`: complementarity; `admm`: alternating between both; `pinned`: integers "

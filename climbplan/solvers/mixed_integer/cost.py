@@ -1,0 +1,96 @@
+"""The cost over the coordinates of nodes, with the small term that makes it definite.
+
+A proximal term 1/2 sum eps_i (w_i - center_i)^2, whose effect on a bound is subtracted exactly
+(`bounds`), needs a bound on every w_i that the cost leaves flat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from climbplan.errors import UsageError
+from climbplan.program.instance import Instance
+from climbplan.program.polytope import Array
+from climbplan.solvers.mixed_integer.row_stack import Coordinates
+
+_PROXIMAL = 1e-6  # of the cost's own curvature over the box
+_FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
+
+
+class Unbounded(UsageError):
+    """Nothing bounds a direction that costs nothing, so that no bound can be proved."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """1/2 w'Hw + g'w + constant, the proximal term, and L L' = H + diag(eps)."""
+
+    H: Array  # (k, k)
+    g: Array  # (k,)
+    constant: float
+    eps: Array  # (k,)
+    center: Array  # (k,)
+    L: Array  # (k, k)
+    u: Array  # (k,) L u = g - eps center
+
+
+def cost_over(instance: Instance, space: Coordinates) -> Cost:
+    """The cost over w; raises Unbounded where a direction without cost is not bounded."""
+    n, k = instance.size, space.X.shape[1]
+    P, q = instance.P, instance.q
+    X, start = space.X[:n], space.start[:n]  # choices cost nothing
+    H = X.T @ (P @ X)
+    g = X.T @ (P @ start + q)
+    low, high = space.lower[space.independent], space.upper[space.independent]
+    half = 0.5 * (high - low)
+    bounded = np.isfinite(half)
+    reach = np.where(bounded, np.maximum(half, 1e-9), 1.0)
+    own = float(np.max(np.diag(H) * reach**2, initial=0.0, where=bounded))
+    eta = _PROXIMAL * (own or float(np.sum(np.abs(g) * reach, where=bounded)) or 1.0)
+    eps = np.where(bounded, eta / reach**2, 0.0)
+    top = float(np.abs(np.diag(H)).max(initial=0.0))
+    # Where bounds leave next to nothing the term need not grow beyond all others
+    wide = float(np.median(reach[bounded])) if bounded.any() else 1.0
+    eps = np.clip(eps, 1e-9 * top, max(top, eta / wide**2))
+    eps = np.where(bounded, eps, 0.0)
+    eps = np.minimum(eps, np.where(half > 0, np.inf, 1.0))
+    center = np.zeros(k)
+    center[bounded] = 0.5 * (low[bounded] + high[bounded])
+    L = _factor(H + np.diag(eps), bounded)
+    if L is None:
+        raise Unbounded(
+            f"{instance.name}: a direction without cost is not bounded, which branch-and-bound "
+            "needs; give its variables bounds, or use micp"
+        )
+    return Cost(
+        H=H,
+        g=g,
+        constant=float(instance.constant + 0.5 * start @ P @ start + q @ start),
+        eps=eps,
+        center=center,
+        L=L,
+        u=solve_triangular(L, g - eps * center, lower=True) if k else np.zeros(0),
+    )
+
+
+def _factor(regular: Array, bounded: NDArray[np.bool_]) -> Array | None:
+    """Cholesky factor, None where a direction without bounds is flat."""
+    try:
+        L: Array = np.linalg.cholesky(regular).astype(float)
+    except np.linalg.LinAlgError:
+        return None
+    top = np.abs(np.diag(regular)).max(initial=0.0)
+    flat = (np.diag(L) ** 2 < _FLAT * top) & ~bounded
+    return None if flat.any() else L
+
+
+def ceiling(H: Array, g: Array, constant: float, lower: Array, upper: Array) -> float:
+    """No point of the box costs more; where it is open, far more than can be told apart."""
+    most = np.maximum(np.abs(lower), np.abs(upper))
+    if np.isfinite(most).all():
+        return constant + float(np.abs(g) @ most + 0.5 * most @ np.abs(H) @ most)
+    return 1e15 * max(1.0, abs(constant), float(np.abs(g).max(initial=0.0)))

@@ -23,6 +23,7 @@ from climbplan.solvers.admm import solve_admm
 from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.mixed_integer.method import TreeMemory
+from climbplan.solvers.mixed_integer.spatial_method import SpatialTree
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
@@ -41,14 +42,10 @@ def branch_and_bound(task: Task) -> Outcome:
         raise UsageError(
             f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, mpcc or pinned"
         )
-    if settings.certificate and task.instance.products.count:
-        raise UsageError(
-            f"{task.instance.name}: a certificate holds no products, whose envelopes change with "
-            "the boxes of the tree"
-        )
     if settings.certificate:
-        # The tree over integers, whose leaves can be told in the rows of the statement
-        tree = TreeMemory(settings.gap, settings.tolerance, proves=True)
+        # The tree over integers, or that over space, whose leaves are told in the statement's rows
+        made = SpatialTree if task.instance.products.count else TreeMemory
+        tree = made(settings.gap, settings.tolerance, proves=True)
         found = tree.solve(task.instance, task.left)
         return Outcome(found, "own tree", 1, certificate=tree.certificate)
     learned = settings.library, settings.model, settings.strategy

@@ -111,14 +111,3 @@ def test_no_point_is_proved_where_a_product_cannot_be_so_large() -> None:
     found = solve_spatial(p.at({}), GAP, 60.0)
     assert found.status == "infeasible"
     assert found.nodes > 1  # what propagation does not see
-
-
-def test_a_certificate_of_products_is_refused() -> None:
-    problem = planar_push(1)
-    with pytest.raises(UsageError, match="certificate holds no products"):
-        solve_instance(
-            problem,
-            problem.drawn(np.random.default_rng(0)),
-            "branch-and-bound",
-            MethodSettings(certificate=True),
-        )

@@ -16,7 +16,12 @@ from climbplan.solvers.mixed_integer.form import mixed_integer_program
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible
-from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
+from climbplan.solvers.mixed_integer.proof import (
+    certificate_of,
+    certificate_of_nothing,
+    proof_deadline,
+)
+from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.result import (
     FEASIBILITY,
@@ -31,7 +36,6 @@ NAME = "branch-and-bound"
 _PATIENCE = 4  # nodes for each leaf that is remembered
 _PATIENT = 256  # and for all of them together
 _MOST_LEAVES, _LEAF_SHARE = 400, 8  # that are remembered; dual steps for each
-_LEAST_PROOF = 1.0  # [s] that a certificate may take after the time limit
 _WORSE = 2.0  # times the nodes of a tree from its root: leaves that need more are dropped
 _FEW = 8  # nodes that do not count in this
 
@@ -93,12 +97,12 @@ class TreeMemory:
         program = mixed_integer_program(instance, form, begin + time_limit)
         if program is None:
             if self.proves:
-                self.certificate = certificate_of_nothing(instance, form)
+                self.certificate = certificate_of_nothing(instance, -np.inf)
             late = _late(begin, known)
             return judged(instance, late, self.gap, self.tolerance)
         if isinstance(program, Impossible):
             if self.proves:
-                self.certificate = certificate_of_nothing(instance, form)
+                self.certificate = certificate_of_nothing(instance)
             return judged(instance, _impossible(program.why, begin), self.gap, self.tolerance)
         leaves = self.leaves
         if leaves is not None and move is not None:
@@ -129,12 +133,10 @@ class TreeMemory:
             self._from_root = made if run.finished else MOST
         self._worse = remembers and made > _WORSE * self._from_root + _FEW
         if self.proves:
-            # After the limit as long again as the search was, so that it limits proofs, too
-            now = time.perf_counter()
-            until = np.inf if now < deadline else now + max(now - begin, _LEAST_PROOF)
-            self.certificate = certificate_of(
-                instance, form, run.program, run.search, run.tree, run.bound, until
-            )
+            none = np.zeros(0, np.int64)
+            of = Searched(instance, form, run.program, run.search, run.tree, none)
+            until = proof_deadline(begin, deadline)
+            self.certificate = certificate_of(instance, of, run.bound, until)
         answer = answer_of(instance, form, run, begin, known)
         return judged(instance, answer, self.gap, self.tolerance)
 

@@ -107,6 +107,7 @@ def _sums(row: Index, part: Array, rows: int) -> tuple[Array, Array]:
     finite = np.where(infinite, 0.0, part)
     opens = np.bincount(row, infinite, rows)
     total = np.bincount(row, finite, rows)
-    error = off_by(np.bincount(row, minlength=rows) + 1, np.bincount(row, np.abs(finite), rows))
+    size, count = np.bincount(row, np.abs(finite), rows), np.bincount(row, minlength=rows)
+    error = off_by(count.astype(float) + 1.0, size.astype(float))
     others = np.where(opens[row] > infinite, -np.inf, total[row] - finite - error[row])
     return np.where(opens > 0, -np.inf, total - error), others

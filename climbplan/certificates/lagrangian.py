@@ -34,7 +34,7 @@ class Lagrangian:
         self.terms = 8  # more than any entry is a product of
         self.weight = 0.0  # by which it is less at points that are 1 outside of rows and balls
 
-    def add(self, entries: Array, places: Index | slice | int = -1) -> None:
+    def add(self, entries: Array, places: Index | int = -1) -> None:
         """Add entries to slopes, several perhaps to one; to the constant if left out."""
         places = np.full(entries.shape, places) if isinstance(places, int) else places
         np.add.at(self.slope, places, entries)
@@ -62,7 +62,7 @@ def lagrangian(
         P = sparse.coo_matrix(instance.P)
         total.add(np.array([instance.constant]))
         total.add(-0.5 * point[P.row] * P.data * point[P.col])
-        total.add(instance.q, slice(0, instance.size))
+        total.add(instance.q, np.arange(instance.size))
         total.add(0.5 * P.data * point[P.col], P.row)  # twice the same if P is symmetric
         total.add(0.5 * P.data * point[P.row], P.col)
     _add_rows(total, rows, box, y)
@@ -86,7 +86,7 @@ def _add_rows(total: Lagrangian, rows: StatedRows, box: Box, y: Array) -> None:
     side, G = np.where(y > 0.0, rows.lower[r], rows.upper[r]), rows.G[r]
     at = np.repeat(np.arange(len(r)), np.diff(G.indptr))
     least = (sign[at] * G.data * np.stack([box.lower, box.upper])[:, G.indices]).min(axis=0)
-    error = off_by(len(least), np.bincount(at, np.abs(least), len(r)))
+    error = off_by(len(least), np.bincount(at, np.abs(least), len(r)).astype(float))
     with np.errstate(invalid="ignore"):  # a side that is not there, which proves nothing
         fails = up(up(sign * side - np.bincount(at, least, len(r))) + error)
         lost = np.where(maybe, np.abs(y) * np.maximum(fails, 0.0), 0.0)

@@ -133,8 +133,9 @@ class _Prover:
 
     def _attempts(self, rows: StatedRows, box: Box, leaf: int) -> Iterator[Multipliers]:
         """Multipliers from the cheapest to the dearest."""
-        yield self._proofs.nothing(box)
         of = self._of
+        if of is None or not len(self._checker.rows.w):  # of products the box alone says little
+            yield self._proofs.nothing(box)
         late = time.perf_counter() >= self._deadline
         if of is not None and leaf >= 0:
             node = int(self._nodes[leaf])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -195,3 +196,17 @@ def test_postures_of_a_climb_are_proved() -> None:
     assert found.objective is not None
     verdict = check(problem.instance(theta), found.certificate)
     assert found.objective * (1.0 - 1.01e-4) <= verdict.bound <= found.objective * (1.0 + 1e-6)
+
+
+@pytest.mark.slow
+def test_limits_are_kept_where_many_balls_make_nodes_slow() -> None:
+    """A proof may take as long again as the search; 351 balls once made pieces of 10 s."""
+    problem, theta = climbplan.stated("specs/climb_steps.yaml")
+    instance = problem.instance(theta)
+    TreeMemory(1e-4, 1e-6).solve(instance, 1.0)  # compiles where it has to
+    tree = TreeMemory(1e-4, 1e-6, proves=True)
+    begin = time.perf_counter()
+    found = tree.solve(instance, 4.0)
+    assert time.perf_counter() - begin < 10.0
+    assert tree.certificate is not None
+    assert check(instance, tree.certificate).bound == pytest.approx(found.bound, rel=1e-4)

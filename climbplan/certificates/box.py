@@ -1,7 +1,7 @@
-"""The box that bounds and rows leave, by interval arithmetic that is rounded outwards.
+"""Boxes of v, and what rows and products leave of them, by interval arithmetic rounded outwards.
 
-Rows may be violated by the tolerance. A row that some integer's value or some alternative asks for
-and that cannot hold within the box excludes it.
+Rows may be violated by `TOLERANCE`. A row that holds only for one value of a binary, and that
+cannot hold anywhere in the box, leaves the other value.
 """
 
 from __future__ import annotations
@@ -10,146 +10,104 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from climbplan.certificates.rounding import down, off_by, up
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Index, Instance
+from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
 
-_SWEEPS = 60
+TOLERANCE = 1e-10
+_MOVED = 1e-6  # a smaller move, relative, is no reason for another sweep
 
 
-@dataclass
+@dataclass(frozen=True)
 class Box:
-    """lower <= x <= upper and the alternatives that are left; `empty` if no point is."""
+    """lower <= v <= upper, where no v is if they cross somewhere."""
 
-    lower: Array  # (n,)
+    lower: Array  # (N,)
     upper: Array
-    allowed: NDArray[np.bool_]  # (R,)
-    integer: NDArray[np.bool_]  # (n,)
-    empty: bool = False
 
-    def within(self, lower: Array, upper: Array) -> NDArray[np.bool_]:
-        """(n,) which sides lie inside another box."""
-        return np.asarray((self.lower >= lower) & (self.upper <= upper))
+    @property
+    def empty(self) -> bool:
+        """Whether bounds cross."""
+        return bool((self.lower > self.upper).any())
 
-    def narrow(self, index: Index, low: Array, high: Array) -> bool:
-        """Take in bounds of some variables; True if one moved."""
-        whole = self.integer[index]
-        low = np.where(whole, np.ceil(low), low)
-        high = np.where(whole, np.floor(high), high)
-        moved = (low > self.lower[index]) | (high < self.upper[index])
-        self.lower[index] = np.maximum(self.lower[index], low)
-        self.upper[index] = np.minimum(self.upper[index], high)
-        self.empty = self.empty or bool((self.lower[index] > self.upper[index]).any())
-        return bool(moved.any())
+    def holding(self, rows: StatedRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which rows have to hold, and which may have to: their binary can be 0 and 1."""
+        b, low, high = rows.binary, self.lower[rows.binary], self.upper[rows.binary]
+        has = (low == rows.value) & (high == rows.value)
+        return (b < 0) | has, (b >= 0) & rows.integer[b] & (low == 0.0) & (high == 1.0)
+
+    def halves(self, rows: StatedRows, j: int, at: float) -> tuple[Box, Box]:
+        """Both sides of a split: together they hold every v of the box."""
+        below, above = self.upper.copy(), self.lower.copy()
+        below[j] = min(below[j], np.floor(at) if rows.integer[j] else at)
+        above[j] = max(above[j], np.floor(at) + 1.0 if rows.integer[j] else at)
+        return Box(self.lower, below), Box(above, self.upper)
 
 
-def implied_box(
-    instance: Instance, rows: StatedRows, lower: Array, upper: Array, tolerance: float
-) -> Box:
-    """Sweep over all rows until the box lies within the one given, or nothing moves."""
-    box = Box(
-        instance.lower.astype(float),
-        instance.upper.astype(float),
-        np.ones(len(rows.choice), bool),
-        instance.integer,
-    )
-    whole = np.flatnonzero(instance.integer)
-    box.narrow(whole, box.lower[whole], box.upper[whole])
-    for _ in range(_SWEEPS):
-        if box.empty or box.within(lower, upper).all():
-            break
-        moved = _ball_sweep(instance, box, tolerance)
-        for r in range(rows.count):
-            moved = _look(rows, r, box, tolerance) or moved
-            if box.empty:
-                return box
-        if not moved:
+def narrowed(rows: StatedRows, box: Box, sweeps: int = 8) -> Box:
+    """A smaller box with the same feasible points, by sweeps over all products and rows."""
+    for _ in range(sweeps):
+        last, box = box, Box(box.lower.copy(), box.upper.copy())
+        _by_products(rows, box)
+        _by_rows(rows, box)
+        box.lower[rows.integer] = np.ceil(box.lower[rows.integer])
+        box.upper[rows.integer] = np.floor(box.upper[rows.integer])
+        ends = np.append(last.lower, last.upper), np.append(box.lower, box.upper)
+        if box.empty or np.isclose(*ends, _MOVED, _MOVED).all():
             break
     return box
 
 
-def _look(rows: StatedRows, r: int, box: Box, tolerance: float) -> bool:
-    """What one row says of the box, or of what it depends on."""
-    begin, end = rows.G.indptr[r], rows.G.indptr[r + 1]
-    index, data = rows.G.indices[begin:end], rows.G.data[begin:end]
-    low, high = rows.lower[r] - tolerance, rows.upper[r] + tolerance
-    b, a = rows.binary[r], rows.alternative[r]
-    if b >= 0:
-        value = rows.value[r]
-        if not box.lower[b] <= value <= box.upper[b]:
-            return False
-        if box.lower[b] < box.upper[b]:
-            if _possible(data, index, low, high, box):
-                return False
-            other = np.array([1.0 - value])
-            return box.narrow(np.array([b]), other, other)
-    if a >= 0:
-        if not box.allowed[a]:
-            return False
-        if (box.allowed & (rows.choice == rows.choice[a])).sum() > 1:
-            if _possible(data, index, low, high, box):
-                return False
-            box.allowed[a] = False
-            return True
-    return _narrowed(data, index, low, high, box)
+def _by_products(rows: StatedRows, box: Box) -> None:
+    """w within the products of what its factors may be, and factors within roots of squares."""
+    i, j, w = rows.first, rows.second, rows.w
+    x, y = np.stack([box.lower[i], box.upper[i]]), np.stack([box.lower[j], box.upper[j]])
+    with np.errstate(invalid="ignore"):
+        ends = (x[:, None] * y[None]).reshape(4, -1)
+        positive = np.where(x[0] * x[1] > 0.0, (x**2).min(axis=0), 0.0)
+    ends[np.isnan(ends)] = 0.0  # zero times an open end
+    least = np.where(i == j, positive, ends.min(axis=0))
+    box.lower[w] = np.maximum(box.lower[w], down(least))
+    box.upper[w] = np.minimum(box.upper[w], up(ends.max(axis=0)))
+    root = up(np.sqrt(np.maximum(box.upper[w[i == j]], 0.0)))
+    np.minimum.at(box.upper, i[i == j], root)
+    np.maximum.at(box.lower, i[i == j], -root)
 
 
-def _parts(data: Array, index: Index, box: Box) -> tuple[Array, Array]:
-    """Least and largest value of each entry's product."""
-    one, other = data * box.lower[index], data * box.upper[index]
-    return np.minimum(one, other), np.maximum(one, other)
+def _by_rows(rows: StatedRows, box: Box) -> None:
+    """Every variable of a row within what the row's bounds and its other variables leave it."""
+    index, data, binary = rows.G.indices, rows.G.data, rows.binary
+    row = np.repeat(np.arange(len(binary)), np.diff(rows.G.indptr))
+    low, high = down(rows.lower - TOLERANCE), up(rows.upper + TOLERANCE)
+    ends = data * np.stack([box.lower, box.upper])[:, index]
+    least, least_others = _sums(row, ends.min(axis=0), len(binary))
+    most, most_others = _sums(row, -ends.max(axis=0), len(binary))
+
+    impossible = (least > high) | (-most < low)
+    holds, maybe = box.holding(rows)
+    out = impossible & maybe
+    np.maximum.at(box.lower, binary[out], 1.0 - rows.value[out])
+    np.minimum.at(box.upper, binary[out], 1.0 - rows.value[out])
+    if (impossible & holds).any():
+        box.upper[:] = -np.inf
+
+    here = holds[row]
+    room = (
+        np.stack([down(low[row] + most_others), up(high[row] - least_others)])[:, here] / data[here]
+    )
+    np.maximum.at(box.lower, index[here], down(np.where(data[here] > 0, *room)))
+    np.minimum.at(box.upper, index[here], up(np.where(data[here] < 0, *room)))
 
 
-def _possible(data: Array, index: Index, low: float, high: float, box: Box) -> bool:
-    """Whether a row may hold somewhere in the box."""
-    least, most = _parts(data, index, box)
-    below, above = float(least.sum()), float(most.sum())
-    if np.isfinite(below) and below - off_by(len(data), np.abs(least).sum()) > up(high):
-        return False
-    return not (np.isfinite(above) and above + off_by(len(data), np.abs(most).sum()) < down(low))
-
-
-def _narrowed(data: Array, index: Index, low: float, high: float, box: Box) -> bool:
-    """Bounds of a row's variables from those of the others; True if one moved."""
-    if not _possible(data, index, low, high, box):
-        box.empty = True
-        return False
-    least, most = _parts(data, index, box)
-    above = _without_each(least)  # the others are worth at least this
-    below = -_without_each(-most)
-    with np.errstate(invalid="ignore", over="ignore"):
-        room_high, room_low = up(high - above) / data, down(low - below) / data
-    positive = data > 0
-    new_low = np.where(positive, room_low, room_high)
-    new_high = np.where(positive, room_high, room_low)
-    new_low = np.where(np.isnan(new_low), -np.inf, down(down(new_low)))
-    new_high = np.where(np.isnan(new_high), np.inf, up(up(new_high)))
-    return box.narrow(index, new_low, new_high)
-
-
-def _without_each(parts: Array) -> Array:
-    """Sum of all parts but each one, rounded down; minus infinity where another is."""
-    finite = np.isfinite(parts)
-    total = float(parts[finite].sum())
-    rest = total - np.where(finite, parts, 0.0)
-    rest = rest - off_by(len(parts) + 1, np.abs(parts[finite]).sum())
-    others = (~finite).sum() - ~finite
-    return np.where(others > 0, -np.inf, rest)
-
-
-def _ball_sweep(instance: Instance, box: Box, tolerance: float) -> bool:
-    """Every coordinate of a ball lies within its radius."""
-    moved = False
-    for balls in instance.balls:
-        F = sparse.csr_matrix(balls.F)
-        radius = np.repeat(balls.radius, balls.f.shape[1]) + tolerance
-        for r, (shift, reach) in enumerate(zip(balls.f.ravel(), radius, strict=True)):
-            here = slice(F.indptr[r], F.indptr[r + 1])
-            index, data = F.indices[here], F.data[here]
-            if len(data):
-                low, high = float(down(-reach - shift)), float(up(reach - shift))
-                moved = _narrowed(data, index, low, high, box) or moved
-    return moved
+def _sums(row: Index, part: Array, rows: int) -> tuple[Array, Array]:
+    """Sum of the parts of each row, and for each part that of the others, both rounded down."""
+    infinite = np.isinf(part)
+    finite = np.where(infinite, 0.0, part)
+    opens = np.bincount(row, infinite, rows)
+    total = np.bincount(row, finite, rows)
+    size, count = np.bincount(row, np.abs(finite), rows), np.bincount(row, minlength=rows)
+    error = off_by(count.astype(float) + 1.0, size.astype(float))
+    others = np.where(opens[row] > infinite, -np.inf, total[row] - finite - error[row])
+    return np.where(opens > 0, -np.inf, total - error), others

@@ -1,7 +1,8 @@
-"""What proves a lower bound, or that nothing is feasible: leaves that cover all integers.
+"""What proves a lower bound, or that nothing is feasible: a tree whose leaves have multipliers.
 
-Each leaf is a set of integers with multipliers of the rows, whose Lagrangian bounds the cost of
-every point with these integers. How they were found is of no concern to whoever checks them.
+The tree splits the box of v, the variables of `rows.StatedRows`, so that its leaves cover
+everything whoever made it; the multipliers of a leaf give a Lagrangian that bounds the cost of
+every point in it. How they were found is of no concern to whoever checks them.
 """
 
 from __future__ import annotations
@@ -17,24 +18,16 @@ from climbplan.program.polytope import Array
 
 @dataclass(frozen=True)
 class Certificate:
-    """A proof about an instance with n variables, I of them integers.
+    """A proof about an instance: T nodes of a tree, S of them leaves, both in preorder.
 
-    Its choices have R alternatives in all, its balls D coordinates in all, and rows are counted as
-    in `rows.StatedRows`: m plain ones, those of implications, those of alternatives.
+    The lower side of a split comes first. Integers have v <= at on it and v >= at + 1 on the other
+    side, all others v <= at and v >= at.
     """
 
-    lower: Array  # (n,) all feasible points lie in this box
-    upper: Array
-    low: NDArray[np.int64]  # (S, I) least value of each integer in a leaf
-    high: NDArray[np.int64]
-    allowed: NDArray[np.bool_]  # (S, R) alternatives of a leaf
+    split: NDArray[np.int64]  # (T,) the variable that a node splits, -1 for a leaf
+    at: Array  # (T,)
     point: Array  # (S, n) where the cost is linearised
-    multiplier: sparse.csr_matrix  # (S, rows) positive: of the lower side, negative: the upper one
+    multiplier: sparse.csr_matrix  # (S, rows + 4 K) positive: of lower sides, negative: upper ones
     ball: Array  # (S, D) multiplier times direction
     empty: NDArray[np.bool_]  # (S,) the multipliers prove that the leaf has no point
     bound: float  # what the leaves prove together, infinite if nothing is feasible
-
-    @property
-    def count(self) -> int:
-        """S."""
-        return len(self.low)

@@ -1,25 +1,27 @@
 """Whether a certificate proves what it says of an instance.
 
-Nothing of the solver that made it is used: the box is found again, leaves are compared with all
-integers that it leaves, and multipliers are worth what the instance's own numbers make of them. All
-arithmetic is rounded so that errors make proofs weaker. Bounds hold for every point that violates
-no row and no ball by more than `TOLERANCE`, bounds and integers exactly.
+Nothing of the solver that made it is used. The box is what the instance's own rows leave, the
+tree's splits cover it whatever they are, and multipliers are worth what the instance's own numbers
+make of them in their leaf's box. All arithmetic is rounded so that errors make proofs weaker.
+Bounds hold for every point that violates no row and no ball by more than `TOLERANCE`, bounds and
+integers exactly.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.certificates.box import Box, implied_box
+from climbplan.certificates.box import TOLERANCE, Box, narrowed
 from climbplan.certificates.certificate import Certificate
-from climbplan.certificates.cover import Leaves, Part, uncovered
-from climbplan.certificates.lagrangian import proved
-from climbplan.certificates.rows import StatedRows, stated_rows
+from climbplan.certificates.lagrangian import curvature, lagrangian
+from climbplan.certificates.rounding import down
+from climbplan.certificates.rows import stated_rows, with_planes
+from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-
-TOLERANCE = 1e-10
+from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,6 @@ class Verdict:
     bound: float  # no feasible point costs less: infinite if there is none, -infinite if not proved
     margin: float  # of infeasibility: all rows may be let out by so much and nothing is feasible
     faults: tuple[str, ...]
-    weakest: int  # leaf that decides the bound, -1 without leaves
-
-    @property
-    def infeasible(self) -> bool:
-        """Whether it is proved that nothing is feasible."""
-        return self.bound == np.inf
 
 
 def check(instance: Instance, certificate: Certificate) -> Verdict:
@@ -42,88 +38,69 @@ def check(instance: Instance, certificate: Certificate) -> Verdict:
 
     Raises UsageError for statements beyond what certificates hold.
     """
-    rows = stated_rows(instance)
-    faults = tuple(_malformed(instance, rows, certificate))
-    if faults:
-        return _nothing(*faults)
-    box = implied_box(instance, rows, certificate.lower, certificate.upper, TOLERANCE)
-    if box.empty:
-        return Verdict(np.inf, TOLERANCE, (), -1)
-    outside = np.flatnonzero(~box.within(certificate.lower, certificate.upper))
-    if len(outside):
-        j = outside[0]
-        return _nothing(
-            f"box: bounds imply {box.lower[j]:.17g} to {box.upper[j]:.17g} for variable {j}, not "
-            f"{certificate.lower[j]:.17g} to {certificate.upper[j]:.17g}"
-        )
-    fault = _gap_in_cover(instance, rows, certificate, box)
-    if fault:
-        # The box came to lie within the one given; further sweeps may exclude what no leaf has
-        nowhere = np.full(instance.size, np.inf)
-        box = implied_box(instance, rows, nowhere, -nowhere, TOLERANCE)
+    checker, c = Checker(instance), certificate
+    if faults := tuple(checker.malformed(c)):
+        return Verdict(-np.inf, 0.0, faults)
+    bound, margin, waiting, s = np.inf, np.inf, [checker.root], 0
+    for j, at in zip(c.split, c.at, strict=True):
+        if not waiting:
+            break
+        box = narrowed(checker.rows, waiting.pop())
+        if j >= 0:
+            waiting += reversed(box.halves(checker.rows, j, at))
+            continue
+        point, y = None if c.empty[s] else c.point[s], c.multiplier[s].toarray().ravel()
+        proved = checker.leaf(box, point, y, c.ball[s])
+        bound, margin, s = min(bound, proved[0]), min(margin, proved[1]), s + 1
+    if waiting or s < len(c.empty):
+        return Verdict(-np.inf, 0.0, ("tree: its nodes are not those of one whole tree",))
+    return Verdict(bound, margin if bound == np.inf else 0.0, ())
+
+
+class Checker:
+    """What multipliers prove of an instance, leaf by leaf."""
+
+    def __init__(self, instance: Instance) -> None:
+        """Raises UsageError for statements beyond what certificates hold."""
+        self.instance, self.rows = instance, stated_rows(instance)
+        n, size = instance.size, len(self.rows.integer)
+        lower, upper = np.zeros(size), np.ones(size)  # of z, while w is open
+        lower[:n], upper[:n] = instance.lower, instance.upper
+        lower[self.rows.w], upper[self.rows.w] = -np.inf, np.inf
+        self.root = narrowed(self.rows, Box(lower, upper), sweeps=100)
+        factors = np.append(self.rows.first, self.rows.second)
+        if not self.root.empty and np.isinf(self.root.upper - self.root.lower)[factors].any():
+            raise UsageError(f"{instance.name}: nothing bounds a factor of a product")
+        self._bend = curvature(instance.P)
+
+    def leaf(self, box: Box, point: Array | None, y: Array, ball: Array) -> tuple[float, float]:
+        """Bound and margin of a leaf; without a point its multipliers shall prove it empty."""
         if box.empty:
-            return Verdict(np.inf, TOLERANCE, (), -1)
-        fault = _gap_in_cover(instance, rows, certificate, box)
-    if fault:
-        return _nothing(fault)
-    leaves = proved(instance, rows, certificate, TOLERANCE)
-    weakest = int(np.argmin(leaves.bound))
-    bound = float(leaves.bound[weakest])
-    margin = float(leaves.margin.min()) if bound == np.inf else 0.0
-    return Verdict(bound, margin, (), weakest)
+            return np.inf, TOLERANCE
+        rows = with_planes(self.rows, box.lower, box.upper)
+        total = lagrangian(self.instance, rows, box, point, y, ball)
+        least = float(down(total.least(box) - 1.01 * TOLERANCE * total.weight))
+        if point is None:
+            return (np.inf, least / total.weight) if least > 0.0 else (-np.inf, 0.0)
+        low, high = box.lower[: len(point)], box.upper[: len(point)]
+        far = np.where(self._bend > 0.0, np.maximum(point - low, high - point), 0.0)
+        return float(down(least - 0.51 * (self._bend * far**2).sum())), 0.0
 
-
-def _nothing(*faults: str) -> Verdict:
-    return Verdict(-np.inf, 0.0, faults, -1)
-
-
-def _malformed(instance: Instance, rows: StatedRows, c: Certificate) -> list[str]:
-    """Arrays that do not fit the instance, or that are not numbers."""
-    n, count = instance.size, len(c.low)
-    integers = int(instance.integer.sum())
-    coordinates = sum(balls.f.size for balls in instance.balls)
-    shapes = {
-        "lower": (n,),
-        "upper": (n,),
-        "low": (count, integers),
-        "high": (count, integers),
-        "allowed": (count, len(rows.choice)),
-        "point": (count, n),
-        "multiplier": (count, rows.count),
-        "ball": (count, coordinates),
-        "empty": (count,),
-    }
-    out = []
-    for name, shape in shapes.items():
-        array = getattr(c, name)
-        numbers = array.data if name == "multiplier" else array
-        if array.shape != shape:
-            out.append(f"{name}: shape {shape} expected, got {array.shape}")
-        elif name in ("point", "multiplier", "ball") and not np.isfinite(numbers).all():
-            out.append(f"{name}: finite numbers expected")
-        elif name in ("lower", "upper") and np.isnan(numbers).any():
-            out.append(f"{name}: numbers expected")
-    return out
-
-
-def _gap_in_cover(instance: Instance, rows: StatedRows, c: Certificate, box: Box) -> str:
-    """Integers that no leaf has, in words; nothing if there are none."""
-    integers = np.flatnonzero(instance.integer)
-    if not (np.isfinite(box.lower[integers]) & np.isfinite(box.upper[integers])).all():
-        return "cover: an integer has no bound"
-    low = box.lower[integers].astype(np.int64)
-    target = Part(low, box.upper[integers].astype(np.int64), box.allowed)
-    leaves = Leaves(c.low, c.high, c.allowed, rows.choice)
-    try:
-        left = uncovered(target, leaves)
-    except RuntimeError as error:
-        return f"cover: {error}"
-    if left is None:
-        return ""
-    free = integers[left.low < left.high]
-    fixed = ", ".join(
-        f"x{j} = {v}" for j, v in zip(integers, left.low, strict=True) if j not in free
-    )
-    return f"cover: no leaf has {fixed or 'the integers'}" + (
-        f" and alternatives {np.flatnonzero(left.allowed).tolist()}" if len(rows.choice) else ""
-    )
+    def malformed(self, c: Certificate) -> Iterator[str]:
+        """Arrays that do not fit the instance, or that are not numbers."""
+        nodes, leaves = len(c.split), int((c.split < 0).sum())
+        rows = len(self.rows.lower) + 4 * len(self.rows.w)
+        coordinates = sum(balls.f.size for balls in self.instance.balls)
+        shapes = {
+            "split": (nodes,), "at": (nodes,), "point": (leaves, self.instance.size),
+            "multiplier": (leaves, rows), "ball": (leaves, coordinates), "empty": (leaves,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            array = getattr(c, name)
+            numbers = array.data if name == "multiplier" else array
+            if array.shape != shape:
+                yield f"{name}: shape {shape} expected, got {array.shape}"
+            elif not np.isfinite(numbers).all():
+                yield f"{name}: finite numbers expected"
+        if (c.split >= len(self.rows.integer)).any():
+            yield f"split: variables below {len(self.rows.integer)} expected"

@@ -1,258 +1,116 @@
-"""What a leaf's multipliers prove: the least value of its Lagrangian over its box.
+"""What a leaf's multipliers prove: the least value of its Lagrangian over its box of v = (x, z, w).
 
-For multipliers l of rows G x >= g (and those of upper sides, which are negative)
+For multipliers l of rows G v >= g (and those of upper sides, which are negative)
 
-    1/2 x'Px + q'x + c  >=  c - 1/2 p'Pp + l'g + (q + Pp - G'l)'x - 1/2 s |x - p|^2
+    1/2 x'Px + q'x + c  >=  c - 1/2 p'Pp + l'g + (q + Pp)'x - l'G v - 1/2 s |x - p|^2
 
-for every feasible x, where p is any point and P + s I is positive semidefinite. A row that holds
-only where a binary z is 1 is G x >= g - M (1 - z), with M what it can fail by in the box; of rows
-of alternatives all those fail whose alternative is not the one that is chosen. A ball
-|F x + f| <= r has b'(F x + f) <= |b| r for every b.
+for every feasible v, where p is any point and P + s I is positive semidefinite. A row that holds
+only where a binary z is 1 is G v >= g - M (1 - z), with M what it can fail by in the box. A ball
+|F x + f| <= r has b'(F x + f) <= |b| r for every b. Without the cost, a value of more than 0
+proves that the leaf has no point.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from climbplan.certificates.certificate import Certificate
+from climbplan.certificates.box import Box
 from climbplan.certificates.rounding import down, off_by, up
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Instance
+from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 
-_CHUNK = 512  # leaves at once
 _LIFT = 1e-13  # of the largest entry: makes a Cholesky factor of a singular matrix
 
 
-class Proved(NamedTuple):
-    """What leaves prove."""
+class Lagrangian:
+    """slope'(v, 1) as a sum of entries, with their sizes, which rounding is a share of."""
 
-    bound: Array  # (S,) of the cost; infinite for a leaf without a point
-    margin: Array  # (S,) by how much all rows can be let out and the leaf is still empty
+    def __init__(self, size: int) -> None:
+        """Nothing, of v of some size."""
+        self.slope, self.size = np.zeros(size + 1), np.zeros(size + 1)
+        self.terms = 8  # more than any entry is a product of
+        self.weight = 0.0  # by which it is less at points that are 1 outside of rows and balls
 
+    def add(self, entries: Array, places: Index | int = -1) -> None:
+        """Add entries to slopes, several perhaps to one; to the constant if left out."""
+        places = np.full(entries.shape, places) if isinstance(places, int) else places
+        np.add.at(self.slope, places, entries)
+        np.add.at(self.size, places, np.abs(entries))
+        self.terms += entries.size
 
-@dataclass(frozen=True)
-class _Numbers:
-    """What does not depend on the leaf."""
-
-    instance: Instance
-    rows: StatedRows
-    lower: Array
-    upper: Array
-    shift: Array  # (n,) s of each variable's block of P
-    fails: tuple[Array, Array]  # (rows,) M of the lower and of the upper side
-    tolerance: float
-
-
-def proved(
-    instance: Instance, rows: StatedRows, certificate: Certificate, tolerance: float
-) -> Proved:
-    """Bounds of all leaves, for points that may violate rows and balls by the tolerance."""
-    lower, upper = certificate.lower, certificate.upper
-    numbers = _Numbers(
-        instance, rows, lower, upper, _curvature(instance.P), _fails(rows, lower, upper), tolerance
-    )
-    parts = [
-        _chunk(numbers, certificate, slice(at, at + _CHUNK))
-        for at in range(0, certificate.count, _CHUNK)
-    ]
-    if not parts:
-        return Proved(np.zeros(0), np.zeros(0))
-    return Proved(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    def least(self, box: Box) -> float:
+        """The least value over a box, rounded down."""
+        here = self.size > 0.0
+        slope, size = self.slope[here], self.size[here]
+        ends = np.stack([np.append(box.lower, 1.0)[here], np.append(box.upper, 1.0)[here]])
+        if not (np.isfinite(slope).all() and np.isfinite(ends).all()):
+            return -np.inf
+        off = off_by(self.terms, size) * np.abs(ends).max(axis=0)
+        values = (slope * ends).min(axis=0) - off
+        return float(down(values.sum() - off_by(self.terms, np.abs(values).sum())))
 
 
-def _fails(rows: StatedRows, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """By how much each side of each row can fail in the box, (rows,) twice."""
-    G = rows.G
-    row = np.repeat(np.arange(rows.count), np.diff(G.indptr))
+def lagrangian(
+    instance: Instance, rows: StatedRows, box: Box, point: Array | None, y: Array, ball: Array
+) -> Lagrangian:
+    """Of multipliers y of rows and `ball` of balls; without a point, without the cost."""
+    total = Lagrangian(len(rows.integer))
+    if point is not None:
+        P = sparse.coo_matrix(instance.P)
+        total.add(np.array([instance.constant]))
+        total.add(-0.5 * point[P.row] * P.data * point[P.col])
+        total.add(instance.q, np.arange(instance.size))
+        total.add(0.5 * P.data * point[P.col], P.row)  # twice the same if P is symmetric
+        total.add(0.5 * P.data * point[P.row], P.col)
+    _add_rows(total, rows, box, y)
+    at = 0
+    for balls in instance.balls:  # b'(F x + f) - |b| r
+        b, F = ball[at : at + balls.f.size], sparse.coo_matrix(balls.F)
+        at += balls.f.size
+        length = np.linalg.norm(b.reshape(balls.f.shape), axis=1)
+        total.add(b * balls.f.ravel())
+        total.add(-length * balls.radius)
+        total.add(b[F.row] * F.data, F.col)
+        total.weight += float(length.sum())
+    return total
 
-    def total(entries: Array) -> Array:
-        return np.bincount(row, entries, rows.count).astype(float)
 
-    one, other = G.data * lower[G.indices], G.data * upper[G.indices]
-    with np.errstate(invalid="ignore"):
-        least, most = total(np.minimum(one, other)), total(np.maximum(one, other))
-        error = off_by(int(np.diff(G.indptr).max(initial=0)), total(np.abs(one) + np.abs(other)))
-        under, over = up(rows.lower - least + error), up(most + error - rows.upper)
-    return _excess(under), _excess(over)
+def _add_rows(total: Lagrangian, rows: StatedRows, box: Box, y: Array) -> None:
+    """l'g - l'G v, and - M (1 - z) of rows that hold where z is 1, - M z where it is 0."""
+    holds, maybe = box.holding(rows)
+    r = np.flatnonzero((y != 0.0) & (holds | maybe))  # others say nothing in this box
+    y, b, sign, maybe, one = y[r], rows.binary[r], np.sign(y[r]), maybe[r], rows.value[r] == 1
+    side, G = np.where(y > 0.0, rows.lower[r], rows.upper[r]), rows.G[r]
+    at = np.repeat(np.arange(len(r)), np.diff(G.indptr))
+    least = (sign[at] * G.data * np.stack([box.lower, box.upper])[:, G.indices]).min(axis=0)
+    error = off_by(len(least), np.bincount(at, np.abs(least), len(r)).astype(float))
+    with np.errstate(invalid="ignore"):  # a side that is not there, which proves nothing
+        fails = up(up(sign * side - np.bincount(at, least, len(r))) + error)
+        lost = np.where(maybe, np.abs(y) * np.maximum(fails, 0.0), 0.0)
+        total.add(y * side)
+        total.add(-lost[one])
+        total.add(np.where(one, lost, -lost)[maybe], b[maybe])
+        total.add(-y[at] * G.data, G.indices)
+    total.weight += float(np.abs(y).sum())
 
 
-def _excess(value: Array) -> Array:
-    """Not negative; infinite where it is not known."""
-    return np.maximum(np.where(np.isnan(value), np.inf, value), 0.0)
-
-
-def _curvature(P: sparse.csc_matrix) -> Array:
+def curvature(P: sparse.csc_matrix) -> Array:
     """(n,) by which the diagonal is lifted so that P is surely positive semidefinite."""
-    n = P.shape[0]
-    shift = np.zeros(n)
+    shift = np.maximum(-P.diagonal(), 0.0)
     count, label = connected_components(P, directed=False)
-    size = np.bincount(label, minlength=count)
-    diagonal = P.diagonal()
-    alone = size[label] == 1
-    shift[alone] = np.maximum(-diagonal[alone], 0.0)
-    for k in np.flatnonzero(size > 1):
+    for k in np.flatnonzero(np.bincount(label, minlength=count) > 1):
         here = np.flatnonzero(label == k)
         block = P[here][:, here].toarray()
         m, top = len(here), float(np.abs(block).max())
-        lift = _LIFT * m * top
+        lifted = block + _LIFT * m * top * np.eye(m)
         try:
-            L = np.linalg.cholesky(block + lift * np.eye(m))
+            L = np.linalg.cholesky(lifted)
         except np.linalg.LinAlgError:
             shift[here] = m * top  # more than any eigenvalue
             continue
-        size_of = np.abs(L) @ np.abs(L).T + np.abs(block) + lift * np.eye(m)
-        error = np.abs(block + lift * np.eye(m) - L @ L.T) + off_by(m + 2, size_of)
-        shift[here] = up(lift + 1.01 * error.sum(axis=1).max())
+        error = np.abs(lifted - L @ L.T) + off_by(m + 2, np.abs(L) @ np.abs(L).T + np.abs(lifted))
+        shift[here] = up(_LIFT * m * top + 1.01 * np.maximum(error, error.T).sum(axis=1).max())
     return shift
-
-
-def _chunk(n: _Numbers, c: Certificate, here: slice) -> tuple[Array, Array]:
-    """Bounds and margins of some leaves."""
-    low, high = _leaf_boxes(n, c, here)
-    cost, _ = _lagrangian(n, c, here, low, high, costs=True)
-    feasible, weight = _lagrangian(n, c, here, low, high, costs=False)
-    empty = c.empty[here] & (feasible > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        margin = np.where(empty, feasible / weight, 0.0)
-    return np.where(empty, np.inf, np.where(c.empty[here], -np.inf, cost)), margin
-
-
-def _leaf_boxes(n: _Numbers, c: Certificate, here: slice) -> tuple[Array, Array]:
-    """The box with each leaf's integers, (S, n) twice."""
-    count = len(c.low[here])
-    low, high = np.tile(n.lower, (count, 1)), np.tile(n.upper, (count, 1))
-    integers = np.flatnonzero(n.instance.integer)
-    low[:, integers] = np.maximum(low[:, integers], c.low[here])
-    high[:, integers] = np.minimum(high[:, integers], c.high[here])
-    return low, high
-
-
-@dataclass
-class _Sum:
-    """constant + slope'x of some leaves, with the sizes of what was added up."""
-
-    constant: Array  # (S,)
-    slope: Array  # (S, n)
-    size: Array  # (S,)
-    slope_size: Array  # (S, n)
-
-    def add(self, constant: Array, size: Array) -> None:
-        """Add to the constants."""
-        self.constant = self.constant + constant
-        self.size = self.size + size
-
-    def add_slope(self, slope: Array, size: Array) -> None:
-        """Add to the slopes."""
-        self.slope = self.slope + slope
-        self.slope_size = self.slope_size + size
-
-    def least(self, low: Array, high: Array, terms: int) -> Array:
-        """(S,) the least value over boxes (S, n), rounded down."""
-        with np.errstate(invalid="ignore"):
-            ends = np.minimum(self.slope * low, self.slope * high)
-            ends = np.where(self.slope == 0.0, 0.0, ends)
-            ends = ends - off_by(terms, self.slope_size) * np.maximum(np.abs(low), np.abs(high))
-        ends = np.where(self.slope_size == 0.0, 0.0, ends)
-        size = self.size + np.abs(ends).sum(axis=1)
-        with np.errstate(invalid="ignore"):
-            total = self.constant + ends.sum(axis=1) - off_by(terms, size)
-        return np.where(np.isnan(total), -np.inf, total)
-
-
-def _lagrangian(
-    n: _Numbers, c: Certificate, here: slice, low: Array, high: Array, costs: bool
-) -> tuple[Array, Array]:
-    """Least value of the Lagrangian of each leaf, rounded down, and the sum of its multipliers.
-
-    costs: with the cost, or of the rows alone, where more than 0 proves that the leaf is empty.
-    """
-    instance, rows, p = n.instance, n.rows, c.point[here]
-    multiplier = c.multiplier[here].toarray()
-    size = np.abs(multiplier)
-    sides = np.where(multiplier > 0, rows.lower, rows.upper)
-    missing = (np.isinf(sides) & (size > 0)).any(axis=1)  # a side that is not there
-    edge = np.where(size > 0, np.where(np.isinf(sides), 0.0, sides), 0.0)
-    total = _Sum(
-        constant=np.where(missing, -np.inf, (multiplier * edge).sum(axis=1)),
-        slope=-_times(multiplier, rows.G),
-        size=(size * np.abs(edge)).sum(axis=1),
-        slope_size=_times(size, abs(rows.G)),
-    )
-    if costs:
-        P = sparse.csr_matrix(instance.P)
-        Pp, Pp_size = _times(p, P), _times(np.abs(p), abs(P))
-        total.add_slope(instance.q + Pp, np.abs(instance.q) + Pp_size)
-        total.add(
-            instance.constant - 0.5 * (p * Pp).sum(axis=1),
-            abs(instance.constant) + (np.abs(p) * Pp_size).sum(axis=1),
-        )
-    fails = np.where(multiplier > 0, *n.fails)
-    with np.errstate(invalid="ignore"):
-        penalty = np.where(size > 0, size * fails, 0.0)
-    _conditional(total, rows, penalty, low, high)
-    loss = _alternatives(rows, penalty, c.allowed[here])
-    total.add(-loss, loss)
-    weight = size.sum(axis=1) + _balls(total, instance, c.ball[here])
-    terms = 2 * (rows.count + 2 * instance.size + c.ball.shape[1] + 8)
-    value = total.least(low, high, terms) - n.tolerance * 1.01 * weight
-    if costs:
-        far = np.maximum(np.abs(low - p), np.abs(high - p))
-        bent = np.where(n.shift > 0, np.where(n.shift > 0, far, 0.0) ** 2 * n.shift, 0.0)
-        value = value - 0.51 * bent.sum(axis=1)
-    return np.asarray(down(value)), weight
-
-
-def _times(left: Array, right: sparse.spmatrix) -> Array:
-    """left @ right, dense."""
-    return np.asarray((right.T @ left.T).T)
-
-
-def _conditional(total: _Sum, rows: StatedRows, penalty: Array, low: Array, high: Array) -> None:
-    """- M (1 - z) of rows that hold where z is 1, - M z of those that hold where it is 0."""
-    for r in np.flatnonzero((rows.binary >= 0) & (penalty > 0).any(axis=0)):
-        z, one = rows.binary[r], rows.value[r] == 1
-        holds = (low[:, z] == rows.value[r]) & (high[:, z] == rows.value[r])
-        m = np.where(holds, 0.0, penalty[:, r])
-        if one:
-            total.add(-m, m)
-        total.slope[:, z] += m if one else -m
-        total.slope_size[:, z] += m
-
-
-def _alternatives(rows: StatedRows, penalty: Array, allowed: NDArray[np.bool_]) -> Array:
-    """(S,) the most by which rows of alternatives fail, one alternative of each choice holding."""
-    loss = np.zeros(len(penalty))
-    each = np.zeros((len(rows.choice), len(penalty)))
-    stated = np.flatnonzero((rows.alternative >= 0) & (penalty > 0).any(axis=0))
-    np.add.at(each, rows.alternative[stated], penalty[:, stated].T)
-    for k in np.unique(rows.choice):
-        group = np.flatnonzero(rows.choice == k)
-        worst = np.zeros(len(penalty))
-        for r in group:
-            others = each[group[group != r]].sum(axis=0)
-            worst = np.where(allowed[:, r], np.maximum(worst, others), worst)
-        loss += worst
-    return loss
-
-
-def _balls(total: _Sum, instance: Instance, ball: Array) -> Array:
-    """b'(F x + f) - |b| r of every ball; (S,) the sum of |b|."""
-    weight, at = np.zeros(len(ball)), 0
-    for balls in instance.balls:
-        d, F = balls.f.shape[1], sparse.csr_matrix(balls.F)
-        b = ball[:, at : at + balls.count * d]
-        at += balls.count * d
-        total.add_slope(_times(b, F), _times(np.abs(b), abs(F)))
-        length = np.linalg.norm(b.reshape(len(b), balls.count, d), axis=2)
-        pull, size = b @ balls.f.ravel(), np.abs(b) @ np.abs(balls.f.ravel())
-        reach = length @ balls.radius
-        total.add(pull - reach, size + np.abs(reach))
-        weight += length.sum(axis=1)
-    return weight

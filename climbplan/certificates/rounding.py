@@ -11,11 +11,10 @@ import numpy as np
 
 from climbplan.program.polytope import Array
 
-_UNIT = float(np.finfo(float).eps)  # 2 u
-_TINY = 1e-300
+_UNIT, _TINY = 2.0**-52, 1e-300  # 2 u, and what is more than underflow takes
 
 
-def off_by(terms: int, size: Array | float) -> Array:
+def off_by(terms: Array | int, size: Array | float) -> Array:
     """Largest error of sums of some products whose sizes add up to `size`, any shape."""
     return np.asarray((terms + 4) * (_UNIT * np.abs(size) + _TINY))
 

@@ -182,7 +182,7 @@ def _certified(
         raise UsageError(f"{path} exists: --force replaces it")
     certified = certified_rows(problem, done, loaded)
     write_certificates(certified, path)
-    leaves = sum(row.certificate.count for row in certified.rows)
+    leaves = sum(len(row.certificate.empty) for row in certified.rows)
     gap = loaded.spec.solver.gap
     weak = [
         k
@@ -191,7 +191,8 @@ def _certified(
     ]
     if weak:
         warn(f"the certificate of row {weak[0]} proves less than the search says")
-    return f"proofs    {leaves} leaves in {path}"
+    size = 1e-3 * path.stat().st_size
+    return f"proofs    {leaves} leaves, {size:.0f} kB in {path}"
 
 
 def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:

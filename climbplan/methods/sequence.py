@@ -13,7 +13,6 @@ from dataclasses import replace
 from climbplan.errors import UsageError
 from climbplan.methods.table import MethodResult
 from climbplan.methods.task import Kept, Method, MethodSettings, Task
-from climbplan.methods.whole_methods import no_certificate
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.benders.method import BendersMemory
@@ -102,9 +101,5 @@ class ProblemSequence:
             if settings.certificate:
                 raise UsageError("a certificate is made by method branch-and-bound, not benders")
             return BendersMemory(settings.gap, settings.tolerance, work)
-        if not instance.products.count:
-            proves = settings.certificate
-            return TreeMemory(settings.gap, settings.tolerance, proves=proves, work=work)
-        if settings.certificate:
-            raise UsageError(no_certificate(instance))
-        return SpatialMemory(settings.gap, settings.tolerance, work)
+        made = SpatialMemory if instance.products.count else TreeMemory
+        return made(settings.gap, settings.tolerance, proves=settings.certificate, work=work)

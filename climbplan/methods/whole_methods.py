@@ -24,6 +24,7 @@ from climbplan.solvers.benders.method import solve_benders
 from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.mixed_integer.method import TreeMemory
+from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judged
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
@@ -42,11 +43,10 @@ def branch_and_bound(task: Task) -> Outcome:
         raise UsageError(
             f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, mpcc or pinned"
         )
-    if settings.certificate and task.instance.products.count:
-        raise UsageError(no_certificate(task.instance))
     if settings.certificate:
-        # The tree over integers, whose leaves can be told in the rows of the statement
-        tree = TreeMemory(settings.gap, settings.tolerance, proves=True)
+        # The tree over integers, or that over space, whose leaves are told in the statement's rows
+        made = SpatialMemory if task.instance.products.count else TreeMemory
+        tree = made(settings.gap, settings.tolerance, proves=True)
         found = tree.solve(task.instance, task.left)
         return Outcome(found, "own tree", 1, certificate=tree.certificate)
     learned = settings.library, settings.model, settings.strategy
@@ -62,14 +62,6 @@ def benders(task: Task) -> Outcome:
     settings = task.settings
     found = solve_benders(task.instance, settings.gap, task.left, settings.tolerance)
     return Outcome(found, "Benders cuts", 1)
-
-
-def no_certificate(instance: Instance) -> str:
-    """Why an instance with products has none."""
-    return (
-        f"{instance.name}: a certificate holds no products, whose envelopes change with "
-        "the boxes of the tree"
-    )
 
 
 def minlp_scip(task: Task) -> Outcome:

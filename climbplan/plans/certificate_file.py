@@ -1,6 +1,6 @@
 """Certificates as HDF5 files, format `climbplan/certificate`: one group a row.
 
-The numbers of the problem (`problem/`), the leaves that prove its bound (`proof/`), and the answer
+The numbers of the problem (`problem/`), the tree that proves its bound (`proof/`), and the answer
 x (n) with assignment (C). Sparse matrices are groups of row, column and value. The file says
 everything that `climbplan verify` needs; with the statement (--problem) it is compared with that.
 """
@@ -26,7 +26,7 @@ from climbplan.program.polytope import Polytope
 from climbplan.solvers.result import Status
 
 FORMAT = "climbplan/certificate"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # of 1 the leaves were lists of integers, without products
 _MOST_ROWS = 100_000
 
 _VECTORS = {
@@ -51,15 +51,13 @@ _POLYTOPE = {
     "c": Layout(("s",)),
 }
 _PROOF = {
-    "lower": Layout(("n",), may_be_infinite=True),
-    "upper": Layout(("n",), may_be_infinite=True),
-    "low": Layout(("S", "I"), kind="int"),
-    "high": Layout(("S", "I"), kind="int"),
-    "allowed": Layout(("S", "R"), kind="bool"),
+    "split": Layout(("T",), kind="int"),
+    "at": Layout(("T",)),
     "point": Layout(("S", "n")),
     "ball": Layout(("S", "D")),
     "empty": Layout(("S",), kind="bool"),
 }
+_PRODUCTS = {"first": Layout(("w",), kind="int"), "second": Layout(("w",), kind="int")}
 _ANSWER = {"x": Layout(("n",)), "assignment": Layout(("C",), kind="int")}
 _PARAMETERS = Layout(("p",))
 _CENTRE = Layout(("e",))
@@ -101,8 +99,13 @@ def _write_instance(group: h5py.Group, instance: Instance) -> None:
         write_dataset(group, name, fields[name], layout, compressed=True)
     _write_sparse(group, "P", instance.P)
     _write_sparse(group, "A", instance.A)
+    products = group.create_group("products")
+    for name, layout in _PRODUCTS.items():
+        write_dataset(products, name, vars(instance.products)[name], layout, compressed=True)
+    _write_sparse(group, "Q", instance.Q)
     implied = group.create_group("implications")
     _write_sparse(implied, "A", instance.implications.A)
+    _write_sparse(implied, "Q", instance.implications.Q)
     for name, layout in _IMPLIED.items():
         write_dataset(implied, name, vars(instance.implications)[name], layout, compressed=True)
     for k, balls in enumerate(instance.balls):
@@ -189,8 +192,12 @@ def _read_instance(reader: Reader, name: str) -> Instance:
     implied = {part: reader.array(f"{at}/{part}", on) for part, on in _IMPLIED.items()}
     if ((implied["binary"] < 0) | (implied["binary"] >= n)).any():
         raise reader.refuse(f"{at}/binary: no such variable")
-    none = np.zeros(0, np.int64)
     count = len(implied["lower"])
+    factors = {part: reader.array(f"{name}/products/{part}", on) for part, on in _PRODUCTS.items()}
+    products = Products(**factors)
+    for part, places in factors.items():
+        if ((places < 0) | (places >= n)).any():
+            raise reader.refuse(f"{name}/products/{part}: no such variable")
     return Instance(
         name=reader.text(name, "name"),
         constant=reader.number(name, "constant"),
@@ -199,11 +206,11 @@ def _read_instance(reader: Reader, name: str) -> Instance:
         A=_read_sparse(reader, f"{name}/A", (m, n)),
         balls=tuple(_read_balls(reader, name, n)),
         choices=tuple(_read_choices(reader, name, n)),
-        products=Products(none, none),
-        Q=sparse.csr_matrix((m, 0)),
+        products=products,
+        Q=_read_sparse(reader, f"{name}/Q", (m, products.count)),
         implications=Implications(
             A=_read_sparse(reader, f"{at}/A", (count, n)),
-            Q=sparse.csr_matrix((count, 0)),
+            Q=_read_sparse(reader, f"{at}/Q", (count, products.count)),
             **implied,
         ),
     )
@@ -240,10 +247,11 @@ def _read_choices(reader: Reader, name: str, n: int) -> Iterator[Choice]:
 
 def _read_proof(reader: Reader, name: str, instance: Instance) -> Certificate:
     arrays = {part: reader.array(f"{name}/{part}", on) for part, on in _PROOF.items()}
-    rows = len(instance.row_lower) + instance.implications.count
+    rows = len(instance.row_lower) + instance.implications.count + len(instance.choices)
     rows += sum(len(p.b) + len(p.c) for choice in instance.choices for p in choice.alternatives)
+    rows += sum(balls.f.size for balls in instance.balls) + 4 * instance.products.count
     bound = float(reader.root[name].attrs.get("bound", np.nan))
-    multiplier = _read_sparse(reader, f"{name}/multiplier", (len(arrays["low"]), rows))
+    multiplier = _read_sparse(reader, f"{name}/multiplier", (len(arrays["empty"]), rows))
     return Certificate(multiplier=multiplier, bound=bound, **arrays)
 
 

@@ -55,7 +55,7 @@ def _checks(certified: CertifiedRows, problem: Problem | None) -> Iterator[Check
     if proved := [_gap(*pair) for pair in pairs if pair[0].status == "optimal"]:
         yield _worst("certificate.gap", proved, certified.gap * (1.0 + 1e-6))
     if empty := [v for row, v in pairs if row.status == "infeasible"]:
-        yield _worst("certificate.infeasible", [float(not v.infeasible) for v in empty], 0.0)
+        yield _worst("certificate.infeasible", [float(v.bound < np.inf) for v in empty], 0.0)
 
 
 def _overclaimed(row: CertifiedRow, verdict: Verdict) -> float:

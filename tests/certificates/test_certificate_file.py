@@ -166,8 +166,9 @@ def test_damage_is_told(room: Path, tmp_path: Path, name: str, value: float) -> 
     ("name", "value"),
     [
         ("proof/multiplier/value", 1.0),
-        ("proof/high", 0),
-        ("proof/upper", 0.1),
+        ("proof/split", -1),
+        ("proof/at", -5.0),
+        ("proof/empty", True),
         ("x", 0.0),
         ("problem/q", 5.0),
     ],
@@ -185,3 +186,43 @@ def test_a_claim_beyond_the_proof_fails(room: Path, tmp_path: Path) -> None:
     result = runner.invoke(app, ["verify", str(path)])
     assert result.exit_code == 5
     assert "certificate.bound" in result.output
+
+
+SHELF = """
+kind: bookshelf
+title: A book has to give way
+shelf: {left_mm: -50, right_mm: 50, height_mm: 110}
+scene:
+  books: [{x_mm: 5, height_mm: 68, width_mm: 40}]
+  insert: {height_mm: 65, width_mm: 55}
+"""
+BOOKS = """
+kind: program
+theta: {size: [[68, 40], [65, 55]], pose: [[5, 34, 0]]}
+solver: {gap: 1e-3, method: branch-and-bound}
+"""
+
+
+def test_a_shelf_of_books_is_certified_end_to_end(tmp_path: Path) -> None:
+    """Products: solved, written, verified from the file and against the statement, forged."""
+    (tmp_path / "shelf.yaml").write_text(SHELF)
+    (tmp_path / "books.yaml").write_text(BOOKS)
+    (tmp_path / "shelf.py").write_text(
+        f"import climbplan\nproblem, _ = climbplan.stated({str(tmp_path / 'shelf.yaml')!r})\n"
+    )
+    proof, statement = str(tmp_path / "proof.h5"), f"{tmp_path / 'shelf.py'}:problem"
+    result = runner.invoke(
+        app,
+        ["solve", str(tmp_path / "books.yaml"), "--problem", statement,
+         "--out", str(tmp_path / "out"), "--certificate", proof],
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    result = runner.invoke(app, ["verify", proof, "--problem", statement])
+    assert result.exit_code == 0, result.output
+    assert "certificate.gap" in result.output
+    row = read_certificates(Path(proof)).rows[0]
+    assert row.certificate.bound == pytest.approx(400.0, rel=1.1e-3)
+    with h5py.File(proof, "r+") as file:
+        file["rows/000000/problem/products/first"][0] += 1
+    assert runner.invoke(app, ["verify", proof]).exit_code == 5
+    assert runner.invoke(app, ["verify", proof, "--problem", statement]).exit_code == 5

@@ -2,48 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
 from dataclasses import replace
-from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from certified_programs import GAP, certified_program, proved
 from random_programs import random_program
 
+import climbplan
+import climbplan.certificates
 from climbplan.bench.engine.cart_pole import walled_cart_pole
-from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
 from climbplan.program import Polytope, Program
-from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer import method, proof
 from climbplan.solvers.mixed_integer.method import TreeMemory
 from climbplan.solvers.mixed_integer.search import settle
-from climbplan.solvers.result import SolverResult
-
-GAP = 1e-5
-
-
-def _proved(instance: Instance, gap: float = GAP) -> tuple[SolverResult, Certificate]:
-    tree = TreeMemory(gap, 1e-6, proves=True)
-    found = tree.solve(instance, 60.0)
-    assert tree.certificate is not None
-    return found, tree.certificate
-
-
-@cache
-def _random(seed: int) -> tuple[Instance, SolverResult, Certificate]:
-    instance = random_program(seed).at({})
-    return instance, *_proved(instance)
 
 
 def _holds(seed: int) -> None:
-    instance, found, certificate = _random(seed)
+    instance, found, certificate = certified_program(seed)
     verdict = check(instance, certificate)
     assert not verdict.faults
     if found.status == "infeasible":
-        assert verdict.infeasible
+        assert verdict.bound == np.inf
         assert verdict.margin > 0
         return
     assert found.objective is not None
@@ -57,6 +42,13 @@ def test_random_programs_are_proved(seed: int) -> None:
     _holds(seed)
 
 
+@pytest.mark.parametrize("seed", [674, 876, 1087, 1400])
+def test_what_scip_calls_infeasible_is_proved_so(seed: int) -> None:
+    """Points of leaves that were refused as violated once hid that these are empty."""
+    assert certified_program(seed)[1].status == "infeasible"
+    _holds(seed)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12, 400))
 def test_many_random_programs_are_proved(seed: int) -> None:
@@ -67,7 +59,7 @@ def test_many_random_programs_are_proved(seed: int) -> None:
 def test_published_cart_pole(scale: float) -> None:
     problem = walled_cart_pole()
     instance = problem.instance({"start": scale * np.array([0.02, -0.1, 0.2, 0.3])})
-    found, certificate = _proved(instance, 1e-3)
+    found, certificate = proved(instance, 1e-3)
     assert found.objective is not None
     bound = check(instance, certificate).bound
     assert found.objective * (1.0 - 1.001e-3) <= bound <= found.objective * (1.0 + 1e-6)
@@ -123,7 +115,9 @@ def test_a_certificate_that_may_take_no_time_tells_what_leaves_have(
     late.solve(instance, 60.0, nodes=8)
     assert late.certificate is not None
     assert not again
-    assert -np.inf < check(instance, late.certificate).bound <= found.bound * (1.0 + 1e-9)
+    best = TreeMemory(1e-6, 1e-6).solve(instance, 60.0).objective
+    assert best is not None
+    assert -np.inf < check(instance, late.certificate).bound <= best * (1.0 + 1e-6)
 
 
 def test_the_margin_of_infeasibility_is_how_far_rows_must_be_let_out() -> None:
@@ -136,129 +130,42 @@ def test_the_margin_of_infeasibility_is_how_far_rows_must_be_let_out() -> None:
     program.between("two", np.array([x[0] + x[0]]), 4.0, np.inf)
     program.minimise("cost", x[0] * x[0])
     instance = program.at({})
-    found, certificate = _proved(instance)
+    found, certificate = proved(instance)
     verdict = check(instance, certificate)
     assert found.status == "infeasible"
-    assert verdict.infeasible
+    assert verdict.bound == np.inf
     assert verdict.margin <= 0.5 + 1e-9
 
 
-def test_products_are_refused() -> None:
-    program = Program("product")
-    x = program.continuous("x", (2,), -1.0, 1.0)
-    program.between("row", np.array([x[0] * x[1]]), 0.1, 0.2)
-    program.minimise("cost", x[0] + x[1])
-    instance = program.at({})
-    _, certificate = _proved(random_program(0).at({}))
-    with pytest.raises(UsageError, match="products"):
-        check(instance, certificate)
+def test_the_checker_is_short_enough_to_be_read() -> None:
+    room = Path(climbplan.certificates.__file__).parent
+    lines = sum(len(path.read_text().splitlines()) for path in room.glob("*.py"))
+    assert lines <= 500
 
 
-def _without_a_leaf(c: Certificate, rng: np.random.Generator) -> Certificate:
-    kept = np.delete(np.arange(c.count), rng.integers(c.count))
-    return replace(
-        c,
-        low=c.low[kept],
-        high=c.high[kept],
-        allowed=c.allowed[kept],
-        point=c.point[kept],
-        multiplier=c.multiplier[kept],
-        ball=c.ball[kept],
-        empty=c.empty[kept],
-    )
-
-
-def _narrower_leaf(c: Certificate, rng: np.random.Generator) -> Certificate:
-    open_ones = np.argwhere(c.low < c.high)
-    s, i = open_ones[rng.integers(len(open_ones))]
-    low = c.low.copy()
-    low[s, i] += 1
-    return replace(c, low=low)
-
-
-def _smaller_box(c: Certificate, rng: np.random.Generator) -> Certificate:
-    lower, j = c.lower.copy(), rng.integers(len(c.lower))
-    lower[j] += 0.3 * (c.upper[j] - c.lower[j]) + 1e-6
-    return replace(c, lower=lower)
-
-
-def _other_multipliers(c: Certificate, rng: np.random.Generator) -> Certificate:
-    changed = c.multiplier.copy()
-    changed.data = changed.data * rng.uniform(0.2, 3.0, len(changed.data))
-    return replace(c, multiplier=changed, ball=c.ball * rng.uniform(0.2, 3.0, c.ball.shape))
-
-
-def _flipped_sides(c: Certificate, rng: np.random.Generator) -> Certificate:
-    return replace(c, multiplier=-c.multiplier)
-
-
-def _all_empty(c: Certificate, rng: np.random.Generator) -> Certificate:
-    return replace(c, empty=np.ones_like(c.empty), bound=np.inf)
-
-
-def _elsewhere(c: Certificate, rng: np.random.Generator) -> Certificate:
-    return replace(c, point=c.point + rng.normal(size=c.point.shape))
-
-
-_FATAL = (_without_a_leaf, _smaller_box, _all_empty)
-_CORRUPTIONS = (*_FATAL, _narrower_leaf, _other_multipliers, _flipped_sides, _elsewhere)
-
-
-@pytest.mark.parametrize("corrupted", _CORRUPTIONS)
-def test_corrupted_certificates_prove_nothing_false(
-    corrupted: Callable[[Certificate, np.random.Generator], Certificate],
-) -> None:
-    rng = np.random.default_rng(1)
-    tried = 0
-    for seed in range(40):
-        instance, found, certificate = _random(seed)
-        if found.objective is None or certificate.count < 2:
-            continue
-        if corrupted is _narrower_leaf and not (certificate.low < certificate.high).any():
-            continue
-        tried += 1
-        bad = corrupted(certificate, rng)
-        verdict = check(instance, bad)
-        assert verdict.bound <= found.objective + 1e-5 * (1.0 + abs(found.objective))
-        if corrupted in _FATAL:
-            assert verdict.bound < bad.bound
-    assert tried >= 15
-
-
-@pytest.mark.slow
-def test_a_hundred_corrupted_certificates_lose_what_they_claimed() -> None:
-    rng = np.random.default_rng(2)
-    rejected = 0
-    for seed in range(75):
-        instance, found, certificate = _random(seed)
-        if found.objective is None or certificate.count < 2:
-            continue
-        assert found.x is not None
-        # A smaller box may be true all the same; one without the answer is not
-        lower, j = certificate.lower.copy(), int(rng.integers(len(found.x)))
-        lower[j] = found.x[j] + 1e-3
-        forged = [replace(certificate, lower=lower)]
-        forged += [corrupted(certificate, rng) for corrupted in (_without_a_leaf, _all_empty)]
-        for bad in forged:
-            assert check(instance, bad).bound < bad.bound
-            rejected += 1
-    assert rejected >= 100
+def test_smooth_rows_are_refused() -> None:
+    program = Program("smooth")
+    x = program.continuous("x", (1,), -1.0, 1.0)
+    program.smooth("row", x[0] ** 3, 0.1, 0.2)
+    program.minimise("cost", x[0] * x[0])
+    with pytest.raises(UsageError, match="smooth"):
+        check(program.at({}), certified_program(0)[2])
 
 
 def test_arrays_that_do_not_fit_are_named() -> None:
     instance = random_program(0).at({})
-    _, certificate = _proved(instance)
+    _, certificate = proved(instance)
     verdict = check(instance, replace(certificate, point=certificate.point[:, 1:]))
     assert verdict.bound == -np.inf
     assert "point" in verdict.faults[0]
-    verdict = check(instance, replace(certificate, lower=np.full_like(certificate.lower, np.nan)))
-    assert "lower" in verdict.faults[0]
+    verdict = check(instance, replace(certificate, at=np.full_like(certificate.at, np.nan)))
+    assert "at" in verdict.faults[0]
 
 
 def test_a_cost_that_is_not_convex_proves_nothing() -> None:
     """P is looked at: an indefinite one gives no bound by a tangent."""
     instance = random_program(2).at({})
-    _, certificate = _proved(instance)
+    _, certificate = proved(instance)
     P = instance.P.tolil()
     P[0, 0] = -1e4
     bent = replace(instance, P=P.tocsc())
@@ -275,15 +182,13 @@ def test_a_single_alternative_holds() -> None:
     program.between("row", np.array([x[1] - z[0]]), 0.2, np.inf)
     program.minimise("cost", x[0] * x[0] + x[1] * x[1])
     instance = program.at({})
-    found, certificate = _proved(instance)
+    found, certificate = proved(instance)
     assert found.objective == pytest.approx(4.04, abs=1e-4)
     assert check(instance, certificate).bound == pytest.approx(4.04, abs=1e-3)
 
 
 def test_postures_of_a_climb_are_proved() -> None:
     """Free variables that only balls and rows bound, and no integer but choices."""
-    import climbplan
-
     problem, theta = climbplan.stated("specs/climb_region.yaml")
     found = climbplan.solve(problem, theta, method="branch-and-bound", certificate=True)
     assert found.status == "optimal"
@@ -291,3 +196,17 @@ def test_postures_of_a_climb_are_proved() -> None:
     assert found.objective is not None
     verdict = check(problem.instance(theta), found.certificate)
     assert found.objective * (1.0 - 1.01e-4) <= verdict.bound <= found.objective * (1.0 + 1e-6)
+
+
+@pytest.mark.slow
+def test_limits_are_kept_where_many_balls_make_nodes_slow() -> None:
+    """A proof may take as long again as the search; 351 balls once made pieces of 10 s."""
+    problem, theta = climbplan.stated("specs/climb_steps.yaml")
+    instance = problem.instance(theta)
+    TreeMemory(1e-4, 1e-6).solve(instance, 1.0)  # compiles where it has to
+    tree = TreeMemory(1e-4, 1e-6, proves=True)
+    begin = time.perf_counter()
+    found = tree.solve(instance, 4.0)
+    assert time.perf_counter() - begin < 10.0
+    assert tree.certificate is not None
+    assert check(instance, tree.certificate).bound == pytest.approx(found.bound, rel=1e-4)

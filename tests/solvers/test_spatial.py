@@ -118,17 +118,6 @@ def test_no_point_is_proved_where_a_product_cannot_be_so_large() -> None:
     assert found.nodes > 1  # what propagation does not see
 
 
-def test_a_certificate_of_products_is_refused() -> None:
-    problem = planar_push(1)
-    with pytest.raises(UsageError, match="certificate holds no products"):
-        solve_instance(
-            problem,
-            problem.drawn(np.random.default_rng(0)),
-            "branch-and-bound",
-            MethodSettings(certificate=True),
-        )
-
-
 @pytest.mark.parametrize("most", [4, 40_000])
 def test_remembered_boxes_cover_whatever_changes(most: int) -> None:
     """Flights whose start and goal move: bounds and proofs as from the root, nothing is lost."""

@@ -83,7 +83,7 @@ def _fares(plan: WalkPlan) -> str:
     run = simulate_whole(plan, NOMINAL)
     if run.fallen:
         return f"falls at {run.time[-1]:.1f} s"
-    end = end_of(run, compare_walk(plan, run))
+    end = end_of(plan, run, compare_walk(plan, run))
     return "stands" if end.good else f"{end.slips} slips, {end.lost_contacts} lost"
 
 

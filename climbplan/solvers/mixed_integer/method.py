@@ -16,8 +16,13 @@ from climbplan.solvers.mixed_integer.form import mixed_integer_program
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible
-from climbplan.solvers.mixed_integer.proof import certificate_of, certificate_of_nothing
+from climbplan.solvers.mixed_integer.proof import (
+    certificate_of,
+    certificate_of_nothing,
+    proof_deadline,
+)
 from climbplan.solvers.mixed_integer.recall import Recall
+from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.result import (
     FEASIBILITY,
@@ -30,7 +35,6 @@ from climbplan.solvers.result import (
 
 NAME = "branch-and-bound"
 _MOST_LEAVES = 400  # that are remembered
-_LEAST_PROOF = 1.0  # [s] that a certificate may take after the time limit
 
 
 def solve_mixed_integer(
@@ -97,12 +101,12 @@ class TreeMemory:
         program = mixed_integer_program(instance, form, begin + time_limit)
         if program is None:
             if self.proves:
-                self.certificate = certificate_of_nothing(instance, form)
+                self.certificate = certificate_of_nothing(instance, -np.inf)
             late = _late(begin, known)
             return judged(instance, late, self.gap, self.tolerance)
         if isinstance(program, Impossible):
             if self.proves:
-                self.certificate = certificate_of_nothing(instance, form)
+                self.certificate = certificate_of_nothing(instance)
             return judged(instance, _impossible(program.why, begin), self.gap, self.tolerance)
         leaves = self.recall.begun(form, move)
         remembers = leaves is not None and len(leaves.low) > 1
@@ -122,12 +126,10 @@ class TreeMemory:
             run.go(deadline, nodes)
         self.recall.keep(run, form, leaves, remembers, run.best(), self.work)
         if self.proves:
-            # After the limit as long again as the search was, so that it limits proofs, too
-            now = time.perf_counter()
-            until = np.inf if now < deadline else now + max(now - begin, _LEAST_PROOF)
-            self.certificate = certificate_of(
-                instance, form, run.program, run.search, run.tree, run.bound, until
-            )
+            none = np.zeros(0, np.int64)
+            of = Searched(instance, form, run.program, run.search, run.tree, none)
+            until = proof_deadline(begin, deadline)
+            self.certificate = certificate_of(instance, of, run.bound, until)
         answer = answer_of(instance, form, run, begin, known)
         return judged(instance, answer, self.gap, self.tolerance)
 

@@ -9,22 +9,30 @@ in nodes, so that the answer does not depend on the clock.
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
+from climbplan.solvers.mixed_integer.incumbent import Incumbent
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
+from climbplan.solvers.mixed_integer.narrowing import NarrowingSearch
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram
+from climbplan.solvers.mixed_integer.proof import (
+    certificate_of,
+    certificate_of_nothing,
+    proof_deadline,
+)
 from climbplan.solvers.mixed_integer.recall import Recall
 from climbplan.solvers.mixed_integer.spatial_rows import Factors, factors_of
+from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.result import (
     FEASIBILITY,
@@ -34,56 +42,12 @@ from climbplan.solvers.result import (
     SolverResult,
     judged,
 )
-from climbplan.solvers.sqp.method import SqpSolver
 
 NAME = "branch-and-bound"
 _FIRST, _FURTHER, _MOST_PIECE = 1, 1.5, 200  # nodes of the first piece, growth, most of one
 _MOST_LEAVES = 40_000  # that are remembered: trees in space have many
-_STARTS = 3  # local searches that the same integers get once there is an incumbent
-
-
-@dataclass
-class _Incumbent:
-    """The best point that was found, and what was tried for it."""
-
-    instance: Instance
-    tolerance: float
-    x: Array | None = None
-    assignment: Index | None = None
-    cost: float = np.inf
-    tried: Counter[bytes] = field(default_factory=Counter)
-    searches: int = 0
-    solver: SqpSolver | None = None
-
-    def look(self, x: Array, assignment: Index, integers: Array | None = None) -> bool:
-        """A local search from a point (n,) with its integers kept; True if that found a better.
-
-        integers: (n,) those of another point.
-        """
-        instance = self.instance
-        values = np.where(instance.integer, np.round(x if integers is None else integers), x)
-        key = values[instance.integer].tobytes() + assignment.tobytes()
-        if self.x is not None and self.tried[key] >= _STARTS:
-            return False
-        self.tried[key] += 1
-        self.searches += 1
-        if self.solver is None:
-            self.solver = SqpSolver(instance)
-        found = self.solver.solve(values, assignment, values, self.cost)
-        if found.x is None or not found.feasible:
-            return False
-        return self.take(found.x, assignment)
-
-    def take(self, x: Array, assignment: Index) -> bool:
-        """Whether a point is feasible and better than the best so far, which it then is."""
-        instance = self.instance
-        if instance.violation(x, assignment) > self.tolerance:
-            return False
-        cost = instance.objective(x)
-        if cost >= self.cost:
-            return False
-        self.x, self.assignment, self.cost = x, assignment, cost
-        return True
+_SHARE = 0.25  # of the time, for the compiled tree where a certificate is asked for
+_MOST_TOLD = 5_000  # and its nodes: more leaves make certificates that take minutes to check
 
 
 def solve_spatial(
@@ -108,11 +72,14 @@ def solve_spatial(
 class SpatialMemory:
     """Solves instances of one statement in turn; each tree begins with the leaves of the last.
 
-    Its boxes and integers go on, and the first local search begins where the last answer was.
+    Its boxes and integers go on, and the first local search begins where the last answer was. Where
+    proofs are asked for each tree begins with its root.
     """
 
     gap: float = 1e-4
     tolerance: float = FEASIBILITY
+    proves: bool = False  # whether each answer comes with its certificate
+    certificate: Certificate | None = None  # of the last answer
     work: int = MOST  # dual steps of nodes after which a tree stops with what it has found
     recall: Recall = field(default_factory=lambda: Recall(_MOST_LEAVES))
 
@@ -147,22 +114,30 @@ class SpatialMemory:
         deadline, gap, tolerance = begin + time_limit, self.gap, self.tolerance
         factors = factors_of(instance)
         if factors is None:
+            self._proves_nothing(instance)
             return _judged(instance, "bounds cross when they are propagated", begin, gap, tolerance)
         form = conditional_form(factors.instance)
         program = mixed_integer_program(factors.instance, form, deadline, factors)
         if isinstance(program, Impossible):
+            self._proves_nothing(instance)
             return _judged(instance, program.why, begin, gap, tolerance)
         if program is None:
+            self._proves_nothing(instance, -np.inf)
             late = "the time limit came while the program was built"
             return _judged(instance, late, begin, gap, tolerance, known, infeasible=False)
-        leaves = self.recall.begun(form, move)
-        remembers = leaves is not None and len(leaves.low) > 1
-        best = _Incumbent(instance, tolerance)
+        best = Incumbent(instance, tolerance)
         for proposal in proposals:
             best.look(proposal.start, proposal.alternatives, proposal.values)
+        leaves = None if self.proves else self.recall.begun(form, move)
+        remembers = leaves is not None and len(leaves.low) > 1
         if leaves is not None and leaves.best is not None:
             best.look(leaves.best[: instance.size], form.alternatives(leaves.best))
         run = TreeRun.of(program, gap, tolerance, leaves, self.work)
+        if self.proves:
+            answer = self._proved(instance, run, form, factors, best, (begin, deadline), nodes)
+            spent = time.perf_counter() - begin
+            bound = answer.bound if known is None else max(answer.bound, known.bound)
+            return judged(instance, replace(answer, time=spent, bound=bound), gap, tolerance)
         if leaves is not None and remembers:
             _search(run, form, best, deadline, min(nodes, Recall.patience(leaves)))
             if not run.finished and not run.worked and time.perf_counter() < deadline:
@@ -174,23 +149,71 @@ class SpatialMemory:
             lifted = np.concatenate([best.x, instance.products.values(best.x)])
             point = form.point(lifted, best.assignment)
         self.recall.keep(run, form, leaves, remembers, point, self.work)
-        bound = run.bound if known is None else max(run.bound, known.bound)
-        answer = Answer(
+        return judged(instance, _answer(run, best, factors, begin, known), gap, tolerance)
+
+    def _proved(
+        self,
+        instance: Instance,
+        run: TreeRun,
+        form: Conditional,
+        factors: Factors,
+        best: Incumbent,
+        times: tuple[float, float],
+        nodes: int,
+    ) -> Answer:
+        """The answer of a tree from its root, with a certificate of its bound.
+
+        times: begin and deadline. Within a part of the limits: what this tree does not finish a
+        search that narrows its nodes may.
+        """
+        begin, deadline = times
+        _search(
+            run,
+            form,
+            best,
+            min(deadline, begin + _SHARE * (deadline - begin)),
+            min(nodes, _MOST_TOLD),
+        )
+        answer = _answer(run, best, factors, begin, None)
+        if run.finished or run.search.whole[place.NODES] >= nodes:
+            of = Searched(factors.instance, form, run.program, run.search, run.tree, factors.space)
+            until = proof_deadline(begin, deadline)
+            self.certificate = certificate_of(instance, of, run.bound, until)
+            return answer
+        return self._narrowing(instance, best, answer, deadline, nodes)
+
+    def _narrowing(
+        self, instance: Instance, best: Incumbent, answer: Answer, deadline: float, nodes: int
+    ) -> Answer:
+        """A search that narrows its nodes, and its certificate."""
+
+        def look(x: Array, assignment: Index) -> float:
+            best.look(x, assignment, starts=np.inf)
+            return best.cost
+
+        search = NarrowingSearch(instance, self.gap, best.cost, look)
+        search.run(deadline, nodes - answer.nodes)
+        self.certificate = search.certificate()
+        return replace(
+            answer,
             x=best.x,
             assignment=best.assignment,
-            bound=bound,
-            infeasible=best.x is None and run.exhausted,
-            nodes=int(run.search.whole[place.NODES]),
-            time=time.perf_counter() - begin,
-            solver=NAME,
-            log=_told(run, factors, best),
+            bound=max(answer.bound, search.bound),
+            infeasible=best.x is None and search.finished and search.bound == np.inf,
+            nodes=answer.nodes + search.count,
+            log=(*answer.log, f"{search.count} nodes narrowed by rows and products"),
         )
-        return judged(instance, answer, gap, tolerance)
+
+    def _proves_nothing(self, instance: Instance, enough: float = np.inf) -> None:
+        if self.proves:
+            self.certificate = certificate_of_nothing(instance, enough)
 
 
-def _told(run: TreeRun, factors: Factors, best: _Incumbent) -> tuple[str, ...]:
-    """Sizes and counts of a search."""
-    program, whole = run.program, run.search.whole
+def _answer(
+    run: TreeRun, best: Incumbent, factors: Factors, begin: float, known: Known | None
+) -> Answer:
+    """What a search says."""
+    whole, program = run.search.whole, run.program
     integers, space, products = len(program.entities), len(factors.space), factors.products.count
     log = [
         f"{integers} integers, {space} factors of {products} products, {program.size} unknowns",
@@ -198,10 +221,19 @@ def _told(run: TreeRun, factors: Factors, best: _Incumbent) -> tuple[str, ...]:
     ]
     if run.full:
         log.append(f"nodes fill {1e-6 * MEMORY:.0f} MB")
-    return tuple(log)
+    return Answer(
+        x=best.x,
+        assignment=best.assignment,
+        bound=run.bound if known is None else max(run.bound, known.bound),
+        infeasible=best.x is None and run.exhausted,
+        nodes=int(whole[place.NODES]),
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=tuple(log),
+    )
 
 
-def _search(run: TreeRun, form: Conditional, best: _Incumbent, deadline: float, nodes: int) -> None:
+def _search(run: TreeRun, form: Conditional, best: Incumbent, deadline: float, nodes: int) -> None:
     """Pieces of the tree with local searches between them."""
     whole, piece = run.search.whole, float(_FIRST)
     run.search.real[place.BEST] = best.cost
@@ -226,7 +258,7 @@ def _search(run: TreeRun, form: Conditional, best: _Incumbent, deadline: float, 
 def _look_at(
     program: MixedIntegerProgram,
     form: Conditional,
-    best: _Incumbent,
+    best: Incumbent,
     w: Array,
     integers: Index,
     exact: bool = False,

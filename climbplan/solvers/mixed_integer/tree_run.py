@@ -90,7 +90,8 @@ class TreeRun:
         stop = self.search.rows.stop
         stop[0] = 0
         if self.program.M.size < _LONG:
-            if deadline - time.perf_counter() > _SOON:
+            # A node may find tangents to balls for a long time
+            if deadline - time.perf_counter() > _SOON and not len(self.program.numbers.radius):
                 self._pieces(deadline, nodes)
                 return
             with _alarm(deadline, stop):

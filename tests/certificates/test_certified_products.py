@@ -1,0 +1,60 @@
+"""Certificates of problems with products: leaves of integers and boxes of factors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from certified_programs import certified_products
+
+import climbplan
+from climbplan.bench.engine.bilinear import planar_push, turning_flyer
+from climbplan.certificates.checker import check
+from climbplan.program import Problem
+from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory
+
+
+@pytest.mark.parametrize("seed", [*range(8), 16, 18])
+def test_random_programs_with_products_are_proved(seed: int) -> None:
+    _holds_with_products(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 200))
+def test_many_random_programs_with_products_are_proved(seed: int) -> None:
+    _holds_with_products(seed)
+
+
+def _holds_with_products(seed: int) -> None:
+    instance, found, certificate = certified_products(seed)
+    verdict = check(instance, certificate)
+    assert not verdict.faults
+    if found.status == "infeasible":
+        assert verdict.bound == np.inf
+        return
+    assert found.objective is not None
+    scale = 1.0 + abs(found.objective)
+    assert verdict.bound <= found.objective + 1e-5 * scale
+    assert verdict.bound >= found.bound - 1e-5 * scale
+
+
+@pytest.mark.parametrize("problem", [turning_flyer(2), planar_push(2)])
+def test_user_problems_with_products_are_proved(problem: Problem) -> None:
+    theta = problem.drawn(np.random.default_rng(0))
+    found = climbplan.solve(problem, theta, gap=1e-3, certificate=True)
+    assert found.status == "optimal"
+    assert found.certificate is not None
+    assert found.objective is not None
+    bound = check(problem.instance(theta), found.certificate).bound
+    assert found.objective * (1.0 - 1.01e-3) <= bound <= found.objective * (1.0 + 1e-6)
+
+
+def test_products_beyond_a_limit_of_nodes_keep_a_valid_bound() -> None:
+    problem = planar_push(2)
+    instance = problem.instance(problem.drawn(np.random.default_rng(1)))
+    tree = SpatialMemory(1e-3, 1e-6, proves=True)
+    found = tree.solve(instance, 60.0, nodes=16)
+    assert tree.certificate is not None
+    assert found.objective is not None
+    bound = check(instance, tree.certificate).bound
+    assert -np.inf < bound <= found.objective
+    assert bound >= found.bound - 1e-6 * abs(found.bound)

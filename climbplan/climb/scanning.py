@@ -19,11 +19,13 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.free_space import FreeSpace, free_space, pieces_of
+from climbplan.scan.holds import Grasping, found_holds
 from climbplan.scan.orienting import facing
+from climbplan.scan.panel import holds_headline, panel_of
 from climbplan.scan.raw import RawScan, ScanError, cropped
 from climbplan.scan.reading import read_scan
 from climbplan.spec.climb.motion import MotionSpec
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.spec.climb.scan import ScanHoldsSpec, ScanSpec
 from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.loading import LoadedClimb
@@ -50,6 +52,8 @@ def scanned(loaded: Loaded) -> Loaded:
         return loaded
     robot = build_robot(loaded.robot)
     guide = guide_of(loaded.spec)
+    if scan.holds is not None:
+        return _with_holds(loaded, scan, scan.holds, robot, guide[0])
     try:
         raw = near_scan(scan, loaded.directory, guide, robot)
         _tell(raw)
@@ -82,10 +86,41 @@ def scanned(loaded: Loaded) -> Loaded:
     return loaded.with_overrides(changes)
 
 
+def _with_holds(
+    loaded: Loaded, scan: ScanSpec, asked: ScanHoldsSpec, robot: Robot, start: Array
+) -> Loaded:
+    """The spec with the scanned wall as a panel, whose holds the robot's grippers open to.
+
+    The wall faces the start of the body (3,). Raises SpecError for a robot without grippers, and
+    where the scan has no wall or no hold.
+    """
+    opening = asked.opening
+    if opening is None:
+        if robot.gripper is None:
+            message = f"{robot.name} has no grippers; expected a robot that has, or an `opening`"
+            raise _refused(loaded, f"{_KEY}.holds", message)
+        opening = robot.gripper.finger_span
+    grasping = Grasping(opening, asked.depth, asked.steepest_back_deg)
+    try:
+        raw = facing(_whole_scan(scan, loaded.directory), start)
+        _tell(raw)
+        wall = found_holds(raw, grasping)
+    except ScanError as error:
+        raise _refused(loaded, f"{_KEY}.holds", str(error)) from error
+    _log.info("scan      %s", holds_headline(wall, grasping), extra={"note": True})
+    told = f"found in {scan.file}"
+    return loaded.with_overrides(
+        [
+            Override.of("terrain.scan.fit", False, told),
+            Override.of("terrain.panel", panel_of(wall), told),
+        ]
+    )
+
+
 def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
     """The scan near the way, as plans carry it; None where the terrain has none."""
     scan = spec.terrain.scan
-    if scan is None:
+    if scan is None or scan.holds is not None:  # the panel stands for a wall with holds
         return None
     raw = near_scan(scan, directory, guide_of(spec), robot)
     return RawSurface(raw.vertices, raw.triangles, scan.flatness, scan.toe_radius)
@@ -93,10 +128,7 @@ def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface |
 
 def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
     """What of a scan lies within reach of the way (P, 3), facing the way's free space."""
-    text = scan.model_dump_json(
-        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg"}
-    )
-    whole = _whole(text, directory, _stamp(directory / scan.file))
+    whole = _whole_scan(scan, directory)
     turned = facing(whole, guide[0])
     near = farthest(robot) + _BESIDE
     raw = cropped(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
@@ -107,6 +139,14 @@ def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> Ra
             f"from the start; the robot reaches {farthest(robot):.2f} m"
         )
     return raw
+
+
+def _whole_scan(scan: ScanSpec, directory: Path) -> RawScan:
+    """All of a scan, mended; read once."""
+    text = scan.model_dump_json(
+        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg", "holds"}
+    )
+    return _whole(text, directory, _stamp(directory / scan.file))
 
 
 @lru_cache(maxsize=4)

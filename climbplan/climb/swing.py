@@ -28,6 +28,10 @@ from climbplan.terrain.solids import Solid
 
 _OVERLAP = 1e-9  # [m] that counts
 TOE_CLEARANCE = 0.01  # [m] distance a swinging toe keeps from every solid
+# [m] what it keeps from a scan where some way does: over a long walk the body is 10 to 15 mm lower
+# than planned, and a toe that catches an edge drags the feet that stand
+_ROOMY = 0.03
+_OF_LIFT = 0.5  # share of the lift that this is at most
 _SPACING = 0.01  # [m] between the points at which a way is checked
 _LIFTS = (1.0, 1.6, 2.4)  # factors on the spec's lift
 _DETOURS = (0.06, 0.12, 0.18, 0.26)  # [m] how far aside the via points lie
@@ -124,7 +128,7 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
         raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
     beside = _Beside.of(scene.robot, swing)
     tried, met = 0, None
-    for path in _candidates(swing, lift):
+    for path in _roomiest_first(scene, _candidates(swing, lift)):
         near = _too_near(_sampled(path), solids)
         if near is not None:
             blocker = blocker or near.name
@@ -262,6 +266,22 @@ def _candidates(swing: Swing, lift: float) -> Iterator[Array]:
     for aside in _DETOURS:
         for away in aside * _ASIDE:
             yield np.stack([ends[0], ends[0] + away, ends[1] + away, ends[1]])
+
+
+def _roomiest_first(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Array]:
+    """Ways on which the toe has room to spare beside a scan, then all others, each in its order."""
+    scan = scene.terrain.scan
+    room = min(_ROOMY, _OF_LIFT * scene.spec.trajectory.lift)
+    if scan is None or room <= TOE_CLEARANCE:
+        yield from paths
+        return
+    others = []
+    for path in paths:
+        if raw_toes_clear(scan, _sampled(path), room):
+            yield path
+        else:
+            others.append(path)
+    yield from others
 
 
 def _sampled(path: Array) -> Array:

@@ -36,10 +36,14 @@ class Frame:
         across /= np.linalg.norm(across)
         return cls(offset * normal, across, np.cross(normal, across), normal)
 
+    @property
+    def axes(self) -> Array:
+        """(3, 3) with a row each of u, v and height."""
+        return np.stack([self.across, self.along, self.normal])
+
     def own(self, points: Array) -> Array:
         """Points (..., 3) as u, v and height."""
-        axes = np.stack([self.across, self.along, self.normal])
-        return (points - self.origin) @ axes.T
+        return (points - self.origin) @ self.axes.T
 
     def world(self, points: Array) -> Array:
         """Points (..., 2) of the plane in the world."""
@@ -54,23 +58,21 @@ def standable(
     own: the patch's triangles; corners (T, 3, 3), normals (T, 3): of the whole scan. Within `room`
     the surface goes on, in whatever triangles, and nothing rises beside or above.
     """
-    patch = _joined(_polygons(frame.own(corners[own])[..., :2]))
+    placed = in_frame(corners, own, frame.origin, frame.axes)[0]
+    patch = _joined(_polygons(placed[..., :2]))
     if patch.is_empty:
         return patch
     shapely.prepare(patch)
     limit = flatness + _SLOPE * room
-    near = _near(frame, own, corners, 2 * room + 1e-6, limit, HEADROOM)
-    near = near[~np.isin(near, own, assume_unique=True)]
-    heights = frame.own(corners[near])
+    near, heights, reach = _near(frame, own, placed, corners, 2 * room + 1e-6, limit)
+    low, high = reach
     facing = normals[near] @ frame.normal > _FACING
-    going_on = heights[facing & _between(heights, -limit, limit)]
+    level = facing & (high >= -limit) & (low <= limit)
     outline = _Outline.of(patch, max(room, 1e-3))
-    going_on = going_on[_beside(going_on, outline, 2 * room)]
-    whole = (np.abs(going_on[..., 2]) <= limit).all(axis=1)
-    ground = _joined(
-        _polygons(np.concatenate([frame.own(corners[own])[..., :2], going_on[whole][..., :2]]))
-    )
-    cut = _polygons_within(going_on[~whole], -limit, limit)
+    level[level] = _beside(heights[level], outline, 2 * room)
+    whole = level & (high <= limit) & (low >= -limit)
+    ground = _joined([patch, *_polygons(heights[whole][..., :2])]) if whole.any() else patch
+    cut = _polygons_within(heights[level & ~whole], -limit, limit)
     if cut:
         ground = _union([ground, *cut])
     free = patch
@@ -79,7 +81,7 @@ def standable(
         edges = shapely.boundary(shapely.buffer(ground, _CRACK, join_style="mitre"))
         edges = shapely.intersection(edges, shapely.box(*_grown_bounds(patch, 2 * room)))
         free = shapely.difference(free, shapely.buffer(edges, _ROUND * room, quad_segs=_ARC))
-    rising = heights[_between(heights, limit, HEADROOM)]
+    rising = heights[(high >= limit) & (low <= HEADROOM)]
     over = shapely.contains_xy(patch, rising[..., :2].mean(axis=1)) if len(rising) else []
     rising = rising[_beside(rising, outline, room) | np.asarray(over, bool)]
     blocking = _polygons_within(rising, limit, HEADROOM)
@@ -91,20 +93,31 @@ def standable(
     return free
 
 
-def _between(heights: Array, low: float, high: float) -> np.ndarray:
-    """(T,) whether triangles (T, 3, 3) reach between two heights."""
-    return (heights[..., 2].max(axis=1) >= low) & (heights[..., 2].min(axis=1) <= high)
-
-
 def _beside(corners: Array, outline: _Outline, by: float) -> np.ndarray:
     """(T,) triangles, seen along the normal, that may come within a distance of an outline."""
     if not len(corners):
         return np.zeros(0, bool)
-    flat = corners[..., :2]
-    middle = flat.mean(axis=1)
-    radius = np.linalg.norm(flat - middle[:, None], axis=-1).max(axis=1)
-    away = outline.points.query(middle)[0]
+    middle, radius = circles(corners)
+    # Farther off than the largest triangle may come is not measured
+    most = by + float(radius.max()) + outline.spacing
+    away = outline.points.query(middle, distance_upper_bound=most * (1 + 1e-9))[0]
     return np.asarray(away <= by + radius + outline.spacing)
+
+
+@compiled
+def circles(corners: Array) -> tuple[Array, Array]:
+    """Middles (T, 2) of triangles (T, 3, 3) seen along the normal, and how far corners are off."""
+    middle, radius = np.empty((len(corners), 2)), np.empty(len(corners))
+    for t in range(len(corners)):
+        for k in range(2):
+            middle[t, k] = (corners[t, 0, k] + corners[t, 1, k] + corners[t, 2, k]) / 3
+        most = 0.0
+        for c in range(3):
+            across = corners[t, c, 0] - middle[t, 0]
+            along = corners[t, c, 1] - middle[t, 1]
+            most = max(most, across * across + along * along)
+        radius[t] = np.sqrt(most)
+    return middle, radius
 
 
 @dataclass(frozen=True)
@@ -126,7 +139,10 @@ def _union(polygons: list[shapely.Geometry]) -> shapely.Geometry:
 
 
 def _joined(polygons: list[shapely.Geometry]) -> shapely.Geometry:
-    """Triangles as one polygon: by their common edges alone, where they do not overlap."""
+    """Triangles, or what was joined of some, as one polygon.
+
+    By their common edges alone, where they do not overlap.
+    """
     shapes = np.array(polygons, object)
     whole = shapes[shapely.area(shapes) > 1e-14]
     if len(whole) > 8:
@@ -150,22 +166,27 @@ def _grown_bounds(polygon: shapely.Geometry, by: float) -> tuple[float, float, f
 
 
 def _near(
-    frame: Frame, own: Index, corners: Array, beside: float, below: float, above: float
-) -> Index:
-    """Triangles that may reach into the box over a patch."""
-    places = frame.own(corners[own]).reshape(-1, 3)
-    low, high = places.min(axis=0), places.max(axis=0)
-    low, high = low - beside, high + beside
-    low[2], high[2] = -below, max(above, below)
+    frame: Frame, own: Index, placed: Array, corners: Array, beside: float, below: float
+) -> tuple[Index, Array, tuple[Array, Array]]:
+    """Other triangles that may reach into the box over a patch, up to the headroom.
+
+    placed (P, 3, 3): corners of the patch's own triangles in its frame. Returns numbers (K,),
+    corners (K, 3, 3) in that frame, and the lowest and highest of these.
+    """
+    places = placed.reshape(-1, 3)
+    low, high = places.min(axis=0) - beside, places.max(axis=0) + beside
+    low[2], high[2] = -below, max(HEADROOM, below)
     ends = np.stack([low, high])
     box = np.array(
         [[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     )
     around = frame.world(box[:, :2]) + box[:, 2:] * frame.normal
-    found = np.flatnonzero(within_box(corners, around.min(axis=0), around.max(axis=0)))
-    heights = frame.own(corners[found])
-    meets = (heights.min(axis=1) <= high).all(axis=1) & (heights.max(axis=1) >= low).all(axis=1)
-    return found[meets]
+    found = within_box(corners, around.min(axis=0), around.max(axis=0))
+    found[own] = False
+    number = np.flatnonzero(found)
+    heights, least, most = in_frame(corners, number, frame.origin, frame.axes)
+    meets = (least <= high).all(axis=1) & (most >= low).all(axis=1)
+    return number[meets], heights[meets], (least[meets, 2], most[meets, 2])
 
 
 @compiled
@@ -181,6 +202,31 @@ def within_box(corners: Array, lower: Array, upper: Array) -> np.ndarray:
                 break
         out[t] = meets
     return out
+
+
+@compiled
+def in_frame(
+    corners: Array, number: Index, origin: Array, axes: Array
+) -> tuple[Array, Array, Array]:
+    """Corners (K, 3, 3) of some triangles in a frame, with their least and largest (K, 3).
+
+    The same corner of two triangles has the same digits, which a product of matrices of different
+    lengths does not promise: a coverage whose edges do not match is no coverage.
+    """
+    out = np.empty((len(number), 3, 3))
+    least, most = np.empty((len(number), 3)), np.empty((len(number), 3))
+    for i in range(len(number)):
+        t = number[i]
+        for k in range(3):
+            low, high = np.inf, -np.inf
+            for c in range(3):
+                value = (corners[t, c, 0] - origin[0]) * axes[k, 0]
+                value += (corners[t, c, 1] - origin[1]) * axes[k, 1]
+                value += (corners[t, c, 2] - origin[2]) * axes[k, 2]
+                out[i, c, k] = value
+                low, high = min(low, value), max(high, value)
+            least[i, k], most[i, k] = low, high
+    return out, least, most
 
 
 def _polygons_within(corners: Array, low: float, high: float) -> list[shapely.Geometry]:

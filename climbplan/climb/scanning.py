@@ -15,6 +15,7 @@ import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.scan.fitting import FoundRegion, found_regions
@@ -38,6 +39,7 @@ Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
 
 _KEY = "terrain.scan"
 _BESIDE = 0.1  # [m] beyond reach that counts, too: toes swing over edges
+_FAR = 20.0  # [m] from the start, where a scan is rather in another unit
 NAME = "scan"  # of regions found in one, with a number
 
 
@@ -60,7 +62,7 @@ def scanned(loaded: Loaded) -> Loaded:
         found = found_regions(raw, scan)
     except ScanError as error:
         raise _refused(loaded, f"{_KEY}.file", str(error)) from error
-    reached = [r for r in found if _in_reach(r, guide, robot)]
+    reached = [r for r in found if _distance(r, guide, around(robot)) <= farthest(robot)]
     if not reached:
         raise _refused(loaded, f"{_KEY}.file", _nothing(found, guide, robot))
     listed: list[dict[str, object]] = [
@@ -134,9 +136,10 @@ def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> Ra
     raw = cropped(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
     if not len(raw.triangles):
         away = np.linalg.norm(whole.vertices - guide[0], axis=1).min()
+        unit = "; is its unit the metre? `scale` says otherwise" if away > _FAR else ""
         raise ScanError(
             f"{scan.file}: the scan does not come near the way, its nearest corner is {away:.2f} m "
-            f"from the start; the robot reaches {farthest(robot):.2f} m"
+            f"from the start; the robot reaches {farthest(robot):.2f} m{unit}"
         )
     return raw
 
@@ -191,16 +194,23 @@ def _along(guide: Array) -> Array:
     return np.concatenate(pieces)
 
 
-def _in_reach(region: FoundRegion, guide: Array, robot: Robot) -> bool:
-    """Whether some place of the way is before a region and near enough."""
-    return _distance(region, guide) <= farthest(robot)
+def around(robot: Robot) -> float:
+    """How far behind a face the body's origin can be while a toe presses on it [m].
+
+    The last link then is before the face, and so is the joint that it begins at: this far from
+    the body's origin at most.
+    """
+    shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
+    if isinstance(robot.limbs, FiveBar):
+        return float((shoulder + robot.reach).max())
+    return float((shoulder + robot.link_lengths[:, :-1].sum(axis=1)).max())
 
 
-def _distance(region: FoundRegion, guide: Array) -> float:
-    """Least distance of a region from those places of the way that it faces; infinite for none."""
+def _distance(region: FoundRegion, guide: Array, behind: float) -> float:
+    """Least distance of a region from the way; infinite for one that is `behind` [m] all along."""
     places = _along(guide)
     height = (places - region.vertices[0]) @ region.normal
-    before = height > 0
+    before = height > -behind
     if not before.any():
         return float("inf")
     places, height = places[before], height[before]
@@ -222,7 +232,7 @@ def _nothing(found: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
             f"no contact region in it near the way, expected flat places at least `least_size` "
             f"wide within `flatness`; {reach}"
         )
-    nearest = min(_distance(r, guide) for r in found)
+    nearest = min(_distance(r, guide, around(robot)) for r in found)
     if np.isinf(nearest):
         return (
             f"{len(found)} contact regions near the way, none of which faces it: the way lies "

@@ -89,9 +89,10 @@ def _fit_holds(
             f"--holds: expected an opening of 0 to {MOST_OPENING:g} m, got {opening:g}"
         )
     with OutputDirectory(target, force=force) as directory:
-        from climbplan.reports.fits.holds_report import holds_headline, holds_report, write_holds
+        from climbplan.reports.fits.holds_report import holds_report, write_holds
         from climbplan.reports.fits.terrain_report import RESULT
         from climbplan.scan.holds import Grasping, found_holds
+        from climbplan.scan.panel import holds_headline
         from climbplan.scan.reading import read_scan
         from climbplan.scan.study import scan_of
 

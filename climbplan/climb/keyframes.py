@@ -19,7 +19,7 @@ from climbplan.climb.grips.statement import state_grips
 from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
-from climbplan.climb.swing import together
+from climbplan.climb.swing_ways import together
 from climbplan.errors import NoPlanFound, NotProved
 from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import deflections_for_forces, rigid_motion

@@ -15,15 +15,18 @@ import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.free_space import FreeSpace, free_space, pieces_of
+from climbplan.scan.holds import Grasping, found_holds
 from climbplan.scan.orienting import facing
+from climbplan.scan.panel import holds_headline, panel_of
 from climbplan.scan.raw import RawScan, ScanError, cropped
 from climbplan.scan.reading import read_scan
 from climbplan.spec.climb.motion import MotionSpec
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.spec.climb.scan import ScanHoldsSpec, ScanSpec
 from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.loading import LoadedClimb
@@ -36,6 +39,7 @@ Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
 
 _KEY = "terrain.scan"
 _BESIDE = 0.1  # [m] beyond reach that counts, too: toes swing over edges
+_FAR = 20.0  # [m] from the start, where a scan is rather in another unit
 NAME = "scan"  # of regions found in one, with a number
 
 
@@ -50,13 +54,15 @@ def scanned(loaded: Loaded) -> Loaded:
         return loaded
     robot = build_robot(loaded.robot)
     guide = guide_of(loaded.spec)
+    if scan.holds is not None:
+        return _with_holds(loaded, scan, scan.holds, robot, guide[0])
     try:
         raw = near_scan(scan, loaded.directory, guide, robot)
         _tell(raw)
         found = found_regions(raw, scan)
     except ScanError as error:
         raise _refused(loaded, f"{_KEY}.file", str(error)) from error
-    reached = [r for r in found if _in_reach(r, guide, robot)]
+    reached = [r for r in found if _distance(r, guide, around(robot)) <= farthest(robot)]
     if not reached:
         raise _refused(loaded, f"{_KEY}.file", _nothing(found, guide, robot))
     listed: list[dict[str, object]] = [
@@ -82,10 +88,41 @@ def scanned(loaded: Loaded) -> Loaded:
     return loaded.with_overrides(changes)
 
 
+def _with_holds(
+    loaded: Loaded, scan: ScanSpec, asked: ScanHoldsSpec, robot: Robot, start: Array
+) -> Loaded:
+    """The spec with the scanned wall as a panel, whose holds the robot's grippers open to.
+
+    The wall faces the start of the body (3,). Raises SpecError for a robot without grippers, and
+    where the scan has no wall or no hold.
+    """
+    opening = asked.opening
+    if opening is None:
+        if robot.gripper is None:
+            message = f"{robot.name} has no grippers; expected a robot that has, or an `opening`"
+            raise _refused(loaded, f"{_KEY}.holds", message)
+        opening = robot.gripper.finger_span
+    grasping = Grasping(opening, asked.depth, asked.steepest_back_deg)
+    try:
+        raw = facing(_whole_scan(scan, loaded.directory), start)
+        _tell(raw)
+        wall = found_holds(raw, grasping)
+    except ScanError as error:
+        raise _refused(loaded, f"{_KEY}.holds", str(error)) from error
+    _log.info("scan      %s", holds_headline(wall, grasping), extra={"note": True})
+    told = f"found in {scan.file}"
+    return loaded.with_overrides(
+        [
+            Override.of("terrain.scan.fit", False, told),
+            Override.of("terrain.panel", panel_of(wall), told),
+        ]
+    )
+
+
 def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
     """The scan near the way, as plans carry it; None where the terrain has none."""
     scan = spec.terrain.scan
-    if scan is None:
+    if scan is None or scan.holds is not None:  # the panel stands for a wall with holds
         return None
     raw = near_scan(scan, directory, guide_of(spec), robot)
     return RawSurface(raw.vertices, raw.triangles, scan.flatness, scan.toe_radius)
@@ -93,20 +130,26 @@ def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface |
 
 def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
     """What of a scan lies within reach of the way (P, 3), facing the way's free space."""
-    text = scan.model_dump_json(
-        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg"}
-    )
-    whole = _whole(text, directory, _stamp(directory / scan.file))
+    whole = _whole_scan(scan, directory)
     turned = facing(whole, guide[0])
     near = farthest(robot) + _BESIDE
     raw = cropped(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
     if not len(raw.triangles):
         away = np.linalg.norm(whole.vertices - guide[0], axis=1).min()
+        unit = "; is its unit the metre? `scale` says otherwise" if away > _FAR else ""
         raise ScanError(
             f"{scan.file}: the scan does not come near the way, its nearest corner is {away:.2f} m "
-            f"from the start; the robot reaches {farthest(robot):.2f} m"
+            f"from the start; the robot reaches {farthest(robot):.2f} m{unit}"
         )
     return raw
+
+
+def _whole_scan(scan: ScanSpec, directory: Path) -> RawScan:
+    """All of a scan, mended; read once."""
+    text = scan.model_dump_json(
+        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg", "holds"}
+    )
+    return _whole(text, directory, _stamp(directory / scan.file))
 
 
 @lru_cache(maxsize=4)
@@ -151,16 +194,23 @@ def _along(guide: Array) -> Array:
     return np.concatenate(pieces)
 
 
-def _in_reach(region: FoundRegion, guide: Array, robot: Robot) -> bool:
-    """Whether some place of the way is before a region and near enough."""
-    return _distance(region, guide) <= farthest(robot)
+def around(robot: Robot) -> float:
+    """How far behind a face the body's origin can be while a toe presses on it [m].
+
+    The last link then is before the face, and so is the joint that it begins at: this far from
+    the body's origin at most.
+    """
+    shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
+    if isinstance(robot.limbs, FiveBar):
+        return float((shoulder + robot.reach).max())
+    return float((shoulder + robot.link_lengths[:, :-1].sum(axis=1)).max())
 
 
-def _distance(region: FoundRegion, guide: Array) -> float:
-    """Least distance of a region from those places of the way that it faces; infinite for none."""
+def _distance(region: FoundRegion, guide: Array, behind: float) -> float:
+    """Least distance of a region from the way; infinite for one that is `behind` [m] all along."""
     places = _along(guide)
     height = (places - region.vertices[0]) @ region.normal
-    before = height > 0
+    before = height > -behind
     if not before.any():
         return float("inf")
     places, height = places[before], height[before]
@@ -182,7 +232,7 @@ def _nothing(found: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
             f"no contact region in it near the way, expected flat places at least `least_size` "
             f"wide within `flatness`; {reach}"
         )
-    nearest = min(_distance(r, guide) for r in found)
+    nearest = min(_distance(r, guide, around(robot)) for r in found)
     if np.isinf(nearest):
         return (
             f"{len(found)} contact regions near the way, none of which faces it: the way lies "

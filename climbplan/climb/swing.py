@@ -8,7 +8,6 @@ from lifting off to setting down.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -19,6 +18,7 @@ from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
 from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw, raw_toes_clear
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.self_clearance import SelfShortfall, self_shortfall
+from climbplan.climb.swing_ways import candidates, hover, joined, sampled
 from climbplan.errors import Conflict, NotProved
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.kinematics import inverse, to_body
@@ -28,13 +28,10 @@ from climbplan.terrain.solids import Solid
 
 _OVERLAP = 1e-9  # [m] that counts
 TOE_CLEARANCE = 0.01  # [m] distance a swinging toe keeps from every solid
-_SPACING = 0.01  # [m] between the points at which a way is checked
-_LIFTS = (1.0, 1.6, 2.4)  # factors on the spec's lift
-_DETOURS = (0.06, 0.12, 0.18, 0.26)  # [m] how far aside the via points lie
-_DIRECTIONS = np.array(
-    [d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float
-)  # towards faces, edges and corners of a cube
-_ASIDE = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+# [m] what it keeps from a scan where some way does: over a long walk the body is 10 to 15 mm lower
+# than planned, and a toe that catches an edge drags the feet that stand
+_ROOMY = 0.03
+_OF_LIFT = 0.5  # share of the lift that this is at most
 
 
 @dataclass(frozen=True)
@@ -50,6 +47,11 @@ class Swing:
     where: str  # "round 3, LM lifted"
     toes: Array | None = None  # (N, 3) of all limbs as it begins [m]
     still: Mask | None = None  # (N,) limbs that stand meanwhile
+
+    @property
+    def contacts(self) -> Array:
+        """(2, 3) the old and the new one [m]."""
+        return np.stack([self.old, self.new])
 
 
 WAYS = "some ways of a limb are looked at, between postures that the planner chose"
@@ -114,28 +116,28 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     """
     solids = scene.terrain.solids
     lift = scene.spec.trajectory.lift
-    hover = _hover(swing, lift)
+    ends = hover(swing.contacts, swing.normals, lift)
     robot = scene.robot.one_limb(swing.limb)
     blocker: str | None = None
     # Lifting off and setting down are parts of every way
-    ends = [_sampled(np.stack(leg)) for leg in ((swing.old, hover[0]), (swing.new, hover[1]))]
-    closest = _links_too_near(scene, swing, _links(robot, swing, np.concatenate(ends)))
+    legs = [sampled(np.stack(leg)) for leg in zip(swing.contacts, ends, strict=True)]
+    closest = _links_too_near(scene, swing, _links(robot, swing, np.concatenate(legs)))
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
     beside = _Beside.of(scene.robot, swing)
     tried, met = 0, None
-    for path in _candidates(swing, lift):
-        near = _too_near(_sampled(path), solids)
+    for path in _roomiest_first(scene, candidates(swing.contacts, swing.normals, lift)):
+        near = _too_near(sampled(path), solids)
         if near is not None:
             blocker = blocker or near.name
             continue
         if scene.terrain.scan is not None and not raw_toes_clear(
-            scene.terrain.scan, _sampled(path), TOE_CLEARANCE
+            scene.terrain.scan, sampled(path), TOE_CLEARANCE
         ):
             blocker = blocker or THE_SCAN
             continue
-        whole = path if np.array_equal(path[[0, -1]], hover) else _joined(hover, path)
-        links = _links(robot, swing, _sampled(whole))
+        whole = path if np.array_equal(path[[0, -1]], ends) else joined(ends, path)
+        links = _links(robot, swing, sampled(whole))
         if links is None:
             continue
         found = _links_too_near(scene, swing, links)
@@ -198,23 +200,6 @@ class _Beside:
         return worst if worst.missing > _OVERLAP else None
 
 
-def together(paths: list[Array]) -> Array:
-    """Paths (P, limbs, 3) of as many points as the longest, for limbs that swing at once.
-
-    Each keeps its own corners; points are added in the middle of its longest pieces.
-    """
-    count = max(len(path) for path in paths)
-    out = []
-    for way in paths:
-        path = way
-        while len(path) < count:
-            piece = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-            middle = path[piece : piece + 2].mean(axis=0)
-            path = np.insert(path, piece + 1, middle, axis=0)
-        out.append(path)
-    return np.stack(out, axis=1)
-
-
 def _links_too_near(
     scene: MotionScene, swing: Swing, links: Capsules | None
 ) -> LimbShortfall | None:
@@ -240,37 +225,20 @@ def _links_too_near(
     return LimbShortfall(missing, swing.where, swing.limb, found.link, found.radius, name)
 
 
-def _hover(swing: Swing, height: float) -> Array:
-    return np.stack([swing.old, swing.new]) + height * swing.normals
-
-
-def _joined(hover: Array, path: Array) -> Array:
-    return np.concatenate([hover[:1], path, hover[1:]])
-
-
-def _candidates(swing: Swing, lift: float) -> Iterator[Array]:
-    for factor in _LIFTS:
-        ends = _hover(swing, factor * lift)
-        yield ends
-        middle = ends.mean(axis=0)
-        for aside in _DETOURS:
-            vias = middle + aside * _ASIDE
-            length = np.linalg.norm(vias[:, None] - ends, axis=2).sum(axis=1)
-            for via in vias[np.argsort(length, kind="stable")]:
-                yield np.stack([ends[0], via, ends[1]])
-    ends = _hover(swing, lift)
-    for aside in _DETOURS:
-        for away in aside * _ASIDE:
-            yield np.stack([ends[0], ends[0] + away, ends[1] + away, ends[1]])
-
-
-def _sampled(path: Array) -> Array:
-    """Points (S, 3) along a polyline, its corners among them."""
-    pieces = [path[:1]]
-    for start, end in itertools.pairwise(path):
-        count = max(1, int(np.ceil(np.linalg.norm(end - start) / _SPACING)))
-        pieces.append(start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - start))
-    return np.concatenate(pieces)
+def _roomiest_first(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Array]:
+    """Ways on which the toe has room to spare beside a scan, then all others, each in its order."""
+    scan = scene.terrain.scan
+    room = min(_ROOMY, _OF_LIFT * scene.spec.trajectory.lift)
+    if scan is None or room <= TOE_CLEARANCE:
+        yield from paths
+        return
+    others = []
+    for path in paths:
+        if raw_toes_clear(scan, sampled(path), room):
+            yield path
+        else:
+            others.append(path)
+    yield from others
 
 
 def _too_near(points: Array, solids: tuple[Solid, ...]) -> Solid | None:

@@ -9,7 +9,6 @@ import shapely
 
 from climbplan.robots.rotations import Array
 
-_POLYGON = int(shapely.GeometryType.POLYGON)
 _CONVEX = 1e-9  # [m^2] twice the area by which a corner may turn inwards
 
 
@@ -127,13 +126,43 @@ def _cut_convex(polygon: shapely.Polygon) -> shapely.Polygon:
         out = np.column_stack([-along[:, 1], along[:, 0]])
         out[1::2] *= -1.0  # either side of each line
         ends = corner - along, corner + along, corner + along + out, corner - along + out
-        parts = shapely.get_parts(
-            shapely.intersection(polygon, shapely.polygons(np.stack(ends, 1)))
-        )
-        size = np.where(shapely.get_type_id(parts) == _POLYGON, shapely.area(parts), 0.0)
-        if size.max(initial=0.0) <= 0 or size.max() > polygon.area * (1 - 1e-12):
+        part = _largest_part(polygon, np.stack(ends, 1), _areas_beyond(corners - corner, out))
+        if part is None or part.area > polygon.area * (1 - 1e-12):
             return shapely.convex_hull(shapely.Point(corner))
-        polygon = parts[int(np.argmax(size))]
+        polygon = part
+
+
+def _largest_part(polygon: shapely.Polygon, quads: Array, bounds: Array) -> shapely.Polygon | None:
+    """The largest piece of a polygon in one of some quadrilaterals (Q, 4, 2).
+
+    bounds (Q,): areas that are there in all, in whose order they are looked at: mostly one is.
+    """
+    best, most = None, 0.0
+    for k in np.argsort(-bounds, kind="stable"):
+        if best is not None and bounds[k] * (1 + 1e-9) < most:
+            break
+        cut = shapely.intersection(polygon, shapely.polygons(quads[k]))
+        for part in shapely.get_parts(cut):
+            if part.geom_type == "Polygon" and part.area > most:
+                best, most = part, part.area
+    return best
+
+
+def _areas_beyond(corners: Array, out: Array) -> Array:
+    """(Q,) areas of a polygon (V, 2), anticlockwise, on one side of lines through the origin.
+
+    By Green's theorem, as a line through the origin adds nothing to it. out (Q, 2): that side.
+    """
+    after = np.roll(corners, -1, axis=0)
+    here, there = corners @ out.T, after @ out.T  # (V, Q)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = here / (here - there)
+    crosses = (here > 0) != (there > 0)
+    start = np.where(crosses & (here <= 0), crossing, 0.0)
+    end = np.where(crosses & (there <= 0), crossing, 1.0)
+    share = np.where((here > 0) | (there > 0), end - start, 0.0)
+    # a point s on to one t of an edge: the cross product is (t - s) times that of its ends
+    return np.asarray((share * crossed(corners, after)[:, None]).sum(axis=0) / 2)
 
 
 def crossed(first: Array, second: Array) -> Array:

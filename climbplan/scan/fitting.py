@@ -11,8 +11,9 @@ from climbplan.robots.rotations import Array
 from climbplan.scan.cleaning import areas
 from climbplan.scan.convex import convex_pieces, crossed, peeled
 from climbplan.scan.growing import grown
-from climbplan.scan.panels import HEADROOM, Frame, buried, standable
+from climbplan.scan.panels import HEADROOM, Frame, standable
 from climbplan.scan.raw import Index, RawScan
+from climbplan.scan.triangles import buried
 from climbplan.spec.climb.scan import ScanSpec
 
 _DEPTH = 2.0  # [m] of material through which its other side is looked for

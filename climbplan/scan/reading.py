@@ -107,7 +107,7 @@ def _without_infinite(raw: RawScan, finite: np.ndarray) -> RawScan:
 def _extent(raw: RawScan) -> str:
     """Where a scan is: "x -1 to 1, y -1 to 1, z 0 to 2.5 m"."""
     low, high = raw.vertices.min(axis=0), raw.vertices.max(axis=0)
-    ends = (f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high, strict=True))
+    ends = (f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
     return f"{', '.join(ends)} m"
 
 

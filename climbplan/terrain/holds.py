@@ -36,13 +36,14 @@ class PanelFrame:
 
 
 def panel_frame(panel: PanelSpec) -> PanelFrame:
-    """x across, then up the slope and out of it: at 90 degrees an upright wall that faces -y."""
-    angle = np.deg2rad(panel.angle_deg)
+    """Across, up the slope and out of it: with heading 0 across is x, at 90 degrees -y is out."""
+    angle, heading = np.deg2rad(panel.angle_deg), np.deg2rad(panel.heading_deg)
     cos, sin = float(np.cos(angle)), float(np.sin(angle))
+    x, y = float(np.cos(heading)), float(np.sin(heading))
     return PanelFrame(
-        across=np.array([1.0, 0.0, 0.0]),
-        up=np.array([0.0, cos, sin]),
-        normal=np.array([0.0, -sin, cos]),
+        across=np.array([x, y, 0.0]),
+        up=np.array([-y * cos, x * cos, sin]),
+        normal=np.array([y * sin, -x * sin, cos]),
     )
 
 

@@ -12,8 +12,8 @@ import yaml
 
 import climbplan
 from climbplan.errors import NoPlanFound
-from climbplan.reports.fits.holds_report import panel_of
 from climbplan.scan.holds import Grasping, found_holds
+from climbplan.scan.panel import panel_of
 from climbplan.scan.reading import read_scan
 from climbplan.scan.study import scan_of
 from climbplan.spec.robots.source import robot_text
@@ -38,6 +38,7 @@ def repeated() -> dict[str, Any]:
     return {
         **panel,
         "center": [0, 0, 0],
+        "heading_deg": 0,
         "across": [-0.5, 0.5],
         "along": [-0.8, 0.9],
         "holds": {f"T{number}": hold for number, hold in enumerate(holds, start=1)},

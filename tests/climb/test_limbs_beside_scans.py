@@ -16,8 +16,8 @@ from known_surfaces import box, joined, quad, rough_chimney, rough_shaft
 
 import climbplan
 from climbplan.climb.check.anew.capsules import capsules_at
-from climbplan.climb.check.scan import Contacts as Checked
-from climbplan.climb.check.scan import judge_scan_links
+from climbplan.climb.check.scan_links import Contacts as Checked
+from climbplan.climb.check.scan_links import judge_scan_links
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.raw_clearance import Contacts, nearest_raw
 from climbplan.robots.capsules import straight_capsules

@@ -16,10 +16,11 @@ from climbplan.bench.climb.triangle_walls import triangles
 from climbplan.climb import motion
 from climbplan.climb.body_way import BodyWay
 from climbplan.climb.motion import StageClock
+from climbplan.climb.postures.least_cost import least_cost
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.swing import SwingMeets
-from climbplan.climb.windows import least_cost, plan_in_windows, window_of
+from climbplan.climb.windows import plan_in_windows, window_of
 from climbplan.climb.within_reach import between, reachable, within_rounds
 from climbplan.errors import NotProved, SpecError
 from climbplan.spec.loading import load_text

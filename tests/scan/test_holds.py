@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.reports.fits.holds_report import holds_report, panel_of, write_holds
+from climbplan.reports.fits.holds_report import holds_report, write_holds
 from climbplan.scan.clouds import cloud
 from climbplan.scan.holds import Grasping, Wall, found_holds
+from climbplan.scan.panel import panel_of
 from climbplan.scan.raw import ScanError
 from climbplan.scan.reading import read_scan
 from climbplan.scan.relief import surface_of_cloud
 from climbplan.scan.study import scan_of
 from climbplan.spec.climb.panel import PanelSpec
+from climbplan.terrain.holds import panel_frame
 
 GRASPING = Grasping(opening=0.06, depth=0.015)
 TURN = np.deg2rad(30.0)  # of the wall about z
@@ -116,6 +118,11 @@ def test_a_panel_of_a_spec_is_written(wall: Wall, tmp_path: Path) -> None:
     panel = PanelSpec.model_validate(panel_of(wall))
     assert len(panel.holds) == len(wall.holds)
     assert panel.angle_deg == pytest.approx(80.0, abs=0.5)
+    across, up, normal = frame()
+    stated = panel_frame(panel)
+    assert np.allclose(stated.across, across, atol=0.01)
+    assert np.allclose(stated.up, up, atol=0.01)
+    assert np.allclose(stated.normal, normal, atol=0.01)
     write_holds(wall, GRASPING, holds_report(wall, GRASPING, "wall", "wall.xyz"), tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
     assert len(report["holds"]) == len(wall.holds)

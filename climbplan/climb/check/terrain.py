@@ -123,11 +123,14 @@ def _panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterator[Diffe
     terrain = plan.terrain
     by_name = {surface.name: index for index, surface in enumerate(terrain.surfaces)}
     angle = math.radians(panel.angle_deg)
-    up = np.array([0.0, math.cos(angle), math.sin(angle)])
+    heading = math.radians(panel.heading_deg)
+    sideways = np.array([math.cos(heading), math.sin(heading), 0.0])
+    level = np.array([-math.sin(heading), math.cos(heading), 0.0])
+    up = math.cos(angle) * level + np.array([0.0, 0.0, math.sin(angle)])
 
     def corners(across: tuple[float, float], along: tuple[float, float]) -> Array:
         ends = itertools.product(across, along)
-        return np.array([panel.center + np.array([u, 0.0, 0.0]) + v * up for u, v in ends])
+        return np.array([panel.center + u * sideways + v * up for u, v in ends])
 
     own = friction if panel.friction is None else panel.friction
     surface = terrain.surfaces[by_name["panel"]]
@@ -146,15 +149,17 @@ def _panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterator[Diffe
         )
         may = [spec.limbs is None or limb in spec.limbs for limb in plan.robot.limb_names]
         yield apart(f"{key}.limbs", terrain.allowed[:, by_name[name]], may)
-        yield _hold_apart(key, surface, spec, up)
+        yield _hold_apart(key, surface, spec, up, sideways)
 
 
-def _hold_apart(key: str, surface: Surface, spec: HoldSpec, up: Array) -> Difference:
+def _hold_apart(
+    key: str, surface: Surface, spec: HoldSpec, up: Array, sideways: Array
+) -> Difference:
     """Axis, undercut and orientation of a hold."""
     if not isinstance(surface, Region) or surface.hold is None:
         return Difference(key, math.inf)
     turn, hold = math.radians(spec.axis_deg), surface.hold
-    axis = math.cos(turn) * up + np.array([math.sin(turn), 0.0, 0.0])
+    axis = math.cos(turn) * up + math.sin(turn) * sideways
     stored = [*hold.axis, hold.undercut, *hold.orientation]
     asked = [*axis, math.radians(spec.undercut_deg), *np.deg2rad(spec.orientation_deg)]
     return apart(f"{key}: axis_deg, undercut_deg, orientation_deg", stored, asked)

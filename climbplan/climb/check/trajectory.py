@@ -19,7 +19,7 @@ from climbplan.climb.check.clearance import (
 )
 from climbplan.climb.check.motion_state import Motion, motion_of
 from climbplan.climb.check.pressing import pressing_checks
-from climbplan.climb.check.scan import contacts_on, judge_scan_links
+from climbplan.climb.check.scan_links import contacts_on, judge_scan_links
 from climbplan.climb.check.self_collision import judge_self_collision
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject

@@ -356,7 +356,7 @@ class ClimbSpec(SpecModel):
 
     @model_validator(mode="after")
     def _margins_for_uncertainty(self) -> Self:
-        grips = self.terrain.panel is not None
+        grips = self.terrain.gripped
         beside = self.force.safety_friction if grips else 1.0
         margins = margins_stated(self.margins, self.uncertainty, beside)
         if margins is not self.margins:

@@ -55,6 +55,9 @@ class PanelSpec(SpecModel):
         ge=0,
         le=180,
     )
+    heading_deg: Number = quantity(
+        "deg", "turn about z: an upright wall faces -y at 0, +x at 90", default=0.0
+    )
     center: Vector = quantity("m", "origin of the holds' coordinates", default=(0.0, 0.0, 0.0))
     across: tuple[Number, Number] = quantity("m", "extent across, from and to")
     along: tuple[Number, Number] = quantity("m", "extent up along the panel, from and to")

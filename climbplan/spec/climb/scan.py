@@ -34,6 +34,24 @@ class CropSpec(SpecModel):
         return self
 
 
+class ScanHoldsSpec(SpecModel):
+    """What grippers can hold on a scanned wall: places where both fingers touch a side."""
+
+    opening: Number | None = quantity(
+        "m",
+        "between the open fingers; the `finger_span` of the robot's gripper if left out",
+        default=None,
+        gt=0,
+        le=0.5,
+    )
+    depth: Number = quantity(
+        "m", "that fingers reach down beside what they grip", default=0.015, gt=0, le=0.2
+    )
+    steepest_back_deg: Number = quantity(
+        "deg", "that a gripped side may lean back at most", default=45.0, ge=0, lt=90
+    )
+
+
 class ScanSpec(SpecModel):
     """A scanned surface, in which contact regions and free space are found."""
 
@@ -82,6 +100,11 @@ class ScanSpec(SpecModel):
         "m",
         "points that the body passes between start and goal; the straight way if left out",
         default=(),
+    )
+    holds: ScanHoldsSpec | None = Field(
+        default=None,
+        description="look for holds of grippers on a scanned wall (`holds: {}`), instead of "
+        "contact regions: they become `terrain.panel`",
     )
     fit: bool = Field(
         default=True,

@@ -193,12 +193,20 @@ class TerrainSpec(SpecModel):
         "in `scan` if left out",
     )
 
+    @property
+    def gripped(self) -> bool:
+        """Whether limbs hold on by grippers, to stated holds or to those of a scan."""
+        return self.panel is not None or (self.scan is not None and self.scan.holds is not None)
+
     @model_validator(mode="after")
     def _some_surface(self) -> Self:
         flat = bool(self.regions or self.boxes) or self.walls is not None
         flat = flat or self.ground is not None or self.panel is not None
         flat = flat or (self.scan is not None and self.scan.fit)
         faults = []
+        if self.scan is not None and self.scan.holds is not None and self.scan.fit and self.panel:
+            message = "expected either holds to be found in the scan or a stated `panel`"
+            faults.append(Fault("scan.holds", message))
         if self.tube is not None and flat:
             faults.append(
                 Fault(

@@ -52,6 +52,8 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
         path = motion.box_position[:, b, axis]
         below.plot(motion.time, path, label=label, color=color, linewidth=1.4, linestyle=style)
         below.axhline(plan.goal[b, axis], color=color, linewidth=0.7, linestyle=":")
+    if motion.box_yaw.any() or plan.goal_yaw.any():
+        _yaws(plan, below)
     below.set_xlabel(scale.label)
     below.set_ylabel("box [m]")
     below.legend(frameon=False, fontsize=8, ncols=3, loc="upper left")
@@ -62,6 +64,18 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
     labels = [*(f"box {n}" for n in BOX_MODES.values()), *MODULE_MODES.values()]
     foot_legend(figure, handles, labels)
     return figure
+
+
+def _yaws(plan: LimmsPlan, ax: Axes) -> None:
+    """How boxes are turned, on an axis of their own."""
+    right = ax.twinx()
+    for b in range(plan.deliveries):
+        style = _STYLES[b % len(_STYLES)]
+        yaw = np.degrees(plan.motion.box_yaw[:, b])
+        ax.plot([], [], label="yaw", color=palette.INK, linewidth=1.4, linestyle=style)
+        right.plot(plan.motion.time, yaw, color=palette.INK, linewidth=1.4, linestyle=style)
+    right.set_ylabel("yaw [deg]")
+    right.spines["top"].set_visible(False)
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:

@@ -32,7 +32,7 @@ def limms_motion(path: Path) -> RobotMotion:
         BodyMotion(
             "box" if boxes == 1 else f"box{b}",
             motion.box_position[last, b],
-            Rotation.from_euler("z", motion.box_yaw[last, b]).as_quat(),
+            Rotation.from_rotvec(np.outer(motion.box_yaw[last, b], [0.0, 0.0, 1.0])).as_quat(),
         )
         for b in range(boxes)
     ]

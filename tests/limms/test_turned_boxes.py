@@ -21,6 +21,8 @@ from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.placement import extents, in_world, upright, vertical_inertia
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
+from climbplan.limms.planner import plan_limms
+from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.statement import held_forces
 from climbplan.spec.limms.loading import load_limms
 from climbplan.spec.limms.module import ModuleSpec
@@ -134,9 +136,7 @@ def test_no_way_is_proved_only_where_no_attitude_passes(tmp_path: Path) -> None:
     assert ways(inner_blocks(own), own.box_start[0], own.goal) is None
 
 
-def scene_of_spec_at(path: Path) -> Any:
-    from climbplan.limms.scene import scene_of
-
+def scene_of_spec_at(path: Path) -> Scene:
     return scene_of(load_limms(path))
 
 
@@ -176,9 +176,9 @@ def test_a_yaw_that_is_not_the_motions_is_found(turned: LimmsPlan) -> None:
     )
     assert {"goal.turned", "latch.rotation", "latch.position"} <= failing(unturned)
     assert "box.motion" in failing(tampered(turned, box_yaw_rate=1.01 * motion.box_yaw_rate))
-    faster = 1.01 * motion.box_yaw_acceleration
-    assert "box.motion" in failing(tampered(turned, box_yaw_acceleration=faster))
-    assert {"goal.turned", "file.spec_values"} <= failing(replace(turned, goal_yaw=np.array([1.5])))
+    faster = tampered(turned, box_yaw_acceleration=1.01 * motion.box_yaw_acceleration)
+    told = failing(replace(faster, goal_yaw=np.array([1.5])))
+    assert {"box.motion", "goal.turned", "file.spec_values"} <= told
 
 
 def test_anchors_of_a_box_turn_with_it(turned: LimmsPlan) -> None:
@@ -234,6 +234,28 @@ def test_plans_of_boxes_that_do_not_turn_are_read_as_before(
     old = read_limms_plan(path)
     assert not old.motion.box_yaw.any()
     assert verification_of(old).passed
+
+
+def test_a_thrown_box_goes_on_turning() -> None:
+    plan = plan_limms(loaded("limms_throw", "box.goal_yaw_deg=90"))
+    assert verification_of(plan).passed
+    flown = plan.motion.box_mode[:, 0] == 2
+    rate = plan.motion.box_yaw_rate[flown, 0]
+    assert rate[0] > 0.5
+    assert np.ptp(rate) < 1e-9
+    assert plan.motion.box_yaw[-1, 0] - plan.motion.box_yaw[flown, 0][0] > 0.1
+    # What is let go of keeps its spin: a yaw that runs otherwise is no flight
+    slower = plan.motion.box_yaw.copy()
+    slower[np.flatnonzero(flown)[5:]] -= 0.01
+    assert {"box.motion", "goal.turned"} <= failing(tampered(plan, box_yaw=slower))
+
+
+@pytest.mark.slow
+def test_boxes_are_swapped_and_turned() -> None:
+    turns = ("boxes.0.goal_yaw_deg=45", "boxes.1.goal_yaw_deg=-90")
+    plan = plan_limms(loaded("limms_swap", *turns))
+    assert verification_of(plan).passed
+    np.testing.assert_allclose(plan.motion.box_yaw[-1], np.radians([45, -90]), atol=1e-6)
 
 
 # --- specs

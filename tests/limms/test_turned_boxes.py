@@ -13,11 +13,16 @@ from limms_scenes import changed, loaded
 from limms_scenes import scene as scene_of_spec
 
 from climbplan.errors import SpecError
+from climbplan.limms.arms.cuts import refined
+from climbplan.limms.arms.guess import guess_for
+from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.corridor import centre_blocks, inner_blocks, ways, yaws_between
+from climbplan.limms.cubics import box_path
 from climbplan.limms.modules.contact import gap_to_blocks, gap_to_boxes
 from climbplan.limms.modules.distances import upright_gap
+from climbplan.limms.modules.limbs import arm, root_on_anchor
 from climbplan.limms.placement import extents, in_world, upright, vertical_inertia
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
@@ -140,6 +145,36 @@ def scene_of_spec_at(path: Path) -> Scene:
     return scene_of(load_limms(path))
 
 
+# --- between knots
+
+
+def test_a_motion_with_twice_the_knots_is_the_same() -> None:
+    own = scene_of_spec("limms_turned")
+    limb = replace(arm(0, 1, root_on_anchor(own, 0, 1), 0), branch=(1, 1, 1))
+    way = ways(centre_blocks(own), own.start_place, own.goal_place)
+    assert way is not None
+    task = HeldTask(own.start_place, own.goal_place, way, False, 0.0)
+    trace = guess_for(own, [limb], task)[0]
+    rng = np.random.default_rng(3)
+    jerk = rng.normal(size=trace.acceleration.shape)
+    step = trace.duration / trace.phase.intervals
+    # Any accelerations, and the motion that follows from them
+    velocity, position = trace.velocity.copy(), trace.position.copy()
+    for k in range(trace.phase.intervals):
+        velocity[k + 1] = velocity[k] + step * (jerk[k] + jerk[k + 1]) / 2
+        position[k + 1] = (
+            position[k] + step * velocity[k] + step**2 * (2 * jerk[k] + jerk[k + 1]) / 6
+        )
+    trace = replace(trace, position=position, velocity=velocity, acceleration=jerk)
+    finer = refined(own, [limb], trace)
+    assert finer.phase.intervals == 2 * trace.phase.intervals
+    time = np.linspace(0, trace.duration, 101)
+    one = box_path(trace.duration, position, velocity, jerk, time)
+    two = box_path(trace.duration, finer.position, finer.velocity, finer.acceleration, time)
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
 # --- plans
 
 
@@ -248,6 +283,13 @@ def test_a_thrown_box_goes_on_turning() -> None:
     slower = plan.motion.box_yaw.copy()
     slower[np.flatnonzero(flown)[5:]] -= 0.01
     assert {"box.motion", "goal.turned"} <= failing(tampered(plan, box_yaw=slower))
+
+
+@pytest.mark.slow
+def test_short_legs_give_latches_their_time() -> None:
+    plan = plan_limms(loaded("limms_turned", "box.goal_yaw_deg=-90"))
+    assert plan.sequence.startswith("relay")
+    assert verification_of(plan).passed
 
 
 @pytest.mark.slow

@@ -1,4 +1,7 @@
-"""Collisions of an answer turned into cuts: planes that links have to stay beyond, knot by knot."""
+"""Collisions of an answer turned into cuts: planes that links have to stay beyond, knot by knot.
+
+What is touched between knots gives more knots, at which it can be cut off.
+"""
 
 from __future__ import annotations
 
@@ -9,38 +12,93 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.limms.arms.answers import Cut, Outcome
+from climbplan.limms.cubics import box_path
 from climbplan.limms.modules.contact import LINKS, gap_to_blocks, gap_to_boxes, link_segments
-from climbplan.limms.modules.limbs import limb_points
+from climbplan.limms.modules.limbs import limb_angles, limb_points
 from climbplan.limms.placement import centre_of, in_world, yaw_of
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb, Trace
 
 MARGIN = 0.008  # [m] beyond the radius
 ROUNDS = 4
+FINER = 2  # times that knots may be doubled
 _NORMALS = np.vstack([np.eye(3), -np.eye(3)])
 
 Solve = Callable[[Sequence[Trace] | None, Sequence[Cut]], Outcome]
 
 
 def solve_clear(scene: Scene, limbs: Sequence[Limb], solve: Solve) -> Outcome:
-    """Solve, look for collisions with solids and boxes at the knots, cut them off, solve again."""
+    """Solve, cut off what collides with solids and boxes at the knots, solve again.
+
+    Where knots are clear and what is between them is not, or joints turn too fast there, phases get
+    twice the knots.
+    """
     cuts: list[Cut] = []
     outcome = solve(None, cuts)
-    for _ in range(ROUNDS):
-        if not outcome.solved:
-            break
-        fresh = [
-            cut
-            for number, trace in enumerate(outcome.traces)
-            if trace.phase.kind != "flight"
-            for cut in collisions(scene, limbs, number, trace)
-        ]
+    rounds, finer = 0, 0
+    while outcome.solved:
+        traces = list(outcome.traces)
+        fresh = _all_collisions(scene, limbs, traces)
         if not fresh:
+            rough = [k for k, trace in enumerate(traces) if _is_rough(scene, limbs, trace)]
+            if not rough or finer == FINER:
+                break
+            finer += 1
+            for number in rough:
+                traces[number] = refined(scene, limbs, traces[number])
+            cuts = [replace(c, knot=2 * c.knot) if c.phase in rough else c for c in cuts]
+            fresh = _all_collisions(scene, limbs, traces)
+        elif rounds == ROUNDS:
             break
-        cuts += fresh
-        again = solve(outcome.traces, cuts)
+        else:
+            rounds += 1
+        cuts = cuts + fresh
+        again = solve(traces, cuts)
         outcome = replace(again, work=outcome.work + again.work)
     return outcome
+
+
+def _all_collisions(scene: Scene, limbs: Sequence[Limb], traces: Sequence[Trace]) -> list[Cut]:
+    return [
+        cut
+        for number, trace in enumerate(traces)
+        if trace.phase.kind != "flight"
+        for cut in collisions(scene, limbs, number, trace)
+    ]
+
+
+def refined(scene: Scene, limbs: Sequence[Limb], trace: Trace) -> Trace:
+    """The same motion with twice the knots; cubics are halved exactly."""
+    count = 2 * trace.phase.intervals
+    time = np.linspace(0.0, trace.duration, count + 1)
+    path = box_path(trace.duration, trace.position, trace.velocity, trace.acceleration, time)
+    feet = np.repeat(trace.feet[:1], count + 1, axis=0)
+    old = np.linspace(0.0, trace.duration, len(trace.angles))
+    angles = np.empty((count + 1, len(limbs), 6))
+    for i, limb in enumerate(limbs):
+        near = np.stack([np.interp(time, old, trace.angles[:, i, j]) for j in range(6)], axis=1)
+        own, _ = limb_angles(scene, limb, path.position, feet[:, i], limb.branch)
+        angles[:, i] = own + np.round((near - own) / (2 * np.pi)) * 2 * np.pi
+    return replace(
+        trace,
+        phase=replace(trace.phase, intervals=count),
+        position=path.position,
+        velocity=path.velocity,
+        acceleration=path.acceleration,
+        angles=angles,
+        feet=feet,
+        force=np.zeros((count + 1, len(limbs), 3)),
+    )
+
+
+def _is_rough(scene: Scene, limbs: Sequence[Limb], trace: Trace) -> bool:
+    """Whether something is touched between the knots of a phase, or joints turn too fast."""
+    if trace.phase.kind == "flight":
+        return False
+    dense = refined(scene, limbs, refined(scene, limbs, trace))
+    step = trace.duration / dense.phase.intervals
+    fastest = float(np.abs(np.diff(dense.angles, axis=0)).max()) / step
+    return fastest > scene.module.max_joint_speed or bool(collisions(scene, limbs, 0, dense))
 
 
 def collisions(scene: Scene, limbs: Sequence[Limb], number: int, trace: Trace) -> list[Cut]:

@@ -31,6 +31,7 @@ from climbplan.solvers.ipopt.trajectory import solve_trajectory
 SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
 FORCE_SHARE = 0.985  # of the limits of latches
 MASS_SHARE = 0.95  # of torques and latches with masses: knots only, and a spline between them
+_SPARE = 1e-3  # [s] of latches beyond their dwell time
 TURNING = 0.2  # weight of squared joint speeds against time
 _SETTINGS = {
     "tol": 1e-5,
@@ -61,7 +62,7 @@ def solve_arms(
     parts = _Arms(scene, limbs, ends)
     for number, trace in enumerate(guess):
         parts.phase(trace, [cut for cut in cuts if cut.phase == number])
-    parts.finish()
+    parts.finish(guess)
     settings = {**_SETTINGS, "max_iter": iterations}
     answer = solve_trajectory(parts.store, parts.outputs, settings, began, deadline)
     return Outcome(
@@ -139,9 +140,14 @@ class _Arms:
         self.last, self.varied, self.is_first = (p[-1], v[-1]), tuple(own), False
         self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
 
-    def finish(self) -> None:
-        """The goal at the end."""
+    def finish(self, guess: Sequence[Trace]) -> None:
+        """The goal at the end, and time for the latches where the way may be too short for it."""
         store, ends, own = self.store, self.ends, list(self.varied)
+        dwell = self.scene.module.latch_dwell
+        if sum(trace.duration for trace in guess if trace.phase.kind != "flight") < 3 * dwell:
+            held = zip(self.outputs[::4], guess, strict=True)
+            together = sum(time for time, trace in held if trace.phase.kind != "flight")
+            store.between("latch.dwell", together, dwell + _SPARE, unit="s")
         p, v = self.last
         store.equal("goal.reached", (p - ca.DM(ends.goal))[own], "m")
         if ends.arrival_speed > 0:

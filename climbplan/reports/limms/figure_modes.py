@@ -52,11 +52,12 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
         path = motion.box_position[:, b, axis]
         below.plot(motion.time, path, label=label, color=color, linewidth=1.4, linestyle=style)
         below.axhline(plan.goal[b, axis], color=color, linewidth=0.7, linestyle=":")
-    if motion.box_yaw.any() or plan.goal_yaw.any():
-        _yaws(plan, below)
     below.set_xlabel(scale.label)
     below.set_ylabel("box [m]")
-    below.legend(frameon=False, fontsize=8, ncols=3, loc="upper left")
+    is_turned = bool(motion.box_yaw.any() or plan.goal_yaw.any())
+    if is_turned:
+        _yaws(plan, below)
+    below.legend(frameon=False, fontsize=8, ncols=3 + is_turned, loc="upper left")
     panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
     style_axes(below)
     scale.apply((top, below))
@@ -74,7 +75,8 @@ def _yaws(plan: LimmsPlan, ax: Axes) -> None:
         yaw = np.degrees(plan.motion.box_yaw[:, b])
         ax.plot([], [], label="yaw", color=palette.INK, linewidth=1.4, linestyle=style)
         right.plot(plan.motion.time, yaw, color=palette.INK, linewidth=1.4, linestyle=style)
-    right.set_ylabel("yaw [deg]")
+    right.set_ylabel("yaw [deg]", fontsize=ax.yaxis.label.get_size())
+    right.tick_params(labelsize=ax.yaxis.get_ticklabels()[0].get_size())
     right.spines["top"].set_visible(False)
 
 

@@ -71,10 +71,9 @@ def inner_blocks(scene: Scene) -> Array:
 
 
 def _inner(half: Array) -> Array:
-    """Half edges (3,) of a block of as much width as the box has in any direction at least.
+    """Half edges (3,) of an axis-parallel block that is in the box however it is turned.
 
-    Of the cylinder in a box the square about it is tested: its corners reach further than the box
-    may, so the square in the cylinder is taken.
+    The cylinder in the box is; blocks are what is tested, so that it is the one in the cylinder.
     """
     side = float(min(half[0], half[1])) / np.sqrt(2)
     return np.array([side, side, half[2]])

@@ -27,6 +27,7 @@ from climbplan.limms.placement import extents, in_world, upright, vertical_inert
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
 from climbplan.limms.planner import plan_limms
+from climbplan.limms.refusal import proof
 from climbplan.limms.scene import Scene, scene_of
 from climbplan.limms.statement import held_forces
 from climbplan.spec.limms.loading import load_limms
@@ -135,10 +136,13 @@ def test_no_way_is_proved_only_where_no_attitude_passes(tmp_path: Path) -> None:
     path = changed(tmp_path, "limms_turned", terrain__obstacles=walls, box__goal=goal)
     own = scene_of_spec_at(path)
     assert ways(inner_blocks(own), own.box_start[0], own.goal) is not None
+    assert proof(own, ()) is None
     narrow = [{**walls[0], "upper": [1.16, 0.12, 2.2]}, {**walls[1], "lower": [1.24, 0.1, 0]}]
     path = changed(tmp_path, "limms_turned", terrain__obstacles=narrow, box__goal=goal)
     own = scene_of_spec_at(path)
-    assert ways(inner_blocks(own), own.box_start[0], own.goal) is None
+    refused = proof(own, ())
+    assert refused is not None
+    assert "no way for the box" in str(refused)
 
 
 def scene_of_spec_at(path: Path) -> Scene:

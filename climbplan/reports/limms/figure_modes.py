@@ -75,8 +75,8 @@ def _yaws(plan: LimmsPlan, ax: Axes) -> None:
         yaw = np.degrees(plan.motion.box_yaw[:, b])
         ax.plot([], [], label="yaw", color=palette.INK, linewidth=1.4, linestyle=style)
         right.plot(plan.motion.time, yaw, color=palette.INK, linewidth=1.4, linestyle=style)
-    right.set_ylabel("yaw [deg]", fontsize=ax.yaxis.label.get_size())
-    right.tick_params(labelsize=ax.yaxis.get_ticklabels()[0].get_size())
+    right.set_ylabel("yaw [deg]", fontsize=ax.yaxis.label.get_fontsize())
+    right.tick_params(labelsize=ax.yaxis.get_ticklabels()[0].get_fontsize())
     right.spines["top"].set_visible(False)
 
 

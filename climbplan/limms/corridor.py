@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -49,12 +50,18 @@ def centre_blocks(scene: Scene) -> Array:
     stands = yaws_between(scene)
     middles = (stands[1:] + stands[:-1]) / 2
     edges = np.sort(np.concatenate([stands, middles]))
+    # Widest intervals first: of what sweeps no more than one in a wider one, that is enough
+    spans = sorted(combinations_with_replacement(edges, 2), key=lambda span: span[0] - span[1])
+    kept: list[tuple[float, float, Array]] = []
+    for least, most in spans:
+        swept = extents(half, least, most)
+        if not any(a <= least and most <= b and (c <= swept + 1e-9).all() for a, b, c in kept):
+            kept.append((least, most, swept))
     found = []
-    for i, least in enumerate(edges):
-        for most in edges[i:]:
-            blocks = _free_blocks(scene, extents(half, least, most), others)
-            span = np.broadcast_to(np.array([least, most])[:, None], (len(blocks), 2, 1))
-            found.append(np.concatenate([blocks, span], axis=2))
+    for least, most, swept in kept:
+        blocks = _free_blocks(scene, swept, others)
+        span = np.broadcast_to(np.array([least, most])[:, None], (len(blocks), 2, 1))
+        found.append(np.concatenate([blocks, span], axis=2))
     return np.concatenate(found)
 
 

@@ -101,7 +101,7 @@ def bench(
         typer.Option(
             "--methods",
             metavar="NAMES",
-            help="Methods, by commas; of limms also rooms; of mpc: tables; of instances: solvers.",
+            help="Methods, by commas; of limms rooms, turned too; mpc tables, instances solvers.",
             rich_help_panel=_PANEL,
         ),
     ] = None,

@@ -17,7 +17,7 @@ _RADIUS = 0.02  # [m] of links in pictures
 def limms_motion(path: Path) -> RobotMotion:
     """Read a plan file; raises PlanFileError for a damaged one.
 
-    Boxes keep their attitude; the first end of each module is a body. Torques are unknown: modules
+    Boxes stay upright; the first end of each module is a body. Torques are unknown: modules
     have no mass in the plan.
     """
     plan = read_limms_plan(path)
@@ -27,10 +27,13 @@ def limms_motion(path: Path) -> RobotMotion:
     time = motion.time[last]
     angle = motion.joint_angles[last].reshape(len(time), -1)
     velocity = motion.joint_velocity[last].reshape(angle.shape)
-    still = np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1))
     boxes = motion.box_position.shape[1]
     bodies = [
-        BodyMotion("box" if boxes == 1 else f"box{b}", motion.box_position[last, b], still)
+        BodyMotion(
+            "box" if boxes == 1 else f"box{b}",
+            motion.box_position[last, b],
+            Rotation.from_rotvec(np.outer(motion.box_yaw[last, b], [0.0, 0.0, 1.0])).as_quat(),
+        )
         for b in range(boxes)
     ]
     for m, name in enumerate(plan.module_names):

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.limms.bounds import on_ground
 from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
-from climbplan.limms.modules.limbs import root_on_anchor, standing_rotation
+from climbplan.limms.modules.limbs import root_on_anchor, side_pose, standing_rotation
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.reaching import drive, reach
 from climbplan.limms.modules.straight_ways import LENGTHS, leave, straight_in
@@ -132,13 +132,14 @@ def reach_box(
 ) -> None:
     """Bring an arm's free end to its anchor of the box at rest, touching but not latched.
 
+    box: (D,) where it stands;
     path: (n, 6) joint angles of what it does with the box then, from where it latches [rad]. Of
     the whole turns that its rolls may stand at, those are taken with which all of it is in range.
 
     Raises:
         Blocked: no free way was found.
     """
-    target = Pose(box + world.scene.side_offset(0, limb.side), limb.box_rotation)
+    target = side_pose(world.scene, box, limb.side, limb.box_end)
     root = Pose(limb.fixed_position, limb.other_rotation)
     ending = _turned(path, world.angles[limb.module], np.array(world.scene.module.joint_range))
     reach(world, limb.module, root, 1 - limb.box_end, target, ending, name, rng)
@@ -177,7 +178,7 @@ def stand_leg(
     name = scene.module_names[module]
     drive(world, module, foot, f"{name}: drive", rng)
     root = Pose(foot, standing_rotation(0))
-    target = Pose(world.box + scene.side_offset(0, limb.side), limb.box_rotation)
+    target = side_pose(scene, world.place, limb.side, limb.box_end)
     limits = np.array(scene.module.joint_range)
     now = world.angles[module]
     wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.limms.placement import centre_of, in_world, yaw_of
 from climbplan.limms.scene import SIDE_NORMALS, Array, Patch, Scene
 from climbplan.limms.statement import held_forces
 
@@ -24,7 +25,7 @@ def holding_misfit(scene: Scene, connections: Sequence[Connection]) -> str:
     """Whether force or moment of the latches rules out holding the box at rest."""
     offsets = np.array([scene.side_offset(0, c.side) for c in connections])
     share = held_forces(offsets, scene.module.max_force, scene.module.latch_moment)
-    both = share @ np.array([0, 0, scene.weight])
+    both = share @ np.array([0, 0, scene.weight, 0])
     n = len(connections)
     if np.linalg.norm(both[: 3 * n].reshape(n, 3), axis=1).max() > scene.module.max_force:
         return "force"
@@ -34,7 +35,7 @@ def holding_misfit(scene: Scene, connections: Sequence[Connection]) -> str:
 
 
 def within_reach(scene: Scene, connections: Sequence[Connection], box: Array) -> bool:
-    """Whether each chain, stretched out, spans from its anchor to its side of the box."""
+    """Whether each chain, stretched out, spans from its anchor to its side of the box, at (D,)."""
     return all(
         span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, box))
         <= chain_stretch(scene, c.links)
@@ -56,10 +57,10 @@ def anchor_wrist(scene: Scene, root: int) -> Array:
 
 
 def side_wrist(scene: Scene, side: int, box: Array) -> Array:
-    """The same for a side of the box to deliver, its centre at `box` (3,) [m]."""
+    """The same for a side of the box to deliver, which is placed at `box` (D,) [m]."""
     a = scene.module.link_lengths
-    wrist: Array = box + scene.side_offset(0, side) + (a[5] + a[6]) * SIDE_NORMALS[side]
-    return wrist
+    out = scene.side_offset(0, side) + (a[5] + a[6]) * SIDE_NORMALS[side]
+    return centre_of(box) + in_world(yaw_of(box), out)
 
 
 def span(one: Array, other: Array) -> float:
@@ -109,7 +110,7 @@ def access(scene: Scene, root: int) -> bool:
 
 def access_over_box(scene: Scene, connection: Connection) -> bool:
     """Whether a module may come to a side of the box at its start, and from there to the anchor."""
-    start = scene.box_start[0]
+    start = scene.start_place
     wrist = side_wrist(scene, connection.side, start)
     stretch = chain_stretch(scene, 1)
     near = from_ground(scene, wrist) or any(

@@ -16,6 +16,9 @@ from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.arms.relaying import Relaying
 from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
+from climbplan.limms.corridor import way_length
+from climbplan.limms.modules.distances import upright_gap
+from climbplan.limms.placement import centre_of, wrapped, yaw_of
 from climbplan.limms.refusal import proof
 from climbplan.limms.relays import Relay, places_aside, relays
 from climbplan.limms.scene import Array, Scene, with_box_first, without_others
@@ -34,7 +37,7 @@ class Task:
     """One box from where it stands to a place."""
 
     box: int
-    goal: Array  # (3,) [m]
+    goal: Array  # (4,) centre and yaw [m, rad]
     is_last: bool  # nothing comes after it
     aside: bool
 
@@ -53,6 +56,9 @@ class Deliveries:
     def __init__(self, scene: Scene, attempts: Attempts, rng: np.random.Generator) -> None:
         self.scene, self.attempts, self.rng = scene, attempts, rng
         self.tried = 0  # relays
+        # Centre and yaw (B, 4) of all boxes, and of their goals
+        self.starts = np.column_stack([scene.box_start, scene.start_yaws])
+        self.goals = np.column_stack([scene.goals, scene.goal_yaws])
 
     def plan(self) -> Found:
         """All boxes at their goals.
@@ -63,7 +69,7 @@ class Deliveries:
         """
         for box in range(self.scene.deliveries):
             _require_possible(self.scene, box)
-        found = self._onward(self.start(), self.scene.box_start, 0, self.scene.deliveries)
+        found = self._onward(self.start(), self.starts, 0, self.scene.deliveries)
         if found is None:
             raise LimitReached(
                 f"no order of putting {self.scene.deliveries} boxes aside and bringing them to "
@@ -82,12 +88,12 @@ class Deliveries:
         scene = self.scene
         if box == scene.deliveries:
             return begin
-        if np.abs(places[box] - scene.goals[box]).max() < 1e-9:
+        if _same(places[box], self.goals[box]):
             return self._onward(begin, places, box + 1, spare)
         waiting = range(box + 1, scene.deliveries)
-        in_way = [b for b in waiting if _overlap(scene, box, scene.goals[box], b, places[b])]
+        in_way = [b for b in waiting if _overlap(scene, box, self.goals[box], b, places[b])]
         if not in_way:
-            goal = Task(box, scene.goals[box], box == scene.deliveries - 1, False)
+            goal = Task(box, self.goals[box], box == scene.deliveries - 1, False)
             found = self._done(begin, places, goal, box + 1, spare)
             if found is not None:
                 return found
@@ -95,7 +101,11 @@ class Deliveries:
             return None
         for other in in_way[:1] or waiting:
             for place in self.aside(begin.world, places, other, box):
-                task = Task(other, place, False, True)
+                # A box that does not turn is put aside as it stands
+                goal_aside = np.array(
+                    [*centre_of(place), *(place[3:] if len(place) == 4 else places[other, 3:])]
+                )
+                task = Task(other, goal_aside, False, True)
                 found = self._done(begin, places, task, box, spare - 1)
                 if found is not None:
                     return found
@@ -114,7 +124,8 @@ class Deliveries:
         """A task done in the cheapest way that leads to a motion."""
         scene = self._scene(begin.world, places, task.box, task.goal, task.is_last)
         world = begin.world.copy()
-        world.scene, world.box, world.box_mode = scene, scene.box_start[0].copy(), STABLE
+        world.scene, world.box_mode = scene, STABLE
+        world.box, world.yaw = scene.box_start[0].copy(), float(scene.start_yaws[0])
         relaying = Relaying(scene, self.attempts, self.rng, world, rests=not task.is_last)
         which = f"box {task.box}" + (" aside" if task.aside else "")
         listed = 0
@@ -147,23 +158,27 @@ class Deliveries:
 
     def aside(self, world: PlanSoFar, places: Array, box: int, first: int) -> list[Array]:
         """Places for a box out of the way of all that are still to be brought, best first."""
-        scene = self._scene(world, places, box, self.scene.goals[box], False)
+        scene = self._scene(world, places, box, self.goals[box], False)
         spots, there, onward = places_aside(scene, without_others(scene))
         others = [b for b in range(scene.boxes) if b != box]
         coming = [b for b in range(first, self.scene.deliveries) if b != box]
-        taken = np.array([*(places[b] for b in others), *(self.scene.goals[b] for b in coming)])
-        extents = self.scene.box_size[others + coming]
-        half = (extents + self.scene.box_size[box]) / 2
-        room = (np.abs(spots[:, None] - taken) - half).max(axis=2).min(axis=1)
+        taken = np.array([*(places[b] for b in others), *(self.goals[b] for b in coming)])
+        sizes = self.scene.box_size / 2
+        room = np.full(len(spots), np.inf)
+        for number, (*centre, yaw) in zip(others + coming, taken, strict=True):
+            block = np.array(centre), np.array(yaw), sizes[number]
+            gap = upright_gap(centre_of(spots), yaw_of(spots), sizes[box], *block)
+            room = np.minimum(room, gap)
         legs = there + onward
         open_ = np.flatnonzero((room >= _ROOM) & (legs < len(spots)))
-        way = np.linalg.norm(spots - places[box], axis=1)
-        ranked = sorted(open_, key=lambda k: (legs[k], -min(room[k], _KEPT), way[k]))
+        here = places[box, : spots.shape[1]]
+        way = way_length(spots, here)
+        ranked = sorted(open_, key=lambda k: (legs[k], -min(float(room[k]), _KEPT), way[k]))
         chosen: list[Array] = []
         for k in ranked:
             if len(chosen) == _PLACES:
                 break
-            if all(np.linalg.norm(spots[k] - o) >= _APART for o in (places[box], *chosen)):
+            if all(way_length(spots[k], o) >= _APART for o in (here, *chosen)):
                 chosen.append(spots[k])
         if not chosen:
             self.attempts.notes.append(f"box {box} aside: there is no place from which it comes on")
@@ -171,9 +186,18 @@ class Deliveries:
 
 
 def _overlap(scene: Scene, box: int, place: Array, other: int, its_place: Array) -> bool:
-    """Whether two boxes at these places reach into each other."""
-    half = (scene.box_size[box] + scene.box_size[other]) / 2
-    return bool((np.abs(place - its_place) < half - 1e-6).all())
+    """Whether two boxes at these places (4,) reach into each other."""
+    one, its = (
+        (centre_of(each), yaw_of(each), scene.box_size[b] / 2)
+        for each, b in ((place, box), (its_place, other))
+    )
+    return bool(upright_gap(*one, *its) < -1e-6)
+
+
+def _same(place: Array, goal: Array) -> bool:
+    """Whether a box at a place (4,) is at a goal (4,)."""
+    turned = float(wrapped(place[3] - goal[3]))
+    return bool(np.abs(place[:3] - goal[:3]).max() < 1e-9 and abs(turned) < 1e-9)
 
 
 def _require_possible(scene: Scene, box: int) -> None:
@@ -181,10 +205,12 @@ def _require_possible(scene: Scene, box: int) -> None:
 
     Parked boxes stay; others may be anywhere, so that what their places rule out is no proof.
     """
-    if np.abs(scene.box_start[box] - scene.goals[box]).max() < 1e-9:
+    starts = np.column_stack([scene.box_start, scene.start_yaws])
+    goals = np.column_stack([scene.goals, scene.goal_yaws])
+    if _same(starts[box], goals[box]):
         return
     speed = scene.arrival_speed if box == scene.deliveries - 1 else 0.0
-    alone = without_others(with_box_first(scene, box, scene.box_start, scene.goals[box], speed))
+    alone = without_others(with_box_first(scene, box, starts, goals[box], speed))
     proved = proof(alone, search(alone).conflicts)
     if proved is not None:
         raise Infeasible(

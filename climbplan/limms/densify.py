@@ -8,8 +8,9 @@ import numpy as np
 
 from climbplan.limms.cubics import box_path, knot_samples
 from climbplan.limms.modules.chain import inverse
-from climbplan.limms.modules.limbs import limb_frames
+from climbplan.limms.modules.limbs import limb_frames, side_pose
 from climbplan.limms.modules.straight_ways import closest_branch, rates_of
+from climbplan.limms.placement import centre_of, in_world, vertical_inertia, yaw_of
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Pose, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
 from climbplan.limms.timeline import (
@@ -60,23 +61,37 @@ def _add_held(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
         # Whole turns of rolls count on from where they are
         turn = np.round((world.angles[limb.module] - angles[0]) / (2 * np.pi)) * 2 * np.pi
         stretch.place(limb.module, first, angles + turn, rates_of(time, angles))
-    force = _held_forces(scene, limbs, acceleration)
+    force = _held_forces(scene, limbs, position, acceleration)
     for i, limb in enumerate(limbs):
         stretch.force[:, limb.side] = force[:, i]
     world.add(stretch)
 
 
 def _move_box(stretch: Stretch, position: Array, velocity: Array, acceleration: Array) -> None:
-    stretch.box[:], stretch.velocity[:], stretch.acceleration[:] = position, velocity, acceleration
+    """Placements (n, D) and their rates."""
+    for k, (values, moved) in enumerate(
+        (
+            (position, stretch.box),
+            (velocity, stretch.velocity),
+            (acceleration, stretch.acceleration),
+        )
+    ):
+        moved[:] = centre_of(values)
+        stretch.turning[:, k] = yaw_of(values)
 
 
-def _held_forces(scene: Scene, limbs: Sequence[Limb], acceleration: Array) -> Array:
+def _held_forces(
+    scene: Scene, limbs: Sequence[Limb], position: Array, acceleration: Array
+) -> Array:
+    """Of the latches on the box (n, limbs, 3), world frame [N]."""
     offsets = np.array([scene.side_offset(0, limb.side) for limb in limbs])
     share = held_forces(offsets, scene.module.max_force, scene.module.latch_moment)
-    needed = scene.box_mass[0] * (acceleration + np.array([0, 0, GRAVITY]))
-    both = needed @ share[: 3 * len(limbs)].T
-    forces: Array = both.reshape(len(needed), len(limbs), 3)
-    return forces
+    mass, yaw = float(scene.box_mass[0]), yaw_of(position)
+    wrench = np.empty((len(position), 4))
+    wrench[:, :3] = in_world(-yaw, mass * (centre_of(acceleration) + np.array([0, 0, GRAVITY])))
+    wrench[:, 3] = vertical_inertia(mass, scene.box_size[0]) * yaw_of(acceleration)
+    both = wrench @ share[: 3 * len(limbs)].T
+    return in_world(yaw[:, None], both.reshape(len(wrench), len(limbs), 3))
 
 
 def _add_flight(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
@@ -93,11 +108,15 @@ def _add_flight(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
     stretch = world.rest("flight", time)
     _move_box(stretch, position, velocity, acceleration)
     for limb in limbs:
-        normal = SIDE_NORMALS[limb.side]
-        start = position[0] + scene.side_offset(0, limb.side)
+        start, held = side_pose(scene, position[0], limb.side, limb.box_end)
+        normal = in_world(yaw_of(position[0]), SIDE_NORMALS[limb.side])
+        # Of the latch's place as it lets go, on a box that turns too
+        let_go = centre_of(velocity[0]) + np.cross(
+            [0, 0, yaw_of(velocity[0])], start - position[0, :3]
+        )
         for brake, hurry in _RETREATS:
-            ends = _retreat(start, velocity[0], normal, time, brake, hurry)
-            on_box = Pose(ends, np.broadcast_to(limb.box_rotation, (len(time), 3, 3)))
+            ends = _retreat(start, let_go, normal, time, brake, hurry)
+            on_box = Pose(ends, np.broadcast_to(held, (len(time), 3, 3)))
             far = Pose(
                 np.tile(limb.fixed_position, (len(time), 1)),
                 np.broadcast_to(limb.other_rotation, (len(time), 3, 3)),

@@ -23,6 +23,7 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
         head += [f"{box}_mode", f"{box}_x_m", f"{box}_y_m", f"{box}_z_m"]
     for name in plan.module_names:
         head += [f"{name}_mode", *(f"{name}_joint{j}_rad" for j in range(1, 7))]
+    head += [f"box{b}_yaw_rad" if b else "box_yaw_rad" for b in range(plan.deliveries)]
     write_csv(out, head, _rows(plan))
 
 
@@ -36,4 +37,5 @@ def _rows(plan: LimmsPlan) -> Iterator[list[str]]:
         for m in range(len(plan.module_names)):
             row.append(str(motion.mode[k, m]))
             row += [f"{angle:.9g}" for angle in motion.joint_angles[k, m]]
+        row += [f"{yaw:.9g}" for yaw in motion.box_yaw[k, : plan.deliveries]]
         yield row

@@ -21,6 +21,9 @@ class Motion:
     box_position: Array  # (T, B, 3) [m]
     box_velocity: Array  # (T, B, 3) [m/s]
     box_acceleration: Array  # (T, B, 3) [m/s^2]
+    box_yaw: Array  # (T, B) about the vertical, box to world; boxes stay upright [rad]
+    box_yaw_rate: Array  # (T, B) [rad/s]
+    box_yaw_acceleration: Array  # (T, B) [rad/s^2]
     box_mode: Index  # (T, B)
     joint_position: Array  # (T, L, 8, 3) [m]
     joint_rotation: Array  # (T, L, 8, 3, 3)
@@ -43,10 +46,11 @@ class LimmsPlan(PlanHeader):
     status: str
     motion: Motion
     anchor_names: tuple[str, ...]
-    anchor_normal: Array  # (A, 3)
+    anchor_normal: Array  # (A, 3) of those on boxes in the box's frame
     box_size: Array  # (B, 3) [m]
     box_mass: Array  # (B,) [kg]
     goal: Array  # (B, 3) [m]
+    goal_yaw: Array  # (B,) [rad]
     arrival_speed: float  # [m/s]
     friction: float
     solids: Array  # (S, 2, 3) [m]

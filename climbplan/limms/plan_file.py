@@ -31,6 +31,9 @@ MOTION: dict[str, tuple[str, Layout]] = {
     "box_position": ("box/position", Layout(("T", "B", 3), "m", "world")),
     "box_velocity": ("box/velocity", Layout(("T", "B", 3), "m/s", "world")),
     "box_acceleration": ("box/acceleration", Layout(("T", "B", 3), "m/s^2", "world")),
+    "box_yaw": ("box/yaw", Layout(("T", "B"), "rad", "world")),
+    "box_yaw_rate": ("box/yaw_rate", Layout(("T", "B"), "rad/s", "world")),
+    "box_yaw_acceleration": ("box/yaw_acceleration", Layout(("T", "B"), "rad/s^2", "world")),
     "box_mode": ("box/mode", Layout(("T", "B"), kind="int")),
     "joint_position": ("limms/joint_position", Layout(("T", "L", 8, 3), "m", "world")),
     "joint_rotation": ("limms/joint_rotation", Layout(("T", "L", 8, 3, 3), "", "world")),
@@ -48,8 +51,11 @@ STILL: dict[str, tuple[str, Layout]] = {
     "box_size": ("box/size", Layout(("B", 3), "m")),
     "box_mass": ("box/mass", Layout(("B",), "kg")),
     "goal": ("box/goal", Layout(("B", 3), "m", "world")),
+    "goal_yaw": ("box/goal_yaw", Layout(("B",), "rad", "world")),
     "solids": ("terrain/solids", Layout(("S", 2, 3), "m", "world")),
 }
+# Boxes of plans that do not have these keep their attitude
+_TURNING = ("box_yaw", "box_yaw_rate", "box_yaw_acceleration", "goal_yaw")
 # I iterations of a consensus; the group is there only if the method has them
 CONVERGENCE: dict[str, Layout] = {
     "attempt": Layout(("I",), kind="int"),
@@ -75,6 +81,8 @@ _NOTES = {
     "ends": "base_anchor is at a module's first end, tip_anchor at its last; ground_end says which "
     "end stands on the ground (0 first, 1 last, -1 none)",
     "samples": "where modes change a time is there twice, before and after",
+    "yaw_is": "boxes stay upright: box/yaw (T, B) turns a box's frame to the world's about z; "
+    "anchors/normal of boxes' anchors are in the box's frame",
     "force_is": "force (T, B, 4, 3) on each box at its own four anchors, of a leg at its foot",
 }
 
@@ -145,14 +153,21 @@ def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
 
 
 def _read(reader: Reader) -> LimmsPlan:
-    motion = Motion(**{key: reader.array(name, layout) for key, (name, layout) in MOTION.items()})
-    still: dict[str, Any] = {
-        key: reader.array(name, layout) for key, (name, layout) in STILL.items()
+    turns = reader.has("box/yaw")
+    values: dict[str, Any] = {
+        key: reader.array(name, layout)
+        for key, (name, layout) in {**MOTION, **STILL}.items()
+        if turns or key not in _TURNING
     }
+    if not turns:
+        boxes = reader.dimensions["B"]
+        upright = np.zeros((reader.dimensions["T"], boxes))
+        values |= dict.fromkeys(_TURNING, upright) | {"goal_yaw": np.zeros(boxes)}
+    motion = Motion(**{key: values.pop(key) for key in MOTION})
     convergence = None
     if reader.has("convergence"):
-        values = {key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()}
-        convergence = Convergence(**values)
+        found = {key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()}
+        convergence = Convergence(**found)
     if not len(motion.time):
         raise reader.refuse("no samples")
     if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
@@ -181,7 +196,7 @@ def _read(reader: Reader) -> LimmsPlan:
         sequence=reader.text("", "sequence"),
         objective=reader.number("", "objective"),
         convergence=convergence,
-        **still,
+        **values,
         **read_header(reader, ("total",), ("programs",)),
     )
 

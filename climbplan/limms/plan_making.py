@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.modules.chain import forward
+from climbplan.limms.placement import in_world
 from climbplan.limms.plan import LimmsPlan, Motion
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Index, Points, Pose, Scene
 from climbplan.limms.timeline import DRIVES, PlanSoFar, Stretch
@@ -48,6 +49,7 @@ def make_plan(
         box_size=scene.box_size,
         box_mass=scene.box_mass,
         goal=scene.goals,
+        goal_yaw=scene.goal_yaws,
         arrival_speed=scene.arrival_speed,
         friction=scene.friction,
         solids=scene.solids,
@@ -125,20 +127,28 @@ def motion_of(
         box[:, order] = np.concatenate(
             [stretch.box[:, None], np.tile(stretch.others, (n, 1, 1))], axis=1
         )
+        turning = np.zeros((n, boxes, 3))
+        turning[:, order, 0] = np.concatenate(
+            [stretch.turning[:, :1], np.tile(stretch.their_yaws, (n, 1))], axis=1
+        )
+        turning[:, brought] = stretch.turning
         velocity, acceleration = np.zeros((n, boxes, 3)), np.zeros((n, boxes, 3))
         velocity[:, brought], acceleration[:, brought] = stretch.velocity, stretch.acceleration
         box_mode = np.ones((n, boxes), int)
         box_mode[:, brought] = stretch.box_mode
         force = np.zeros((n, boxes, 4, 3))
         force[:, brought] = stretch.force
-        sides = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
-        offsets = sides[None] * box_size[:, None] / 2  # (B, 4, 3)
+        offsets = SIDE_NORMALS[None] * box_size[:, None] / 2  # (B, 4, 3)
+        offsets = in_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
         on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
         parts = {
             "time": begin + stretch.time,
             "box_position": box,
             "box_velocity": velocity,
             "box_acceleration": acceleration,
+            "box_yaw": turning[..., 0],
+            "box_yaw_rate": turning[..., 1],
+            "box_yaw_acceleration": turning[..., 2],
             "box_mode": box_mode,
             "joint_position": points.position,
             "joint_rotation": points.rotation,

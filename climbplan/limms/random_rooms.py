@@ -1,5 +1,7 @@
 """Rooms drawn at random: 1 to 4 modules, 0 to 3 obstacles, a box to bring near, far or high.
 
+In rooms of turned goals the box is to be turned as well, by any angle about the vertical.
+
 A room has rows of anchors on its two long walls, as a truck has lashing points. Everything else is
 drawn: sizes, mass, obstacles on the ground or under the ceiling, where box and modules stand, the
 goal, joint speeds, whether the box may arrive with some speed. Nothing looks at what a planner can
@@ -8,6 +10,7 @@ do: only rooms in which things overlap are drawn again.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,16 +36,35 @@ _RISE = {"near": (0.0, 0.4), "far": (0.0, 0.3), "high": (0.7, 1.3)}  # [m] of th
 _EDGE = 0.08  # [m] of modules and box from walls, at the start
 
 
-def random_room(seed: int) -> LoadedLimms:
-    """A room of the kind `kind_of(seed)`; the same for the same seed."""
+def random_room(seed: int, turned: bool = False) -> LoadedLimms:
+    """A room of the kind `kind_of(seed)`; the same for the same seed.
+
+    turned: the same room, with a yaw of the goal that its own generator draws.
+    """
     rng = np.random.default_rng(seed)
-    while True:
-        text = _text(rng, seed)
-        name = f"random_room_{seed}"
-        try:
-            return limms_of(parse_yaml(text, name), SourceText(name, name, Path.cwd(), text))
-        except SpecError:
-            continue  # something overlaps
+    name = f"random_room_{seed}"
+    while (room := _room(_text(rng, seed), name)) is None:
+        continue
+    if not turned:
+        return room
+    yaws = np.random.default_rng([seed, 1])
+    while (found := _room(_with_yaw(room.text, yaws.uniform(-180, 180)), f"turned_{name}")) is None:
+        continue
+    return found
+
+
+def _room(text: str, name: str) -> LoadedLimms | None:
+    """The room, or None where something overlaps."""
+    try:
+        return limms_of(parse_yaml(text, name), SourceText(name, name, Path.cwd(), text))
+    except SpecError:
+        return None
+
+
+def _with_yaw(text: str, yaw: float) -> str:
+    """The text of a room whose goal is turned [deg]."""
+    titled = re.sub(r"^title: .*", r"\g<0>, turned", text, flags=re.MULTILINE)
+    return titled.replace("\nmodules:", f"\n  goal_yaw_deg: {yaw:.1f}\nmodules:")
 
 
 def kind_of(seed: int) -> str:

@@ -1,8 +1,8 @@
 """What to raise where bounds rule every behaviour out, and whether that is a proof.
 
 The search knows arms in short chains, throws, relatching, relays and quadrupeds. That none of these
-can do it proves nothing about what else modules might do. These do prove it, for a box that does
-not turn, as the model has it:
+can do it proves nothing about what else modules might do. These do prove it, for a box that stays
+upright, and turns about the vertical only where its goal asks for it:
 
 - Force: each module holds the box with one end, and carries no more than its latch holds.
 - Moment: a single latch is off the middle of the box, and holds no more than its moment. With less
@@ -10,7 +10,8 @@ not turn, as the model has it:
 - Reach: a box that stands is moved by four legs, or by chains of modules that hang on anchors and
   hold the box where it stands. All of them together are no longer than there are modules, and hold
   its moment: one latch alone, two beside each other with less, two opposite ones with none at all.
-- Way: the box fits through nothing that joins its start to its goal.
+- Way: the box fits through nothing that joins its start to its goal; of one that turns or stands
+  turned, not even the cylinder that is in it however it turns.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from math import floor, hypot
 
 from climbplan.errors import Conflict, Infeasible, NoPlanFound, NotProved, Remedy
 from climbplan.limms.bounds import anchor_wrist, chain_stretch, side_wrist, span
-from climbplan.limms.corridor import centre_blocks, ways
+from climbplan.limms.corridor import inner_blocks, ways
 from climbplan.limms.scene import Scene
 
 BEHAVIOURS = (
     "looked at are arms in chains of up to two, throws, relatching, relays and quadrupeds, with a "
-    "box that does not turn"
+    "box that stays upright"
 )
 
 
@@ -44,7 +45,7 @@ def proof(scene: Scene, conflicts: Sequence[Conflict]) -> Infeasible | None:
     """Why no plan whatever exists for the scene's first box, if that is proved."""
     if too_weak(scene):
         return Infeasible("no plan exists: the modules are too weak", conflicts, stage="modes")
-    if ways(centre_blocks(scene), scene.box_start[0], scene.goal) is None:
+    if ways(inner_blocks(scene), scene.box_start[0], scene.goal) is None:
         return Infeasible("no plan exists: there is no way for the box", conflicts, stage="modes")
     for reason, found in (
         ("a latch holds too little", one_latch_too_weak(scene)),
@@ -93,7 +94,7 @@ def out_of_reach(scene: Scene) -> tuple[Conflict, ...]:
     """Why nothing can move the box from its start, if no chain of all modules spans to it."""
     if not _as_arms_only(scene):
         return ()
-    start, stretch = scene.box_start[0], chain_stretch(scene, scene.count)
+    start, stretch = scene.start_place, chain_stretch(scene, scene.count)
     apart = [
         (span(anchor_wrist(scene, root), side_wrist(scene, side, start)), root)
         for root in range(scene.walls)
@@ -121,7 +122,7 @@ def unliftable(scene: Scene) -> tuple[Conflict, ...]:
     """
     if not _as_arms_only(scene):
         return ()
-    half, start = scene.box_size[0, :2] / 2, scene.box_start[0]
+    half, start = scene.box_size[0, :2] / 2, scene.start_place
     lever = (half[0], half[0], half[1], half[1])  # of sides +x, -x, +y, -y
     beside = half[0] * half[1] / hypot(*half) / 2
     chains = [

@@ -32,9 +32,10 @@ from climbplan.limms.bounds import (
     span,
     within_reach,
 )
-from climbplan.limms.corridor import centre_blocks
+from climbplan.limms.corridor import centre_blocks, way_length, yaws_between
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
+from climbplan.limms.placement import extents
 from climbplan.limms.scene import SIDES, Array, Index, Scene
 from climbplan.limms.sequences import FLIGHT
 
@@ -48,7 +49,7 @@ _SWITCH = 0.3  # cost of other anchors than in the leg before
 _THROW = 0.5  # of a throw in place of a carried leg
 
 Mask = NDArray[np.bool_]
-Place = tuple[float, float, float]
+Place = tuple[float, ...]  # (D,) of the box [m, rad]
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Leg:
     """The box from one place to the next, by arms."""
 
     connections: tuple[Connection, ...]
-    begin: Place  # centre of the box [m]
+    begin: Place
     end: Place
     is_thrown: bool = False
 
@@ -85,7 +86,7 @@ class Relay:
 
 def relays(scene: Scene, fewest: int = 2) -> Iterator[Relay]:
     """Relays of `fewest` legs and more, those of the fewest legs and least ways first."""
-    places = np.vstack([scene.box_start[0], scene.goal, standing_spots(scene)])
+    places = np.vstack([scene.start_place, scene.goal_place, standing_spots(scene)])
     sets = [(arms, mask) for arms, mask in _holding(scene, places) if mask.any()]
     thrown = _thrown(scene, sets)
     left = _legs_left(sets, thrown, len(places))
@@ -111,7 +112,7 @@ def relays(scene: Scene, fewest: int = 2) -> Iterator[Relay]:
                 continue
             other = 0.0 if before >= 0 and _same(arms, sets[before][0]) else _SWITCH
             for there, is_thrown in _onward(mask, here, left, thrown[k], places):
-                way = float(np.linalg.norm(places[there] - places[here]))
+                way = float(way_length(places[here], places[there]))
                 leg = Leg(arms, _tuple(places[here]), _tuple(places[there]), is_thrown)
                 extra = 0.1 * len(arms) + 0.2 * way + other + _THROW * is_thrown
                 entry = (cost + 1.0 + extra, next(number), there, k, (*legs, leg))
@@ -119,11 +120,11 @@ def relays(scene: Scene, fewest: int = 2) -> Iterator[Relay]:
 
 
 def places_aside(scene: Scene, later: Scene) -> tuple[Array, Index, Index]:
-    """Standing places (n, 3) and the fewest legs (n,) that lead there, and on to the goal later.
+    """Standing places (n, D) and the fewest legs (n,) that lead there, and on to the goal later.
 
     later: the scene as it may be then. Legs are carried; `n + 2` where none lead.
     """
-    places = np.vstack([scene.box_start[0], scene.goal, standing_spots(scene)])
+    places = np.vstack([scene.start_place, scene.goal_place, standing_spots(scene)])
     there, onward = (
         _carried_legs([(arms, mask) for arms, mask in _holding(seen, places)], to, len(places))
         for seen, to in ((scene, 0), (later, 1))
@@ -132,9 +133,18 @@ def places_aside(scene: Scene, later: Scene) -> tuple[Array, Index, Index]:
 
 
 def standing_spots(scene: Scene) -> Array:
-    """Centres of the box (n, 3) on a grid, its whole base on the ground [m]."""
-    half = scene.box_size[0] / 2
+    """Placements of the box (n, D) on a grid, its whole base on the ground [m, rad]."""
     blocks = centre_blocks(scene)
+    turned = [
+        _standing_at(scene, blocks, float(yaw) if scene.turns else None)
+        for yaw in yaws_between(scene)
+    ]
+    return np.concatenate(turned)
+
+
+def _standing_at(scene: Scene, blocks: Array, yaw: float | None) -> Array:
+    """The same of one yaw, of which nothing is said where the box does not turn."""
+    half = extents(scene.box_size[0] / 2, yaw or 0.0, yaw or 0.0)
     found: set[Place] = set()
     for patch in scene.patches:
         spans = [
@@ -142,8 +152,11 @@ def standing_spots(scene: Scene) -> Array:
             for low, high, h in zip(patch.lower, patch.upper, half[:2], strict=True)
         ]
         for x in spans[0]:
-            found |= {_tuple(np.array([x, y, patch.height + half[2]])) for y in spans[1]}
+            height = patch.height + half[2]
+            found |= {(float(x), float(y), float(height)) for y in spans[1]}
     spots = np.array(sorted(found)).reshape(-1, 3)
+    if yaw is not None:
+        spots = np.column_stack([spots, np.full(len(spots), yaw)])
     above = spots[:, None] >= blocks[:, 0] - 1e-9
     inside = (above & (spots[:, None] <= blocks[:, 1] + 1e-9)).all(axis=2)
     away = np.abs(spots[:, None, :2] - scene.stand[None, :, :2])
@@ -194,7 +207,7 @@ def _held_at(scene: Scene, connection: Connection, places: Array) -> Mask:
     if not near.any():
         return found
     box = places[near]
-    feet = np.broadcast_to(limb.fixed_position, box.shape)
+    feet = np.broadcast_to(limb.fixed_position, (len(box), 3))
     for number, branch in enumerate(BRANCHES):
         angles, missing = limb_angles(scene, limb, box, feet, branch)
         angles = (angles + np.pi) % (2 * np.pi) - np.pi
@@ -215,7 +228,7 @@ def _thrown(scene: Scene, sets: list[tuple[tuple[Connection, ...], Mask]]) -> li
     return [
         not mask[:, 1].any()
         and all(
-            span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal)) <= reach
+            span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal_place)) <= reach
             for c in arms
         )
         for arms, mask in sets
@@ -281,5 +294,4 @@ def _same(one: tuple[Connection, ...], other: tuple[Connection, ...]) -> bool:
 
 
 def _tuple(point: Array) -> Place:
-    x, y, z = (float(value) for value in point)
-    return (x, y, z)
+    return tuple(float(value) for value in point)

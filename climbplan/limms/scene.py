@@ -1,8 +1,9 @@
 """A scene in numbers: free space, anchors, boxes, modules (chapter 6.3).
 
-The box does not turn (assumption 1), so its frame is the world's. An anchor's frame has its normal
-as z axis. The first end of a latched module has the anchor's frame; the last end has it turned by
-pi about x, eq. (6.1). A module that stands on the ground stands upright.
+Boxes stay upright, and turn about the vertical where their goals ask for it (assumption 1 has none
+of them turn): a box's frame is the world's turned by its yaw. An anchor's frame has its normal as z
+axis. The first end of a latched module has the anchor's frame; the last end has it turned by pi
+about x, eq. (6.1). A module that stands on the ground stands upright.
 """
 
 from __future__ import annotations
@@ -77,8 +78,10 @@ class Scene:
     box_size: Array  # (B, 3) the box to bring next first, then the others, parked ones last [m]
     box_mass: Array  # (B,) [kg]; 0 for parked boxes, whose mass does not matter
     box_start: Array  # (B, 3) [m]
+    start_yaws: Array  # (B,) [rad]
     goal: Array  # (3,) of the first box [m]
     goals: Array  # (B, 3) of all, of parked ones their places [m]
+    goal_yaws: Array  # (B,) [rad]
     number: tuple[int, ...]  # (B,) of each box in the plan
     arrival_speed: float  # [m/s]
     friction: float
@@ -114,6 +117,27 @@ class Scene:
         return 4 * self.boxes
 
     @property
+    def turns(self) -> bool:
+        """Whether the first box stands turned or is to be turned: placements of it have a yaw."""
+        return bool(self.start_yaws[0] != 0 or self.goal_yaws[0] != 0)
+
+    @property
+    def start_place(self) -> Array:
+        """Where the first box stands, (D,) with its yaw if it turns [m, rad]."""
+        return self._placed(self.box_start[0], self.start_yaws[0])
+
+    @property
+    def goal_place(self) -> Array:
+        """Where it is to be, (D,); the yaw is told the near way round [m, rad]."""
+        begin = self.start_yaws[0]
+        turn = (self.goal_yaws[0] - begin + np.pi) % (2 * np.pi) - np.pi
+        # Of half a turn both ways are as near
+        return self._placed(self.goal, begin + (np.pi if turn == -np.pi else turn))
+
+    def _placed(self, centre: Array, yaw: float) -> Array:
+        return np.array([*centre, yaw]) if self.turns else centre.copy()
+
+    @property
     def weight(self) -> float:
         """Weight of the box to deliver [N]."""
         return float(self.box_mass[0] * GRAVITY)
@@ -123,7 +147,7 @@ class Scene:
         return len(self.anchor_names) + 2 * module + end
 
     def side_offset(self, box: int, side: int) -> Array:
-        """From a box's centre to one of its anchors (3,) [m]."""
+        """From a box's centre to one of its anchors (3,), in the box's frame [m]."""
         offset: Array = SIDE_NORMALS[side] * self.box_size[box] / 2
         return offset
 
@@ -131,8 +155,8 @@ class Scene:
 def with_box_first(scene: Scene, box: int, places: Array, goal: Array, speed: float) -> Scene:
     """The scene in which one box is brought to a goal while all others stand where they are.
 
-    box: its number in `scene`, which is that of the plan; places: (B, 3) where boxes are now [m];
-    speed: at which it may arrive [m/s].
+    box: its number in `scene`, which is that of the plan; places: (B, 4) where boxes are now, and
+    goal: (4,), centre and yaw [m, rad]; speed: at which it may arrive [m/s].
     """
     order = [box, *(b for b in range(scene.boxes) if b != box)]
     names = [scene.anchor_names[4 * b + side] for b in order for side in range(4)]
@@ -141,9 +165,11 @@ def with_box_first(scene: Scene, box: int, places: Array, goal: Array, speed: fl
         anchor_names=(*names, *scene.anchor_names[scene.wall_offset :]),
         box_size=scene.box_size[order],
         box_mass=scene.box_mass[order],
-        box_start=places[order],
-        goal=goal,
+        box_start=places[order, :3],
+        start_yaws=places[order, 3],
+        goal=goal[:3],
         goals=scene.goals[order],
+        goal_yaws=np.array([goal[3], *scene.goal_yaws[order[1:]]]),
         number=tuple(order),
         arrival_speed=speed,
     )
@@ -161,7 +187,9 @@ def without_others(scene: Scene) -> Scene:
         box_size=scene.box_size[kept],
         box_mass=scene.box_mass[kept],
         box_start=scene.box_start[kept],
+        start_yaws=scene.start_yaws[kept],
         goals=scene.goals[kept],
+        goal_yaws=scene.goal_yaws[kept],
         number=tuple(range(len(kept))),
     )
 
@@ -193,8 +221,10 @@ def scene_of(loaded: LoadedLimms) -> Scene:
         box_size=np.array(boxes, float),
         box_mass=np.array([*(box.mass for box in own), *(0.0 for _ in parked)]),
         box_start=np.array([*(box.start for box in own), *places], float),
+        start_yaws=np.radians([*(box.start_yaw_deg for box in own), *(0.0 for _ in parked)]),
         goal=np.array(own[0].goal, float),
         goals=np.array([*(box.goal for box in own), *places], float),
+        goal_yaws=np.radians([*(box.goal_yaw_deg for box in own), *(0.0 for _ in parked)]),
         number=tuple(range(len(boxes))),
         arrival_speed=own[-1].arrival_speed,
         friction=spec.terrain.friction,

@@ -83,7 +83,7 @@ def search(scene: Scene) -> Search:
     conflicts: list[Conflict] = []
     found: list[Sequence] = []
     count = 0
-    if ways(centre_blocks(scene), scene.box_start[0], scene.goal) is None:
+    if ways(centre_blocks(scene), scene.start_place, scene.goal_place) is None:
         what = "free space holds no way for the box from its start to its goal"
         return Search(
             (),
@@ -111,7 +111,7 @@ def search(scene: Scene) -> Search:
 
 def _arm_sets(scene: Scene) -> Iterator[tuple[Connection, ...]]:
     """Sets of chains that reach the box: different anchors, different sides, enough modules."""
-    start = scene.box_start[0]
+    start = scene.start_place
     near = [
         [
             connection
@@ -182,7 +182,7 @@ def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] |
     reason = holding_misfit(scene, connections)
     if reason:
         return reason
-    carried = within_reach(scene, connections, scene.goal)
+    carried = within_reach(scene, connections, scene.goal_place)
     if not carried and not thrown:
         return "reach"
     away = _away(scene, connections)
@@ -206,14 +206,14 @@ def _away(scene: Scene, connections: tuple[Connection, ...]) -> float:
     return sum(
         span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, box))
         for c in connections
-        for box in (scene.box_start[0], scene.goal)
+        for box in (scene.start_place, scene.goal_place)
     )
 
 
 def _flight(scene: Scene, connections: tuple[Connection, ...]) -> float:
     """How much further beyond the reach of arms their goal is than `FLIGHT` [m]."""
     beyond = max(
-        span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal))
+        span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal_place))
         - chain_stretch(scene, c.links)
         for c in connections
     )
@@ -222,6 +222,10 @@ def _flight(scene: Scene, connections: tuple[Connection, ...]) -> float:
 
 def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequence]:
     strength = 4 * scene.module.max_force
+    if scene.turns:
+        what = "legs do not turn a box, nor stand beside one that is turned"
+        conflicts.append(Conflict("quadruped", (what,), (), True))
+        return []
     if scene.count < 4:
         what = f"it takes 4 modules, there are {scene.count}"
         conflicts.append(Conflict("quadruped", (what,), (), True))

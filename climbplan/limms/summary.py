@@ -41,11 +41,18 @@ def motion_line(plan: LimmsPlan) -> str:
     moves = "; ".join(
         ("box " if count == 1 else f"box {b} ")
         + ", ".join(f"{BOX_MODES[mode]} {seconds:.2f} s" for mode, seconds in box_story(plan, b))
+        + _turned(plan, b)
         for b in range(count)
     )
     off = f"{1e3 * plan.objective:.2f} mm off its goal at {speed:.2f} m/s"
     ends = f"ends {off}" if count == 1 else f"the worst ends {off}"
     return f"{'motion':<9} {plan.status:<9} {plan.timings['total']:.2f} s   {moves}; {ends}"
+
+
+def _turned(plan: LimmsPlan, box: int) -> str:
+    """By how much a box is turned in the end, if it is."""
+    yaw = plan.motion.box_yaw[:, box]
+    return f", turned by {np.degrees(yaw[-1] - yaw[0]):.1f} degrees" if np.ptp(yaw) > 0 else ""
 
 
 def refused_lines(notes: Sequence[str]) -> list[str]:

@@ -26,6 +26,7 @@ class Stretch:
     box: Array  # (n, 3) [m]
     velocity: Array  # (n, 3) [m/s]
     acceleration: Array  # (n, 3) [m/s^2]
+    turning: Array  # (n, 3) of the box: yaw, its rate and acceleration [rad, rad/s, rad/s^2]
     box_mode: int
     base_position: Array  # (n, L, 3) of first ends [m]
     base_rotation: Array  # (n, L, 3, 3)
@@ -38,6 +39,7 @@ class Stretch:
     force: Array  # (n, 4, 3) on the box at its anchors [N]
     number: tuple[int, ...]  # (B,) of the boxes in the plan, the one that is brought first
     others: Array  # (B - 1, 3) where the others stand [m]
+    their_yaws: Array  # (B - 1,) [rad]
 
     def place(self, module: int, base: Pose, angles: Array, rates: Array) -> None:
         """Write the motion of one module: its first end (n, 3) and (n, 3, 3), joints (n, 6)."""
@@ -53,6 +55,7 @@ class PlanSoFar:
 
     scene: Scene
     box: Array  # (3,)
+    yaw: float  # of the box [rad]
     box_mode: int
     base_position: Array  # (L, 3)
     base_rotation: Array  # (L, 3, 3)
@@ -71,6 +74,7 @@ class PlanSoFar:
         return cls(
             scene=scene,
             box=scene.box_start[0].copy(),
+            yaw=float(scene.start_yaws[0]),
             box_mode=STABLE,
             base_position=poses[0].copy(),
             base_rotation=poses[1].copy(),
@@ -86,6 +90,7 @@ class PlanSoFar:
         return PlanSoFar(
             self.scene,
             self.box.copy(),
+            self.yaw,
             self.box_mode,
             self.base_position.copy(),
             self.base_rotation.copy(),
@@ -96,6 +101,21 @@ class PlanSoFar:
             self.grounded.copy(),
             list(self.stretches),
         )
+
+    @property
+    def place(self) -> Array:
+        """Where the box is (D,), with its yaw if it turns [m, rad]."""
+        return np.array([*self.box, self.yaw]) if self.scene.turns else self.box
+
+    @property
+    def centres(self) -> Array:
+        """Of all boxes (B, 3) [m]."""
+        return np.vstack([self.box, self.scene.box_start[1:]])
+
+    @property
+    def yaws(self) -> Array:
+        """Of all boxes (B,) [rad]."""
+        return np.array([self.yaw, *self.scene.start_yaws[1:]])
 
     def points(self, module: int) -> Points:
         """Where a module is now."""
@@ -115,6 +135,7 @@ class PlanSoFar:
             box=np.tile(self.box, (n, 1)),
             velocity=np.zeros((n, 3)),
             acceleration=np.zeros((n, 3)),
+            turning=np.tile([self.yaw, 0.0, 0.0], (n, 1)),
             box_mode=self.box_mode,
             base_position=np.tile(self.base_position, (n, 1, 1)),
             base_rotation=np.tile(self.base_rotation, (n, 1, 1, 1)),
@@ -127,12 +148,13 @@ class PlanSoFar:
             force=np.zeros((n, 4, 3)),
             number=self.scene.number,
             others=self.scene.box_start[1:],
+            their_yaws=self.scene.start_yaws[1:],
         )
 
     def add(self, stretch: Stretch) -> None:
         """Append a stretch; its last sample is where everything is now."""
         self.stretches.append(stretch)
-        self.box = stretch.box[-1].copy()
+        self.box, self.yaw = stretch.box[-1].copy(), float(stretch.turning[-1, 0])
         self.box_mode = stretch.box_mode
         self.base_position = stretch.base_position[-1].copy()
         self.base_rotation = stretch.base_rotation[-1].copy()

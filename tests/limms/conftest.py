@@ -1,4 +1,4 @@
-"""One plan for all tests of this folder: the throw, planned once."""
+"""Plans for all tests of this folder, planned once: the throw, and a box that is turned."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ from climbplan.limms.planner import plan_limms
 @pytest.fixture(scope="session")
 def throw() -> LimmsPlan:
     return plan_limms(loaded("limms_throw"))
+
+
+@pytest.fixture(scope="session")
+def turned() -> LimmsPlan:
+    return plan_limms(loaded("limms_turned"))
 
 
 @pytest.fixture(scope="session")

@@ -164,12 +164,17 @@ def test_joints_and_latches_cannot_outweigh_the_module(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("box_end", [0, 1])
-def test_loads_in_symbols_are_those_of_the_checker(box_end: int) -> None:
-    own = scene("limms_throw")
+@pytest.mark.parametrize("name", ["limms_throw", "limms_turned"])
+def test_loads_in_symbols_are_those_of_the_checker(box_end: int, name: str) -> None:
+    own = scene(name)
+    size = len(own.start_place)  # with the yaw of a box that turns
     root = root_on_anchor(own, 0, 1 - box_end)
     limb = replace(arm(0, 1, root, box_end), branch=(1, 1, 1))
-    centre, velocity = np.array([0.65, 0.1, 0.6]), np.array([0.3, -0.2, 0.5])
-    acceleration = np.array([2.0, 1.0, -3.0])
+    centre, velocity = (
+        np.array([0.65, 0.1, 0.6, 0.4])[:size],
+        np.array([0.3, -0.2, 0.5, 1.2])[:size],
+    )
+    acceleration = np.array([2.0, 1.0, -3.0, 4.0])[:size]
     force, moment = np.array([3.0, -5.0, 12.0]), np.array([0.5, 0.2, -0.7])
     angles_of = arm_function(own, limb)
     reference = np.array(angles_of(centre, velocity, np.zeros(6))[0]).ravel()

@@ -27,6 +27,17 @@ def test_rooms_differ_and_repeat() -> None:
     assert all(room.box.goal[2] - room.box.start[2] >= 0.7 - 1e-3 for room in high)
 
 
+def test_turned_rooms_are_the_same_with_a_yaw() -> None:
+    for seed in (0, 1, 5):
+        plain, turned = random_room(seed).spec, random_room(seed, turned=True).spec
+        assert turned.title == f"{plain.title}, turned"
+        assert abs(turned.box.goal_yaw_deg) > 1
+        yaw = {"goal_yaw_deg": 0.0}
+        assert turned.box.model_copy(update=yaw) == plain.box
+        assert turned.terrain == plain.terrain
+        assert turned.modules == plain.modules
+
+
 def test_obstacles_of_rooms_are_solid() -> None:
     seed = next(s for s in range(9) if random_room(s).spec.terrain.obstacles)
     loaded = random_room(seed)
@@ -43,7 +54,7 @@ def test_benchmark_tells_found_and_refused() -> None:
     write_text(result, out)
     assert "found and verified: 100% of all" in out.getvalue()
     assert len(json.loads(json.dumps(as_json(result, LimmsOptions())))["rooms"]) == 1
-    with pytest.raises(UsageError, match="modes, admm, rooms"):
+    with pytest.raises(UsageError, match="modes, admm, rooms, turned"):
         bench_limms(LimmsOptions(methods="room"))
 
 

@@ -112,7 +112,7 @@ def test_places_aside_are_out_of_the_way() -> None:
     scene = scene_of(loaded("limms_swap"))
     search = Deliveries(scene, Attempts(60.0, 20), np.random.default_rng(0))
     start = search.start()
-    chosen = search.aside(start.world, scene.box_start, 1, 0)
+    chosen = search.aside(start.world, search.starts, 1, 0)
     assert 1 <= len(chosen) <= 3
     for place in chosen:
         for other in (*scene.goals, *scene.box_start):
@@ -121,12 +121,15 @@ def test_places_aside_are_out_of_the_way() -> None:
 
 def test_scenes_keep_what_boxes_are() -> None:
     scene = scene_of(loaded("limms_swap"))
-    places = scene.box_start + np.array([[0, 0, 0], [0.1, 0, 0]])
-    other = with_box_first(scene, 1, places, scene.goals[1], 0.0)
+    moved = scene.box_start + np.array([[0, 0, 0], [0.1, 0, 0]])
+    places = np.column_stack([moved, [0.0, 0.3]])
+    other = with_box_first(scene, 1, places, np.array([*scene.goals[1], 0.5]), 0.0)
     assert other.number == (1, 0)
     assert other.anchor_names[:4] == scene.anchor_names[4:8]
     assert other.anchor_names[8:] == scene.anchor_names[8:]
-    assert (other.box_start[0] == places[1]).all()
+    assert (other.start_place == places[1]).all()
+    assert np.isclose(other.goal_place[3], 0.5)
+    assert other.start_yaws[1] == 0
     alone = without_others(other)
     assert alone.boxes == 1
     assert alone.wall_offset == 4

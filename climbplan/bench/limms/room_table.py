@@ -31,7 +31,7 @@ def write_rooms(trials: Sequence[Trial], out: TextIO) -> None:
     if not trials:
         return
     out.write(
-        f"{'random rooms':<16}{'rooms':>7}" + "".join(f"{name:>19}" for name in COLUMNS) + "\n"
+        f"{'random rooms':<20}{'rooms':>7}" + "".join(f"{name:>19}" for name in COLUMNS) + "\n"
     )
     for title in dict.fromkeys(trial.title for trial in trials):
         _row(title, [trial for trial in trials if trial.title == title], out)
@@ -59,4 +59,4 @@ def write_rooms(trials: Sequence[Trial], out: TextIO) -> None:
 
 def _row(name: str, trials: Sequence[Trial], out: TextIO) -> None:
     cells = "".join(f"{number:>19}" for number in counts(trials).values())
-    out.write(f"{name:<16}{len(trials):>7}{cells}\n")
+    out.write(f"{name:<20}{len(trials):>7}{cells}\n")

@@ -22,7 +22,8 @@ from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 
-ROOMS = "rooms"  # beside the methods: rooms drawn at random, by the search over modes
+# Beside the methods: rooms drawn at random, by the search over modes, without and with a turn
+ROOMS = {"rooms": False, "turned": True}
 RANDOM: dict[str, Callable[[int], LoadedLimms]] = {"throw": random_throw, "jump": random_jump}
 
 
@@ -53,13 +54,15 @@ def bench_limms(options: LimmsOptions, report: Progress = lambda stage, share: N
         UsageError: a method that is not known.
     """
     names = [name.strip() for name in options.methods.split(",") if name.strip()]
-    known = (*METHODS, ROOMS)
+    known = (*METHODS, *ROOMS)
     if set(names) - set(known) or not names:
         raise UsageError(f"--methods: expected some of {', '.join(known)}, got {options.methods}")
     rooms = []
-    for number in range(options.count if ROOMS in names else 0):
-        report("rooms", number / options.count)
-        rooms.append(attempt(random_room(options.seed + number), "modes", options.seconds))
+    for kind in (name for name in ROOMS if name in names):
+        for number in range(options.count):
+            report(kind, number / options.count)
+            room = random_room(options.seed + number, ROOMS[kind])
+            rooms.append(attempt(room, "modes", options.seconds))
     chosen = [method for method in METHODS if method in names]
     shipped = []
     for number, name in enumerate(options.scenes if chosen else ()):

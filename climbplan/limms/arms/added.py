@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
-from climbplan.limms.modules.limbs import end_rotation, standing_rotation
+from climbplan.limms.modules.limbs import side_pose, standing_rotation
 from climbplan.limms.modules.moving import gaps, rooted
-from climbplan.limms.scene import SIDE_NORMALS, Array, Pose, Scene
+from climbplan.limms.scene import Array, Pose, Scene
 from climbplan.limms.timeline import PlanSoFar
 
 _OUT = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal
@@ -49,7 +49,7 @@ def grips(
     """Places to hold an added arm at, those first from which it turns least along its way.
 
     world: the carrier latched to the terrain, all else where it is then; side: of the box that the
-    added arm takes; path: (T, 3) centres of the box; ground: heights of ground where modules stand.
+    added arm takes; path: (T, D) placements of the box; ground: heights where modules stand.
     """
     scene = world.scene
     wall_end = 1 if world.tip_anchor[carrier] >= 0 else 0
@@ -102,11 +102,10 @@ def _frame(z: Array) -> Array:
 
 def _turning(scene: Scene, side: int, places: Array, frames: Array, path: Array) -> Array:
     """How far joints of the added arm turn along the way (N) [rad]; infinite where it cannot."""
-    on_box = path[:, None] + scene.side_offset(0, side)  # (T, 1, 3)
+    on_box = side_pose(scene, path[:, None], side, 0)  # (T, 1, 3)
     count = (len(path), len(places), 3)
     first = Pose(
-        np.broadcast_to(on_box, count),
-        np.broadcast_to(end_rotation(SIDE_NORMALS[side], 0), (*count, 3)),
+        np.broadcast_to(on_box.position, count), np.broadcast_to(on_box.rotation, (*count, 3))
     )
     last = Pose(np.broadcast_to(places, count), np.broadcast_to(frames, (*count, 3)))
     best = np.full(len(places), np.inf)

@@ -13,7 +13,8 @@ from climbplan.limms.work import Work
 class Cut:
     """A point of a limb that has to stay on one side of a plane, found by looking at an answer.
 
-    point: 0 to 7 of the module; normal . (point - move * box centre) >= offset at one knot.
+    point: 0 to 7 of the module; normal . point >= offset at one knot, the point in the frame of the
+    box where the plane moves with it.
     """
 
     phase: int
@@ -44,6 +45,6 @@ class Outcome:
 class Ends:
     """What holds at the two ends of the motion."""
 
-    start: Array  # (3,) [m]
-    goal: Array  # (3,) [m]
+    start: Array  # (D,) placements [m, rad]
+    goal: Array  # (D,)
     arrival_speed: float  # [m/s]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from operator import add
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -22,7 +23,7 @@ from climbplan.limms.arms.held_branches import (
     clearance,
     off_singular,
 )
-from climbplan.limms.corridor import centre_blocks
+from climbplan.limms.corridor import centre_blocks, way_length
 from climbplan.limms.modules.chain import in_range
 from climbplan.limms.modules.limbs import limb_angles
 from climbplan.limms.scene import Array, Index, Scene
@@ -30,23 +31,24 @@ from climbplan.limms.statement import Limb
 
 STEP = 0.07  # [m] between nodes
 AROUND = 0.35  # [m] round start and goal that is looked at
+YAW_STEP = 0.4  # [rad] between nodes at most, of a box that turns
 TURN = 0.7  # [rad] of a joint between neighbours
 _TOUCH = 1e-6  # [m] arms touch the box and what they are latched to
 _TURNING = 0.05  # [m/rad] of way that a turn counts as
 
 
 def arm_way(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[tuple[Array, Array]]:
-    """Pieces of a way (n, 3) with the free block (2, 3) that each is in; none where none is found.
+    """Pieces of a way (n, D) with the free block (2, D) that each is in; none where none is found.
 
     Limbs hold the box in their branches all along.
     """
-    nodes = _nodes(task)
+    nodes, places = _nodes(task)
     blocks = centre_blocks(scene)
     inside = _inside(nodes, blocks)  # (n, blocks)
     serves: Mask = np.asarray(inside.any(axis=1))
     angles = np.zeros((len(nodes), len(limbs), 6))
     for i, limb in enumerate(limbs):
-        feet = np.broadcast_to(limb.fixed_position, nodes.shape)
+        feet = np.broadcast_to(limb.fixed_position, (len(nodes), 3))
         angles[:, i], missing = limb_angles(scene, limb, nodes, feet, limb.branch)
         wrapped = (angles[:, i] + np.pi) % (2 * np.pi) - np.pi
         serves &= (missing <= 0) & (in_range(scene.module, wrapped, RANGE_MARGIN) <= 0)
@@ -56,21 +58,25 @@ def arm_way(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[tuple[A
     feet = np.broadcast_to([limb.fixed_position for limb in limbs], (len(at), len(limbs), 3))
     gap = clearance(scene, limbs, nodes[at], feet, angles[at])
     at = at[(gap >= -_TOUCH) | (at < 2)]
-    order = _shortest(nodes[at], angles[at].reshape(len(at), -1), inside[at])
+    order = _shortest(nodes[at], places[at], angles[at].reshape(len(at), -1), inside[at])
     if order is None:
         return []
     return _pieces(nodes[at][order], inside[at][order], blocks)
 
 
-def _nodes(task: HeldTask) -> Array:
-    """Start, goal, and a grid round both (n, 3) [m]."""
+def _nodes(task: HeldTask) -> tuple[Array, Array]:
+    """Start, goal, and a grid round both (n, D) [m, rad]; where they are in the grid, in steps."""
     ends = np.array([task.start, task.goal])
-    spans = [
-        np.arange(low - AROUND, high + AROUND + STEP, STEP)
-        for low, high in zip(ends.min(axis=0), ends.max(axis=0), strict=True)
-    ]
-    grid = np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 3)
-    return np.vstack([ends, grid])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    spans = [np.arange(a - AROUND, b + AROUND + STEP, STEP) for a, b in zip(low, high, strict=True)]
+    first, steps = low - AROUND, np.full(len(low), STEP)
+    if len(low) == 4:  # the yaw from start to goal, and no further
+        count = int(np.ceil((high[3] - low[3]) / YAW_STEP - 1e-9))
+        spans[3] = np.linspace(low[3], high[3], count + 1)
+        first[3], steps[3] = low[3], (high[3] - low[3]) / count if count else 1.0
+    grid = np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, len(low))
+    nodes = np.vstack([ends, grid])
+    return nodes, (nodes - first) / steps
 
 
 def _inside(points: Array, blocks: Array) -> Mask:
@@ -79,14 +85,14 @@ def _inside(points: Array, blocks: Array) -> Mask:
     return np.asarray((above & (points[:, None] <= blocks[:, 1] + 1e-9)).all(axis=2))
 
 
-def _shortest(nodes: Array, angles: Array, inside: Mask) -> Index | None:
+def _shortest(nodes: Array, places: Array, angles: Array, inside: Mask) -> Index | None:
     """The shortest way from the first node to the second, by neighbours in a common block."""
-    pairs = _neighbours(nodes)
+    pairs = _neighbours(places)
     first, second = pairs.T
     turned = np.abs((angles[first] - angles[second] + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
     joined = (inside[first] & inside[second]).any(axis=1) & (turned <= TURN)
     first, second, turned = first[joined], second[joined], turned[joined]
-    cost = np.linalg.norm(nodes[first] - nodes[second], axis=1) + _TURNING * turned
+    cost = way_length(nodes[first], nodes[second]) + _TURNING * turned
     graph = coo_array((cost, (first, second)), shape=(len(nodes), len(nodes))).tocsr()
     length, before = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
     if not np.isfinite(length[1]):
@@ -97,21 +103,22 @@ def _shortest(nodes: Array, angles: Array, inside: Mask) -> Index | None:
     return np.array(order[::-1])
 
 
-def _neighbours(nodes: Array) -> Index:
-    """Pairs (m, 2) of nodes that are at most a step apart along each axis."""
-    if len(nodes) < 3:
+def _neighbours(places: Array) -> Index:
+    """Pairs (m, 2) of nodes that are at most a step apart along each axis; places (n, D)."""
+    if len(places) < 3:
         return np.zeros((0, 2), np.int64)
-    places = np.round((nodes[2:] - nodes[2:].min(axis=0)) / STEP).astype(int)
-    cells = {tuple(cell): k + 2 for k, cell in enumerate(places.tolist())}
-    shifts = [s for s in product((-1, 0, 1), repeat=3) if s > (0, 0, 0)]
+    size = places.shape[1]
+    whole = np.round(places[2:] - places[2:].min(axis=0)).astype(int)
+    cells = {tuple(cell): k + 2 for k, cell in enumerate(whole.tolist())}
+    shifts = [s for s in product((-1, 0, 1), repeat=size) if s > (0,) * size]
     pairs = []
-    for (x, y, z), k in cells.items():
-        for dx, dy, dz in shifts:
-            other = cells.get((x + dx, y + dy, z + dz))
+    for cell, k in cells.items():
+        for shift in shifts:
+            other = cells.get(tuple(map(add, cell, shift)))
             if other is not None:
                 pairs.append((k, other))
     for end in (0, 1):
-        near = np.flatnonzero(np.abs(nodes - nodes[end]).max(axis=1) <= STEP)
+        near = np.flatnonzero(np.abs(places - places[end]).max(axis=1) <= 1 + 1e-9)
         pairs += [(end, int(k)) for k in near if k != end]
     return np.array(pairs, np.int64).reshape(-1, 2)
 

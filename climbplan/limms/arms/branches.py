@@ -22,12 +22,12 @@ def delivery(
     scene: Scene, attempts: Attempts, throw: bool = False, arrival_speed: float = 0.0
 ) -> HeldTask | None:
     """The box from start to goal through the free space; None without a way there."""
-    start = scene.box_start[0]
-    way = ways(centre_blocks(scene), start, scene.goal)
+    start, goal = scene.start_place, scene.goal_place
+    way = ways(centre_blocks(scene), start, goal)
     if way is None:
         attempts.notes.append("there is no way for the box")
         return None
-    return HeldTask(start, scene.goal, way, throw, arrival_speed)
+    return HeldTask(start, goal, way, throw, arrival_speed)
 
 
 def solved_branches(

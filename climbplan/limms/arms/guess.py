@@ -10,7 +10,9 @@ import numpy as np
 
 from climbplan.limms.arms.arm_ways import arm_way
 from climbplan.limms.arms.held_branches import HeldTask, release_share, way_points
+from climbplan.limms.corridor import way_length
 from climbplan.limms.modules.limbs import limb_angles
+from climbplan.limms.placement import centre_of
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Phase, Trace
 
@@ -21,12 +23,15 @@ RELEASES = (0.92, 0.75, 0.55)  # how far of what arms reach a guess throws
 
 
 def bumps(first: Array, last: Array) -> list[Array]:
-    """Sideways detours (3,) of a straight way: none, and both ways along two directions."""
-    along = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)
+    """Sideways detours (D,) of a straight way: none, and both ways along two directions."""
+    way = centre_of(last - first)
+    length = float(np.linalg.norm(way))
+    along = way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
     one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     one /= np.linalg.norm(one)
     other = np.cross(along, one)
-    return [np.zeros(3), *(BUMP * sign * side for side in (one, other) for sign in (1, -1))]
+    found = [np.zeros(3), *(BUMP * sign * side for side in (one, other) for sign in (1, -1))]
+    return [np.pad(each, (0, len(first) - 3)) for each in found]
 
 
 def guess_for(
@@ -51,7 +56,7 @@ def guess_for(
         blocks.append(blocks[-1])
     pieces = []
     for (first, last), block in zip(pairwise(corners), blocks, strict=True):
-        length = float(np.linalg.norm(last - first))
+        length = float(way_length(first, last))
         share = np.linspace(0, 1, KNOTS + 1)[:, None]
         position = first + share * (last - first)
         if bump is not None:
@@ -65,10 +70,10 @@ def guess_for(
 class Piece:
     """A way of the box in one phase, as a guess."""
 
-    position: Array  # (KNOTS + 1, 3) [m]
+    position: Array  # (KNOTS + 1, D) placements [m, rad]
     duration: float  # [s]
-    velocity: Array  # (KNOTS + 1, 3) or (3,) [m/s]
-    block: Array  # (2, 3) of free centres of the box
+    velocity: Array  # (KNOTS + 1, D) or (D,) [m/s, rad/s]
+    block: Array  # (2, D) of free placements of the box
 
 
 def traces_along(
@@ -113,7 +118,7 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     """A parabola with its top at the goal, or a third of a second long."""
     rise = max(goal[2] - release[2], 0.0)
     duration = max(float(np.sqrt(2 * rise / GRAVITY)), 0.15)
-    down = np.array([0, 0, -GRAVITY])
+    down = np.array([0, 0, -GRAVITY, 0])[: len(goal)]
     velocity = (goal - release) / duration - down * duration / 2
     times = np.linspace(0, duration, 2)[:, None]
     phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
@@ -122,7 +127,7 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
         duration,
         release + velocity * times + down * times**2 / 2,
         velocity + down * times,
-        np.broadcast_to(down, (2, 3)),
+        np.broadcast_to(down, (2, len(down))),
         np.zeros((2, limbs, 6)),
         np.zeros((2, limbs, 3)),
         np.zeros((2, limbs, 3)),
@@ -151,10 +156,12 @@ def searched(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[Trace]
     """A slow motion along the way that a search finds for the arms, or None."""
     pieces = []
     for way, block in arm_way(scene, limbs, task):
-        steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        steps = way_length(way[:-1], way[1:])
         along = np.concatenate([[0.0], np.cumsum(steps)])
         share = np.linspace(0.0, along[-1], KNOTS + 1)
-        position = np.stack([np.interp(share, along, way[:, i]) for i in range(3)], axis=-1)
+        position = np.stack(
+            [np.interp(share, along, way[:, i]) for i in range(way.shape[1])], axis=-1
+        )
         duration = max(float(along[-1]) / SPEED, 0.4)
         velocity = np.gradient(position, duration / KNOTS, axis=0)
         pieces.append(Piece(position, duration, velocity, block))

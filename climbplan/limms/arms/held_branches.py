@@ -13,8 +13,15 @@ from numpy.typing import NDArray
 
 from climbplan.limms.corridor import Way
 from climbplan.limms.modules.chain import BRANCHES, in_range
-from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
+from climbplan.limms.modules.contact import (
+    gap_between,
+    gap_to_blocks,
+    gap_to_boxes,
+    gap_within,
+    link_segments,
+)
 from climbplan.limms.modules.limbs import limb_angles, limb_points
+from climbplan.limms.placement import centre_of, yaw_of
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
 from climbplan.spec.limms.module import ModuleSpec
@@ -30,38 +37,36 @@ SINGULAR = (0.05, 0.12, 0.08)  # [m], [rad], [rad] that poses keep from where br
 class HeldTask:
     """What arms are to do: from, to, through which blocks, and whether they throw."""
 
-    start: Array
-    goal: Array
+    start: Array  # (D,) placements of the box [m, rad]
+    goal: Array  # (D,)
     way: Way
     throw: bool
     arrival_speed: float
 
 
 def way_points(task: HeldTask) -> Array:
-    """Start, crossings and goal (n, 3)."""
+    """Start, crossings and goal (n, D)."""
     return np.vstack([task.start, task.way.crossings, task.goal])
 
 
 def clearance(scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angles: Array) -> Array:
     """Least gap (T) of limbs from solids, boxes, themselves and each other along a path [m].
 
-    box: (T, 3); feet: (T, limbs, 3); angles: (T, limbs, 6).
+    box: (T, D) placements; feet: (T, limbs, 3); angles: (T, limbs, 6).
     """
     radius = scene.module.radius
     gaps = []
     segments = []
-    fixed = scene.solids
-    if scene.boxes > 1:
-        half = scene.box_size[1:] / 2
-        centres = scene.box_start[1:]
-        fixed = np.concatenate([fixed, np.stack([centres - half, centres + half], axis=1)])
+    solids, half = scene.solids, scene.box_size / 2
+    others = scene.box_start[1:], scene.start_yaws[1:], half[1:]
     for i, limb in enumerate(limbs):
         points = limb_points(scene, limb, box, feet[:, i], angles[:, i])
         segments.append(link_segments(points, radius))
-        gaps.append(gap_to_blocks(segments[i], fixed[:, 0], fixed[:, 1], radius).min(axis=(1, 2)))
-        half = scene.box_size[0] / 2
-        low, high = (box - half)[:, None], (box + half)[:, None]
-        gaps.append(gap_to_blocks(segments[i], low, high, radius).min(axis=(1, 2)))
+        gaps.append(gap_to_blocks(segments[i], solids[:, 0], solids[:, 1], radius).min(axis=(1, 2)))
+        if scene.boxes > 1:
+            gaps.append(gap_to_boxes(segments[i], *others, radius).min(axis=(1, 2)))
+        own = centre_of(box)[:, None], yaw_of(box)[:, None], half[:1]
+        gaps.append(gap_to_boxes(segments[i], *own, radius).min(axis=(1, 2)))
         gaps.append(gap_within(segments[i], radius).min(axis=1))
         gaps += [gap_between(segments[i], s, radius).min(axis=(1, 2)) for s in segments[:i]]
     worst: Array = np.min(gaps, axis=0)
@@ -92,7 +97,7 @@ def branch_choices(
     """The limb with its likeliest branches, best first: feasible at the start, least trouble after.
 
     Of those that do not serve the end of the path the others come first, and one of each bend of
-    the links comes before another one of the same bend. path: (T, 3) box centres; feet: (T, 3)
+    the links comes before another one of the same bend. path: (T, D) of the box; feet: (T, 3)
     other ends.
     """
     found: list[tuple[bool, float, Limb, tuple[float, ...]]] = []
@@ -132,7 +137,7 @@ def release_share(scene: Scene, limbs: Sequence[Limb], first: Array, last: Array
     path = first + shares[:, None] * (last - first)
     ok = np.ones(len(shares), bool)
     for limb in limbs:
-        feet = np.broadcast_to(limb.fixed_position, path.shape)
+        feet = np.broadcast_to(limb.fixed_position, (len(path), 3))
         each = []
         for branch in BRANCHES:
             angles, missing = limb_angles(scene, limb, path, feet, branch)

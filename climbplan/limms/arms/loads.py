@@ -1,7 +1,7 @@
 """What an arm with mass asks of its joints and of the latch it hangs on, in symbols.
 
-Angles, rates and accelerations of the joints are closed functions of the box's centre, velocity and
-acceleration (`symbols.py`); forces and moments follow by Newton-Euler from the latch outwards.
+Angles, rates and accelerations of the joints are closed functions of how the box is placed, moves
+and speeds up (`symbols.py`); forces and moments follow by Newton-Euler from the latch outwards.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from climbplan.limms.statement import Limb
 
 
 def load_function(scene: Scene, limb: Limb) -> ca.Function:
-    """Of box centre, velocity, acceleration (3 each), reference angles (6), force and moment (3
+    """Of box placement, velocity, acceleration (D each), reference angles (6), force and moment (3
     each) of the latch on the box: joint torques (6) [N m], force [N] and moment [N m] (3 each) of
     the latch on the arm's other end. World frame.
     """
     state = arm_symbols(scene, limb)
-    acceleration = ca.SX.sym("acceleration", 3)
+    acceleration = ca.SX.sym("acceleration", state.place.numel())
     force, moment = ca.SX.sym("force", 3), ca.SX.sym("moment", 3)
-    moving = ca.vertcat(state.centre, state.velocity)
+    moving = ca.vertcat(state.place, state.velocity)
     ahead = ca.vertcat(state.velocity, acceleration)
     turns = ca.jtimes(state.rates, moving, ahead)
     root = 1 - limb.box_end
     torque, held_force, held_moment = _newton_euler(
         scene, limb, root, state.angles, state.rates, turns, force, moment
     )
-    given = [state.centre, state.velocity, acceleration, state.reference, force, moment]
+    given = [state.place, state.velocity, acceleration, state.reference, force, moment]
     return ca.Function("loads", given, [torque, held_force, held_moment])
 
 

@@ -1,7 +1,7 @@
 """The multi-phase nonlinear program of arms that carry or throw the box, for IPOPT through CasADi.
 
-Variables: durations; position, velocity and acceleration of the box at knots. Joint angles and
-speeds of the arms are closed functions of the box's centre and velocity (`symbols.py`), so that
+Variables: durations; position, velocity and acceleration of the box at knots, and of its yaw where
+it turns. Joint angles and speeds of the arms are closed functions of these (`symbols.py`), so that
 closed chains hold at every iterate, eqs. (6.1) and (6.2).
 """
 
@@ -17,10 +17,11 @@ import numpy as np
 from climbplan.limms.arms.answers import Cut, Ends, Outcome
 from climbplan.limms.arms.held_branches import APPROACH_MARGIN, RANGE_MARGIN, SINGULAR
 from climbplan.limms.arms.loads import load_function
-from climbplan.limms.arms.symbols import arm_function, least_margins
+from climbplan.limms.arms.symbols import arm_function, box_frame, least_margins
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.modules.limbs import limb_frames
+from climbplan.limms.placement import vertical_inertia
 from climbplan.limms.scene import GRAVITY, Array, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
 from climbplan.limms.work import work_of
@@ -30,6 +31,7 @@ from climbplan.solvers.ipopt.trajectory import solve_trajectory
 SPEED_SHARE = 0.93  # of the joint speed limit that knots may use; the path between them needs some
 FORCE_SHARE = 0.985  # of the limits of latches
 MASS_SHARE = 0.95  # of torques and latches with masses: knots only, and a spline between them
+_SPARE = 1e-3  # [s] of latches beyond their dwell time
 TURNING = 0.2  # weight of squared joint speeds against time
 _SETTINGS = {
     "tol": 1e-5,
@@ -60,7 +62,7 @@ def solve_arms(
     parts = _Arms(scene, limbs, ends)
     for number, trace in enumerate(guess):
         parts.phase(trace, [cut for cut in cuts if cut.phase == number])
-    parts.finish()
+    parts.finish(guess)
     settings = {**_SETTINGS, "max_iter": iterations}
     answer = solve_trajectory(parts.store, parts.outputs, settings, began, deadline)
     return Outcome(
@@ -80,7 +82,10 @@ class _Arms:
         self.loads = [] if scene.massless else [load_function(scene, limb) for limb in limbs]
         self.chain = chain_function(scene.module)
         self.outputs: list[ca.MX] = []
-        self.last: tuple[ca.MX, ca.MX] | None = None  # position and velocity at the end
+        # Placement and velocity at the end, and which of their entries are variables
+        self.last = (ca.MX(ca.DM(ends.start)), ca.MX.zeros(len(ends.start)))
+        self.varied: tuple[int, ...] = ()
+        self.is_first = True
 
     def phase(self, guess: Trace, cuts: Sequence[Cut]) -> None:
         """One phase: motion of the box, and of the arms that hold it."""
@@ -89,58 +94,88 @@ class _Arms:
         duration = store.variable("T", guess.duration, phase.shortest, phase.longest)
         step = duration / count
         knots = range(count + 1)
-        p = [store.variable("p", guess.position[k], phase.lower, phase.upper) for k in knots]
-        v = [store.variable("v", guess.velocity[k], -8.0, 8.0) for k in knots]
-        a = [store.variable("a", guess.acceleration[k], -60.0, 60.0) for k in knots]
+        # What keeps still in this phase, a yaw, is no variable in it
+        own = [i for i in range(len(phase.lower)) if phase.upper[i] > phase.lower[i]]
+        still = phase.lower[len(own) :]
+        p = [
+            self._with(
+                store.variable("p", guess.position[k, own], phase.lower[own], phase.upper[own]),
+                still,
+            )
+            for k in knots
+        ]
+        rest = np.zeros(len(still))
+        v = [
+            self._with(store.variable("v", guess.velocity[k, own], -8.0, 8.0), rest) for k in knots
+        ]
+        a = [
+            self._with(store.variable("a", guess.acceleration[k, own], -60.0, 60.0), rest)
+            for k in knots
+        ]
         lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)
         for k in range(count):
             # The chain of cubics, and its control points inside the phase's free block
-            store.equal("box.motion", v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
-            store.equal(
-                "box.motion", p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
-            )
+            speeding = v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2
+            moving = p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
+            store.equal("box.motion", speeding[own])
+            store.equal("box.motion", moving[own])
             for control in (p[k] + step * v[k] / 3, p[k + 1] - step * v[k + 1] / 3):
-                store.between("clear.box", control - lower, 0.0, unit="m")
-                store.between("clear.box", upper - control, 0.0, unit="m")
-            store.minimise("acceleration", 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2))
+                store.between("clear.box", (control - lower)[own], 0.0, unit="m")
+                store.between("clear.box", (upper - control)[own], 0.0, unit="m")
+            effort = ca.sumsqr((a[k] + a[k + 1])[:3] / 2) + _turning(a[k] + a[k + 1]) ** 2 / 4
+            store.minimise("acceleration", 0.02 * step * effort)
         store.minimise("time", duration)
-        is_first = self.last is None
-        begin = (ca.MX(ca.DM(self.ends.start)), ca.MX.zeros(3)) if self.last is None else self.last
-        store.equal("box.motion", p[0] - begin[0])
-        store.equal("box.motion", v[0] - begin[1])
+        joined = sorted({*own, *self.varied})
+        store.equal("box.motion", (p[0] - self.last[0])[joined])
+        store.equal("box.motion", (v[0] - self.last[1])[joined])
         if phase.kind == "flight":
+            falling = ca.DM([0, 0, GRAVITY, 0][: len(phase.lower)])
             for acceleration in a:
-                store.equal("box.dynamics", acceleration + ca.DM([0, 0, GRAVITY]), "m/s^2")
+                store.equal("box.dynamics", (acceleration + falling)[own], "m/s^2")
         else:
-            self._latches(a)
-            self._joints(guess, p, v, step, cuts, is_first)
+            self._latches(p, a)
+            self._joints(guess, p, v, step, cuts, self.is_first)
             if not self.scene.massless:
                 self._masses(guess, p, v, a)
-        self.last = (p[-1], v[-1])
+        self.last, self.varied, self.is_first = (p[-1], v[-1]), tuple(own), False
         self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
 
-    def finish(self) -> None:
-        """The goal at the end."""
-        assert self.last is not None
-        store, ends = self.store, self.ends
+    def finish(self, guess: Sequence[Trace]) -> None:
+        """The goal at the end, and time for the latches where the way may be too short for it."""
+        store, ends, own = self.store, self.ends, list(self.varied)
+        dwell = self.scene.module.latch_dwell
+        if sum(trace.duration for trace in guess if trace.phase.kind != "flight") < 3 * dwell:
+            held = zip(self.outputs[::4], guess, strict=True)
+            together = sum(time for time, trace in held if trace.phase.kind != "flight")
+            store.between("latch.dwell", together, dwell + _SPARE, unit="s")
         p, v = self.last
-        store.equal("goal.reached", p - ca.DM(ends.goal), "m")
+        store.equal("goal.reached", (p - ca.DM(ends.goal))[own], "m")
         if ends.arrival_speed > 0:
-            store.between("goal.speed", ca.sumsqr(v), 0.0, ends.arrival_speed**2)
-            store.minimise("arrival", 0.5 * ca.sumsqr(v))
+            store.between("goal.speed", ca.sumsqr(v[:3]), 0.0, ends.arrival_speed**2)
+            store.minimise("arrival", 0.5 * ca.sumsqr(v[:3]))
         else:
-            store.equal("goal.speed", v, "m/s")
+            store.equal("goal.speed", v[own], "m/s")
 
-    def _latches(self, a: list[ca.MX]) -> None:
+    @staticmethod
+    def _with(variable: ca.MX, still: Array) -> ca.MX:
+        return ca.vertcat(variable, ca.DM(still)) if len(still) else variable
+
+    def _wrench(self, p: ca.MX, a: ca.MX) -> ca.MX:
+        """Force on the box in its own frame, and moment about the vertical (4), eq. (6.5)."""
+        mass = float(self.scene.box_mass[0])
+        force = box_frame(p).T @ (mass * (a[:3] + ca.DM([0, 0, GRAVITY])))
+        inertia = vertical_inertia(mass, self.scene.box_size[0])
+        return ca.vertcat(force, inertia * _turning(a))
+
+    def _latches(self, p: list[ca.MX], a: list[ca.MX]) -> None:
         """Dynamics, eq. (6.5), within what the latches hold."""
         scene, module = self.scene, self.scene.module
         offsets = np.array([scene.side_offset(0, limb.side) for limb in self.limbs])
         n = len(offsets)
         share = ca.DM(held_forces(offsets, module.max_force, module.latch_moment))
-        mass = float(scene.box_mass[0])
         limits = [FORCE_SHARE * module.max_force] * n + [FORCE_SHARE * module.latch_moment] * n
-        for acceleration in a:
-            both = share @ (mass * (acceleration + ca.DM([0, 0, GRAVITY])))
+        for place, acceleration in zip(p, a, strict=True):
+            both = share @ self._wrench(place, acceleration)
             for i, limit in enumerate(limits):
                 name = "force.limit" if i < n else "latch.moment"
                 share_used = ca.sumsqr(both[3 * i : 3 * i + 3]) / limit**2
@@ -156,11 +191,11 @@ class _Arms:
         offsets = np.array([scene.side_offset(0, limb.side) for limb in self.limbs])
         n = len(offsets)
         share = ca.DM(held_forces(offsets, module.max_force, module.latch_moment))
-        mass = float(scene.box_mass[0])
         for k in range(len(p)):
-            both = share @ (mass * (a[k] + ca.DM([0, 0, GRAVITY])))
+            both, frame = share @ self._wrench(p[k], a[k]), box_frame(p[k])
             for i in range(n):
-                force, moment = both[3 * i : 3 * i + 3], both[3 * (n + i) : 3 * (n + i) + 3]
+                force = frame @ both[3 * i : 3 * i + 3]
+                moment = frame @ both[3 * (n + i) : 3 * (n + i) + 3]
                 reference = ca.DM(guess.angles[k, i])
                 found = self.loads[i](p[k], v[k], a[k], reference, force, moment)
                 torque = found[0] / module.max_torque
@@ -207,13 +242,20 @@ class _Arms:
 
     def _cut(self, cut: Cut, limb: Limb, angles: ca.MX, p: ca.MX) -> None:
         points, _, _ = self.chain(angles, ca.DM.zeros(6))
-        on_box = p + ca.DM(self.scene.side_offset(0, limb.side))
-        first = on_box if limb.box_end == 0 else ca.DM(limb.fixed_position)
-        turn = limb.box_rotation if limb.box_end == 0 else limb.other_rotation
-        point = first + ca.DM(turn) @ points[:, cut.point]
+        frame = box_frame(p)
+        first, turn = ca.MX(ca.DM(limb.fixed_position)), ca.MX(ca.DM(limb.other_rotation))
+        if limb.box_end == 0:
+            first = p[:3] + frame @ ca.DM(self.scene.side_offset(0, limb.side))
+            turn = frame @ ca.DM(limb.box_rotation)
+        point = first + turn @ points[:, cut.point]
         if cut.moves_with_box:
-            point = point - p
+            point = frame.T @ (point - p[:3])
         self.store.between("clear.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
+
+
+def _turning(entries: ca.MX) -> ca.MX | float:
+    """The yaw's part of a placement's velocity or acceleration, 0 of a box that does not turn."""
+    return entries[3] if entries.numel() == 4 else 0.0
 
 
 def _traces(

@@ -18,6 +18,7 @@ from climbplan.limms.modules.climbing_down import climb_down
 from climbplan.limms.modules.limbs import arm, root_on_anchor
 from climbplan.limms.modules.straight_ways import leave
 from climbplan.limms.modules.stretch_clearance import require_clear_of_all
+from climbplan.limms.placement import centre_of, yaw_of
 from climbplan.limms.relays import Leg, Relay
 from climbplan.limms.scene import Pose, Scene
 from climbplan.limms.statement import Limb, Trace
@@ -111,7 +112,8 @@ def put_down(world: PlanSoFar, limbs: Sequence[Limb], leg: Leg) -> PlanSoFar:
     Raises:
         Blocked: an arm cannot draw back.
     """
-    world.box = np.array(leg.end)
+    end = np.array(leg.end)
+    world.box, world.yaw = centre_of(end), float(yaw_of(end))
     world.box_mode = STABLE
     for limb in limbs:
         anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor

@@ -1,13 +1,14 @@
 """The closed inverse kinematics of an arm in symbols: what `chain.inverse` does with numbers.
 
-The box does not turn, so that the joint angles of an arm are functions of the box's centre alone,
-in one branch. Angles are told round a reference, so that they run on where a full turn ends. Out
-of reach they run on smoothly: there only `margins` means anything.
+The joint angles of an arm are functions of the box's placement alone, its centre and, where it
+turns, its yaw, in one branch. Angles are told round a reference, so that they run on where a full
+turn ends. Out of reach they run on smoothly: there only `margins` means anything.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -16,17 +17,19 @@ from climbplan.limms.modules.chain import ROLLS
 from climbplan.limms.scene import Array, Scene
 from climbplan.limms.statement import Limb
 
+Symbol = TypeVar("Symbol", ca.SX, ca.MX)
+
 _SOFT = 1e-4  # below which squares of sines count as zero, smoothly
 
 
 def arm_function(scene: Scene, limb: Limb) -> ca.Function:
-    """Of box centre (3), its velocity (3) and reference angles (6): angles (6), rates (6), margins.
+    """Of box placement (D), its velocity (D), reference angles (6): angles (6), rates (6), margins.
 
     Margins (3): squared distance [m^2] of the wrist from the first joint's axis, cosines of elbow
     and wrist; these two are 1 where branches meet, and the elbow's is more out of reach.
     """
     each = arm_symbols(scene, limb)
-    given = [each.centre, each.velocity, each.reference]
+    given = [each.place, each.velocity, each.reference]
     return ca.Function("arm", given, [each.angles, each.rates, each.margins])
 
 
@@ -34,8 +37,8 @@ def arm_function(scene: Scene, limb: Limb) -> ca.Function:
 class ArmSymbols:
     """An arm in symbols: what is given, and what follows."""
 
-    centre: ca.SX  # (3,) of the box [m]
-    velocity: ca.SX  # (3,) of the box [m/s]
+    place: ca.SX  # (D,) of the box [m, rad]
+    velocity: ca.SX  # (D,) of the box [m/s, rad/s]
     reference: ca.SX  # (6,) angles about which angles are told [rad]
     angles: ca.SX  # (6,) [rad]
     rates: ca.SX  # (6,) [rad/s]
@@ -44,17 +47,24 @@ class ArmSymbols:
 
 def arm_symbols(scene: Scene, limb: Limb) -> ArmSymbols:
     """Angles, rates and margins of an arm as closed expressions."""
-    centre, velocity = ca.SX.sym("centre", 3), ca.SX.sym("velocity", 3)
+    size = len(scene.start_place)
+    place, velocity = ca.SX.sym("place", size), ca.SX.sym("velocity", size)
     reference = ca.SX.sym("reference", 6)
-    on_box = centre + ca.DM(scene.side_offset(0, limb.side))
+    frame = box_frame(place)
+    on_box = place[:3] + frame @ ca.DM(scene.side_offset(0, limb.side))
     fixed = ca.SX(ca.DM(limb.fixed_position))
     first, last = (on_box, fixed) if limb.box_end == 0 else (fixed, on_box)
-    r_first, r_last = limb.other_rotation, limb.box_rotation
+    r_first, r_last = ca.SX(ca.DM(limb.other_rotation)), frame @ ca.DM(limb.box_rotation)
     if limb.box_end == 0:
         r_first, r_last = r_last, r_first
     angles, margins = _inverse(scene, limb.branch, first, last, r_first, r_last, reference)
-    rates = ca.jtimes(angles, centre, velocity)
-    return ArmSymbols(centre, velocity, reference, angles, rates, margins)
+    rates = ca.jtimes(angles, place, velocity)
+    return ArmSymbols(place, velocity, reference, angles, rates, margins)
+
+
+def box_frame(place: Symbol) -> Symbol:
+    """Rotation (3, 3) of the box's frame to the world's, for a placement (D)."""
+    return type(place)(ca.DM.eye(3)) if place.numel() == 3 else _turn(place[3], is_roll=True)
 
 
 def _inverse(
@@ -62,16 +72,16 @@ def _inverse(
     branch: tuple[int, int, int],
     first: ca.SX,
     last: ca.SX,
-    r_first: Array,
-    r_last: Array,
+    r_first: ca.SX,
+    r_last: ca.SX,
     reference: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
     """Angles (6) and margins (3), as `chain.inverse` step by step."""
     a = scene.module.link_lengths
     upper, fore = a[2], a[3] + a[4]
     shoulder, elbow, flip = branch
-    wrist = last - ca.DM((a[5] + a[6]) * r_last[:, 2])
-    local = ca.DM(r_first.T) @ (wrist - first)
+    wrist = last - (a[5] + a[6]) * r_last[:, 2]
+    local = r_first.T @ (wrist - first)
     yaw = _near(shoulder * local[1], shoulder * local[0], reference[0])
     square = local[0] ** 2 + local[1] ** 2
     reach = shoulder * ca.sqrt(square + _SOFT**2)
@@ -81,7 +91,7 @@ def _inverse(
     bend = elbow * ca.atan2(sine, cosine)
     lean = ca.atan2(reach, height) - ca.atan2(elbow * fore * sine, upper + fore * cosine)
     pitch = _near(ca.sin(lean), ca.cos(lean), reference[1])
-    before = ca.SX(ca.DM(r_first.T @ r_last))
+    before = r_first.T @ r_last
     for joint, angle in enumerate((yaw, pitch, bend)):
         before = _turn(angle, ROLLS[joint]).T @ before
     roll4 = _near(flip * before[1, 2], flip * before[0, 2], reference[3])
@@ -102,7 +112,7 @@ def _root(square: ca.SX) -> ca.SX:
     return ca.sqrt((square + ca.sqrt(square**2 + _SOFT**2)) / 2)
 
 
-def _turn(angle: ca.SX, is_roll: bool) -> ca.SX:
+def _turn(angle: Symbol, is_roll: bool) -> Symbol:
     c, s = ca.cos(angle), ca.sin(angle)
     if is_roll:
         return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))

@@ -6,17 +6,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.limms.check.dense import events, fine_times, hermite
+from climbplan.limms.check.dense import anchor_pose, events, fine_times, hermite
+from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
+from climbplan.limms.check.loads import vertical_inertia
 from climbplan.limms.check.worst import Worst
-from climbplan.limms.modules.distances import block_gap
+from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array
 from climbplan.plans.check import Check
 from climbplan.spec.limms.module import ModuleSpec
 
 _STABLE, _FREE, _HELD, _QUADRUPED = 1, 2, 3, 4
-_AT_GOAL = 1e-4  # [m]
+_AT_GOAL = 1e-4  # [m, rad]
+_KEEPS = 1e-9  # [rad] between start and goal of a box that does not turn
 
 
 def box_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
@@ -42,9 +45,16 @@ def _goal_checks(plan: LimmsPlan) -> Iterator[Check]:
     off = np.linalg.norm(plan.motion.box_position[-1] - plan.goal, axis=-1)[:count]
     worst = int(np.argmax(off))
     yield judge("goal.reached", off[worst], which[worst], f"{1e3 * off[worst]:.3f} mm off")
+    turn = _turned_wrongly(plan)
+    worst = int(np.argmax(turn))
+    place = (which[worst] if worst < count else f"parked box {worst - count}") if turn.any() else ""
+    yield judge("goal.turned", turn[worst], place, f"{np.degrees(turn[worst]):.4f} degrees off")
     # Only the last box may still move
     speed = np.linalg.norm(plan.motion.box_velocity[-1, :count], axis=-1)
-    over = speed - np.array([*np.zeros(count - 1), plan.arrival_speed])
+    allowed = np.array([*np.zeros(count - 1), plan.arrival_speed])
+    over = speed - allowed
+    # One that arrives at rest does not turn either
+    over = np.maximum(over, np.where(allowed > 0, 0, np.abs(plan.motion.box_yaw_rate[-1, :count])))
     worst = int(np.argmax(over))
     yield judge("goal.speed", over[worst], which[worst], f"{speed[worst]:.3f} m/s at the end")
     came = np.array([_arrival(plan, b) for b in range(count)])
@@ -54,9 +64,18 @@ def _goal_checks(plan: LimmsPlan) -> Iterator[Check]:
     yield judge("goal.order", late, place)
 
 
+def _turned_wrongly(plan: LimmsPlan) -> Array:
+    """By how much each box (B,) misses its yaw in the end; of one that keeps it, ever [rad]."""
+    yaw = plan.motion.box_yaw
+    ends = np.abs((yaw[-1] - plan.goal_yaw + np.pi) % (2 * np.pi) - np.pi)
+    asked = np.abs((plan.goal_yaw - yaw[0] + np.pi) % (2 * np.pi) - np.pi)
+    return np.where(asked > _KEEPS, ends, np.maximum(ends, np.abs(yaw - yaw[0]).max(axis=0)))
+
+
 def _arrival(plan: LimmsPlan, b: int) -> float:
     """Since when a box is where it ends [s]."""
     off = np.abs(plan.motion.box_position[:, b] - plan.motion.box_position[-1, b]).max(axis=1)
+    off = np.maximum(off, np.abs(plan.motion.box_yaw[:, b] - plan.motion.box_yaw[-1, b]))
     away = np.flatnonzero(off > _AT_GOAL)
     return float(plan.motion.time[away[-1]]) if len(away) else 0.0
 
@@ -67,22 +86,37 @@ def _motion(plan: LimmsPlan, first: int, last: int, worst: Worst) -> None:
     span = slice(first, last + 1)
     time = motion.time[span]
     h = np.diff(time)[:, None, None]
-    p, v, a = (x[span] for x in (motion.box_position, motion.box_velocity, motion.box_acceleration))
+    p, v, a = (
+        np.concatenate([moved[span], turning[span, :, None]], axis=2)
+        for moved, turning in (
+            (motion.box_position, motion.box_yaw),
+            (motion.box_velocity, motion.box_yaw_rate),
+            (motion.box_acceleration, motion.box_yaw_acceleration),
+        )
+    )
     off_v = v[1:] - v[:-1] - h * (a[:-1] + a[1:]) / 2
     off_p = p[1:] - p[:-1] - h * v[:-1] - h**2 * (2 * a[:-1] + a[1:]) / 6
     worst.look("box.motion", time[1:], np.abs(off_v).max(axis=(1, 2)))
     worst.look("box.motion", time[1:], np.abs(off_p).max(axis=(1, 2)))
     at = fine_times(time)
-    box, _ = hermite(time, p, v, at)
+    place, _ = hermite(time, p, v, at)
+    box, yaw = place[..., :3], place[..., 3]
+    for anchor in range(4 * len(plan.box_size)):
+        there = anchor_pose(plan, anchor, 0, p[..., :3], p[..., 3]).position
+        off = np.abs(motion.anchor_position[span, anchor] - there)
+        worst.look("box.motion", time, off, plan.anchor_names[anchor])
     half = plan.box_size / 2
     for b in range(len(half)):
         for low, high in plan.solids:
-            worst.look("clear.box", at, -block_gap(box[:, b], half[b], low, high), f"box {b}")
+            block = (high + low) / 2, np.zeros(1), (high - low) / 2
+            gap = upright_gap(box[:, b], yaw[:, b], half[b], *block)
+            worst.look("clear.box", at, -gap, f"box {b}")
         for other in range(b):
-            low, high = box[:, other] - half[other], box[:, other] + half[other]
-            worst.look("clear.box", at, -block_gap(box[:, b], half[b], low, high), f"box {b}")
+            block = box[:, other], yaw[:, other], half[other]
+            gap = upright_gap(box[:, b], yaw[:, b], half[b], *block)
+            worst.look("clear.box", at, -gap, f"box {b}")
         if motion.box_mode[first, b] == _STABLE:
-            moved = np.abs(box[:, b] - box[0, b]).max(axis=1)
+            moved = np.abs(place[:, b] - place[0, b]).max(axis=1)
             bottom = box[:, b].copy()
             bottom[:, 2] -= half[b, 2]
             worst.look("box.stable", at, np.maximum(moved, _above_ground(plan, bottom)))
@@ -107,6 +141,11 @@ def _forces(
         mass = plan.box_mass[b]
         needed = mass * (motion.box_acceleration[span, b] + np.array([0, 0, GRAVITY]))
         worst.look("box.dynamics", time, np.abs(force.sum(axis=1) - needed))
+    frame = turned(motion.box_yaw[span, b])  # (n, 3, 3) to the world
+    wanted = np.zeros((len(time), 3))  # moment that turns it as planned
+    wanted[:, 2] = vertical_inertia(plan, b) * motion.box_yaw_acceleration[span, b]
+    if mode == _FREE:
+        worst.look("box.moment", time, np.abs(wanted))
     size = np.linalg.norm(force, axis=-1)
     worst.look("force.limit", time, size - module.max_force)
     holders = _holders(plan, b, first)
@@ -121,7 +160,7 @@ def _forces(
             foot = motion.joint_position[span, m, 7 * (1 - end)]
             normal = SIDE_NORMALS[side]
             half = float(np.abs(normal) @ plan.box_size[b] / 2)
-            ahead = (foot - motion.box_position[span, b]) @ normal
+            ahead = ((foot - motion.box_position[span, b]) * (frame @ normal)).sum(axis=1)
             if foot_down:
                 worst.look("support.sides", time, half - ahead, what)
                 f = force[:, side]
@@ -133,14 +172,14 @@ def _forces(
             if m >= 0:
                 foot = motion.joint_position[span, m, 7 * (1 - end)]
                 moment += np.cross(foot - motion.box_position[span, b], force[:, side])
-        worst.look("box.moment", time, np.abs(moment))
+        worst.look("box.moment", time, np.abs(moment - wanted))
     if mode == _HELD:
         held = [side for side in range(4) if holders[side][0] >= 0]
         if not held:
             return
-        offsets = SIDE_NORMALS[held] * plan.box_size[b] / 2
+        offsets = (SIDE_NORMALS[held] * plan.box_size[b] / 2) @ np.swapaxes(frame, 1, 2)
         # Moments that the latches have to hold, shared as little as can be
-        left = -np.cross(offsets, force[:, held]).sum(axis=1)
+        left = wanted - np.cross(offsets, force[:, held]).sum(axis=1)
         each = np.linalg.norm(left, axis=1) / len(held)
         worst.look("latch.moment", time, each - module.latch_moment)
 

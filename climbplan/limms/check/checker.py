@@ -112,7 +112,13 @@ def _samples(plan: LimmsPlan) -> Iterator[Check]:
     yield judge("samples.rate", np.inf if back > 0 else step[k], at_time(plan, k))
     event = np.flatnonzero(step == 0)
     jump = np.zeros(len(event))
-    for values in (motion.box_position, motion.box_velocity, motion.joint_position):
+    for values in (
+        motion.box_position,
+        motion.box_velocity,
+        motion.box_yaw,
+        motion.box_yaw_rate,
+        motion.joint_position,
+    ):
         flat = values.reshape(len(motion.time), -1)
         jump = np.maximum(jump, np.abs(flat[event + 1] - flat[event]).max(axis=1, initial=0))
     turn = np.abs(motion.joint_angles[event + 1] - motion.joint_angles[event])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed
+from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed, turned
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array, Points, Pose
 from climbplan.spec.limms.module import ModuleSpec
@@ -33,6 +33,8 @@ class Stretch:
     time: Array  # (M,) [s]
     box: Array  # (M, B, 3) [m]
     velocity: Array  # (M, B, 3) [m/s]
+    yaw: Array  # (M, B) [rad]
+    yaw_rate: Array  # (M, B) [rad/s]
     angles: Array  # (M, L, 6) [rad]
     rates: Array  # (M, L, 6) [rad/s]
     points: tuple[Points, ...]  # of each module: (M, 8, 3), (M, 8, 3, 3)
@@ -82,13 +84,14 @@ def stretches(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Stretch]:
         time = motion.time[span]
         at = fine_times(time)
         box, velocity = hermite(time, motion.box_position[span], motion.box_velocity[span], at)
+        yaw, turning = hermite(time, motion.box_yaw[span], motion.box_yaw_rate[span], at)
         angles, rates = hermite(time, motion.joint_angles[span], motion.joint_velocity[span], at)
         points: dict[int, Points] = {}
         for m in carriers_first(plan, first):
-            root = _root(plan, m, first, span, time, at, box, points)
+            root = _root(plan, m, first, span, time, at, (box, yaw), points)
             points[m] = placed(module, root.end, root.pose, angles[:, m])
         whole = tuple(points[m] for m in range(len(points)))
-        yield Stretch(first, last, at, box, velocity, angles, rates, whole)
+        yield Stretch(first, last, at, box, velocity, yaw, turning, angles, rates, whole)
 
 
 def carriers_first(plan: LimmsPlan, sample: int) -> list[int]:
@@ -106,16 +109,17 @@ def carriers_first(plan: LimmsPlan, sample: int) -> list[int]:
     return order
 
 
-def anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array) -> Pose:
-    """Where an end on an anchor is: (M, 3), (M, 3, 3), for box centres (M, B, 3)."""
+def anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array, yaw: Array) -> Pose:
+    """Where an end on an anchor is: (M, 3), (M, 3, 3), for box centres (M, B, 3), yaws (M, B)."""
     count = len(box)
     on_boxes = 4 * len(plan.box_size)
     normal = plan.anchor_normal[anchor]
     if anchor < on_boxes:
         b = anchor // 4
-        position = box[:, b] + normal * np.abs(normal @ plan.box_size[b]) / 2
-    else:
-        position = np.tile(plan.motion.anchor_position[0, anchor], (count, 1))
+        frame = turned(yaw[:, b])
+        position = box[:, b] + frame @ (normal * np.abs(normal @ plan.box_size[b]) / 2)
+        return Pose(position, frame @ on_anchor(normal, end))
+    position = np.tile(plan.motion.anchor_position[0, anchor], (count, 1))
     return Pose(position, np.broadcast_to(on_anchor(normal, end), (count, 3, 3)))
 
 
@@ -126,7 +130,7 @@ def _root(
     span: slice,
     time: Array,
     at: Array,
-    box: Array,
+    boxes: tuple[Array, Array],
     others: dict[int, Points],
 ) -> Root:
     """What one module hangs on: terrain, another module, a box, or the ground."""
@@ -137,7 +141,7 @@ def _root(
     ends = sorted((0, 1), key=lambda end: -1 if anchors[end] >= on_boxes else 1)
     held = next((end for end in ends if anchors[end] >= 0), None)
     if held is not None and anchors[held] < count:
-        return Root(held, anchor_pose(plan, anchors[held], held, box))
+        return Root(held, anchor_pose(plan, anchors[held], held, *boxes))
     if held is not None:
         parent, its_end = divmod(anchors[held] - count, 2)
         if parent in others:

@@ -51,6 +51,13 @@ def on_anchor(normal: Array, end: int) -> Array:
     return frame if end == 0 else frame @ _OVER
 
 
+def turned(yaw: Array) -> Array:
+    """Frames (..., 3, 3) of boxes that stand upright, by their yaws (...)."""
+    flat = np.outer(np.ravel(yaw), _ALONG)
+    frames: Array = Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(yaw), 3, 3)
+    return frames
+
+
 def on_ground(end: int) -> Array:
     """Frame (3, 3) of an end that stands upright."""
     return np.eye(3) if end == 0 else _OVER

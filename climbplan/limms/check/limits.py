@@ -33,10 +33,14 @@ LIMITS = {
     "clear.modules": Limit(1e-4, "m", "modules stay out of each other"),
     "clear.self": Limit(1e-4, "m", "links of a module stay out of each other"),
     "clear.box": Limit(1e-4, "m", "the box stays out of solids and other boxes"),
-    "box.motion": Limit(1e-4, "m, m/s", "position, velocity and acceleration belong together"),
+    "box.motion": Limit(
+        1e-4, "m, rad, and per s", "position, yaw, their rates and accelerations belong together"
+    ),
     "box.dynamics": Limit(1e-4, "N", "m a = sum of forces + weight, unless the box is stable"),
     "box.stable": Limit(1e-6, "m", "a stable box stands still on the ground"),
-    "box.moment": Limit(1e-4, "N m", "foot forces of a quadruped leave no moment about its centre"),
+    "box.moment": Limit(
+        1e-4, "N m", "foot forces of a quadruped turn it as planned, nothing turns a free box"
+    ),
     "latch.moment": Limit(1e-4, "N m", "latches hold the moment of an arm's force"),
     "force.limit": Limit(1e-4, "N", "forces within what a contact holds"),
     "force.friction": Limit(1e-4, "N", "foot forces within the friction cone, pushing"),
@@ -45,7 +49,8 @@ LIMITS = {
     ),
     "support.sides": Limit(1e-4, "m", "each foot stands on its own side of the box"),
     "goal.reached": Limit(1e-4, "m", "each box ends at its goal"),
-    "goal.speed": Limit(1e-4, "m/s", "and no faster than it may arrive"),
+    "goal.turned": Limit(1e-4, "rad", "turned as it is to be, and never where it keeps its yaw"),
+    "goal.speed": Limit(1e-4, "m/s, rad/s", "and no faster than it may arrive"),
     "goal.order": Limit(0, "s", "boxes come to their goals in the order of the spec"),
 }
 

@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.limms.check.contacts import NOBODY, Contact, contacts_of, islands
-from climbplan.limms.check.dense import STEP, Stretch, carriers_first, stretches
+from climbplan.limms.check.dense import (
+    STEP,
+    Stretch,
+    anchor_pose,
+    carriers_first,
+    stretches,
+)
 from climbplan.limms.check.newton_euler import (
     Demand,
     EndMotion,
@@ -60,6 +66,7 @@ def _stretch_loads(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> Str
     for b in range(boxes):
         rise = _box_acceleration(plan, stretch, b) + np.array([0.0, 0.0, GRAVITY])
         wanted[count + b, :, :3] = plan.box_mass[b] * rise
+        wanted[count + b, :, 5] = vertical_inertia(plan, b) * _turning(plan, stretch, b)
     contacts = contacts_of(plan, stretch)
     wrench = np.zeros((len(contacts), samples, 6))
     unheld = np.zeros(samples)
@@ -132,18 +139,14 @@ def _demands(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> dict[int,
     count, anchors = len(plan.module_names), len(plan.anchor_names)
     bodies = link_bodies(module)
     turns = _accelerations(plan, stretch)
-    still = np.zeros((len(stretch.time), 3))
-    boxes = [
-        EndMotion(still, still, _box_acceleration(plan, stretch, b)) for b in range(plan.deliveries)
-    ]
     found: dict[int, Demand] = {}
     for m in carriers_first(plan, first):
         held = (int(motion.base_anchor[first, m]), int(motion.tip_anchor[first, m]))
         ground = int(motion.ground_end[first, m])
         root, moved = max(ground, 0), _driven(plan, stretch, m, max(ground, 0))
         for end, anchor in enumerate(held):
-            if 0 <= anchor < 4 * len(boxes):
-                root, moved = end, boxes[anchor // 4]
+            if 0 <= anchor < 4 * plan.deliveries:
+                root, moved = end, _on_box(plan, stretch, anchor)
             elif 4 <= anchor < anchors:
                 root, moved = end, at_rest(len(stretch.time))
                 break
@@ -153,6 +156,29 @@ def _demands(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> dict[int,
                 break
         found[m] = demand(bodies, stretch.points[m], root, moved, stretch.rates[:, m], turns[:, m])
     return {m: found[m] for m in range(count)}
+
+
+def vertical_inertia(plan: LimmsPlan, b: int) -> float:
+    """Moment of inertia of a box, as heavy all through, about the vertical [kg m^2]."""
+    x, y, _ = plan.box_size[b]
+    return float(plan.box_mass[b] * (x**2 + y**2) / 12)
+
+
+def _on_box(plan: LimmsPlan, stretch: Stretch, anchor: int) -> EndMotion:
+    """How an end on a box moves that moves and turns."""
+    b = anchor // 4
+    spin, spin_rate = np.zeros((len(stretch.time), 3)), np.zeros((len(stretch.time), 3))
+    spin[:, 2], spin_rate[:, 2] = stretch.yaw_rate[:, b], _turning(plan, stretch, b)
+    arm = anchor_pose(plan, anchor, 0, stretch.box, stretch.yaw).position - stretch.box[:, b]
+    carried = np.cross(spin_rate, arm) + np.cross(spin, np.cross(spin, arm))
+    return EndMotion(spin, spin_rate, _box_acceleration(plan, stretch, b) + carried)
+
+
+def _turning(plan: LimmsPlan, stretch: Stretch, b: int) -> Array:
+    """(M,) yaw accelerations of a box: linear between samples, as stored [rad/s^2]."""
+    span = slice(stretch.first, stretch.last + 1)
+    values = plan.motion.box_yaw_acceleration[span, b]
+    return np.asarray(np.interp(stretch.time, plan.motion.time[span], values))
 
 
 def _box_acceleration(plan: LimmsPlan, stretch: Stretch, b: int) -> Array:

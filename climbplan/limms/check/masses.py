@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.loads import StretchLoads, loads_of_all
 from climbplan.limms.plan import LimmsPlan
@@ -98,14 +99,18 @@ def _contacts(plan: LimmsPlan, module: ModuleSpec, loads: StretchLoads, needs: N
         # Ground pushes, within its friction cone, and where the body is over it
         aside, push = np.hypot(force[:, 0], force[:, 1]), force[:, 2]
         needs.of("load.ground").look(time, aside, plan.friction * push, contact.name, "N")
-        tilt = np.abs(moment[:, :2])
         if contact.kind == "ground":
             held = module.radius * np.maximum(push, 0) + module.ground_moment
-            tilting = np.hypot(tilt[:, 0], tilt[:, 1])
+            tilting = np.hypot(moment[:, 0], moment[:, 1])
             needs.of("load.tip").look(time, tilting, held, contact.name, "N m")
             continue
+        # About the box's own edges
+        b = contact.body - len(plan.module_names)
+        tilt = np.abs(np.swapaxes(turned(loads.stretch.yaw[:, b]), 1, 2) @ moment[..., None])[
+            ..., 0
+        ]
         for axis in (0, 1):
-            half = plan.box_size[contact.body - len(plan.module_names), 1 - axis] / 2
+            half = plan.box_size[b, 1 - axis] / 2
             held = half * np.maximum(push, 0)
             needs.of("load.tip").look(time, tilt[:, axis], held, contact.name, "N m")
 

@@ -11,7 +11,13 @@ from climbplan.limms.check.dense import Stretch, anchor_pose, stretches
 from climbplan.limms.check.kinematics import on_end, on_ground
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.worst import Worst
-from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
+from climbplan.limms.modules.contact import (
+    gap_between,
+    gap_to_blocks,
+    gap_to_boxes,
+    gap_within,
+    link_segments,
+)
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.plans.check import Check
@@ -69,7 +75,7 @@ def _latches(plan: LimmsPlan, stretch: Stretch, worst: Worst) -> None:
                 joined = on_end(carrying, its_end, end)
                 turn = np.abs(stretch.points[m].rotation[:, 7 * end] - joined)
             else:
-                pose = anchor_pose(plan, anchor, end, stretch.box)
+                pose = anchor_pose(plan, anchor, end, stretch.box, stretch.yaw)
                 target = pose.position
                 turn = np.abs(stretch.points[m].rotation[:, 7 * end] - pose.rotation)
             off = np.linalg.norm(stretch.points[m].position[:, 7 * end] - target, axis=-1)
@@ -144,15 +150,14 @@ def _collisions(
     segments = [link_segments(points, radius) for points in stretch.points]
     moving = [everything or bool(np.ptp(s, axis=0).max() > 1e-12) for s in segments]
     half = plan.box_size / 2
-    box_moves = np.ptp(stretch.box, axis=0).max() > 1e-12
-    low, high = stretch.box - half, stretch.box + half
+    box_moves = max(np.ptp(each, axis=0).max() for each in (stretch.box, stretch.yaw)) > 1e-12
     for m, name in enumerate(plan.module_names):
         if moving[m]:
             gap = gap_to_blocks(segments[m], plan.solids[:, 0], plan.solids[:, 1], radius)
             worst.look("clear.solids", stretch.time, -gap, name)
             worst.look("clear.self", stretch.time, -gap_within(segments[m], radius), name)
         if moving[m] or box_moves:
-            gap = gap_to_blocks(segments[m], low, high, radius)
+            gap = gap_to_boxes(segments[m], stretch.box, stretch.yaw, half, radius)
             worst.look("clear.boxes", stretch.time, -gap, name)
     for a, b in combinations(range(count), 2):
         if moving[a] or moving[b]:

@@ -68,6 +68,7 @@ def backwards(stretch: Stretch) -> Stretch:
         box=stretch.box[::-1],
         velocity=-stretch.velocity[::-1],
         acceleration=stretch.acceleration[::-1],
+        turning=stretch.turning[::-1] * np.array([1.0, -1.0, 1.0]),
         base_position=stretch.base_position[::-1],
         base_rotation=stretch.base_rotation[::-1],
         angles=stretch.angles[::-1],

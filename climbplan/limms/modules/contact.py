@@ -35,6 +35,21 @@ def gap_to_blocks(segments: Array, lower: Array, upper: Array, radius: float) ->
     return gap
 
 
+def gap_to_boxes(segments: Array, centre: Array, yaw: Array, half: Array, radius: float) -> Array:
+    """Gaps (..., 4, B) of links (..., 4, 2, 3) from upright boxes [m].
+
+    centre: (..., B, 3) [m]; yaw: (..., B) [rad]; half: (B, 3) half edges [m].
+    """
+    if not yaw.any():
+        return gap_to_blocks(segments, centre - half, centre + half, radius)
+    c, s = np.cos(yaw)[..., None, :, None], np.sin(yaw)[..., None, :, None]
+    off = segments[..., None, :, :] - centre[..., None, :, None, :]  # (..., 4, B, 2, 3)
+    x, y = c * off[..., 0] + s * off[..., 1], c * off[..., 1] - s * off[..., 0]
+    own = np.stack([x, y, off[..., 2]], axis=-1)  # in the boxes' frames
+    gap: Array = segment_to_block(own[..., 0, :], own[..., 1, :], -half, half) - radius
+    return gap
+
+
 def gap_between(one: Array, other: Array, radius: float) -> Array:
     """Gaps (..., 4, 4) between the links of two modules [m]."""
     a, b = one[..., :, None, :, :], other[..., None, :, :, :]

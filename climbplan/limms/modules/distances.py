@@ -59,3 +59,25 @@ def block_gap(centre: Array, half: Array, lower: Array, upper: Array) -> Array:
     """Signed gap (...) between axis-parallel blocks along their best axis [m]."""
     gap: Array = np.maximum(lower - (centre + half), (centre - half) - upper).max(axis=-1)
     return gap
+
+
+def upright_gap(
+    centre: Array, yaw: Array, half: Array, other: Array, its_yaw: Array, its_half: Array
+) -> Array:
+    """Signed gap (...) between upright blocks along their best axis [m].
+
+    Blocks have centres (..., 3), yaws (...) about the vertical and half edges (3,). Of convex
+    outlines the best axis is a normal of one of their edges, so that the sign is exact.
+    """
+    apart = other - centre
+    gaps = [np.abs(apart[..., 2]) - half[2] - its_half[2]]
+    for turned in (yaw, its_yaw):
+        for axis in (turned, turned + np.pi / 2):
+            away = np.abs(apart[..., 0] * np.cos(axis) + apart[..., 1] * np.sin(axis))
+            spans = [
+                h[0] * np.abs(np.cos(y - axis)) + h[1] * np.abs(np.sin(y - axis))
+                for h, y in ((half, yaw), (its_half, its_yaw))
+            ]
+            gaps.append(away - spans[0] - spans[1])
+    gap: Array = np.max(gaps, axis=0)
+    return gap

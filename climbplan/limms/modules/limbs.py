@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.limms.modules.chain import along, forward
+from climbplan.limms.placement import centre_of, upright, yaw_of
 from climbplan.limms.scene import FLIP, SIDE_NORMALS, Array, Points, Pose, Scene, anchor_frame
 from climbplan.limms.statement import Limb
 
@@ -58,21 +59,30 @@ def root_on_anchor(scene: Scene, wall: int, end: int) -> Pose:
 
 
 def side_pose(scene: Scene, box: Array, side: int, end: int) -> Pose:
-    """Pose of an end latched to a side of the box to deliver, its centre at `box` (3,)."""
-    return Pose(box + scene.side_offset(0, side), end_rotation(SIDE_NORMALS[side], end))
+    """Pose of an end latched to a side of the box to deliver, which is placed at `box` (..., D)."""
+    return _on_box(scene, box, side, end_rotation(SIDE_NORMALS[side], end))
+
+
+def _on_box(scene: Scene, box: Array, side: int, rotation: Array) -> Pose:
+    """An end on a side of the box; rotation: (3, 3) in the box's frame."""
+    offset = scene.side_offset(0, side)
+    if box.shape[-1] == 3:
+        return Pose(box + offset, rotation)
+    frame = upright(yaw_of(box))
+    return Pose(centre_of(box) + frame @ offset, frame @ rotation)
 
 
 def limb_frames(scene: Scene, limb: Limb, box: Array, other: Array) -> tuple[Pose, Pose]:
-    """First and last end of a limb for box centres and other ends (..., 3)."""
-    on_box = Pose(box + scene.side_offset(0, limb.side), limb.box_rotation)
-    far = Pose(np.broadcast_to(other, box.shape), limb.other_rotation)
+    """First and last end of a limb for placements of the box (..., D), other ends (..., 3)."""
+    on_box = _on_box(scene, box, limb.side, limb.box_rotation)
+    far = Pose(np.broadcast_to(other, (*box.shape[:-1], 3)), limb.other_rotation)
     return (on_box, far) if limb.box_end == 0 else (far, on_box)
 
 
 def limb_angles(
     scene: Scene, limb: Limb, box: Array, other: Array, branch: tuple[int, int, int]
 ) -> tuple[Array, Array]:
-    """Angles (T, 6) along a path of box centres (T, 3), and missing reach (T) [m]."""
+    """Angles (T, 6) along a path of placements of the box (T, D), and missing reach (T) [m]."""
     first, last = limb_frames(scene, limb, box, other)
     shape = (len(box), 3, 3)
     first = Pose(first.position, np.broadcast_to(first.rotation, shape))

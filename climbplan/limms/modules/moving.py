@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.limms.modules.chain import forward, from_last
-from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
+from climbplan.limms.modules.contact import (
+    gap_between,
+    gap_to_blocks,
+    gap_to_boxes,
+    gap_within,
+    link_segments,
+)
 from climbplan.limms.scene import Array, Points, Pose
 from climbplan.limms.timeline import PlanSoFar
 
@@ -21,15 +27,15 @@ def gaps(world: PlanSoFar, module: int, points: Points, root_end: int | None = N
     """
     scene, radius = world.scene, world.scene.module.radius
     segments = link_segments(points, radius)
-    half = scene.box_size / 2
-    centres = np.vstack([world.box, scene.box_start[1:]])
-    lower = np.vstack([scene.solids[:, 0], centres - half])
-    upper = np.vstack([scene.solids[:, 1], centres + half])
+    lower, upper = scene.solids[:, 0], scene.solids[:, 1]
     moving = segments
     if root_end is not None:
         moving = segments[..., 1:, :, :] if root_end == 0 else segments[..., :3, :, :]
     found = [
         gap_to_blocks(moving, lower, upper, radius).min(axis=(-1, -2)),
+        gap_to_boxes(moving, world.centres, world.yaws, scene.box_size / 2, radius).min(
+            axis=(-1, -2)
+        ),
         gap_within(segments, radius).min(axis=-1),
     ]
     found += [

@@ -60,7 +60,7 @@ def relatch(
 
 def _owners(scene: Scene, connection: Connection) -> Iterator[int]:
     """Modules, those nearest to the side of the box first."""
-    place = scene.box_start[0] + scene.side_offset(0, connection.side)
+    place = side_pose(scene, scene.start_place, connection.side, 0).position
     ranked = []
     for module in range(scene.count):
         anchor = int(scene.held[module]) - scene.wall_offset
@@ -87,7 +87,7 @@ def on_box(
         scene, int(scene.held[module]) - scene.wall_offset
     ):
         raise Blocked(f"{scene.module_names[module]} is latched to a wall and cannot drive")
-    target = side_pose(scene, world.box, side, 1)
+    target = side_pose(scene, world.place, side, 1)
     name = scene.module_names[module]
     return latch_from_ground(world, module, target, side, DRIVES, name, rng)
 
@@ -98,19 +98,19 @@ def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Genera
     name = scene.module_names[module]
     root = root_on_anchor(scene, int(scene.held[module]) - scene.wall_offset, 0)
     limb = arm(module, side, root, 1)
-    here = world.box[None]
+    here = world.place[None]
     reason = Blocked(f"{name}: the box is out of reach from where it is latched")
     for _, _, choice in branch_choices(scene, limb, here, root.position[None]):
         angles, _ = limb_angles(scene, choice, here, root.position[None], choice.branch)
         attempt = world.copy()
         try:
-            reach_box(attempt, choice, attempt.box, angles[:1], f"{name}: to the box", rng)
+            reach_box(attempt, choice, attempt.place, angles[:1], f"{name}: to the box", rng)
             latch_box(attempt, [choice])
             hold(attempt, choice, f"{name}: latch")
             attempt.box_mode = STABLE
             attempt.mode[module] = DRIVES
             attempt.base_anchor[module] = NOWHERE
-            leave(attempt, module, side_pose(scene, attempt.box, side, 1), 1, f"{name}: let go")
+            leave(attempt, module, side_pose(scene, attempt.place, side, 1), 1, f"{name}: let go")
         except Blocked as error:
             reason = error
             continue
@@ -142,7 +142,7 @@ def _from_box(
     scene, module = world.scene, limb.module
     world = world.copy()
     name = f"{scene.module_names[module]}: to the wall"
-    root = side_pose(scene, world.box, limb.side, limb.box_end)
+    root = side_pose(scene, world.place, limb.side, limb.box_end)
     target = root_on_anchor(scene, connection.root, 1 - limb.box_end)
     reach(world, module, root, limb.box_end, target, outcome.traces[0].angles[0, 0], name, rng)
     anchors = world.tip_anchor if limb.box_end == 0 else world.base_anchor

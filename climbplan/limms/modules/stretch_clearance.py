@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.limms.modules.chain import forward
-from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
+from climbplan.limms.modules.contact import (
+    gap_between,
+    gap_to_blocks,
+    gap_to_boxes,
+    gap_within,
+    link_segments,
+)
 from climbplan.limms.modules.moving import Blocked
+from climbplan.limms.placement import in_world
 from climbplan.limms.scene import Array, Pose, Scene
 from climbplan.limms.timeline import Stretch
 
@@ -25,15 +32,17 @@ def require_clear_of_all(scene: Scene, stretch: Stretch) -> None:
     radius = scene.module.radius
     segments = [_segments(scene, stretch, m) for m in range(scene.count)]
     moving = [bool(np.ptp(each, axis=0).max() > _STILL) for each in segments]
-    box_moves = bool(np.ptp(stretch.box, axis=0).max() > _STILL)
-    low, high = _boxes(scene, stretch)
+    moves = max(np.ptp(stretch.box, axis=0).max(), np.ptp(stretch.turning[:, 0]))
+    box_moves = bool(moves > _STILL)
+    centres, yaws = _boxes(scene, stretch)
     for m, name in enumerate(scene.module_names):
         if moving[m]:
             solids = gap_to_blocks(segments[m], scene.solids[:, 0], scene.solids[:, 1], radius)
             _require(solids, f"module {name}", "something solid")
             _require(gap_within(segments[m], radius), f"module {name}", "itself")
         if moving[m] or box_moves:
-            _require(gap_to_blocks(segments[m], low, high, radius), f"module {name}", "a box")
+            gap = gap_to_boxes(segments[m], centres, yaws, scene.box_size / 2, radius)
+            _require(gap, f"module {name}", "a box")
         for other in range(m):
             if moving[m] or moving[other]:
                 gap = gap_between(segments[m], segments[other], radius)
@@ -49,7 +58,8 @@ def _require_following(scene: Scene, stretch: Stretch) -> None:
             if 0 <= anchors[m] < 4:
                 base = Pose(stretch.base_position[:, m], stretch.base_rotation[:, m])
                 held = forward(scene.module, base, stretch.angles[:, m]).position[:, 7 * end]
-                off = held - stretch.box - scene.side_offset(0, int(anchors[m]))
+                offset = scene.side_offset(0, int(anchors[m]))
+                off = held - stretch.box - in_world(stretch.turning[:, 0], offset)
                 if np.abs(off).max() > _LATCHED:
                     raise Blocked(f"module {name} does not reach the box all the way")
 
@@ -67,8 +77,9 @@ def _segments(scene: Scene, stretch: Stretch, module: int) -> Array:
 
 
 def _boxes(scene: Scene, stretch: Stretch) -> tuple[Array, Array]:
-    """Lower and upper corners (n, B, 3) of all boxes."""
+    """Centres (n, B, 3) and yaws (n, B) of all boxes."""
     count = len(stretch.time)
     parked = np.tile(scene.box_start[1:], (count, 1, 1))
     centres = np.concatenate([stretch.box[:, None], parked], axis=1)
-    return centres - scene.box_size / 2, centres + scene.box_size / 2
+    still = np.tile(scene.start_yaws[1:], (count, 1))
+    return centres, np.concatenate([stretch.turning[:, :1], still], axis=1)

@@ -54,7 +54,10 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
         below.axhline(plan.goal[b, axis], color=color, linewidth=0.7, linestyle=":")
     below.set_xlabel(scale.label)
     below.set_ylabel("box [m]")
-    below.legend(frameon=False, fontsize=8, ncols=3, loc="upper left")
+    is_turned = bool(motion.box_yaw.any() or plan.goal_yaw.any())
+    if is_turned:
+        _yaws(plan, below)
+    below.legend(frameon=False, fontsize=8, ncols=3 + is_turned, loc="upper left")
     panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
     style_axes(below)
     scale.apply((top, below))
@@ -62,6 +65,19 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
     labels = [*(f"box {n}" for n in BOX_MODES.values()), *MODULE_MODES.values()]
     foot_legend(figure, handles, labels)
     return figure
+
+
+def _yaws(plan: LimmsPlan, ax: Axes) -> None:
+    """How boxes are turned, on an axis of their own."""
+    right = ax.twinx()
+    for b in range(plan.deliveries):
+        style = _STYLES[b % len(_STYLES)]
+        yaw = np.degrees(plan.motion.box_yaw[:, b])
+        ax.plot([], [], label="yaw", color=palette.INK, linewidth=1.4, linestyle=style)
+        right.plot(plan.motion.time, yaw, color=palette.INK, linewidth=1.4, linestyle=style)
+    right.set_ylabel("yaw [deg]", fontsize=ax.yaxis.label.get_fontsize())
+    right.tick_params(labelsize=ax.yaxis.get_ticklabels()[0].get_fontsize())
+    right.spines["top"].set_visible(False)
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
+from climbplan.limms.placement import upright
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.reports import palette
@@ -93,12 +94,12 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
         if (a < b).all():
             _block(ax, a, b, palette.SURFACE, 0.5)
     for number, size in enumerate(plan.box_size):
-        centre = plan.motion.box_position[sample, number]
+        centre, yaw = plan.motion.box_position[sample, number], plan.motion.box_yaw[sample, number]
         color = palette.OBSTACLE if number < plan.deliveries else palette.MUTED
-        _block(ax, centre - size / 2, centre + size / 2, color, 0.55)
+        _faces(ax, _box_corners(centre, float(yaw), size), color, 0.55)
     count = plan.deliveries
-    for place, half in zip(plan.goal[:count], plan.box_size[:count] / 2, strict=True):
-        goal = silhouette(_CAMERA.project(_corners(place - half, place + half)))
+    for place, turn, size in zip(plan.goal, plan.goal_yaw, plan.box_size[:count], strict=False):
+        goal = silhouette(_CAMERA.project(_box_corners(place, float(turn), size)))
         outline = Polygon(goal, fill=False, edgecolor=palette.FAILURE, linestyle="--")
         outline.set_linewidth(1)
         ax.add_patch(outline)
@@ -119,8 +120,17 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
         )
 
 
+def _box_corners(centre: Array, yaw: float, size: Array) -> Array:
+    """Corners (8, 3) of a box that stands upright [m]."""
+    return centre + _corners(-size / 2, size / 2) @ upright(yaw).T
+
+
 def _block(ax: Axes, low: Array, high: Array, color: str, alpha: float) -> None:
-    corners = _corners(low, high)
+    _faces(ax, _corners(low, high), color, alpha)
+
+
+def _faces(ax: Axes, corners: Array, color: str, alpha: float) -> None:
+    """The faces of a block (8, 3) that are seen."""
     flat = _CAMERA.project(corners)
     centre = corners.mean(axis=0)
     for face in _FACES:

@@ -93,6 +93,8 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
         "box": {
             "mass": float(plan.box_mass[0]),
             "goal": plan.goal[0].tolist(),
+            "goal_yaw": float(plan.goal_yaw[0]),
+            "final_yaw": float(plan.motion.box_yaw[-1, 0]),
             "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, last])),
             "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan)],
         },
@@ -100,6 +102,8 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
             {
                 "mass": float(plan.box_mass[b]),
                 "goal": plan.goal[b].tolist(),
+                "goal_yaw": float(plan.goal_yaw[b]),
+                "final_yaw": float(plan.motion.box_yaw[-1, b]),
                 "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan, b)],
             }
             for b in range(plan.deliveries)

@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from climbplan.limms.placement import upright
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
 from climbplan.limms.summary import boxes_in_words
@@ -41,8 +42,15 @@ def scene_of_modules(plan: LimmsPlan) -> Scene:
     """The scene of a plan that was read."""
     motion = plan.motion
     count, modules = motion.joint_position.shape[:2]
+    # A turn counts as what corners go by it
+    arms = np.linalg.norm(plan.box_size[:, :2] / 2, axis=1)
     values = np.concatenate(
-        [motion.box_position.reshape(count, -1), motion.joint_position.reshape(count, -1)], axis=1
+        [
+            motion.box_position.reshape(count, -1),
+            motion.box_yaw * arms,
+            motion.joint_position.reshape(count, -1),
+        ],
+        axis=1,
     )
     changed = (np.diff(motion.time) <= 0) | (np.diff(motion.mode, axis=0) != 0).any(axis=1)
     forced = np.concatenate([[False], changed]) | np.concatenate([changed, [False]])
@@ -78,7 +86,7 @@ def scene_of_modules(plan: LimmsPlan) -> Scene:
             np.full(modules * each, float(plan.module["radius"])),
             tuple(palette.limb_color(m) for m in range(modules) for _ in range(each)),
         ),
-        boxes=_boxes(plan, boxes),
+        boxes=_boxes(plan, boxes, motion.box_yaw[kept]),
         forces=_forces(plan, kept),
         lower=lower,
         upper=upper,
@@ -125,15 +133,16 @@ def _anchors(plan: LimmsPlan) -> list[Shape]:
     for b, (goal, half) in enumerate(zip(plan.goal, plan.box_size / 2, strict=True)):
         if b < plan.deliveries:
             name = f"goal {b}" if plan.deliveries > 1 else "goal"
-            shapes.append(block(name, goal - half, goal + half, palette.LABELS[0], 0.2))
+            turn = float(plan.goal_yaw[b])
+            shapes.append(block(name, goal - half, goal + half, palette.LABELS[0], 0.2, turn))
     return shapes
 
 
-def _boxes(plan: LimmsPlan, center: Array) -> Boxes:
+def _boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
     count, boxes = center.shape[:2]
     return Boxes(
         center,
-        np.broadcast_to(np.eye(3), (count, boxes, 3, 3)),
+        upright(yaw),
         np.broadcast_to(plan.box_size, (count, boxes, 3)),
         tuple(palette.OBSTACLE if b < plan.deliveries else palette.MUTED for b in range(boxes)),
         0.85,

@@ -160,8 +160,12 @@ def outline(shape: Shape) -> Index:
 _CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
-def block(name: str, lower: Array, upper: Array, color: str, opacity: float) -> Shape:
-    """An axis-aligned cuboid that stands still."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    placed = lower + corners * (upper - lower)
+def block(
+    name: str, lower: Array, upper: Array, color: str, opacity: float, yaw: float = 0.0
+) -> Shape:
+    """A cuboid that stands still, axis-aligned but for a turn by `yaw` [rad] about its middle."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    placed = (lower + upper) / 2 + (corners * (upper - lower) / 2) @ turn.T
     return polygons(name, [placed[list(face)] for face in _CUBE_FACES], color, opacity)

@@ -127,7 +127,8 @@ def _box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
     mass = float(plan.box_mass[b]) + conditions.payload
     inertia = mass / 12 * ((size**2).sum() - size**2)
     return (
-        f'<body name="{name}" pos="{_numbers(plan.motion.box_position[0, b])}"><freejoint/>'
+        f'<body name="{name}" pos="{_numbers(plan.motion.box_position[0, b])}"'
+        f' euler="0 0 {plan.motion.box_yaw[0, b]:.9g}"><freejoint/>'
         f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{_numbers(inertia)}"/>'
         f'<geom name="{name}" type="box" size="{_numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
         f' contype="{_BOX}" conaffinity="{_SOLID | _BOX}"/></body>'

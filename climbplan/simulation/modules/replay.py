@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.limms.check.contacts import NOBODY, Contact
+from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.loads import StretchLoads, loads_of_all
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
@@ -70,7 +71,7 @@ class ModuleRun:
     time: Array  # (S,) [s]
     box: Array  # (S, D, 3) of the boxes that are delivered [m]
     planned_box: Array  # (S, D, 3)
-    tilt: Array  # (S, D) [rad] of them
+    tilt: Array  # (S, D) [rad] of them off their planned attitude
     bend: Array  # (S, L) worst joint off its plan [rad]
     torque: Array  # (S, L, 6) [N m]
     planned_torque: Array  # (S, L, 6)
@@ -180,6 +181,8 @@ class _World:
         for b, body in enumerate(self.boxes):
             box = self.model.jnt_qposadr[self.model.body_jntadr[body]]
             data.qpos[box : box + 3] = first.stretch.box[0, b]
+            half = first.stretch.yaw[0, b] / 2
+            data.qpos[box + 3 : box + 7] = np.cos(half), 0.0, 0.0, np.sin(half)
         quat = np.empty(4)
         for m in range(len(self.plan.module_names)):
             points = first.stretch.points[m]
@@ -219,7 +222,9 @@ class _World:
         goal = contact.place[0]
         count = len(self.plan.module_names)
         if contact.other >= count:
-            missed = there - (goal - loads.stretch.box[0, contact.other - count])
+            b = contact.other - count
+            off = goal - loads.stretch.box[0, b]
+            missed = there - turned(-loads.stretch.yaw[0, b]) @ off
         elif contact.other != NOBODY:
             tip = self.module.link_lengths[-1] if contact.other_end else 0.0
             missed = there - np.array([0.0, 0.0, tip])
@@ -251,6 +256,7 @@ class _World:
         rates = _between(stretch.time, rates, at)
         torque = _between(stretch.time, loads.torque, at)
         box = _between(stretch.time, stretch.box[:, : len(self.boxes)], at)
+        frames = turned(_between(stretch.time, stretch.yaw[:, : len(self.boxes)], at))
         places = [_between(stretch.time, c.place, at) for c in loads.contacts]
         planned = [_between(stretch.time, w, at) for w in loads.wrench]
         given = angles + (DAMPING * rates + torque) / (STIFF * self.conditions.gain)
@@ -275,7 +281,7 @@ class _World:
                     contact = self.closed[hold].contact
                     row = (float(at[k]), planned[numbers[id(contact)]][k], wrench)
                     kept.setdefault(contact.name, []).append(row)
-            self._keep(float(at[k]), box[k], angles[k], torque[k])
+            self._keep(float(at[k]), box[k], frames[k], angles[k], torque[k])
             if watch is not None:
                 watch(len(self.rows) - 1, self.model, data)
             if lost:
@@ -341,16 +347,16 @@ class _World:
             return f"{name} holds {held:.3g} N m and bears {tilt:.3g} N m"
         return ""
 
-    def _keep(self, time: float, box: Array, angles: Array, torque: Array) -> None:
+    def _keep(self, time: float, box: Array, frames: Array, angles: Array, torque: Array) -> None:
         data = self.data
-        turned = data.xmat[self.boxes].reshape(-1, 3, 3)
-        upright = np.clip((np.trace(turned, axis1=1, axis2=2) - 1) / 2, -1, 1)
+        off = data.xmat[self.boxes].reshape(-1, 3, 3) @ np.swapaxes(frames, 1, 2)
+        cosine = np.clip((np.trace(off, axis1=1, axis2=2) - 1) / 2, -1, 1)
         self.rows.append(
             {
                 "time": time,
                 "box": data.xpos[self.boxes].copy(),
                 "planned_box": box,
-                "tilt": np.arccos(upright),
+                "tilt": np.arccos(cosine),
                 "bend": np.abs(data.qpos[self.at] - angles).max(axis=1),
                 "torque": data.actuator_force.reshape(-1, JOINTS).copy(),
                 "planned_torque": torque,

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.limms.space import (
+    Placed,
     Space,
     anchor_fault,
     block_fault,
@@ -65,15 +66,46 @@ class SpaceSpec(SpecModel):
 
 
 class BoxSpec(SpecModel):
-    """The box to deliver; it does not turn (chapter 6.3, assumption 1)."""
+    """The box to deliver; it stays upright, and turns about the vertical where it is asked to."""
 
     size: Vector = quantity("m", "edge lengths along x, y and z")
     mass: Number = quantity("kg", "mass", gt=0)
     start: Vector = quantity("m", "centre at the start, where it stands")
     goal: Vector = quantity("m", "centre at the end")
+    start_yaw_deg: Number = quantity(
+        "deg",
+        "how its edges are turned about the vertical at the start, from x towards y",
+        default=0.0,
+        ge=-180,
+        le=180,
+    )
+    goal_yaw_deg: Number = quantity(
+        "deg", "the same at the end; it turns the near way round", default=0.0, ge=-180, le=180
+    )
     arrival_speed: Number = quantity(
         "m/s", "largest speed at which it may arrive; 0: it arrives at rest", default=0.0, ge=0
     )
+
+    @property
+    def at_start(self) -> Placed:
+        """Where it stands first."""
+        return Placed(self.start, self.size, self.start_yaw_deg)
+
+    @property
+    def at_goal(self) -> Placed:
+        """Where it is to be."""
+        return Placed(self.goal, self.size, self.goal_yaw_deg)
+
+    @property
+    def stays(self) -> bool:
+        """Whether it is at its goal from the start."""
+        turn = (self.goal_yaw_deg - self.start_yaw_deg) % 360
+        return self.start == self.goal and turn == 0
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether its edges are ever off the axes of the world."""
+        return self.start_yaw_deg != 0 or self.goal_yaw_deg != 0
 
 
 class ParkedSpec(SpecModel):
@@ -208,6 +240,14 @@ def _several_faults(spec: LimmsSpec) -> list[Fault]:
         for i, box in enumerate(spec.boxes[:-1])
         if box.arrival_speed > 0
     ]
+    faults += [
+        Fault(
+            f"{key}.{'start' if box.start_yaw_deg else 'goal'}_yaw_deg",
+            "expected 0: `admm` does not turn boxes, `modes` does",
+        )
+        for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True)
+        if box.is_turned and spec.solver.method == "admm"
+    ]
     if len(spec.boxes) < 2:
         return faults
     if spec.solver.method == "admm":
@@ -291,31 +331,31 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         for i, o in enumerate(spec.terrain.obstacles)
         if not reaches_free_space((o.lower, o.upper), regions)
     ]
-    standing: list[tuple[str, Vector, Vector]] = []
-    ends: list[tuple[str, Vector, Vector]] = []
+    standing: list[tuple[str, Placed]] = []
+    ends: list[tuple[str, Placed]] = []
     for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True):
-        faults += block_fault(f"{key}.start", "the box at its start", box.start, box.size, space)
-        faults += block_fault(f"{key}.goal", "the box at its goal", box.goal, box.size, space)
-        standing.append((f"{key}.start", box.start, box.size))
-        ends.append((f"{key}.goal", box.goal, box.size))
+        faults += block_fault(f"{key}.start", "the box at its start", box.at_start, space)
+        faults += block_fault(f"{key}.goal", "the box at its goal", box.at_goal, space)
+        standing.append((f"{key}.start", box.at_start))
+        ends.append((f"{key}.goal", box.at_goal))
     for i, parked in enumerate(spec.parked):
-        key = f"parked.{i}.position"
-        faults += block_fault(key, f"parked box {i}", parked.position, parked.size, space)
-        standing.append((key, parked.position, parked.size))
-    for i, (key, centre, size) in enumerate(standing):
-        for other, place, extent in standing[:i]:
-            if overlaps(centre, size, place, extent):
+        key, place = f"parked.{i}.position", Placed(parked.position, parked.size)
+        faults += block_fault(key, f"parked box {i}", place, space)
+        standing.append((key, place))
+    for i, (key, place) in enumerate(standing):
+        for other, its_place in standing[:i]:
+            if overlaps(place, its_place):
                 faults.append(Fault(key, f"overlaps the box at {other}"))
-    for i, (key, centre, size) in enumerate(ends):
+    for i, (key, place) in enumerate(ends):
         for number, parked in enumerate(spec.parked):
-            if overlaps(centre, size, parked.position, parked.size):
+            if overlaps(place, Placed(parked.position, parked.size)):
                 faults.append(Fault(key, f"inside parked box {number}"))
-        for other, place, extent in ends[:i]:
-            if overlaps(centre, size, place, extent):
+        for other, its_place in ends[:i]:
+            if overlaps(place, its_place):
                 faults.append(Fault(key, f"overlaps the box at {other}"))
-    if spec.box is not None and spec.box.start == spec.box.goal:
+    if spec.box is not None and spec.box.stays:
         faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
-    if spec.boxes and all(box.start == box.goal for box in spec.boxes):
+    if spec.boxes and all(box.stays for box in spec.boxes):
         faults.append(Fault("boxes", "all stand at their goals at the start: nothing to plan"))
     for i, anchor in enumerate(spec.terrain.anchors):
         key = f"terrain.anchors.{i}.position"
@@ -325,7 +365,7 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
     for i, module in enumerate(spec.modules):
         if module.stand is not None:
             faults += stand_fault(f"modules.{i}.stand", module.name, module.stand, space)
-    for key, centre, size in [*standing, *ends[:-1]]:
-        bottom = (centre[0], centre[1], centre[2] - size[2] / 2)
+    for key, ((x, y, z), (_, _, height), _) in [*standing, *ends[:-1]]:
+        bottom = (x, y, z - height / 2)
         faults += stand_fault(key, "the box", bottom, space)
     return faults

@@ -6,32 +6,38 @@ Plain Python, so that a spec is checked without numpy.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import hypot
+from math import cos, hypot, radians, sin
 
 from climbplan.spec.base import Vector
 from climbplan.spec.document import Finding
 from climbplan.spec.limms.model import LimmsSpec
 from climbplan.spec.limms.module import ModuleSpec
-from climbplan.spec.limms.space import TINY, Block
+from climbplan.spec.limms.space import TINY, Block, Placed
+
+_ROUNDS = 60  # of a search for the place on a line that is nearest to a box
 
 
 def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
     """One finding for each module that is in something at the start."""
     space = spec.terrain.space()
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
-    boxes = [(f"obstacle {name!r}", block) for name, block in space.obstacles]
-    boxes += [
-        ("the box at its start" if spec.box else f"box {i} at its start", _block(b.start, b.size))
+    boxes = [
+        ("the box at its start" if spec.box else f"box {i} at its start", b.at_start)
         for i, b in enumerate(spec.deliveries)
     ]
     boxes += [
-        (f"parked box {i}", _block(box.position, box.size)) for i, box in enumerate(spec.parked)
+        (f"parked box {i}", Placed(box.position, box.size)) for i, box in enumerate(spec.parked)
     ]
     lines = list(_lines(spec, module))
     findings = []
     for i, (key, line) in enumerate(lines):
         inside = ["what is solid" for block in walls if _apart(line, block) < module.radius - TINY]
-        inside += [name for name, block in boxes if _apart(line, block) < module.radius - TINY]
+        inside += [
+            f"obstacle {name!r}"
+            for name, block in space.obstacles
+            if _apart(line, block) < module.radius - TINY
+        ]
+        inside += [name for name, box in boxes if _off_box(line, box) < module.radius - TINY]
         inside += [
             f"module {spec.modules[other].name!r}"
             for other in range(i)
@@ -67,10 +73,20 @@ def _vector(values: tuple[float, ...]) -> Vector:
     return (x, y, z)
 
 
-def _block(centre: Vector, size: Vector) -> Block:
-    low = tuple(c - s / 2 for c, s in zip(centre, size, strict=True))
-    high = tuple(c + s / 2 for c, s in zip(centre, size, strict=True))
-    return (_vector(low), _vector(high))
+def _off_box(line: Block, box: Placed) -> float:
+    """Distance of a line along an axis, from its lower to its upper end, from a box [m]."""
+    c, s = cos(radians(box.yaw_deg)), sin(radians(box.yaw_deg))
+
+    def distance(share: float) -> float:
+        x, y, z = (a + share * (b - a) - m for a, b, m in zip(*line, box.centre, strict=True))
+        own = (c * x + s * y, c * y - s * x, z)  # in the box's frame
+        return hypot(*(max(abs(v) - e / 2, 0.0) for v, e in zip(own, box.size, strict=True)))
+
+    low, high = 0.0, 1.0
+    for _ in range(_ROUNDS):  # convex along the line
+        one, other = (2 * low + high) / 3, (low + 2 * high) / 3
+        low, high = (low, other) if distance(one) <= distance(other) else (one, high)
+    return distance((low + high) / 2)
 
 
 def _apart(one: Block, other: Block) -> float:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
+from math import cos, pi, radians, sin
+from typing import NamedTuple
 
 from climbplan.spec.base import Fault, Vector
 
@@ -15,6 +17,14 @@ Block = tuple[Vector, Vector]  # lower and upper corner [m]
 
 SKIN = 1.0  # [m] thickness of the solid round all regions
 TINY = 1e-6  # [m]
+
+
+class Placed(NamedTuple):
+    """A box somewhere, upright."""
+
+    centre: Vector  # [m]
+    size: Vector  # [m]
+    yaw_deg: float = 0.0  # about the vertical
 
 
 @dataclass(frozen=True)
@@ -98,28 +108,47 @@ def _has_room(block: Block) -> bool:
     return all(high - low > TINY for low, high in zip(*block, strict=True))
 
 
-def block_fault(key: str, what: str, centre: Vector, size: Vector, space: Space) -> list[Fault]:
-    """That a block reaches into walls or obstacles, and how deep."""
+def block_fault(key: str, what: str, box: Placed, space: Space) -> list[Fault]:
+    """That a box reaches into walls or obstacles, and how deep."""
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
-    depth = max((_depth(centre, size, block) for block in walls), default=0.0)
-    faults = []
+    depth = max((_depth(box, _placed(block)) for block in walls), default=0.0)
+    faults, centre = [], box.centre
     if not _inside_any(centre, space.free, TINY) and not _inside_any(centre, space.solid):
         faults.append(Fault(key, f"{what} is outside the space"))
     elif depth > TINY:
         faults.append(Fault(key, f"{what} reaches {1e3 * depth:.0f} mm out of the free space"))
     for name, block in space.obstacles:
-        depth = _depth(centre, size, block)
+        depth = _depth(box, _placed(block))
         if depth > TINY:
             said = f"{what} reaches {1e3 * depth:.0f} mm into obstacle {name!r}"
             faults.append(Fault(key, said))
     return faults
 
 
-def _depth(centre: Vector, size: Vector, block: Block) -> float:
-    """How far a block given by centre and size reaches into another one [m]; < 0: apart."""
-    return min(
-        min(c + s / 2 - a, b - c + s / 2) for c, s, a, b in zip(centre, size, *block, strict=True)
-    )
+def _placed(block: Block) -> Placed:
+    centre = _vector((a + b) / 2 for a, b in zip(*block, strict=True))
+    return Placed(centre, _vector(b - a for a, b in zip(*block, strict=True)))
+
+
+def _depth(one: Placed, other: Placed) -> float:
+    """How far a box reaches into another one [m]; < 0: apart.
+
+    Along the vertical or a normal of an edge of either, whichever is least.
+    """
+    apart = [b - a for a, b in zip(one.centre, other.centre, strict=True)]
+    depths = [(one.size[2] + other.size[2]) / 2 - abs(apart[2])]
+    turns = (0.0,) if one.yaw_deg == other.yaw_deg == 0 else (one.yaw_deg, other.yaw_deg)
+    for axis in (radians(turn) + quarter for turn in turns for quarter in (0.0, pi / 2)):
+        spans = [
+            (
+                box.size[0] * abs(cos(radians(box.yaw_deg) - axis))
+                + box.size[1] * abs(sin(radians(box.yaw_deg) - axis))
+            )
+            / 2
+            for box in (one, other)
+        ]
+        depths.append(sum(spans) - abs(apart[0] * cos(axis) + apart[1] * sin(axis)))
+    return min(depths)
 
 
 def anchor_fault(
@@ -145,12 +174,9 @@ def stand_fault(key: str, name: str, point: Vector, space: Space) -> list[Fault]
     return [Fault(key, f"{name} does not stand on the ground there: no solid right below")]
 
 
-def overlaps(centre: Vector, size: Vector, other: Vector, extent: Vector) -> bool:
-    """Whether two blocks overlap."""
-    return all(
-        abs(a - b) < (s + e) / 2 - TINY
-        for a, b, s, e in zip(centre, other, size, extent, strict=True)
-    )
+def overlaps(one: Placed, other: Placed) -> bool:
+    """Whether two boxes overlap."""
+    return _depth(one, other) > TINY
 
 
 def _inside_any(point: Vector, blocks: Sequence[Block], slack: float = 0.0) -> bool:

@@ -100,13 +100,14 @@ class NarrowingSearch:
         """Whether a node was split, after its relaxation and a local search from there."""
         rows = with_planes(self._rows, box.lower, box.upper)
         relaxed = leaf_multipliers(self._instance, rows, box, empty=False)
-        if relaxed is None:
-            return self._divide(node, box, 0.5 * (box.lower + box.upper))
-        proved = self._proofs.tried(rows, box, relaxed.multipliers)
+        found = self._proofs.nothing(box) if relaxed is None else relaxed.multipliers
+        proved = self._proofs.tried(rows, box, found)
         if proved.bound > node.proved.bound:
             node.proved = proved
         if node.proved.bound >= self._enough:
             return False
+        if relaxed is None:
+            return self._divide(node, box, 0.5 * (box.lower + box.upper))
         if self.count <= _OFTEN or self.count % _EVERY == 0:
             self._best = min(self._best, self._look(*self._point(relaxed.v)))
         return node.proved.bound < self._enough and self._divide(node, box, relaxed.v)

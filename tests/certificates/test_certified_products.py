@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from certified_programs import certified_products
+from certified_programs import PRODUCTS_GAP, certified_products
 
 import climbplan
 from climbplan.bench.engine.bilinear import planar_push, turning_flyer
@@ -33,8 +33,9 @@ def _holds_with_products(seed: int) -> None:
         return
     assert found.objective is not None
     scale = 1.0 + abs(found.objective)
-    assert verdict.bound <= found.objective + 1e-5 * scale
-    assert verdict.bound >= found.bound - 1e-5 * scale
+    assert verdict.bound <= found.objective + 1e-5 * scale  # answers may violate rows by 1e-6
+    assert verdict.bound >= found.bound - PRODUCTS_GAP * scale
+    assert verdict.bound >= found.objective - 1.01 * PRODUCTS_GAP * scale
 
 
 @pytest.mark.parametrize("problem", [turning_flyer(2), planar_push(2)])

@@ -49,13 +49,15 @@ class _Sides:
 
 
 def leaf_multipliers(instance: Instance, rows: StatedRows, box: Box, empty: bool) -> Relaxed | None:
-    """Of rows with the planes of a leaf's box; None where the solver finds nothing at all.
+    """Of rows with the planes of a leaf's box; without a point, too, where there is none.
 
-    Without a point, too, where the relaxation turns out to have none.
+    None where nothing is free, or the solver finds nothing at all.
     """
     n, size = instance.size, len(rows.integer)
     width = box.upper - box.lower
     free = np.flatnonzero(width > _FIXED * np.maximum(1.0, np.abs(box.lower)))
+    if not len(free):
+        return None
     fixed = np.where(np.isfinite(width), 0.5 * (box.lower + box.upper), 0.0)
     fixed[free] = 0.0
     equal = np.zeros(len(rows.lower), bool) if empty else _equations(rows, box)

@@ -81,6 +81,8 @@ class NarrowingSearch:
 
     @property
     def _enough(self) -> float:
+        if np.isinf(self._best):
+            return np.inf
         gap = (1.0 - _SAFE) * self._gap
         return self._best - gap * max(abs(self._best), LEAST_OBJECTIVE)
 
@@ -100,13 +102,18 @@ class NarrowingSearch:
         """Whether a node was split, after its relaxation and a local search from there."""
         rows = with_planes(self._rows, box.lower, box.upper)
         relaxed = leaf_multipliers(self._instance, rows, box, empty=False)
-        if relaxed is None:
-            return self._divide(node, box, 0.5 * (box.lower + box.upper))
-        proved = self._proofs.tried(rows, box, relaxed.multipliers)
-        if proved.bound > node.proved.bound:
-            node.proved = proved
+        tried = [self._proofs.nothing(box) if relaxed is None else relaxed.multipliers]
+        if tried[0].point is None and self._proofs.tried(rows, box, tried[0]).bound < np.inf:
+            # Said to be empty, by multipliers that do not prove it
+            surely = leaf_multipliers(self._instance, rows, box, empty=True)
+            tried += [] if surely is None else [surely.multipliers]
+        for found in tried:
+            proved = self._proofs.tried(rows, box, found)
+            node.proved = proved if proved.bound > node.proved.bound else node.proved
         if node.proved.bound >= self._enough:
             return False
+        if relaxed is None:
+            return self._divide(node, box, 0.5 * (box.lower + box.upper))
         if self.count <= _OFTEN or self.count % _EVERY == 0:
             self._best = min(self._best, self._look(*self._point(relaxed.v)))
         return node.proved.bound < self._enough and self._divide(node, box, relaxed.v)

@@ -297,6 +297,16 @@ def test_short_legs_give_latches_their_time() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("start", "goal", "ends"), [(170, -120, 240), (45, 45, 45)])
+def test_boxes_may_stand_turned_at_the_start(start: float, goal: float, ends: float) -> None:
+    yaws = (f"box.start_yaw_deg={start}", f"box.goal_yaw_deg={goal}")
+    plan = plan_limms(loaded("limms_turned", *yaws))
+    assert verification_of(plan).passed
+    told = np.degrees(plan.motion.box_yaw[[0, -1], 0])
+    np.testing.assert_allclose(told, [start, ends], atol=1e-4)
+
+
+@pytest.mark.slow
 def test_boxes_are_swapped_and_turned() -> None:
     turns = ("boxes.0.goal_yaw_deg=20", "boxes.1.goal_yaw_deg=-20")
     plan = plan_limms(loaded("limms_swap", *turns))

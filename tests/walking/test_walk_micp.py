@@ -16,6 +16,7 @@ from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.micp.covering import covering, halves
 from climbplan.walking.micp.frame import Frame
+from climbplan.walking.micp.given_gait import bound_of_gait
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
@@ -156,6 +157,24 @@ def test_bound_and_incumbent_enclose_what_is_best() -> None:
     bounds = [step.bound for step in found.history]
     assert bounds == sorted(bounds)
     assert "within" in found.word
+
+
+def test_the_contacts_of_a_motion_are_bounded_beside_all_others() -> None:
+    task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
+    best = known(task, 200)
+    found = best.trajectory
+    assert found is not None
+    cost, contact = best.objective * 1.001, found.gait.contact[:-1]
+    tube, open_box = tube_about(task, found.state, ANGLES, SPIN), Box.open(task, cost, 4.0)
+    held = relaxation(task, tube, cost, 1, 1, 1.5, open_box.standing(contact))
+    assert program_cost(held, found) <= best.objective * (1 + 1e-6)
+    if not contact.all():  # all legs down is none of them
+        other = open_box.standing(np.ones_like(contact))
+        assert program_cost(relaxation(task, tube, cost, 1, 1, 1.5, other), found) == np.inf
+    limits = MicpLimits(1.0, 0.02, angles=(0.05, 0.1, 0.05), spin=(0.5, 1.0, 0.5))
+    bound = bound_of_gait(task, limits, [best])
+    assert 0.8 * best.objective < bound <= 0.98 * best.objective * (1 + 1e-9)
+    assert bound_of_gait(task, limits, [WalkAnswer(None, np.inf, 0.0, "none")]) == 0.0
 
 
 def swaying(task: WalkTask, *rolls: float) -> Array:

@@ -85,8 +85,9 @@ def test_pushes_beside_what_is_asked() -> None:
     assert "estimated state, ideal legs, delay 20 ms" in text
     assert [row["asked"] for row in found] == [0.99, 0.99, 0.95, 0.99, 0.9]
     assert found[2]["push"] == "back 2.8 m/s"
-    line = text.splitlines()[-5]
+    line = text.splitlines()[-7]
     assert line.startswith("back 1 m/s             3    99 %")
+    assert text.splitlines()[-2].startswith("pushes: ")
     assert f"{found[0]['median_ms']:.2f}, {found[0]['most99_ms']:.2f} ms" in line
     assert all(row["broken"] == 0 for row in found)  # none stood too far out of its box
     assert all(row["refused"] == row["fell"] for row in found)

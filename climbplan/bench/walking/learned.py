@@ -1,4 +1,4 @@
-"""Learned strategies on fresh tasks: one library of walks on flat ground, tasks it has not seen.
+"""Learned strategies on fresh tasks: one library of walks, on ground that it has not seen.
 
 Each task is planned once, 400 ms ahead, by a tick of the controller without a plan before: gaits of
 the library in the order of the strategy, then those by name. Its cost is set against what `search`
@@ -55,8 +55,8 @@ def strategy_table(
     count, library = _QUICK if quick else _TASKS, inputs.libraries[-1]
     qps = _QUICK_QPS if quick else _QPS
     print(
-        f"strategies of one library, {library.walks} walks on flat ground at 1.8 m/s; {count} "
-        f"fresh tasks of each kind,\n400 ms each; search: {qps} QPs; ticks: processor time\n"
+        f"strategies of one library, {library.walks} walks; {count} fresh tasks of each kind, "
+        f"400 ms each;\nsearch: {qps} QPs; ticks: processor time\n"
         "tasks              strategy  answered  by search  cost to search: median, 95 %  "
         "of library  tick [ms]   99 %",
         file=stream,

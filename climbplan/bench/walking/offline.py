@@ -18,6 +18,7 @@ from climbplan.walking.task import WalkTask
 
 PUBLISHED_NLP = 1.34  # [s] Table 8.6, when feasible, i7-12800H
 _STARTS, _QUICK = 100, 10
+_WHOLE = 30  # of them as shipped: what does not hold tries all gaits, 20 s of processor time
 _SECONDS = 60.0
 
 
@@ -54,8 +55,8 @@ def _tasks(seed: int, quick: bool, stream: TextIO) -> None:
 def _starts(seed: int, quick: bool, stream: TextIO) -> None:
     count = _QUICK if quick else _STARTS
     print(
-        f"nlp from {count} starts: v_x within 1.5 m/s, a_x within 15 m/s^2 through a knot before\n"
-        "starts               form       success  CPU median [ms]   95 %   most  "
+        "nlp from random starts: v_x within 1.5 m/s, a_x within 15 m/s^2 through a knot before\n"
+        "starts               form       count  success  CPU median [ms]   95 %   most  "
         "to published 1.34 s",
         file=stream,
     )
@@ -64,15 +65,17 @@ def _starts(seed: int, quick: bool, stream: TextIO) -> None:
         for form, overrides in FORMS.items():
             task = shipped_task("mpc_forward", *overrides)
             solve_nlp(task, "trot", _SECONDS)  # compiles the program
-            times, good = np.zeros(count), 0
-            for k in range(count):
+            starts = min(count, _WHOLE) if form == "shipped" else count
+            times, good = np.zeros(starts), 0
+            for k in range(starts):
                 drawn = drawn_start(task, ranges, np.random.default_rng([seed, k])).task
                 answer, times[k] = _timed_nlp(drawn)
                 good += _holds(drawn, answer)
             median, most95, most = np.percentile(times, [50, 95, 100])
             print(
-                f"{title:<20} {form:<9} {100 * good / count:6.0f} %  {1e3 * median:15.0f}  "
-                f"{1e3 * most95:5.0f}  {1e3 * most:5.0f}  {median / PUBLISHED_NLP:19.3f} x",
+                f"{title:<20} {form:<9} {starts:6d} {100 * good / starts:6.0f} %  "
+                f"{1e3 * median:15.0f}  {1e3 * most95:5.0f}  {1e3 * most:5.0f}  "
+                f"{median / PUBLISHED_NLP:19.3f} x",
                 file=stream,
                 flush=True,
             )

@@ -45,7 +45,7 @@ def run_mpc(
     found: dict[str, Any] = {"benchmark": "mpc", "seed": options.seed, "load": os.getloadavg()[0]}
     spent: dict[str, float] = {}
     for name in chosen:
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), _processor_time()
         if name in OFFLINE:
             OFFLINE[name](options.seed, options.quick, stream)
         elif inputs is not None and name == "ticks":
@@ -57,11 +57,21 @@ def run_mpc(
         elif inputs is not None:
             found[name] = recovery_table(inputs, options, stream, report)
         spent[name] = time.perf_counter() - begin
+        print(
+            f"{name}: {spent[name]:.0f} s, {_processor_time() - used:.0f} s of processor time\n",
+            file=stream,
+            flush=True,
+        )
     if len(chosen) > 1:
-        each = ", ".join(f"{name} {seconds:.0f}" for name, seconds in spent.items())
-        print(f"took {sum(spent.values()) / 60:.1f} minutes: {each} s", file=stream)
+        print(f"took {sum(spent.values()) / 60:.1f} minutes", file=stream)
     found["seconds"] = spent
     return found
+
+
+def _processor_time() -> float:
+    """Of this process and of workers that have ended [s]."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
 
 
 def _chosen(tables: str | None) -> list[str]:

@@ -36,7 +36,7 @@ _SHRINKING = 0.4  # of the time that is left, for each
 _BRANCHING = 0.3  # of all time, to part tubes
 _NEW_START = 0.85  # times the cost before
 _ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
-_TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
+TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
 _SAG = 1e-4  # of the cost that a square may be too small, then
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
@@ -125,7 +125,7 @@ class Bounding:
         """The bound of a tube by linear programs."""
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
         pieces = limits.arm_pieces, limits.height_pieces
-        program = relaxation(self.stated, tube, most, *pieces, _TANGENTS)
+        program = relaxation(self.stated, tube, most, *pieces, TANGENTS)
         found = max((value for value, _ in self.relaxed(program)), default=0.0)
         return min(found, most)
 
@@ -155,7 +155,7 @@ class Bounding:
                 most,
                 parts * limits.arm_pieces,
                 parts * limits.height_pieces,
-                _TANGENTS,
+                TANGENTS,
                 box,
             )
             if not self.tighten(program, most):

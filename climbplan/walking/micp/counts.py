@@ -33,16 +33,19 @@ class Counts(Legs):
     """Rows and squares of each knot by the number of standing legs."""
 
     def counts(self, n: int, legs: tuple[tuple[Piece, ...], ...]) -> tuple[Count, ...]:
-        """Shares of 0 to all standing legs at a knot, and what they add up to."""
-        task, model = self.task, self.model
-        found = tuple(self.of_count(n, m) for m in range(task.least_contacts, self.legs + 1))
+        """Shares of as many standing legs as may be at a knot, and what they add up to."""
+        model, box = self.model, self.box
+        least = max(self.task.least_contacts, round(box.stands_low[n].sum()))
+        most = round(box.stands_high[n].sum())
+        found = tuple(self.of_count(n, m) for m in range(least, most + 1))
         contacts = [total(q.chosen for q in leg) for leg in legs]
         model.add("gait.contacts", total(one.chosen for one in found), 1.0, 1.0)
         standing = total(one.chosen * float(one.legs) for one in found)
         model.add("gait.contacts", standing - total(contacts), 0.0, 0.0)
         for contact in contacts:
-            model.least("gait.contacts", contact - found[-1].chosen)
-            if not task.least_contacts:
+            if most == self.legs and least <= most:
+                model.least("gait.contacts", contact - found[-1].chosen)
+            if least == 0 and least <= most:
                 model.least("gait.contacts", 1.0 - contact - found[0].chosen)
         pushed = total(q.force[2] for leg in legs for q in leg)
         model.add("gait.contacts", total(one.force for one in found) - pushed, 0.0, 0.0)

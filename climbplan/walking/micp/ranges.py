@@ -7,7 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, Array, WalkTask
+from climbplan.walking.task import (
+    ANGLES,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Array,
+    Flags,
+    WalkTask,
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,11 @@ class Box:
             np.tile(sums / count * most, (*legs, 1)),
             np.full((*legs, 3), most),
         )
+
+    def standing(self, contact: Flags) -> Box:
+        """The same of motions with these contacts (N, 4) only."""
+        stands = contact.astype(float)
+        return replace(self, stands_low=stands, stands_high=stands.copy())
 
     def tube(self, tube: Tube) -> Tube:
         """What a tube and the box have in common."""

@@ -2,7 +2,8 @@
 
 A motion that costs no more than the program's limit has all its states there, so that tube, ranges
 and with them all envelopes may be drawn closer: the bound stays one of the first statement. Of each
-leg and knot two programs ask: what holds if it stands, and whether it may as well swing.
+leg and knot two programs ask: what holds if it stands, and whether it may as well swing. What a
+point that was found already is near to is not asked (Gleixner et al. 2017, filtering).
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import POSITION
+from climbplan.walking.task import POSITION, Array
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
+_WORTH = 0.02  # of a range, that a question has to be able to draw it closer by
 _FIXED = 1e-6
 _PRIMAL = 4
 
@@ -70,6 +72,7 @@ class _Asked:
         self.solver.setOptionValue("simplex_strategy", _PRIMAL)  # costs change, rows do not
         self.solver.passModel(rows_model(model, relaxed=True))
         self.everything = np.arange(len(model.lower), dtype=np.int32)
+        self.points = np.empty((0, len(model.lower)))  # of the program with rows as they are
 
     def solve(self) -> float | None:
         """The least cost of what is asked, None if that is not known."""
@@ -83,6 +86,7 @@ class _Asked:
             raise _NothingThere
         if status != highspy.HighsModelStatus.kOptimal:
             return None
+        self.points = np.vstack([self.points, np.array(self.solver.getSolution().col_value)])
         return float(self.solver.getInfo().objective_function_value)
 
     def ends(self, value: Lin, low: float, high: float) -> tuple[float, float]:
@@ -91,6 +95,8 @@ class _Asked:
         factors, constant = np.array(list(value.terms.values())), self.program.model.constant
         try:
             for sign in (1.0, -1.0):
+                if self.near(value, low if sign > 0 else high, high - low):
+                    continue
                 self.solver.changeColsCost(len(columns), columns, sign * factors)
                 found = self.solve()
                 if found is None:
@@ -100,6 +106,18 @@ class _Asked:
         finally:  # also where there is nothing: what is asked next has costs of its own
             self.solver.changeColsCost(len(columns), columns, np.zeros(len(columns)))
         return low, max(high, low)
+
+    def values(self, value: Lin) -> Array:
+        """An expression at all points that hold its rows now."""
+        columns = np.array(list(value.terms), np.int64)
+        at: Array = self.points[:, columns] @ np.array(list(value.terms.values()))
+        return at + value.constant
+
+    def near(self, value: Lin, end: float, width: float) -> bool:
+        """Whether a point is so near to an end that its range cannot be drawn closer by much."""
+        if not np.isfinite(width) or not len(self.points):
+            return False
+        return bool(np.abs(self.values(value) - end).min() <= _WORTH * width)
 
     def costs_of_velocities(self) -> None:
         """What all may cost less what all but velocities along x or y costs at least.
@@ -143,11 +161,14 @@ class _Asked:
         program, box = self.program, self.box
         for n, legs in enumerate(program.pieces):
             for leg, pieces in enumerate(legs):
-                row = int(program.rows[n, leg])
+                row, share = int(program.rows[n, leg]), total(q.chosen for q in pieces)
                 low, high = box.stands_low[n, leg], box.stands_high[n, leg]
                 if high == 0.0:
                     continue
+                known, stands = self.points, self.values(share)
                 self.solver.changeRowBounds(row, 1.0, 1.0)
+                self.points = known[stands > 1.0 - _FIXED]
+                old = len(self.points)
                 try:
                     force = total(q.force[2] for q in pieces)
                     ends = box.force_low[n, leg, 2], box.force_high[n, leg, 2]
@@ -158,13 +179,18 @@ class _Asked:
                         box.arm_low[n, leg, k], box.arm_high[n, leg, k] = self.ends(arm, *ends)
                 except _NothingThere:
                     high = 0.0
-                if high > 0.0 and low == 0.0:
+                known = np.vstack([known, self.points[old:]])
+                if high > 0.0 and low == 0.0 and not (stands < _FIXED).any():
                     self.solver.changeRowBounds(row, 0.0, 0.0)
                     try:
                         self.solve()
+                        known = np.vstack([known, self.points[-1:]])
                     except _NothingThere:
                         low = 1.0
                 if low > high:
                     raise _NothingThere
                 box.stands_low[n, leg], box.stands_high[n, leg] = low, high
                 self.solver.changeRowBounds(row, low, high)
+                self.points = known
+                stands = self.values(share)
+                self.points = known[(stands > low - _FIXED) & (stands < high + _FIXED)]

@@ -20,7 +20,7 @@ from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
-from climbplan.solvers.mixed_integer.incumbent import Incumbent
+from climbplan.solvers.mixed_integer.local_search import Incumbent
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.narrowing import NarrowingSearch
 from climbplan.solvers.mixed_integer.nodes import MOST

@@ -93,6 +93,7 @@ def test_mistakes_end_with_two(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "walker4.yaml").read_text()
     (folder / "walker4.yaml").write_text("mine")

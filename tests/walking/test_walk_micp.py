@@ -147,7 +147,7 @@ def test_shrinking_keeps_cheaper_motions() -> None:
 def test_bound_and_incumbent_enclose_what_is_best() -> None:
     task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
     first, best = known(task, 10), known(task, 400)
-    limits = MicpLimits(8.0, 0.01, angles=(0.05, 0.1, 0.05), spin=(0.5, 1.0, 0.5))
+    limits = MicpLimits(4.0, 0.01, angles=(0.05, 0.1, 0.05), spin=(0.5, 1.0, 0.5))
     found = solve_micp(task, limits, first)
     assert found.trajectory is not None
     assert found.bound is not None
@@ -333,7 +333,7 @@ def test_an_answer_that_is_off_is_named() -> None:
 def test_only_euler_steps_are_bounded(integrator: str) -> None:
     task = shorter(walk_task((1.0, 0, 0), integrator=integrator, whole_stance=True), 4)
     first = known(task, 20)
-    answer = solve_micp(task, MicpLimits(seconds=4.0), first)
+    answer = solve_micp(task, MicpLimits(seconds=2.5), first)
     assert answer.trajectory is not None
     assert answer.objective <= first.objective * (1 + 1e-9)
     assert not failures(check_trajectory(task, answer.trajectory))

@@ -94,24 +94,24 @@ def forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
 
 def torques(plan: WalkPlan, run: WholeRun) -> Figure:
     """Largest share of its torque limit that each joint takes, sample by sample."""
-    figure = new_figure(5.2, entries=4)
-    axes = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+    legs, joints = run.torque.shape[1:]
+    figure = new_figure(2.6 * (legs // 2), entries=joints + 1)
+    axes = figure.subplots(legs // 2, 2, sharex=True, sharey=True).ravel()
     last = max(run.samples - 1, 1)
     time = run.time[:last]
-    joints = run.torque.shape[-1]
     for leg, ax in enumerate(axes):
         for joint in range(joints):
-            _steps(ax, time, run.torque[:last, leg, joint], palette.LIMBS[joint], 1.1)
+            _steps(ax, time, run.torque[:last, leg, joint], palette.limb_color(joint), 1.1)
         ax.axhline(1.0, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
         ax.set_ylim(0, 1.1)
         panel_title(ax, limb_name(plan.task.body.leg_names[leg]), "[torque limits]")
         style_axes(ax)
-    for ax in axes[2:]:
+    for ax in axes[-2:]:
         ax.set_xlabel("time [s]")
-    handles = [Line2D([], [], color=palette.LIMBS[joint], lw=1.1) for joint in range(joints)]
+    handles = [Line2D([], [], color=palette.limb_color(joint), lw=1.1) for joint in range(joints)]
     handles.append(Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))))
-    words = ["first joint", "second", "third", "limit"]
-    foot_legend(figure, handles, words)
+    words = [f"joint {joint + 1}" for joint in range(joints)]
+    foot_legend(figure, handles, [*words, "limit"])
     heading(figure, "Joint torques", plain(f"{plan.name}, MuJoCo{_ended(run)}"))
     return figure
 

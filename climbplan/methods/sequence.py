@@ -80,7 +80,7 @@ class ProblemSequence:
         result = task.passing(found)
         spent = time.perf_counter() - begin
         word = _WORDS[self.method] + (", remembered" if known else "")
-        certificate = memory.certificate if isinstance(memory, TreeMemory) else None
+        certificate = None if isinstance(memory, BendersMemory) else memory.certificate
         result = replace(result, time=spent)
         return MethodResult(result, self.method, word, 1, (), spent, certificate)
 

@@ -111,7 +111,7 @@ def frame_of(task: WalkTask, worlds: bool) -> DatasetFrame:
     toes = [f"{leg}_toe_{a}" for leg in legs for a in "xyz"]
     parts = [f"{what}_{side}" for what in ("tread", "height") for side in ("ahead", "behind")]
     treads = [f"{part}_{k + 1}" for part in parts for k in range(TREADS)]
-    world = ("mass_factor", *treads) if worlds else ()
+    world = ("mass_factor", "speed_factor", *treads) if worlds else ()
     layouts = {
         "state": solution_layout((N + 1, STATE), "m, m/s, rad, rad/s", "world"),
         "toes": solution_layout((N + 1, len(legs), 3), "m", "world"),

@@ -4,8 +4,9 @@ Published (8.2.4.5) are a forward velocity within 1.5 m/s and a forward accelera
 either way. An acceleration is no part of a rigid body's state: it is taken for a push through the
 knot before the plan, which begins at v_x + a_x dt with the toes under the body.
 
-A world is a robot that is heavier or lighter than the file's, and treads across the way, each
-higher or lower than the one before, ahead of a floor that the robot starts on and behind it.
+A world is a robot that is heavier or lighter than the file's, a reference that is faster or slower
+than the task's, and treads across the way, each higher or lower than the one before, ahead of a
+floor that the robot starts on and behind it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from climbplan.walking.task import (
 )
 
 TREADS = 4  # on either side of the floor; the last ones have no end
-WORLD = 1 + 4 * TREADS  # numbers of a world
+WORLD = 2 + 4 * TREADS  # numbers of a world
 _FLOOR = 0.25  # [m] from its middle, where the body starts, to the first tread
 _FAR = 1e3  # [m]
 
@@ -47,16 +48,17 @@ class StartRanges:
 
 @dataclass(frozen=True)
 class WorldRanges:
-    """What robots and ground are drawn from; if left out they are as they were."""
+    """What robots, references and ground are drawn from; if left out they are as they were."""
 
     mass: float = 0.0  # share of the mass either way; inertia goes with it
+    speed: tuple[float, float] | None = None  # share of the reference's velocity, from and to
     rise: float = 0.0  # [m] from a tread to the next, up or down
     tread: tuple[float, float] = (0.2, 0.5)  # [m] lengths of treads
 
     @property
     def drawn(self) -> bool:
         """Something is drawn at all."""
-        return self.mass > 0 or self.rise > 0
+        return self.mass > 0 or self.rise > 0 or self.speed is not None
 
 
 @dataclass(frozen=True)
@@ -97,22 +99,25 @@ def drawn_world(drawn: DrawnStart, ranges: WorldRanges, rng: np.random.Generator
     far = np.column_stack([np.full(2, _FLOOR), far[:, :-1]])
     level = np.cumsum(ranges.rise * rng.uniform(-1.0, 1.0, sides), axis=1)
     factor = 1.0 + ranges.mass * rng.uniform(-1.0, 1.0)
-    world = np.concatenate([[factor], far.ravel(), level.ravel()])
+    speed = 1.0 if ranges.speed is None else rng.uniform(*ranges.speed)
+    world = np.concatenate([[factor, speed], far.ravel(), level.ravel()])
     task = in_world(drawn.task, world)
     return replace(drawn, task=task, world=world)
 
 
 def in_world(task: WalkTask, world: Array) -> WalkTask:
-    """A task on flat ground in a world: its body, ground, toes and heights of its reference.
+    """A task on flat ground in a world: its body, ground, toes, velocity and heights it follows.
 
-    world (WORLD,): factor of mass and inertia; where treads begin, ahead and behind (2, TREADS)
-    [m from the origin]; how high they are, in that order [m]. Nothing changes for (0,).
+    world (WORLD,): factor of mass and inertia; factor of the reference's velocity; where treads
+    begin, ahead and behind (2, TREADS) [m from the origin]; how high they are, in that order [m].
+    Nothing changes for (0,).
     """
     if not len(world):
         return task
-    factor, (far, level) = float(world[0]), world[1:].reshape(2, 2, TREADS)
+    factor, (far, level) = float(world[0]), world[2:].reshape(2, 2, TREADS)
     body = replace(task.body, mass=factor * task.body.mass, inertia=factor * task.body.inertia)
-    task = replace(task, body=body)
+    followed = replace(task.reference, velocity=float(world[1]) * task.reference.velocity)
+    task = replace(task, body=body, reference=followed)
     if not level.any():
         return task
     ahead, behind = np.append(far[0], _FAR), np.append(far[1], _FAR)

@@ -9,6 +9,8 @@ from certified_programs import PRODUCTS_GAP, certified_products
 import climbplan
 from climbplan.bench.engine.bilinear import planar_push, turning_flyer
 from climbplan.certificates.checker import check
+from climbplan.methods.sequence import ProblemSequence
+from climbplan.methods.task import MethodSettings
 from climbplan.program import Problem
 from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory
 
@@ -47,6 +49,18 @@ def test_user_problems_with_products_are_proved(problem: Problem) -> None:
     assert found.objective is not None
     bound = check(problem.instance(theta), found.certificate).bound
     assert found.objective * (1.0 - 1.01e-3) <= bound <= found.objective * (1.0 + 1e-6)
+
+
+def test_each_answer_of_a_sequence_with_products_is_proved() -> None:
+    problem, rng = planar_push(2), np.random.default_rng(0)
+    sequence = ProblemSequence(problem, MethodSettings(gap=1e-3, certificate=True))
+    for _ in range(2):
+        theta = problem.drawn(rng)
+        found = sequence.solve(theta)
+        assert found.certificate is not None
+        assert found.result.objective is not None
+        bound = check(problem.instance(theta), found.certificate).bound
+        assert found.result.objective * (1.0 - 1.01e-3) <= bound
 
 
 def test_products_beyond_a_limit_of_nodes_keep_a_valid_bound() -> None:

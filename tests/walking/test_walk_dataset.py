@@ -92,7 +92,8 @@ def test_a_spoilt_walk_is_found(walks: Dataset, tmp_path: Path) -> None:
         task_of_frame(other.frame, path)
 
 
-WORLDS = SPEC.model_copy(update={"world": WorldRangesSpec(mass=0.3, rise=0.05, tread=(0.15, 0.3))})
+RANGES = WorldRangesSpec(mass=0.3, speed=(0.3, 1.0), rise=0.05, tread=(0.15, 0.3))
+WORLDS = SPEC.model_copy(update={"world": RANGES})
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +119,11 @@ def test_walks_in_worlds_of_their_own_are_read_back(worlds: Dataset, tmp_path: P
     assert len(set(factor)) == 3
     assert ((factor >= 0.7) & (factor <= 1.3)).all()
     assert walk_of(task, data, rows[0])[0].body.mass == factor[rows[0]] * task.body.mass
+    share = data.parameters[:, data.frame.parameter_names.index("speed_factor")]
+    assert len(set(share)) == 3
+    assert ((share >= 0.3) & (share <= 1.0)).all()
+    own = walk_of(task, data, rows[0])[0]
+    assert np.allclose(own.reference.velocity, share[rows[0]] * task.reference.velocity)
     assert all(check.passed for check in verify(path).checks if check.name.startswith("rows."))
     # Such walks serve the controller of flat ground, which finds footholds by itself.
     library = library_of_dataset(path, library_key(task), library_key)
@@ -126,7 +132,7 @@ def test_walks_in_worlds_of_their_own_are_read_back(worlds: Dataset, tmp_path: P
 
 def test_sections_have_heights_above_their_own_ground() -> None:
     task = build_task(SPEC.walk, load_body("scaler"))
-    world = np.concatenate([[1.0], *2 * [[0.25, 0.5, 0.75, 1.0]], np.full(2 * TREADS, 0.04)])
+    world = np.concatenate([[1.0, 1.0], *2 * [[0.25, 0.5, 0.75, 1.0]], np.full(2 * TREADS, 0.04)])
     raised = in_world(task, world)
     state = np.tile(task.start.state, (task.knots + 1, 1))
     state[:, 0] = 0.6  # all feet on treads of the same height
@@ -146,10 +152,12 @@ def _standing(state: np.ndarray) -> WalkTrajectory:
 
 def test_a_flat_world_leaves_ground_and_toes_as_they_are() -> None:
     task = build_task(SPEC.walk, load_body("scaler"))
-    world = np.concatenate([[1.2], np.ones(2 * TREADS), np.zeros(2 * TREADS)])
+    world = np.concatenate([[1.2, 1.0], np.ones(2 * TREADS), np.zeros(2 * TREADS)])
     same = in_world(task, world)
     assert same.ground is task.ground
     assert same.body.mass == pytest.approx(1.2 * task.body.mass)
     assert np.array_equal(same.start.toes, task.start.toes)
     with pytest.raises(ValidationError, match="the shorter first"):
         WorldRangesSpec(tread=(0.5, 0.2))
+    with pytest.raises(ValidationError, match="the lesser first"):
+        WorldRangesSpec(speed=(0.5, 0.2))

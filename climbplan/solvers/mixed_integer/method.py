@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
-from climbplan.solvers.mixed_integer.memory import Leaves, Move
+from climbplan.solvers.mixed_integer.memory import Move
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible
 from climbplan.solvers.mixed_integer.proof import (
@@ -21,7 +19,7 @@ from climbplan.solvers.mixed_integer.proof import (
     certificate_of_nothing,
     proof_deadline,
 )
-from climbplan.solvers.mixed_integer.recall import Recall
+from climbplan.solvers.mixed_integer.recall import Memory, Recall
 from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.result import (
@@ -34,7 +32,6 @@ from climbplan.solvers.result import (
 )
 
 NAME = "branch-and-bound"
-_MOST_LEAVES = 400  # that are remembered
 
 
 def solve_mixed_integer(
@@ -57,30 +54,10 @@ def solve_mixed_integer(
     )
 
 
-@dataclass
-class TreeMemory:
+class TreeMemory(Memory):
     """Solves instances of one statement in turn; each tree begins with the leaves of the last."""
 
-    gap: float = 1e-4
-    tolerance: float = FEASIBILITY
-    proves: bool = False  # whether each answer comes with its certificate
-    certificate: Certificate | None = None  # of the last answer
-    work: int = MOST  # dual steps after which a tree stops with what it has found
-    recall: Recall = field(default_factory=lambda: Recall(_MOST_LEAVES))
-
-    @property
-    def leaves(self) -> Leaves | None:
-        """What the next tree begins with, None for its root."""
-        return self.recall.leaves
-
-    @property
-    def remembers(self) -> bool:
-        """Whether the next tree begins with something."""
-        return self.recall.leaves is not None
-
-    def forget(self) -> None:
-        """Begin the next tree with its root."""
-        self.recall = Recall(_MOST_LEAVES)
+    MOST_LEAVES = 400
 
     def solve(
         self,

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
+from climbplan.certificates.certificate import Certificate
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.memory import Leaves, Move
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.tree_run import TreeRun
+from climbplan.solvers.result import FEASIBILITY
 
 _PATIENCE = 4  # nodes for each leaf that is remembered
 _PATIENT = 256  # and for all of them together
@@ -67,3 +70,38 @@ class Recall:
         if not remembered:
             self._from_root = made if run.finished else MOST
         self._worse = remembered and made > _WORSE * self._from_root + _FEW
+
+
+@dataclass
+class Memory:
+    """Solves instances of one statement in turn; each tree begins with the leaves of the last.
+
+    Its `solve` is that of `method.TreeMemory`, or of `spatial_method.SpatialMemory` with products.
+    """
+
+    MOST_LEAVES: ClassVar[int]  # that are remembered
+
+    gap: float = 1e-4
+    tolerance: float = FEASIBILITY
+    proves: bool = False  # whether each answer comes with its certificate
+    certificate: Certificate | None = None  # of the last answer
+    work: int = MOST  # dual steps of nodes after which a tree stops with what it has found
+    recall: Recall = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Nothing is remembered yet."""
+        self.forget()
+
+    @property
+    def leaves(self) -> Leaves | None:
+        """What the next tree begins with, None for its root."""
+        return self.recall.leaves
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the next tree begins with something."""
+        return self.recall.leaves is not None
+
+    def forget(self) -> None:
+        """Begin the next tree with its root."""
+        self.recall = Recall(self.MOST_LEAVES)

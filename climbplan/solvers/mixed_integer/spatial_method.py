@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from climbplan.certificates.certificate import Certificate
 from climbplan.program.instance import Index, Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
 from climbplan.solvers.mixed_integer.local_search import Incumbent
-from climbplan.solvers.mixed_integer.memory import Leaves, Move
+from climbplan.solvers.mixed_integer.memory import Move
 from climbplan.solvers.mixed_integer.narrowing import NarrowingSearch
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram
@@ -30,7 +29,7 @@ from climbplan.solvers.mixed_integer.proof import (
     certificate_of_nothing,
     proof_deadline,
 )
-from climbplan.solvers.mixed_integer.recall import Recall
+from climbplan.solvers.mixed_integer.recall import Memory, Recall
 from climbplan.solvers.mixed_integer.spatial_rows import Factors, factors_of
 from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
@@ -45,7 +44,6 @@ from climbplan.solvers.result import (
 
 NAME = "branch-and-bound"
 _FIRST, _FURTHER, _MOST_PIECE = 1, 1.5, 200  # nodes of the first piece, growth, most of one
-_MOST_LEAVES = 40_000  # that are remembered: trees in space have many
 _SHARE = 0.25  # of the time, for the compiled tree where a certificate is asked for
 _MOST_TOLD = 5_000  # and its nodes: more leaves make certificates that take minutes to check
 
@@ -68,34 +66,14 @@ def solve_spatial(
     )
 
 
-@dataclass
-class SpatialMemory:
+class SpatialMemory(Memory):
     """Solves instances of one statement in turn; each tree begins with the leaves of the last.
 
     Its boxes and integers go on, and the first local search begins where the last answer was. Where
     proofs are asked for each tree begins with its root.
     """
 
-    gap: float = 1e-4
-    tolerance: float = FEASIBILITY
-    proves: bool = False  # whether each answer comes with its certificate
-    certificate: Certificate | None = None  # of the last answer
-    work: int = MOST  # dual steps of nodes after which a tree stops with what it has found
-    recall: Recall = field(default_factory=lambda: Recall(_MOST_LEAVES))
-
-    @property
-    def leaves(self) -> Leaves | None:
-        """What the next tree begins with, None for its root."""
-        return self.recall.leaves
-
-    @property
-    def remembers(self) -> bool:
-        """Whether the next tree begins with something."""
-        return self.recall.leaves is not None
-
-    def forget(self) -> None:
-        """Begin the next tree with its root."""
-        self.recall = Recall(_MOST_LEAVES)
+    MOST_LEAVES = 40_000  # trees in space have many
 
     def solve(
         self,

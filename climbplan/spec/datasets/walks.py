@@ -27,10 +27,13 @@ class StartRangesSpec(SpecModel):
 
 
 class WorldRangesSpec(SpecModel):
-    """Robots and ground drawn anew for each walk; left out both are as the spec says."""
+    """Robots, speeds and ground drawn anew for each walk; left out they are as the spec says."""
 
     mass: Number = quantity(
         "", "share of the mass either way; the inertia goes with it", default=0.0, ge=0, lt=1
+    )
+    speed: Interval | None = quantity(
+        "", "share of the reference's velocity, from and to; left out: all of it", default=None
     )
     rise: Number = quantity(
         "m",
@@ -43,10 +46,16 @@ class WorldRangesSpec(SpecModel):
 
     @model_validator(mode="after")
     def _lengths(self) -> Self:
+        faults = []
         low, high = self.tread
         if not 0.05 <= low <= high <= 5.0:
             message = f"expected lengths from 0.05 to 5, the shorter first, got {[low, high]}"
-            refuse([Fault("tread", message)])
+            faults.append(Fault("tread", message))
+        slow, fast = self.speed or (1.0, 1.0)
+        if not 0.0 <= slow <= fast <= 2.0:
+            message = f"expected shares from 0 to 2, the lesser first, got {[slow, fast]}"
+            faults.append(Fault("speed", message))
+        refuse(faults)
         return self
 
 
@@ -83,7 +92,7 @@ class WalksProblemSpec(SpecModel):
     start: StartRangesSpec = StartRangesSpec()
     """What starts are drawn from."""
     world: WorldRangesSpec = WorldRangesSpec()
-    """What robots and ground are drawn from."""
+    """What robots, speeds and ground are drawn from."""
     solver: WalkRowSolverSpec = WalkRowSolverSpec()
     """Method and limits."""
 

@@ -47,7 +47,7 @@ def test_main_command_plans_and_verifies(folder: Path) -> None:
 
 
 # Pages whose commands take a quarter of a minute and more
-LONG = ("docs", "datasets", "limms", "walking", "robots", "grips")
+LONG = ("docs", "datasets", "limms", "walking", "robots", "grips", "simulation")
 
 
 @pytest.mark.parametrize(

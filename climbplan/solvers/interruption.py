@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import casadi as ca
 
 Answer = TypeVar("Answer")
-_LOOK = 0.1  # [s] between looks at whether to leave a solver behind
+_LOOK = 0.1  # [s] between looks at signals, and at whether to leave a solver behind
 _PATIENCE = 0.5  # [s] with solvers that cannot be stopped
 _MUCH_WORK = 20_000  # entries of matrices: tens of milliseconds
 
@@ -82,7 +82,9 @@ def run_aside(
     thread = _solver_thread()
     with interruptible(asked):
         done = thread.begin(run)
-        while not done.wait(None if math.isinf(patience) else _LOOK):
+        # Never without end: a signal between Python's look at them and the wait would be seen when
+        # the solver is through
+        while not done.wait(_LOOK):
             _take_ctrl_c_back()
             if time.monotonic() > leave_at:
                 _leave(thread)

@@ -16,7 +16,7 @@ import pytest
 from scipy import sparse
 
 from climbplan.solvers.convex.osqp import run_osqp
-from climbplan.solvers.interruption import Deadline, interruptible, run_deaf
+from climbplan.solvers.interruption import Deadline, interruptible, run_aside, run_deaf
 
 
 @pytest.fixture(autouse=True)
@@ -64,6 +64,23 @@ def test_other_threads_leave_the_handler_alone() -> None:
     thread.start()
     thread.join()
     assert handlers == [signal.default_int_handler]
+
+
+def test_a_signal_that_another_thread_receives_stops_the_solver() -> None:
+    run_aside(lambda: None, lambda: None)  # starts the solvers' thread, which receives it below
+    stopped, in_time = threading.Event(), []
+
+    def solve() -> None:
+        press_ctrl_c()
+        in_time.append(stopped.wait(10.0))
+
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_aside(solve, stopped.set)
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    assert in_time == [True]
 
 
 class PressedInTheThirdIteration(Deadline):

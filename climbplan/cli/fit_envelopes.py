@@ -46,23 +46,23 @@ def fit_envelopes(
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import key_overrides
     from climbplan.spec.fits.envelopes_loading import load_envelopes
-    from climbplan.spec.robots.source import load_robot
+    from climbplan.spec.robots.source import load_any_robot
 
     session = context.ensure_object(Session)
     overrides = key_overrides(
         assignments, ("seed", "--seed", seed), ("fit.method", "--method", method)
     )
     loaded = load_envelopes(spec, overrides)
-    robot_spec = load_robot(loaded.spec.robot, loaded.directory)
+    robot_spec = load_any_robot(loaded.spec.robot, loaded.directory)
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
         from climbplan.climb.envelopes.file import write_envelopes
         from climbplan.climb.envelopes.run import fit_envelopes as fit
         from climbplan.reports.fits.envelope_report import write_report
-        from climbplan.robots.model import Robot
+        from climbplan.robots.any_robot import build_robot
 
         with StageProgress(session) as progress:
-            run = fit(loaded, Robot.from_spec(robot_spec), progress.report, jobs)
+            run = fit(loaded, build_robot(robot_spec), progress.report, jobs)
         for line in _table(run):
             session.note(line)
         write_envelopes(run, loaded, directory.path / ENVELOPES_FILE)

@@ -187,14 +187,16 @@ def _full(name: str) -> str:
 
 def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
     """Files that rows depend on: the statement, and the library or model of learned methods."""
-    files = []
+    from climbplan.spec.robots.source import robot_files
+
+    files: list[Path] = []
     place = (name or "").rpartition(":")[0]
     if place.endswith(".py"):
         files.append(Path(place).absolute())
     problem = loaded.spec.problem
     if problem.kind == "terrains" or problem.kind == "mpc":
         if Path(problem.robot).suffix in (".yaml", ".yml"):
-            files.append(loaded.directory.absolute() / problem.robot)
+            files += robot_files(problem.robot, loaded.directory.absolute())
         return tuple(files)
     for given in (problem.solver.library, problem.solver.model):
         if given is not None:

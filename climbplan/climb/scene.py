@@ -25,7 +25,6 @@ from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.robots.source import AnyRobot
-from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.surfaces import Region, Surface
@@ -277,7 +276,7 @@ def _grippers(
     spec: ClimbSpec, robot_spec: AnyRobot, robot: Robot, terrain: Terrain, directory: Path
 ) -> Grippers | None:
     """What the robot's grippers hold on the terrain; None if it has none."""
-    if robot.gripper is None or isinstance(robot_spec, UrdfRobot) or robot_spec.gripper is None:
+    if robot.gripper is None or robot_spec.gripper is None:
         return None
     model = load_model(spec.gripper.model or robot_spec.gripper.model, directory)
     return grippers_on(robot.gripper, model, spec.gripper.risk, terrain.surfaces)

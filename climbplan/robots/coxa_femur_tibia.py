@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from climbplan.robots.mechanism import BOUND_SLACK, InverseKinematics, Miss
-from climbplan.robots.rotations import Array
+from climbplan.robots.rotations import Array, frame_in_plane
 
 JOINTS = ("coxa", "femur", "tibia")
 
@@ -76,6 +76,20 @@ class CoxaFemurTibia:
             np.stack([tibia_dr * cos_psi, tibia_dr * sin_psi, tibia_dz], axis=-1),
         ]
         return np.stack(columns, axis=-1)
+
+    def turning(self, angles: Array) -> Array:
+        """Turning velocity of the tibia by joint speed (..., N, 3, 3): the joints' unit axes."""
+        psi = self.mount_yaw + angles[..., 0]
+        zero = np.zeros_like(psi)
+        up = np.stack([zero, zero, zero + 1.0], axis=-1)
+        hinge = np.stack([np.sin(psi), -np.cos(psi), zero], axis=-1)
+        return np.stack([up, hinge, hinge], axis=-1)
+
+    def last_link(self, angles: Array) -> Array:
+        """Rows (..., N, 3, 3): x along the tibia, y across it in the limb's plane, z its hinge."""
+        psi = self.mount_yaw + angles[..., 0]
+        out = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1)
+        return frame_in_plane(out, angles[..., 1] + angles[..., 2])
 
     def hessian(self, angles: Array) -> Array:
         """Second derivatives of toe_body by the angles of its limb, (..., N, 3, 3, 3) [m/rad^2].

@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from climbplan.robots.mechanism import BOUND_SLACK, InverseKinematics, Miss
-from climbplan.robots.rotations import Array
+from climbplan.robots.rotations import Array, frame_in_plane
 
 JOINTS = ("yaw", "crank F", "crank A")
 _STEP = 1e-6  # [rad] of the Hessian's difference quotients
@@ -124,6 +124,10 @@ class FiveBar:
         hinge = np.stack([out[..., 1], -out[..., 0], np.zeros_like(out[..., 0])], axis=-1)
         up = np.zeros_like(out) + np.array([0.0, 0.0, 1.0])
         return np.stack([up, rates[..., :1] * hinge, rates[..., 1:] * hinge], axis=-1)
+
+    def last_link(self, angles: Array) -> Array:
+        """Rows x along the last link, y across it in the leg's plane, z the hinge."""
+        return frame_in_plane(self._out(angles), self.plane(angles).tilt)
 
     def hessian(self, angles: Array) -> Array:
         """Second derivatives of the toe (..., N, 3, 3, 3), by central differences of the first."""

@@ -70,6 +70,19 @@ class Mechanism(Protocol):
     def hessian(self, angles: Array) -> Array:
         """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2] for angles (..., N, J)."""
 
+    def turning(self, angles: Array) -> Array:
+        """Turning velocity of the last link by joint speed (..., N, 3, J) for angles (..., N, J).
+
+        Of serial limbs its columns are the unit axes of the joints.
+        """
+
+    def last_link(self, angles: Array) -> Array:
+        """Rows (..., N, 3, 3): x along the last link, y across it, z along the last joint's axis.
+
+        What is mounted at the toe counts its angles from there. NaN where the toe lies on that
+        axis.
+        """
+
     def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
         """Joint angles for toes (..., N, 3) and joint bounds (N, J) [rad].
 

@@ -37,3 +37,16 @@ def skew(vector: Array) -> Array:
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def frame_in_plane(out: Array, tilt: Array) -> Array:
+    """Axes of a link in an upright plane as rows (..., 3, 3), body frame.
+
+    out: (..., 3) level unit vectors in the plane; tilt: (...) of the link from straight down
+    towards them [rad]. x is along the link, y across it, upwards where it points outward, z is
+    square to the plane.
+    """
+    sin, cos = np.sin(tilt)[..., None], np.cos(tilt)[..., None]
+    up = np.array([0.0, 0.0, 1.0])
+    x, y = sin * out - cos * up, cos * out + sin * up
+    return np.stack([x, y, np.cross(x, y)], axis=-2)

@@ -13,6 +13,7 @@ from climbplan.robots.mechanism import InverseKinematics, Miss
 from climbplan.robots.rotations import Array
 
 _AT_BOUND = 1e-6  # [rad]
+_ON_AXIS = 1e-9  # [m] off the last joint's axis, below which a toe has no direction
 _ALONG = 0.7  # part of what is missing that has to lie along the limb for "too far"
 
 
@@ -67,6 +68,16 @@ class SerialChain:
     def turning(self, angles: Array) -> Array:
         """Angular velocity of the toe's link by joint speed (..., N, 3, J): the joint axes."""
         return np.swapaxes(self.pose(angles).axes, -1, -2)
+
+    def last_link(self, angles: Array) -> Array:
+        """Rows x along the last link, square to its joint's axis, y across it, z that axis."""
+        pose = self.pose(angles)
+        z = pose.axes[..., -1, :]
+        along = pose.toe - pose.joints[..., -1, :]
+        along = along - (along * z).sum(axis=-1, keepdims=True) * z
+        length = np.linalg.norm(along, axis=-1, keepdims=True)
+        x = along / np.where(length > _ON_AXIS, length, np.nan)
+        return np.stack([x, np.cross(z, x), z], axis=-2)
 
     def hessian(self, angles: Array) -> Array:
         """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2]."""

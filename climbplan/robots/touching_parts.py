@@ -69,13 +69,25 @@ def always_touching(robot: Robot, parts: Sequence[Array]) -> Pairs:
 def limbs_room(links: Capsules, pairs: NDArray[np.int64]) -> Array:
     """Room (..., Q) [m] between capsules of two limbs, below zero where they touch."""
     a, b = (pairs[:, 0], pairs[:, 1]), (pairs[:, 2], pairs[:, 3])
+    apart = np.linalg.norm(limbs_ways(links, pairs), axis=-1)
+    return np.asarray(apart - links.radius[a] - links.radius[b])
+
+
+def limbs_ways(links: Capsules, pairs: Pairs) -> Array:
+    """Shortest ways (..., Q, 3) [m] to the first capsule's axis from that of the second."""
+    a, b = (pairs[:, 0], pairs[:, 1]), (pairs[:, 2], pairs[:, 3])
     p, q = links.starts[..., a[0], a[1], :], links.ends[..., a[0], a[1], :]
     r, s = links.starts[..., b[0], b[1], :], links.ends[..., b[0], b[1], :]
-    return segment_distances(p, q, r, s) - links.radius[a] - links.radius[b]
+    return segment_ways(p, q, r, s)
 
 
 def segment_distances(p: Array, q: Array, r: Array, s: Array) -> Array:
-    """Distances (...) of segments p q and r s (..., 3), zero where they cross.
+    """Distances (...) of segments p q and r s (..., 3), zero where they cross."""
+    return np.asarray(np.linalg.norm(segment_ways(p, q, r, s), axis=-1))
+
+
+def segment_ways(p: Array, q: Array, r: Array, s: Array) -> Array:
+    """Shortest ways (..., 3) to segments p q from segments r s (..., 3), zero where they cross.
 
     The best place on one for the best on the other (C. Ericson, 2004, section 5.1.9).
     """
@@ -88,4 +100,4 @@ def segment_distances(p: Array, q: Array, r: Array, s: Array) -> Array:
     x = np.clip(np.where(open_, b * f - c * e, 0.0) / np.where(open_, det, 1.0), 0.0, 1.0)
     y = np.clip((b * x + f) / np.maximum(e, tiny), 0.0, 1.0)
     x = np.clip((b * y - c) / np.maximum(a, tiny), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(w + x[..., None] * u - y[..., None] * v, axis=-1))
+    return np.asarray(w + x[..., None] * u - y[..., None] * v)

@@ -156,6 +156,15 @@ def test_a_robot_without_a_shipped_envelopes_limbs_has_the_experts(
     scene = build_scene(loaded.spec, loaded.robot, loaded.source)
     assert scene.robot.limb_count == legs
     assert [one.name for one in chosen_envelopes(scene)] == [name]
+    modes = ["ground3", "wall5"] if legs == 6 else ["expert-ground", "expert"]
+    chosen = chosen_envelopes(scene, several=True)
+    assert [one.name for one in chosen] == modes
+    if legs == 4:
+        ground, braced = (one.box for one in chosen)
+        assert (ground.upper <= braced.upper).all()
+        assert (ground.lower >= braced.lower).all()
+        with pytest.raises(UsageError, match=r"do not fit .* `expert`, `expert-ground`, or a"):
+            named_envelope(scene, "wall5")
 
 
 def test_limbs_have_mirror_images() -> None:

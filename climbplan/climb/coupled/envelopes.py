@@ -1,8 +1,9 @@
 """Which envelopes a climb is planned with: learned ones that ship, a file's, or the expert's.
 
-Envelopes are learned for some limbs that stand (`coupled.terrains`). A limb beyond these takes the
-mirror image of the one opposite. With N limbs on the ground instead of the n of the training,
-forces that balance are means of balances of n, so the box of forces shrinks by n / N.
+Envelopes are learned for some limbs that stand (`envelopes/terrains.py`). A limb beyond these takes
+the mirror image of the one opposite; a robot of other limbs has the expert's, on ground and braced.
+With N limbs on the ground instead of the n of the training, forces that balance are means of
+balances of n, so the box of forces shrinks by n / N.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from climbplan.errors import UsageError
 from climbplan.learning.envelope_box import Envelope
 from climbplan.robots.model import Robot
 
-EXPERT = "expert"
+EXPERT, EXPERT_GROUND = "expert", "expert-ground"
 _TILT = float(np.cos(np.deg2rad(30.0)))  # of normals from the nominal one, as in the training
 
 _TOE = 0.35  # [m] a toe's range about its stance along each axis, of the expert
@@ -42,24 +43,25 @@ def chosen_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnv
     """Those that the spec names, or by the terrain: one, or with modes ground and wall."""
     names = scene.spec.solver.envelopes
     if not names:
-        names = ("ground3", "wall5") if several else (_by_terrain(scene),)
+        names = _modes(scene) if several else (_by_terrain(scene),)
     return tuple(named_envelope(scene, name) for name in names)
 
 
 def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
-    """A shipped envelope, `expert`, or one of a file; raises UsageError for another name.
+    """A shipped envelope, an expert's, or one of a file; raises UsageError for another name.
 
     name: a shipped one may be followed by the method of the fit, `wall5:genetic`.
     """
-    if name == EXPERT:
-        return NamedEnvelope(name, "expert", braced_envelope(scene))
+    if name in (EXPERT, EXPERT_GROUND):
+        box = braced_envelope(scene) if name == EXPERT else ground_envelope(scene)
+        return NamedEnvelope(name, "expert", box)
     shipped, _, wanted = name.partition(":")
     if shipped in SHIPPED:
         stored = shipped_envelopes(shipped)
     elif Path(name).is_file():
         stored, wanted = read_envelopes(Path(name)), ""
     else:
-        known = ", ".join((*SHIPPED, EXPERT))
+        known = ", ".join((*SHIPPED, EXPERT, EXPERT_GROUND))
         raise UsageError(f"unknown envelope {name!r}: expected one of {known}, or a file")
     asked = (wanted,) if wanted else PREFERENCE
     method = next((m for m in asked if m in stored.envelopes), None)
@@ -73,7 +75,11 @@ def spread(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> En
     """The envelope for all limbs of the scene's robot, as forces are bounded in its statement."""
     robot = scene.robot
     if not set(stored.limb_names) <= set(robot.limb_names):
-        raise UsageError(f"envelopes of {', '.join(stored.limb_names)} do not fit {robot.name}")
+        theirs, own = ", ".join(stored.limb_names), ", ".join(robot.limb_names)
+        raise UsageError(
+            f"envelopes of {theirs} do not fit {robot.name}, whose limbs are {own}; expected "
+            f"`{EXPERT}`, `{EXPERT_GROUND}`, or a file that `fit-envelopes` wrote for them"
+        )
     scale = np.array([stored.position_scale / POSITION_SCALE] * 3 + [1.0] * 3)
     lower, upper = envelope.lower * scale, envelope.upper * scale
     low, high = np.empty((robot.limb_count, 6)), np.empty((robot.limb_count, 6))
@@ -114,17 +120,37 @@ def _by_terrain(scene: ClimbScene) -> str:
         ("wall5", -side[:, None] * [1.0, 0.0, 0.0]),
     ):
         level = nominal @ np.stack([region.normal for region in terrain.regions]).T
-        limbs = shipped_envelopes(name).limb_names
-        if set(limbs) <= set(robot.limb_names) and (level[terrain.allowed] >= _TILT).all():
+        if _has_limbs(robot, name) and (level[terrain.allowed] >= _TILT).all():
             return name
     return EXPERT
 
 
+def _modes(scene: ClimbScene) -> tuple[str, ...]:
+    """Ground and wall: the shipped ones where the robot has their limbs, else the expert's."""
+    shipped = ("ground3", "wall5")
+    fit = all(_has_limbs(scene.robot, name) for name in shipped)
+    return shipped if fit else (EXPERT_GROUND, EXPERT)
+
+
+def _has_limbs(robot: Robot, name: str) -> bool:
+    return set(shipped_envelopes(name).limb_names) <= set(robot.limb_names)
+
+
 def braced_envelope(scene: ClimbScene) -> Envelope:
     """The expert's bounds for a robot between walls, each limb carrying some of the weight."""
+    return _expert(scene, float(force_range(scene).upper[0]))
+
+
+def ground_envelope(scene: ClimbScene) -> Envelope:
+    """The expert's bounds on ground, where no limb pushes aside by more than friction asks for."""
+    return _expert(scene, _SHEAR)
+
+
+def _expert(scene: ClimbScene, across: float) -> Envelope:
+    """across: most force of a limb along x [weights]."""
     stance = scene.robot.stance_body / POSITION_SCALE
     reach, given = _TOE / POSITION_SCALE, force_range(scene)
-    force = np.array([given.upper[0], _SHEAR, 0.0])
+    force = np.array([across, _SHEAR, 0.0])
     low, high = np.tile(-force, (len(stance), 1)), np.tile(force, (len(stance), 1))
     low[:, 2], high[:, 2] = given.lower[2], _MOST_LOAD
     return Envelope(np.hstack([stance - reach, low]), np.hstack([stance + reach, high]))

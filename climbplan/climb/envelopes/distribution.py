@@ -8,13 +8,14 @@ import numpy as np
 
 from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
 from climbplan.robots.model import Robot
+from climbplan.robots.task_robot import with_stance
 from climbplan.spec.fits.envelopes import EnvelopeTerrainSpec
 
 
 def terrains_of(spec: EnvelopeTerrainSpec, robot: Robot) -> TerrainDistribution:
-    """A named distribution with the spec's ranges."""
+    """A named distribution with the spec's limbs and ranges."""
     return replace(
-        distribution(spec.distribution, robot),
+        distribution(spec.distribution, with_stance(robot, spec.stance), spec.limbs),
         tilt=float(np.deg2rad(spec.tilt_deg)),
         jitter=spec.jitter,
         half_size=spec.half_size,

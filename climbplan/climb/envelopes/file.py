@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from climbplan.climb.envelopes.legs import POSITION_SCALE
 from climbplan.climb.envelopes.run import EnvelopeRun, FittedEnvelopes
 from climbplan.learning.envelope_box import Envelope
 from climbplan.plans.hdf5_layout import Layout
@@ -58,7 +57,7 @@ def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> No
             FORMAT,
             FORMAT_VERSION,
             texts={"status": "feasible", "training_fingerprint": run.fingerprint},
-            numbers={"position_scale": POSITION_SCALE},
+            numbers={"position_scale": run.position_scale},
             objects={
                 "timings": run.timings,
                 "limb_names": list(run.limb_names),

@@ -1,13 +1,14 @@
 """The limbs of a coupled problem: shoulders, stances, workspaces, and the characteristic scales.
 
 Positions are measured in P (a length) and forces in F (the robot's weight), eqs. (5.8), (5.9), so
-that components of both lie within [-1, 1].
+that components of both lie within [-1, 1]. P is one length for the limbs that envelopes were
+published for, and longer where other robots reach farther.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +47,15 @@ def wall_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
         robot.reach,
         robot.stance_radius,
     )
+
+
+def standing_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
+    """As `wall_legs`, with a P beyond the reach of limbs of any size."""
+    legs = wall_legs(robot, names)
+    by_shoulder = np.linalg.norm(legs.shoulder, axis=1) + legs.reach
+    by_stance = np.linalg.norm(legs.stance, axis=1) + legs.stance_radius
+    farthest = float(np.minimum(by_shoulder, by_stance).max())
+    return replace(legs, length=max(POSITION_SCALE, farthest))
 
 
 def ground_legs(robot: Robot, names: tuple[str, ...]) -> Legs:

@@ -52,6 +52,7 @@ class EnvelopeRun:
     """All envelopes of one run."""
 
     limb_names: tuple[str, ...]
+    position_scale: float  # P [m]
     fitted: tuple[FittedEnvelopes, ...]
     fitness: Array  # (G, 3) mean, spread and best of each generation, none without the search
     training: Rows  # points of feasible terrains as they were clustered
@@ -129,8 +130,10 @@ def fit_envelopes(
             )
         )
     clock.done("validation")
-    names = terrains.legs.names
-    return EnvelopeRun(names, tuple(fitted), fitness, moved, held_out, fingerprint, clock.seconds)
+    legs, seconds = terrains.legs, clock.seconds
+    return EnvelopeRun(
+        legs.names, legs.length, tuple(fitted), fitness, moved, held_out, fingerprint, seconds
+    )
 
 
 def _rows(

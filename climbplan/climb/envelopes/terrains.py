@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.envelopes.legs import Legs, ground_legs, wall_legs
+from climbplan.climb.envelopes.legs import Legs, ground_legs, standing_legs, wall_legs
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import contact_frame
 from climbplan.program.polytope import Array
@@ -79,18 +79,47 @@ def tilted(normal: Array, angle: Array, about: Array) -> Array:
 THREE = ("RF", "RR", "LM")
 FIVE = ("RF", "RR", "LR", "LM", "LF")
 DISTRIBUTIONS = ("ground3", "wall3", "wall5")
+OWN = ("ground", "wall")  # of any limbs of any robot, in its own stance
+_ON_GROUND, _ON_WALLS = (0.1, 0.8), (0.1, 1.2)  # friction
+_ON_MIDDLE = 1e-3  # [m] off the body's middle plane within which no wall is a toe's own
 
 
-def distribution(name: str, robot: Robot) -> TerrainDistribution:
-    """`ground3`, `wall3` or `wall5`; UsageError for another name, or a robot without the limbs."""
+def distribution(
+    name: str, robot: Robot, limbs: tuple[str, ...] | None = None
+) -> TerrainDistribution:
+    """Terrains by name; limbs: those that stand, of `ground` and `wall` (None: all).
+
+    Raises UsageError for another name, a robot without the limbs, and between walls for a toe in
+    the middle of the body.
+    """
+    if name in OWN:
+        return _own(name, robot, robot.limb_names if limbs is None else limbs)
     if name not in DISTRIBUTIONS:
-        raise UsageError(f"unknown terrains {name!r}: expected one of {', '.join(DISTRIBUTIONS)}")
+        known = ", ".join((*DISTRIBUTIONS, *OWN))
+        raise UsageError(f"unknown terrains {name!r}: expected one of {known}")
     legs = FIVE if name == "wall5" else THREE
     if lacking := [limb for limb in legs if limb not in robot.limb_names]:
         raise UsageError(f"{robot.name} has no limb {lacking[0]}, on which terrains {name!r} stand")
     if name == "ground3":
         up = np.tile([0.0, 0.0, 1.0], (len(legs), 1))
-        return TerrainDistribution(name, ground_legs(robot, legs), up, (0.1, 0.8))
+        return TerrainDistribution(name, ground_legs(robot, legs), up, _ON_GROUND)
     standing = wall_legs(robot, legs)
     side = -np.sign(standing.stance[:, :1]) * [1.0, 0.0, 0.0]
-    return TerrainDistribution(name, standing, side, (0.1, 1.2))
+    return TerrainDistribution(name, standing, side, _ON_WALLS)
+
+
+def _own(name: str, robot: Robot, limbs: tuple[str, ...]) -> TerrainDistribution:
+    """Limbs in the robot's own stance, on patches that look up or to the middle of the body."""
+    if lacking := [limb for limb in limbs if limb not in robot.limb_names]:
+        known = ", ".join(robot.limb_names)
+        raise UsageError(f"{robot.name} has no limb {lacking[0]!r}, its limbs are {known}")
+    legs = standing_legs(robot, limbs)
+    if name == "ground":
+        up = np.tile([0.0, 0.0, 1.0], (legs.count, 1))
+        return TerrainDistribution(name, legs, up, _ON_GROUND)
+    across = legs.stance[:, 0]
+    if (middle := np.abs(across) < _ON_MIDDLE).any():
+        limb = limbs[int(np.argmax(middle))]
+        raise UsageError(f"{limb} stands in the middle of {robot.name}, where no wall is its own")
+    inward = -np.sign(across)[:, None] * [1.0, 0.0, 0.0]
+    return TerrainDistribution(name, legs, inward, _ON_WALLS)

@@ -23,6 +23,7 @@ from climbplan.climb.plan.climb_plan import (
 )
 from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
+from climbplan.climb.swing import SwingMeets
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.climb.transition.clear_standing import standing_trouble
 from climbplan.climb.transition.gait import plan_instants
@@ -147,6 +148,7 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
     or body come too close to anything it is planned again with rows that keep them off.
     """
     scene, parted = run.scene, False
+    met: Rounds | None = None  # a motion without the rows
     reason, iterations = "", 0
     shares = (0.0,) if not scene.spec.margins.asked else _SHARES
     beyond = 0.0  # share of the margins for which there is no motion
@@ -158,7 +160,7 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
             if parted and not with_rows:
                 continue
             with run.clock.stage("motion"):
-                motion = plan_motion(lab, sequence, asked, share, with_rows)
+                motion = plan_motion(lab, sequence, asked, share, with_rows, met)
             iterations += motion.iterations
             if not motion.accepted:
                 beyond = share
@@ -168,7 +170,7 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
                 done, verification = verified(run, motion.rounds, sequence.moved, motion.first)
             except NoPlanFound as error:
                 reason = " ".join(str(error).split())
-                parted |= isinstance(error, LimbsMeet)
+                parted |= isinstance(error, LimbsMeet | SwingMeets)
             else:
                 if verification.passed:
                     return Attempt(done, iterations)
@@ -177,6 +179,7 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
                 parted |= not failed.isdisjoint(_TOO_CLOSE)
             if not parted:
                 break
+            met = motion.rounds
     return Attempt(None, iterations, reason or "no room for a safety margin")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Rounds
 from climbplan.climb.transition.motion_numbers import (
+    links_beside,
     motion_numbers,
     open_footholds,
     shape_of,
@@ -46,19 +47,22 @@ def plan_motion(
     safety_torque: float | None = None,
     share: float = 0.0,
     parted: bool = False,
+    met: Rounds | None = None,
 ) -> Motion:
     """The motion of least cost near the search's way.
 
     safety_torque: S_tau asked for instead of the spec's; share: of its margins that forces keep.
-    parted: with rows that keep limbs off the terrain and the body.
+    parted: with rows that keep limbs off the terrain, the body and one another; met: a motion
+    without these in which they came too close.
     """
     scene = lab.scene
     begin = time.perf_counter()
     rounds = len(sequence.states) - 1
-    program = motion_program(shape_of(scene, rounds, parted))
+    beside = links_beside(lab, sequence, met) if parted else ()
+    program = motion_program(shape_of(scene, rounds, parted, beside))
     stated = program.stated
     least = scene.spec.force.safety_torque if safety_torque is None else safety_torque
-    numbers = motion_numbers(lab, stated, sequence, least, share, parted)
+    numbers = motion_numbers(lab, stated, sequence, least, share, parted, beside)
     bounds, p = numbers.bounds, stated.theta(numbers.parameters)
     until = time.monotonic() + scene.spec.solver.time_limit
     point = program.solver.solve(numbers.start, p, bounds, until)

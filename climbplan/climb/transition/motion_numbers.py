@@ -9,11 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Mask
+from climbplan.climb.plan.climb_plan import Array, Mask, Rounds
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.motion_statement import POINTS, Shape
-from climbplan.climb.transition.parting_faces import parting_faces
+from climbplan.climb.transition.parting_faces import (
+    LinkPairs,
+    links_near,
+    parting_faces,
+    parting_planes,
+)
 from climbplan.climb.transition.pose_ways import Sequence, stance_of_move
 from climbplan.climb.transition.round_rows import (
     TIES,
@@ -46,12 +51,18 @@ class MotionNumbers:
     bounds: Bounds
 
 
-def shape_of(scene: TransitionScene, rounds: int, parted: bool = False) -> Shape:
-    """The shape of the program of a scene; parted: with rows that keep limbs off things."""
+def shape_of(
+    scene: TransitionScene, rounds: int, parted: bool = False, beside: LinkPairs = ()
+) -> Shape:
+    """The shape of the program of a scene; parted: with rows that keep limbs off things.
+
+    beside: links of two limbs that are kept apart then.
+    """
     robot = scene.robot
     pieces = robot.joint_count if robot.capsules is None else robot.capsules.joint.shape[1]
     return Shape(
         pieces=pieces if parted else 0,
+        beside=beside if parted else (),
         rounds=rounds,
         stated=stated_limbs(scene.robot),
         solids=len(scene.terrain.solids),
@@ -113,10 +124,12 @@ def motion_numbers(
     safety_torque: float,
     share: float = 0.0,
     parted: bool = False,
+    beside: LinkPairs = (),
 ) -> MotionNumbers:
     """Numbers of a sequence; safety_torque: least S_tau, share: of the margins asked for.
 
-    parted: with rows that keep limbs off the terrain and the body.
+    parted: with rows that keep limbs off the terrain and the body, and the links of `beside` off
+    one another.
     """
     kept = kept_by(lab.scene, share)
     scene = lab.scene
@@ -154,6 +167,7 @@ def motion_numbers(
     given = {name: at_toes[name] for name in limbs.given}
     if parted:
         given |= parting_faces(scene, pose[:, :3], pose[:, 3:], toes, asked[..., 0])
+        given |= parting_planes(scene, toes, asked[..., 0], sequence.moved, beside)
     return MotionNumbers(
         _parameters(lab, sequence, kept, given),
         stated.point(start),
@@ -176,14 +190,31 @@ def _asked(scene: TransitionScene, sequence: Sequence) -> Mask:
     return np.stack([old, new, moved & old, new], axis=-1)
 
 
-def _toes_at_points(lab: Laboratory, sequence: Sequence) -> Array:
-    """Toes (M, POINTS, N, 3) old, new and hovering over both, body frame."""
+def links_beside(lab: Laboratory, sequence: Sequence, met: Rounds | None = None) -> LinkPairs:
+    """Links of two limbs that come close where the search has them, or in a motion that met."""
+    moved = sequence.moved
+    pairs = links_near(lab.scene, _toes_at_points(lab, sequence), moved)
+    if met is not None:
+        own = links_near(lab.scene, _toes_at_points(lab, sequence, met), moved)
+        pairs = tuple(sorted({*pairs, *own}))
+    return pairs
+
+
+def _toes_at_points(lab: Laboratory, sequence: Sequence, rounds: Rounds | None = None) -> Array:
+    """Toes (M, POINTS, N, 3) old, new and hovering over both, body frame.
+
+    rounds: a motion of the sequence; left out, as the search has it.
+    """
     scene, holds = lab.scene, lab.footholds
     limb, states = np.arange(scene.robot.limb_count), np.array(sequence.states)
     poses = np.array(sequence.poses)[:-1]
-    com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
     ends = (states[:-1], states[1:])
-    points = [holds.toe[limb, state] for state in ends]
+    if rounds is None:
+        com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
+        points = [holds.toe[limb, state] for state in ends]
+    else:
+        com, rpy = rounds.com[:-1], rounds.rpy[:-1]
+        points = [rounds.toes[:-1], rounds.toes[1:]]
     lift = scene.spec.trajectory.lift
     points += [p + lift * holds.normal[limb, s] for p, s in zip(points, ends, strict=True)]
     return np.stack([to_body(com, rpy, p) for p in points], axis=1)

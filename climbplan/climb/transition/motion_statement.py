@@ -14,7 +14,8 @@ hold the body and the share s of the torque limits they take. Beside the rows of
     steps.rotation         turns of the body within their bound
     body.clearance         hull corners beyond a face of every solid, the face pinned
     limbs.clearance        joints beyond such faces, and
-    limbs.self_collision   links beyond a face of the body each, where limbs came too close without
+    limbs.self_collision   links beyond a face of the body each, and links of two limbs on both
+                           sides of a plane, where limbs came too close without
     foothold.plane         toes on footholds between lie on their surface,
     foothold.inside        within its edges,
     foothold.stays         and stay until their limb moves
@@ -55,6 +56,8 @@ class Shape:
     solids: int  # S
     edges: int  # E, of the surfaces of footholds between
     pieces: int = 0  # C capsules of a limb that keep off the body; 0: limbs are not looked at
+    # (Q, 4) limb and capsule, and limb and capsule, that keep off one another
+    beside: tuple[tuple[int, int, int, int], ...] = ()
 
     @property
     def limbs(self) -> int:
@@ -89,7 +92,7 @@ class Shape:
 
     @property
     def _parting(self) -> dict[str, tuple[int, int]]:
-        """Faces that joints are to be beyond, world, and links beside the body, body frame."""
+        """Faces that joints are to be beyond, world, and links, body frame."""
         if not self.pieces:
             return {}
         joints = POINTS * self.solids * (self.stated.joints - 1) * self.limbs
@@ -99,7 +102,16 @@ class Shape:
             "joint_end": (1, joints),
             "link_face": (3, links),
             "link_end": (1, links),  # with the radius of the link
+            **self._between,
         }
+
+    @property
+    def _between(self) -> dict[str, tuple[int, int]]:
+        """Directions that part links of two limbs, and by how much [m]; which limbs move."""
+        if not self.beside:
+            return {}
+        count = POINTS * len(self.beside)
+        return {"limb_face": (3, count), "limb_end": (1, count), "moves": (1, self.limbs)}
 
     @property
     def common(self) -> dict[str, tuple[int, int]]:
@@ -178,9 +190,10 @@ def _round(shape: Shape) -> RoundRows:
 
 
 def _keep_apart(shape: Shape, rows: RoundRows, angles: list[Any]) -> None:
-    """Joints beyond a face of every solid, links beyond one of the body, all pinned."""
+    """Joints beyond a face of every solid, links beyond one of body and other limbs, all pinned."""
     s, n = rows.symbols, shape.limbs
-    clear, beside = [], []
+    clear, beside, parted = [], [], []
+    held: list[tuple[Any, Any]] = []  # links of limbs that do not move in the round
     for k, own in enumerate(angles):
         joints = shape.stated.points(s, own)[1:-1]
         world = [rows.world(point) for point in joints]
@@ -189,9 +202,26 @@ def _keep_apart(shape: Shape, rows: RoundRows, angles: list[Any]) -> None:
                 at = ((k * shape.solids + solid) * len(world) + j) * n
                 face, end = (s[name][:, at : at + n] for name in ("joint_face", "joint_end"))
                 clear.append(ca.sum1(face * point) - end)
-        for c, ends in enumerate(shape.stated.pieces(s, own)):
+        links = shape.stated.pieces(s, own)
+        for c, ends in enumerate(links):
             at = (k * shape.pieces + c) * n
             face, end = (s[name][:, at : at + n] for name in ("link_face", "link_end"))
             beside += [ca.sum1(face * point) - end for point in ends]
+        held = held or links
+        for q, pair in enumerate(shape.beside):
+            one, other = (_link(s, links, held, *pair[at : at + 2]) for at in (0, 2))
+            at = k * len(shape.beside) + q
+            face, end = s["limb_face"][:, at], s["limb_end"][:, at]
+            parted += [ca.dot(face, p - r) - end for p in one for r in other]
     rows.stage.between("limbs.clearance", ca.vertcat(*clear), 0.0, unit="m")
-    rows.stage.between("limbs.self_collision", ca.vertcat(*beside), 0.0, unit="m")
+    apart = ca.vertcat(ca.vec(ca.vertcat(*beside)), *parted)
+    rows.stage.between("limbs.self_collision", apart, 0.0, unit="m")
+
+
+def _link(
+    s: dict[str, Any], there: list[tuple[Any, Any]], held: list[tuple[Any, Any]], limb: int, c: int
+) -> list[Any]:
+    """Ends (3,) of a limb's link where the limb is at a point: `held` unless it moves."""
+    moves = s["moves"][limb]
+    both = zip(there[c], held[c], strict=True)
+    return [moves * now[:, limb] + (1 - moves) * then[:, limb] for now, then in both]

@@ -1,8 +1,9 @@
-"""Faces that keep limbs off the terrain and the body in the program of a motion, pinned.
+"""Faces that keep limbs off terrain, body and one another in the program of a motion, pinned.
 
 A joint is beyond the face of a solid that leaves it most room where the search has it, and a link
-beyond the face of the body's parts that does. Limbs that are not looked at there have a face of
-zeros, which everything is beyond.
+beyond the face of the body's parts that does. Links of two limbs are on both sides of a plane that
+is square to the shortest way between them. Limbs that are not looked at there have a face of zeros,
+which everything is beyond.
 """
 
 from __future__ import annotations
@@ -15,10 +16,14 @@ from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import inverse
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.touching_parts import parts_beside
+from climbplan.robots.touching_parts import limbs_room, limbs_ways, parts_beside
+
+LinkPairs = tuple[tuple[int, int, int, int], ...]  # limb and capsule, and limb and capsule
 
 _ROOM = 0.01  # [m] of joints beside solids
-_APART = 2e-3  # [m] of links beside the body
+_APART = 2e-3  # [m] of links beside the body and beside one another
+_NEAR = 0.03  # [m] room between links of two limbs up to which rows part them
+_CROSSED = 1e-9  # [m] a shorter way has no direction
 
 
 def parting_faces(
@@ -29,8 +34,7 @@ def parting_faces(
     asked: (M, P, N) which limbs are looked at.
     """
     robot = scene.robot
-    solution = inverse(robot, toes)
-    angles = np.where(solution.valid[..., None], solution.best(), solution.angles[..., 0, :, :])
+    angles = _angles_at(scene, toes)
     turn = np.swapaxes(rotation_world_body(rpy), -1, -2)[:, None, None]
     points = com[:, None, None, None] + robot.limbs.joint_points(angles)[..., 1:-1, :] @ turn
     m = len(com)
@@ -69,6 +73,59 @@ def parting_faces(
         "link_face": np.swapaxes(face, 2, 3).reshape(m, -1),
         "link_end": np.swapaxes(end, 2, 3).reshape(m, -1),
     }
+
+
+def links_near(scene: TransitionScene, toes: Array, moved: Mask) -> LinkPairs:
+    """Links of two limbs that come close, toes (M, P, N, 3), body frame, moved (M, N).
+
+    Limbs that do not move in a round stay at its first point.
+    """
+    links = limb_capsules(scene.robot, _staying(_angles_at(scene, toes), moved))
+    _, pairs = parts_beside(scene.robot, links)
+    room = limbs_room(links, pairs)  # (M, P, Q)
+    near = (room < _NEAR).any(axis=(0, 1))
+    return tuple((int(i), int(c), int(k), int(d)) for i, c, k, d in pairs[near])
+
+
+def parting_planes(
+    scene: TransitionScene, toes: Array, asked: Mask, moved: Mask, beside: LinkPairs
+) -> dict[str, Array]:
+    """Numbers of the program, (M, d) each, that part the links of two limbs; arguments as above.
+
+    No more is asked of links than they have where the search has them.
+    """
+    if not beside:
+        return {}
+    pairs = np.array(beside, np.int64)
+    links = limb_capsules(scene.robot, _staying(_angles_at(scene, toes), moved))
+    way, room = limbs_ways(links, pairs), limbs_room(links, pairs)  # (M, P, Q, ...)
+    length = np.linalg.norm(way, axis=-1)
+    asked = np.where(moved[:, None], asked, asked[:, :1])
+    on = asked[..., pairs[:, 0]] | asked[..., pairs[:, 2]]
+    # Past the first point only a pair of which one moves is anywhere else
+    goes = moved[:, pairs[:, 0]] | moved[:, pairs[:, 2]]
+    on[:, 1:] &= goes[:, None]
+    on &= length > _CROSSED
+    face = np.where(on[..., None], way / np.maximum(length, _CROSSED)[..., None], 0.0)
+    end = np.where(on, length - room + np.minimum(_APART, np.maximum(room, 0.0)), -1.0)
+    m = len(toes)
+    return {
+        "limb_face": face.reshape(m, -1),
+        "limb_end": end.reshape(m, -1),
+        "moves": moved.astype(float),
+    }
+
+
+def _angles_at(scene: TransitionScene, toes: Array) -> Array:
+    """Joint angles (..., N, J) for toes (..., N, 3), body frame; the nearest where out of reach."""
+    solution = inverse(scene.robot, toes)
+    first = solution.angles[..., 0, :, :]
+    return np.where(solution.valid[..., None], solution.best(), first)
+
+
+def _staying(angles: Array, moved: Mask) -> Array:
+    """Angles (M, P, N, J), of limbs that do not move those of the first point."""
+    return np.where(moved[:, None, :, None], angles, angles[:, :1])
 
 
 def _picked(values: list[Array], which: Index) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.robots.gripper import Gripper
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
@@ -60,6 +61,8 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         place = spec.legs[name].stance
         if place is not None:
             stance[index] = place
+    if spec.gripper is not None:
+        _wrists_have_directions(robot, chain)
     chain = _standing(robot, chain, stance, given, lower, upper)
     first = chain.joint_zero[:, 0]
     shapes = []
@@ -103,6 +106,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         stance_radius=spec.workspace.stance_radius or _ball(robot, chain, stance, reach, bounds),
         limb_radius=LIMB_RADIUS if radius is None else radius,
         mechanism=chain,
+        gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
         capsules=capsules,
         body_parts=() if spec.body_half_size is not None else parts,
     )
@@ -170,6 +174,18 @@ def _standing(
         raise robot.refused(missed)
     posture = np.where(given[:, None], solution.best(), chain.posture)
     return SerialChain(chain.names, chain.joint_zero, chain.axis_zero, chain.toe_zero, posture)
+
+
+def _wrists_have_directions(robot: UrdfRobot, chain: SerialChain) -> None:
+    """Raises SpecError for toes on the axis of their last joint: wrists count from that link."""
+    lost = np.isnan(chain.last_link(chain.posture)).any(axis=(-1, -2))
+    message = "lies on the axis of its last joint, so that its wrist has no direction to count from"
+    found = [
+        Finding(("legs", robot.limb_names[limb], "toe"), message)
+        for limb in (int(i) for i in np.flatnonzero(lost))
+    ]
+    if found:
+        raise robot.refused(found)
 
 
 def _side(side: str, x: float) -> str:

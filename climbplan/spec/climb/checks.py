@@ -22,8 +22,8 @@ from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.transition import TransitionTaskSpec
 from climbplan.spec.document import Finding, KeyPath, dotted
 from climbplan.spec.fields import explain_unknown_key, nearest, slot_at
+from climbplan.spec.robots.robot import RobotSpec
 from climbplan.spec.robots.source import AnyRobot
-from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.wording import findings_of, shown
 
 
@@ -155,11 +155,11 @@ def _method_limits(parts: ClimbParts) -> list[Finding]:
 
 def _beyond(robot: AnyRobot | None) -> str:
     """Why the robot's limbs or grippers are beyond all methods but `micp`; empty if not."""
-    if robot is None or isinstance(robot, UrdfRobot):
+    if robot is None:
         return ""
     if robot.gripper is not None:
         return f"{robot.name} has grippers, whose postures only `micp` plans"
-    if robot.five_bar is not None:
+    if isinstance(robot, RobotSpec) and robot.five_bar is not None:
         return f"{robot.name} has closed linkages for legs, whose postures only `micp` plans"
     return ""
 
@@ -191,7 +191,7 @@ def _without_method(parts: ClimbParts) -> list[Finding]:
 
 def _grippers(parts: ClimbParts) -> list[Finding]:
     """Robots with grippers climb flat surfaces, with forces of two solvers."""
-    if parts.robot is None or isinstance(parts.robot, UrdfRobot) or parts.robot.gripper is None:
+    if parts.robot is None or parts.robot.gripper is None:
         return []
     name, found = parts.robot.name, []
     if isinstance(parts.task, TransitionTaskSpec):

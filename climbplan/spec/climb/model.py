@@ -254,9 +254,10 @@ class SolverSpec(SpecModel):
     envelopes: tuple[str, ...] = Field(
         default=(),
         description="envelopes of the coupled methods: `ground3`, `wall3`, `wall5` (shipped; "
-        "`wall5:genetic` for another fit than clustering), `expert`, or the path of an "
-        "envelopes.h5; left out: by the regions' normals, for `coupled-modes` ground3 and wall5, "
-        "for `coupled-micp` none, without which its bound holds for the exact problem",
+        "`wall5:genetic` for another fit than clustering), `expert`, `expert-ground`, or the path "
+        "of an envelopes.h5; left out: by the regions' normals, for `coupled-modes` ground3 and "
+        "wall5 (of robots without their limbs the experts'), for `coupled-micp` none, "
+        "without which its bound holds for the exact problem",
     )
     pieces: Count = quantity(
         "", "pieces of each toe coordinate's range (`coupled-micp`)", default=4, ge=1, le=64

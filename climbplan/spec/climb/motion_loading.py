@@ -11,10 +11,9 @@ from pydantic import ValidationError
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.base import SpecModel
 from climbplan.spec.document import Document, Finding, KeyPath
-from climbplan.spec.robots.robot import RobotSpec
-from climbplan.spec.robots.source import NO_CHAINS, AnyRobot, UnknownRobot, load_any_robot
+from climbplan.spec.robots.source import AnyRobot, UnknownRobot, load_any_robot
 from climbplan.spec.robots.urdf.model import UrdfRobotSpec
-from climbplan.spec.robots.urdf.source import UrdfRobot, urdf_robot
+from climbplan.spec.robots.urdf.source import urdf_robot
 
 Model = TypeVar("Model", bound=SpecModel)
 
@@ -48,16 +47,6 @@ def any_robot_of_document(
             else document.mistake(Finding(path, f"{error.source}: {m.message}", m.suggestion))
             for m in error.mistakes
         ]
-
-
-def robot_of_document(
-    document: Document, directory: Path, path: KeyPath = ("robot",)
-) -> tuple[RobotSpec | None, list[SpecMistake]]:
-    """As `any_robot_of_document`, where limbs have to be coxa, femur and tibia."""
-    robot, mistakes = any_robot_of_document(document, directory, path)
-    if isinstance(robot, UrdfRobot):
-        return None, [*mistakes, document.mistake(Finding(path, NO_CHAINS))]
-    return robot, mistakes
 
 
 def part_of(document: Document, key: str, model: type[Model]) -> Model | None:

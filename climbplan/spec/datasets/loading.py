@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from climbplan.errors import SpecError
+from climbplan.errors import SpecError, SpecMistake
 from climbplan.spec.bookshelf.loading import root_paths
-from climbplan.spec.climb.motion_loading import robot_of_document
+from climbplan.spec.climb.motion_loading import any_robot_of_document
 from climbplan.spec.datasets.model import (
     BY_PROBLEM,
     ProgramDatasetSpec,
@@ -16,8 +16,9 @@ from climbplan.spec.datasets.model import (
     TerrainsDatasetSpec,
     WalksDatasetSpec,
 )
-from climbplan.spec.document import Document, Finding
+from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
+from climbplan.spec.fits.envelopes_loading import limb_findings
 from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
@@ -66,9 +67,13 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
         raise SpecError(document.source, document.mistakes([*findings, model]))
     spec, found = validate(document, model)
     findings += [f for f in found if f.path != ("kind",)]
-    mistakes = document.mistakes(findings)
+    robot_mistakes: list[SpecMistake] = []
     if model is TerrainsDatasetSpec:
-        mistakes += robot_of_document(document, text.directory, ("problem", "robot"))[1]
+        path: KeyPath = ("problem", "robot")
+        robot, robot_mistakes = any_robot_of_document(document, text.directory, path)
+        if spec is not None and robot is not None and isinstance(spec, TerrainsDatasetSpec):
+            findings += limb_findings(spec.problem.terrain, robot, ("problem", "terrain"))
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
     if model is WalksDatasetSpec:
         mistakes += body_of_document(document, text.directory, ("problem", "robot"))[1]
     if spec is None or mistakes:

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from climbplan.spec.base import Count, Number, SpecModel, quantity
+from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
+
+FEWEST_LIMBS = 3  # with toes that only press
 
 
 class EnvelopeTerrainSpec(SpecModel):
     """Random terrains: one square patch for each limb that stands."""
 
-    distribution: Literal["ground3", "wall3", "wall5"] = Field(
+    distribution: Literal["ground3", "wall3", "wall5", "ground", "wall"] = Field(
         description="`ground3`: RF, RR, LM on the ground; `wall3`: the same between walls; "
-        "`wall5`: all limbs but RM between walls"
+        "`wall5`: all limbs but RM between walls. Of any robot, in its own stance: `ground`: limbs "
+        "on patches that look up; `wall`: on patches that look towards the middle plane of the body"
+    )
+    limbs: tuple[str, ...] | None = Field(
+        default=None, description="that stand, of `ground` and `wall`; all if left out"
+    )
+    stance: dict[str, Vector] = quantity(
+        "m",
+        "toe positions by limb, body frame, where they differ from the robot's (`ground`, `wall`)",
+        default={},
     )
     tilt_deg: Number = quantity(
         "deg", "largest angle of a patch from its nominal normal", default=30.0, ge=0, lt=90
@@ -23,6 +34,28 @@ class EnvelopeTerrainSpec(SpecModel):
         "m", "largest shift of a patch along each axis", default=0.1, ge=0, le=1
     )
     half_size: Number = quantity("m", "half a patch's side", default=0.05, gt=0, le=1)
+
+    @model_validator(mode="after")
+    def _own_limbs(self) -> Self:
+        faults = []
+        if self.distribution not in ("ground", "wall"):
+            message = f"`{self.distribution}` names its limbs; expected `ground` or `wall` for that"
+            given = (("limbs", self.limbs is not None), ("stance", bool(self.stance)))
+            faults += [Fault(name, message) for name, there in given if there]
+        elif self.limbs is not None and len(set(self.limbs)) != len(self.limbs):
+            faults.append(Fault("limbs", "expected each limb once"))
+        elif self.limbs is not None and len(self.limbs) < FEWEST_LIMBS:
+            message = f"expected at least {FEWEST_LIMBS} limbs, got {len(self.limbs)}"
+            faults.append(Fault("limbs", message))
+        refuse(faults)
+        return self
+
+    @property
+    def named_limbs(self) -> list[tuple[tuple[str | int, ...], str]]:
+        """Limbs that it names, each with its key."""
+        limbs = enumerate(self.limbs or ())
+        named: list[tuple[tuple[str | int, ...], str]] = [(("limbs", i), n) for i, n in limbs]
+        return named + [(("stance", name), name) for name in self.stance]
 
 
 class EnvelopeDataSpec(SpecModel):

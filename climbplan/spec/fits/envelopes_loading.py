@@ -8,12 +8,14 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf.loading import root_paths
-from climbplan.spec.climb.motion_loading import robot_of_document
-from climbplan.spec.document import Document
-from climbplan.spec.fits.envelopes import EnvelopesSpec
+from climbplan.spec.climb.motion_loading import any_robot_of_document
+from climbplan.spec.document import Document, Finding, KeyPath
+from climbplan.spec.fields import nearest
+from climbplan.spec.fits.envelopes import EnvelopesSpec, EnvelopeTerrainSpec
 from climbplan.spec.kinds import validate_kind
 from climbplan.spec.loaded import LoadedSpec, origin_of
 from climbplan.spec.overrides import Override, apply_overrides
+from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import parse_yaml
 
@@ -43,8 +45,24 @@ def envelopes_of(document: Document, text: SourceText) -> LoadedEnvelopes:
     """
     root_paths(document, (("data", "dataset"),))
     spec, findings = validate_kind(document, "envelopes", EnvelopesSpec)
-    _, robot_mistakes = robot_of_document(document, text.directory)
+    robot, robot_mistakes = any_robot_of_document(document, text.directory)
+    if spec is not None and robot is not None:
+        findings = [*findings, *limb_findings(spec.terrain, robot, ("terrain",))]
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or mistakes:
         raise SpecError(document.source, mistakes)
     return LoadedEnvelopes(spec=spec, **origin_of(document, text))
+
+
+def limb_findings(spec: EnvelopeTerrainSpec, robot: AnyRobot, path: KeyPath) -> list[Finding]:
+    """Limbs that a terrain section at `path` names and the robot does not have."""
+    limbs = list(robot.limb_names)
+    return [
+        Finding(
+            (*path, *key),
+            f"{robot.name} has no limb {name!r}, its limbs are {', '.join(limbs)}",
+            nearest(name, limbs),
+        )
+        for key, name in spec.named_limbs
+        if name not in limbs
+    ]

@@ -72,6 +72,14 @@ def load_any_robot(reference: str | Path, directory: Path | None = None) -> AnyR
     return robot_of(parse_yaml(source.text, source.shown), source.directory)
 
 
+def robot_files(reference: str, directory: Path) -> list[Path]:
+    """The file of a robot or body that a path names, and the URDF that this names if it does."""
+    path = directory / reference
+    value = parse_yaml(read_source(path).text, str(path)).value
+    urdf = value.get("urdf") if isinstance(value, dict) else None
+    return [path, path.parent / urdf] if isinstance(urdf, str) else [path]
+
+
 def robot_of(document: Document, directory: Path) -> AnyRobot:
     """The robot that a document describes; paths in it start from `directory`.
 

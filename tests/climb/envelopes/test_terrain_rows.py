@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from climbplan.climb.envelopes.dataset_rows import (
     TerrainRows,
@@ -15,15 +16,20 @@ from climbplan.climb.envelopes.dataset_rows import (
     point_of,
 )
 from climbplan.climb.envelopes.distribution import terrains_of
+from climbplan.climb.envelopes.legs import ball_directions
 from climbplan.climb.envelopes.statement import posture_statement
 from climbplan.climb.envelopes.terrains import Patches
 from climbplan.datasets.verification import verification_of
-from climbplan.errors import LimitReached, PlanFileError, UsageError
+from climbplan.errors import LimitReached, PlanFileError, SpecError, UsageError
 from climbplan.plans.dataset import Dataset
 from climbplan.plans.dataset_row import Row, child_seed, dataset_of
+from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.spec.datasets.model import TerrainsProblemSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.spec.fits.envelopes_loading import envelopes_of
+from climbplan.spec.robots.source import load_any_robot, load_robot
+from climbplan.spec.source import SourceText
+from climbplan.spec.yaml_source import parse_yaml
 
 PLACE = Path("dataset.h5")
 
@@ -139,3 +145,43 @@ def test_foreign_facts_are_refused(data: Dataset) -> None:
     frame = replace(data.frame, facts={**data.frame.facts, "shoulder": [[0, 0]]})
     with pytest.raises(PlanFileError, match="no numbers for 3 limbs"):
         verification_of(replace(data, frame=frame), PLACE)
+
+
+def test_any_robot_stands_on_terrains_of_its_own() -> None:
+    """A robot from a URDF, between walls with all its limbs and on the ground with three."""
+    walker = build_robot(load_any_robot("specs/robot_walker.yaml"))
+    spec = _spec(terrain={"distribution": "wall", "tilt_deg": 20}, share_feasible=1.0)
+    terrains = terrains_of(spec.terrain, walker)
+    assert terrains.legs.names == walker.limb_names
+    np.testing.assert_array_equal(terrains.legs.stance, walker.stance_body)
+    assert (terrains.normal[:, 0] * walker.stance_body[:, 0] < 0).all()
+    toes = walker.stance_body[:, None] + walker.stance_radius * ball_directions()
+    near = np.linalg.norm(toes - walker.shoulder_body[:, None], axis=-1) <= walker.reach
+    assert 0.7 < np.linalg.norm(toes[near], axis=-1).max() <= terrains.legs.length
+    data = _made(TerrainRows(spec, walker), 2)
+    assert verification_of(data, PLACE).passed
+    assert set(data.status) == {"feasible"}
+    stance = {"L1": (-0.4, 0.3, -0.2)}
+    own = {"distribution": "ground", "limbs": ["L1", "R1", "L2"], "stance": stance}
+    standing = terrains_of(_spec(terrain=own).terrain, walker)
+    assert standing.legs.names == ("L1", "R1", "L2")
+    np.testing.assert_array_equal(standing.legs.stance[0], stance["L1"])
+    np.testing.assert_array_equal(standing.normal, np.tile([0.0, 0.0, 1.0], (3, 1)))
+
+
+def test_limbs_of_terrains_are_those_of_the_robot() -> None:
+    text = {"kind": "envelopes", "robot": "silvia", "terrain": {"distribution": "ground"}}
+
+    def mistakes(**terrain: object) -> str:
+        data = {**text, "terrain": {**text["terrain"], **terrain}}  # type: ignore[dict-item]
+        source = SourceText("e.yaml", "e", Path(), yaml.safe_dump(data))
+        with pytest.raises(SpecError) as refused:
+            envelopes_of(parse_yaml(source.text, source.shown), source)
+        return str(refused.value)
+
+    assert "terrain.limbs.2: SiLVIA has no limb 'LX'" in mistakes(limbs=["RF", "LF", "LX"])
+    assert "terrain.stance.LX: SiLVIA has no limb" in mistakes(stance={"LX": [0, 0, 0]})
+    assert "expected at least 3 limbs, got 2" in mistakes(limbs=["RF", "LF"])
+    assert "expected each limb once" in mistakes(limbs=["RF", "LF", "RF"])
+    named = mistakes(distribution="ground3", limbs=["RF", "LF", "LR"])
+    assert "`ground3` names its limbs" in named

@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -14,6 +15,8 @@ from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.transition.clear_standing import clear_standing
+from climbplan.climb.transition.motion_numbers import links_beside, motion_numbers, shape_of
+from climbplan.climb.transition.motion_statement import POINTS, motion_statement
 from climbplan.climb.transition.planner import plan_transition, searched
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import Search
@@ -142,3 +145,38 @@ def test_a_shift_beyond_its_bound_is_caught(plan: ClimbPlan) -> None:
     limits = replace(plan.limits, shift_max=0.01)
     failed = {c.name for c in verification_of(replace(plan, limits=limits)).checks if not c.passed}
     assert "steps.shift" in failed
+
+
+def test_rows_part_two_limbs_by_what_they_have(scene: TransitionScene) -> None:
+    """Where the search has them a pair's least row is its capsules' room less what is asked."""
+    search, found = searched(scene, FAR)
+    moved, beside = found[0].moved, ((0, 1, 2, 1), (1, 2, 3, 1), (0, 2, 3, 2))
+    stated = motion_statement(shape_of(scene, len(moved), parted=True, beside=beside))
+    numbers = motion_numbers(search.lab, stated, found[0], 1.2, parted=True, beside=beside)
+    rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
+    value = np.array(rows(numbers.start, stated.theta(numbers.parameters))).ravel()
+    own = value[stated.block("limbs.self_collision")][:, -4 * POINTS * len(beside) :]
+    least = own.reshape(len(moved), POINTS, len(beside), 4).min(axis=-1)
+    shape = len(moved), POINTS, scene.robot.limb_count, scene.robot.joint_count
+    angles = numbers.start[stated.place("angles")].reshape(shape)
+    there = np.where(moved[:, None, :, None], angles, angles[:, :1])
+    room = limbs_room(limb_capsules(scene.robot, there), np.array(beside))
+    goes = np.array([[moved[j, [i, k]].any() for i, _, k, _ in beside] for j in range(len(moved))])
+    looked = np.repeat(goes[:, None], POINTS, axis=1)
+    looked[:, 0] = True
+    assert 0 < looked.sum() < looked.size
+    np.testing.assert_allclose(least[looked], room[looked] - 2e-3, atol=1e-9)
+    np.testing.assert_array_equal(least[~looked], 1.0)  # planes of zeros, which all are beyond
+
+
+def test_links_that_come_close_are_found(scene: TransitionScene) -> None:
+    search, found = searched(scene, FAR)
+    assert links_beside(search.lab, found[0]) == ()
+    capsules = scene.robot.capsules
+    assert capsules is not None
+    thick = replace(capsules, radius=capsules.radius + 0.12)
+    lab = replace(search.lab, scene=replace(scene, robot=replace(scene.robot, capsules=thick)))
+    near = links_beside(lab, found[0])
+    assert near
+    for i, _, k, _ in near:
+        assert {scene.robot.limb_names[i][0], scene.robot.limb_names[k][0]} == {"L", "R"}

@@ -69,9 +69,10 @@ class Limbs:
 
     def last_link(self) -> Array:
         """Rows x along the last link, y = z x x, z along the last joint's axis (..., N, 3, 3)."""
-        along = self.toe - self.joints[..., -1, :]
-        x = along / np.maximum(_length(along), 1e-12)
         z = self.axes[..., -1, :]
+        along = self.toe - self.joints[..., -1, :]
+        along = along - (along * z).sum(axis=-1, keepdims=True) * z
+        x = along / np.maximum(_length(along), 1e-12)
         return np.stack([x, np.cross(z, x), z], axis=-2)
 
 

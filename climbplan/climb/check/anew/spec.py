@@ -20,7 +20,6 @@ from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.robots.robot import RobotSpec
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.robots.stored import NotKept, StoredRobot, stored_robot
 from climbplan.spec.yaml_source import parse_yaml
@@ -96,7 +95,7 @@ def _spines_check(
     from climbplan.mechanics.gripper_model import load_model
 
     named = spec.gripper.model
-    if named is None and isinstance(given, RobotSpec) and given.gripper is not None:
+    if named is None and given is not None and given.gripper is not None:
         named = given.gripper.model
     if named is None or named.endswith(".json"):
         what = f"the plan does not carry {named}" if named else "the robot says which"

@@ -16,6 +16,7 @@ from climbplan.spec.robots.urdf.model import UrdfLegSpec, UrdfRobotSpec
 from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree
 
 FEWEST_JOINTS, MOST_JOINTS = 3, 7
+JOINTS_BELOW_WRIST = 3  # with more a gripper's moment would have a say in how a leg settles
 _NAMED = 8  # names listed in a message
 
 
@@ -127,6 +128,13 @@ def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Fin
                 f"{', '.join(joint.name for joint in moving)}"
                 + ("; `locked` holds some" if len(moving) > MOST_JOINTS else ""),
             )
+        if spec.gripper is not None and len(moving) > JOINTS_BELOW_WRIST:
+            message = (
+                f"a leg with a gripper has {JOINTS_BELOW_WRIST} joints below its wrist, got "
+                f"{', '.join(joint.name for joint in moving)}; name the link of the wrist's centre "
+                "as its toe, or hold some joints by `locked`"
+            )
+            yield Finding((*here, "toe"), message)
         yield from _posture_findings(name, leg, moving)
 
 

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
+from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.ranges import (
     GRAVITY,
     LENGTH,
@@ -145,6 +146,11 @@ class UrdfRobotSpec(SpecModel):
         "joint name -> radius of the link that it moves, straight to the next joint or the toe, "
         "in place of `limb_radius` and of collision geometry",
         default={},
+    )
+    gripper: GripperSpec | None = Field(
+        default=None,
+        description="grippers on wrists at the toes of all legs, of three joints each: a toe is "
+        "then the wrist's centre, and what the URDF has beyond it is held; none if left out",
     )
     workspace: UrdfWorkspaceSpec = UrdfWorkspaceSpec()
     """Limb workspace of the posture planner."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.spec.document import Document, Finding, KeyPath
+from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.urdf.checks import (
     leg_findings,
     moving_joints,
@@ -46,6 +47,11 @@ class UrdfRobot:
     def limb_names(self) -> tuple[str, ...]:
         """Legs, in their order."""
         return tuple(self.spec.legs)
+
+    @property
+    def gripper(self) -> GripperSpec | None:
+        """Grippers at its toes, if it has some."""
+        return self.spec.gripper
 
     @property
     def kind(self) -> str:

@@ -13,12 +13,15 @@ from climbplan.cli.console import Session, print_json, standard_output
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison of methods on the same scenes, ready to run and to be told."""
+    """A comparison of methods on the same scenes, ready to run and to be told.
 
-    run: Callable[[Callable[[str, float], None]], Any]
+    `run` takes what it reports to, and where it writes its tables as they are done, if it does.
+    """
+
+    run: Callable[[Callable[[str, float], None], TextIO | None], Any]
     plain: Callable[[Any], dict[str, Any]]
     write_files: Callable[[Any, Path], None]
-    write_text: Callable[[Any, TextIO], None]
+    write_text: Callable[[Any, TextIO], None] | None  # None: `run` has written all of it
 
 
 def comparison(name: str, given: dict[str, Any]) -> Comparison:
@@ -28,7 +31,7 @@ def comparison(name: str, given: dict[str, Any]) -> Comparison:
 
         methods = of_methods.BenchOptions(**given)
         return Comparison(
-            lambda report: of_methods.bench_bookshelf(methods, report),
+            lambda report, out: of_methods.bench_bookshelf(methods, report),
             lambda result: of_methods.as_json(result, methods),
             lambda result, path: of_methods.write_files(result, methods, path),
             of_methods.write_text,
@@ -38,16 +41,16 @@ def comparison(name: str, given: dict[str, Any]) -> Comparison:
 
         limms = of_modules.LimmsOptions(**given)
         return Comparison(
-            lambda report: of_modules.bench_limms(limms, report),
+            lambda report, out: of_modules.bench_limms(limms, report, out),
             lambda result: of_modules.as_json(result, limms),
             lambda result, path: of_modules.write_files(result, limms, path),
-            of_modules.write_text,
+            None,
         )
     from climbplan.bench.bookshelf import strategies, strategy_tables
 
     options = strategies.StrategyOptions(**given)
     return Comparison(
-        lambda report: strategies.bench_strategies(options, report),
+        lambda report, out: strategies.bench_strategies(options, report),
         lambda result: strategies.as_json(result, options),
         lambda result, path: strategy_tables.write_files(result, options, path),
         strategy_tables.write_text,
@@ -63,13 +66,14 @@ def bench_scenes(
 
     with ExitStack() as stack:
         directory = stack.enter_context(OutputDirectory(out, force)) if out is not None else None
+        stream = None if as_json else stack.enter_context(standard_output())
         with StageProgress(session) as progress:
-            result = chosen.run(progress.report)
+            result = chosen.run(progress.report, stream)
         if directory is not None:
             chosen.write_files(result, directory.path)
             directory.publish()
     if as_json:
         print_json(chosen.plain(result))
-        return
-    with standard_output() as stream:
-        chosen.write_text(result, stream)
+    elif chosen.write_text is not None:
+        with standard_output() as stream:
+            chosen.write_text(result, stream)

@@ -108,10 +108,9 @@ def access(scene: Scene, root: int) -> bool:
     return bool((scene.held == anchor).any()) or from_ground(scene, anchor_wrist(scene, root))
 
 
-def access_over_box(scene: Scene, connection: Connection) -> bool:
-    """Whether a module may come to a side of the box at its start, and from there to the anchor."""
-    start = scene.start_place
-    wrist = side_wrist(scene, connection.side, start)
+def access_over_box(scene: Scene, connection: Connection, box: Array) -> bool:
+    """Whether a module may come to a side of the box at (D,), and from there to the anchor."""
+    wrist = side_wrist(scene, connection.side, box)
     stretch = chain_stretch(scene, 1)
     near = from_ground(scene, wrist) or any(
         span(anchor_wrist(scene, int(a) - scene.wall_offset), wrist) <= stretch

@@ -1,6 +1,6 @@
 """Several boxes, brought to their goals in the order of the spec, one after the other.
 
-A search in depth over tasks: a task brings one box to its goal or puts it aside, by a relay of one
+A search in depth over tasks: a task brings one box to its goal or puts it aside, by a course of one
 leg or more, from wherever the modules are, with all other boxes as obstacles. A box is put aside
 where it is in the way: where it stands at another one's goal, or where that one was not brought
 with it there. Places aside are those from which it comes to its own goal in the fewest legs.
@@ -9,27 +9,30 @@ with it there. Places aside are those from which it comes to its own goal in the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
-from climbplan.limms.arms.relaying import Relaying
 from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
+from climbplan.limms.between_legs import Settle, as_it_is, put_down
 from climbplan.limms.corridor import way_length
+from climbplan.limms.courses import relays
+from climbplan.limms.direct import search
+from climbplan.limms.means import by_first_ends, carrying, legs_left, places_of
 from climbplan.limms.modules.distances import upright_gap
+from climbplan.limms.motions import Motions
 from climbplan.limms.placement import centre_of, wrapped, yaw_of
 from climbplan.limms.refusal import proof
-from climbplan.limms.relays import Relay, places_aside, relays
 from climbplan.limms.scene import Array, Scene, with_box_first, without_others
-from climbplan.limms.sequences import search
 from climbplan.limms.timeline import NOWHERE, STABLE, PlanSoFar
 
 _PLACES = 3  # aside, that are tried for one box
 _APART = 0.25  # [m] between them
 _ROOM = 0.02  # [m] between a box aside and where other boxes stand or go
 _KEPT = 0.3  # [m] of room beyond which no place aside is better
-_MOST = 4  # relays that are tried for one task
+_MOST = 4  # courses that are tried for one task
 
 
 @dataclass(frozen=True)
@@ -53,9 +56,18 @@ class Found:
 class Deliveries:
     """The search of one scene with several boxes."""
 
-    def __init__(self, scene: Scene, attempts: Attempts, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        attempts: Attempts,
+        rng: np.random.Generator,
+        most_steps: int,
+        last: Settle = as_it_is,
+    ) -> None:
+        """most_steps: of legs that walk; last: what follows when all boxes are at their goals."""
         self.scene, self.attempts, self.rng = scene, attempts, rng
-        self.tried = 0  # relays
+        self.most_steps, self.last = most_steps, last
+        self.tried = 0  # courses
         # Centre and yaw (B, 4) of all boxes, and of their goals
         self.starts = np.column_stack([scene.box_start, scene.start_yaws])
         self.goals = np.column_stack([scene.goals, scene.goal_yaws])
@@ -126,18 +138,18 @@ class Deliveries:
         world = begin.world.copy()
         world.scene, world.box_mode = scene, STABLE
         world.box, world.yaw = scene.box_start[0].copy(), float(scene.start_yaws[0])
-        relaying = Relaying(scene, self.attempts, self.rng, world, rests=not task.is_last)
+        motions = Motions(
+            world, self.attempts, self.rng, self.most_steps, self.last if task.is_last else put_down
+        )
         which = f"box {task.box}" + (" aside" if task.aside else "")
         listed = 0
-        for relay in sorted(relays(scene, fewest=1), key=Relay.cost):
-            if listed == _MOST:
-                break
+        for course in islice(relays(world, 1), _MOST):
             listed += 1
-            name = relay.named(scene).removeprefix("relay: ")
+            name = course.named(scene).removeprefix("relay: ")
             self.attempts.begin(f"{which}, {name}")
             self.tried += 1
             told = len(self.attempts.notes)
-            found = relaying.plan(relay)
+            found = motions.plan(course)
             if found is not None:
                 return Found(found, (*begin.words, f"{which} by {name}"))
             if len(self.attempts.notes) == told:
@@ -159,7 +171,12 @@ class Deliveries:
     def aside(self, world: PlanSoFar, places: Array, box: int, first: int) -> list[Array]:
         """Places for a box out of the way of all that are still to be brought, best first."""
         scene = self._scene(world, places, box, self.goals[box], False)
-        spots, there, onward = places_aside(scene, without_others(scene))
+        spots, first_ends = places_of(scene), by_first_ends(world)
+        there, onward = (
+            legs_left(carrying(seen, spots, first_ends), to, len(spots))[2:]
+            for seen, to in ((scene, 0), (without_others(scene), 1))
+        )
+        spots = spots[2:]
         others = [b for b in range(scene.boxes) if b != box]
         coming = [b for b in range(first, self.scene.deliveries) if b != box]
         taken = np.array([*(places[b] for b in others), *(self.goals[b] for b in coming)])

@@ -7,29 +7,27 @@ programs.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached, NoPlanFound
-from climbplan.limms.arms.carrying import carry
-from climbplan.limms.arms.chain_carrying import carry_on_chains
-from climbplan.limms.arms.relaying import Relaying
+from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
+from climbplan.limms.between_legs import Settle
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
+from climbplan.limms.courses import courses
 from climbplan.limms.deliveries import Deliveries
-from climbplan.limms.legs.walking import walk
-from climbplan.limms.modules.relatching import relatch
+from climbplan.limms.direct import search
+from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.weights import PACES, too_heavy
+from climbplan.limms.motions import Motions
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, cut_short_warning, make_plan
-from climbplan.limms.refusal import ruled_out
-from climbplan.limms.relays import CHEAPEST, Relay, relays
+from climbplan.limms.refusal import proof, ruled_out
 from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.sequences import Sequence as Modes
-from climbplan.limms.sequences import search
 from climbplan.limms.summary import summary_lines
 from climbplan.limms.timeline import PlanSoFar
 from climbplan.progress import Progress
@@ -99,18 +97,33 @@ def _several(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
     """The plan of a scene with several boxes. Raises as `plan_limms`."""
     began = time.perf_counter()
     report("plan", 0.0)
-    deliveries = Deliveries(scene, attempts, np.random.default_rng(loaded.spec.seed))
-    found = deliveries.plan()
-    total = time.perf_counter() - began
-    sizes = {
-        "configurations": len(found.words),
-        "sequences": deliveries.tried,
-        "sequences_tried": deliveries.tried,
-    }
-    named = "; ".join(found.words)
-    making = Making(METHOD, named, {"search": 0.0, "total": total}, sizes, dict(SOLVERS))
-    plan = make_plan(loaded, scene, found.world, attempts, making)
-    return replace(plan, summary=summary_lines(plan, attempts.notes))
+    refused: list[LimmsPlan] = []  # fail their verification
+
+    def made(world: PlanSoFar, named: str = "several boxes") -> LimmsPlan:
+        sizes = {
+            "configurations": deliveries.tried,
+            "sequences": deliveries.tried,
+            "sequences_tried": deliveries.tried,
+        }
+        seconds = {"search": 0.0, "total": time.perf_counter() - began}
+        making = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
+        plan = make_plan(loaded, scene, world, attempts, making)
+        return replace(plan, summary=summary_lines(plan, attempts.notes))
+
+    deliveries = Deliveries(
+        scene,
+        attempts,
+        np.random.default_rng(loaded.spec.seed),
+        loaded.spec.solver.most_steps,
+        _judge(made, refused),
+    )
+    try:
+        found = deliveries.plan()
+    except LimitReached:
+        if not refused:
+            raise
+        return refused[0]  # better than none: it is written, and marked as failing
+    return made(found.world, "; ".join(found.words))
 
 
 def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
@@ -118,51 +131,34 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
     began = time.perf_counter()
     report("modes", 0.0)
     found = search(scene)
+    if proved := proof(scene, found.conflicts):
+        raise proved
     searched = time.perf_counter() - began
-    rng = np.random.default_rng(loaded.spec.seed)
-    relaying = Relaying(scene, attempts, rng)
-    most_steps = loaded.spec.solver.most_steps
-    refused: list[tuple[PlanSoFar, str, int]] = []  # fail their verification
+    refused: list[LimmsPlan] = []  # fail their verification
+    tried, named = 0, ""
 
-    def made(world: PlanSoFar, named: str, tried: int) -> LimmsPlan:
+    def made(world: PlanSoFar) -> LimmsPlan:
         seconds = {"search": searched, "total": time.perf_counter() - began}
         sizes = {
             "configurations": found.configurations,
-            "sequences": max(len(found.sequences), tried),
+            "sequences": max(len(found.actions), tried),
             "sequences_tried": tried,
         }
         making = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
         plan = make_plan(loaded, scene, world, attempts, making)
         return replace(plan, summary=summary_lines(plan, attempts.notes))
 
-    def one(sequence: Modes | Relay, named: str, tried: int) -> PlanSoFar | None:
-        def fault(world: PlanSoFar) -> str:
-            verification = verification_of(made(world, named, tried))
-            if verification.passed:
-                return ""
-            refused.append((world, named, tried))
-            return verification.headline()
-
-        if isinstance(sequence, Relay):
-            return relaying.plan(sequence)
-        if sequence.kind == "quadruped":
-            # Between samples feet slip and legs touch the box: only the check knows
-            return walk(scene, attempts, most_steps, rng, fault=fault)
-        if sequence.kind == "relatch":
-            return relatch(scene, sequence, attempts, rng)
-        if any(connection.links > 1 for connection in sequence.connections):
-            return carry_on_chains(scene, sequence, attempts, rng)
-        return carry(scene, sequence, attempts, rng)
-
-    tried = 0
+    start = initial(scene)
+    rng = np.random.default_rng(loaded.spec.seed)
+    motions = Motions(start, attempts, rng, loaded.spec.solver.most_steps, _judge(made, refused))
     try:
-        for number, sequence in enumerate(_candidates(scene, found.sequences)):
-            report("plan", number / max(len(found.sequences), number + 1))
-            tried, named, told = number + 1, sequence.named(scene), len(attempts.notes)
+        for number, course in enumerate(courses(start, found.actions)):
+            report("plan", number / max(len(found.actions), number + 1))
+            tried, named, told = number + 1, course.named(scene), len(attempts.notes)
             attempts.begin(named)
-            world = one(sequence, named, tried)
+            world = motions.plan(course)
             if world is not None:
-                return made(world, named, tried)
+                return made(world)
             if len(attempts.notes) == told:
                 attempts.notes.append(f"{named}: no module can take its part")
         attempts.left()
@@ -170,7 +166,7 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
         if not refused:
             raise
     if refused:  # better than none: it is written, and marked as failing
-        return made(*refused[0])
+        return refused[0]
     if not tried:
         raise ruled_out(scene, found.conflicts)
     raise LimitReached(
@@ -180,12 +176,21 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
     )
 
 
-def _candidates(scene: Scene, sequences: tuple[Modes, ...]) -> Iterator[Modes | Relay]:
-    """What is tried, cheapest first; relays are looked for when nothing cheaper is left."""
-    first = [each for each in sequences if each.cost() < CHEAPEST]
-    yield from first
-    if "arms" not in scene.allow:
-        yield from sequences[len(first) :]
-        return
-    rest: list[Modes | Relay] = [*sequences[len(first) :], *relays(scene)]
-    yield from sorted(rest, key=lambda each: each.cost())
+def _judge(made: Callable[[PlanSoFar], LimmsPlan], refused: list[LimmsPlan]) -> Settle:
+    """Plans are verified where they end; one that fails is kept, and the search goes on.
+
+    What is too much for the hardware is for slower ways first, as long as there are any.
+    """
+
+    def judged(world: PlanSoFar) -> PlanSoFar:
+        plan = made(world)
+        verification = verification_of(plan)
+        failed = [check.name for check in verification.failed]
+        if not plan.massless and world.scene.pace > min(PACES):
+            failed = [name for name in failed if not name.startswith("load.")]
+        if not failed:
+            return world
+        refused.append(plan)
+        raise Blocked(verification.headline())
+
+    return judged

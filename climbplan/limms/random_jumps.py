@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError
+from climbplan.limms.direct import search
 from climbplan.limms.scene import scene_of
-from climbplan.limms.sequences import search
 from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
@@ -36,7 +36,7 @@ def random_jump(seed: int) -> LoadedLimms:
             loaded = _jump(rng, seed)
         except SpecError:
             continue  # something overlaps
-        kinds = {sequence.kind for sequence in search(scene_of(loaded)).sequences}
+        kinds = {action.kind for action in search(scene_of(loaded)).actions}
         if kinds == {"quadruped"}:
             return loaded
 

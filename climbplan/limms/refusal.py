@@ -1,8 +1,8 @@
 """What to raise where bounds rule every behaviour out, and whether that is a proof.
 
-The search knows arms in short chains, throws, relatching, relays and quadrupeds. That none of these
-can do it proves nothing about what else modules might do. These do prove it, for a box that stays
-upright, and turns about the vertical only where its goal asks for it:
+The search knows arms in short chains, throws, relatching and quadrupeds, one after the other. That
+none of these can do it proves nothing about what else modules might do. These do prove it, for a
+box that stays upright, and turns about the vertical only where its goal asks for it:
 
 - Force: each module holds the box with one end, and carries no more than its latch holds.
 - Moment: a single latch is off the middle of the box, and holds no more than its moment. With less
@@ -26,8 +26,8 @@ from climbplan.limms.corridor import inner_blocks, ways
 from climbplan.limms.scene import Scene
 
 BEHAVIOURS = (
-    "looked at are arms in chains of up to two, throws, relatching, relays and quadrupeds, with a "
-    "box that stays upright"
+    "looked at are arms in chains of up to two, throws, relatching and quadrupeds, in courses of "
+    "several legs, with a box that stays upright"
 )
 
 

@@ -17,7 +17,7 @@ from climbplan.limms.consensus.copies import Copy, Found
 from climbplan.limms.consensus.iteration import Parameters, agree, residual_of
 from climbplan.limms.consensus.mixed_integer import MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
-from climbplan.limms.consensus.refinement import sequence_of
+from climbplan.limms.consensus.refinement import action_of
 from climbplan.limms.consensus.setting import (
     FREE,
     HELD,
@@ -63,7 +63,7 @@ def test_first_block_throws_and_obeys_its_dynamics(setting: Setting, first: Foun
     box, held = first.modes.box, first.modes.box == HELD
     assert box[0] == STABLE
     assert box[-1] == FREE
-    assert sequence_of(first.modes).kind == "throw"
+    assert action_of(first.modes).kind == "throw"
     assert first.missed < 1e-3
     # Held from the wall wherever it is held, and nothing else ever
     assert ((first.modes.hold[0] >= 0) == held).all()
@@ -121,7 +121,7 @@ def test_blocks_agree_and_integers_can_be_cut_off(
     assert first.modes is not None
     block.forbid(first.x)
     again = block.first(600)
-    assert again.modes is None or sequence_of(again.modes) != sequence_of(first.modes)
+    assert again.modes is None or action_of(again.modes) != action_of(first.modes)
 
 
 def test_plan_is_verified_and_keeps_its_record(thrown: LimmsPlan, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from climbplan.limms.scene import scene_of
 
 @pytest.fixture(scope="module")
 def result() -> LimmsResult:
-    return bench_limms(LimmsOptions(count=0, scenes=("limms_throw",)))
+    return bench_limms(LimmsOptions(count=0, methods="modes,admm", scenes=("limms_throw",)))
 
 
 def test_both_methods_are_measured_on_the_same_scene(result: LimmsResult) -> None:

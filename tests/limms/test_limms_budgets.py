@@ -11,13 +11,14 @@ from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached
 from climbplan.limms.arms.carrying import carry
+from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.consensus.mixed_integer import MixedInteger
 from climbplan.limms.consensus.setting import setting_of
+from climbplan.limms.direct import search
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.planner import plan_limms
-from climbplan.limms.sequences import search
 
 
 def _racing(clock: Callable[[], float], factor: float) -> Callable[[], float]:
@@ -64,11 +65,11 @@ def test_parts_take_from_the_whole() -> None:
 def test_a_plan_that_the_clock_cut_short_says_so() -> None:
     spec = loaded("limms_throw")
     own = scene("limms_throw")
-    (modes,) = search(own).sequences
+    (action,) = search(own).actions
     attempts = Attempts(60.0, 100)
-    world = carry(own, modes, attempts, np.random.default_rng(0))
+    world = carry(initial(own), action, attempts, np.random.default_rng(0))
     assert world is not None
-    making = Making("modes", modes.named(own), {}, {}, {})
+    making = Making("modes", action.named(own), {}, {}, {})
     whole = make_plan(spec, own, world, attempts, making)
     attempts.end = time.monotonic()
     cut = make_plan(spec, own, world, attempts, making)

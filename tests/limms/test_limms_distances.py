@@ -22,6 +22,25 @@ def test_segment_to_block_is_the_least_sampled_distance() -> None:
     assert np.abs(found - sampled).max() < 2e-3
 
 
+def test_segments_along_faces_and_points_are_exact() -> None:
+    low, high = np.zeros(3), np.ones(3)
+    cases = [  # two ends, distance
+        ((2.0, 0.5, 0.5), (2.0, 0.5, 0.5), 1.0),  # a point
+        ((-1.0, 1.5, 0.5), (2.0, 1.5, 0.5), 0.5),  # along a face
+        ((0.5, 0.5, -1.0), (0.5, 0.5, 2.0), 0.0),  # through
+        ((1.0, -1.0, 2.0), (1.0, 2.0, 2.0), 1.0),  # over an edge
+        ((2.0, 0.0, 0.5), (0.0, 2.0, 0.5), 0.0),  # touches an edge in its middle
+        ((3.0, 0.0, 0.5), (0.0, 3.0, 0.5), np.sqrt(0.5)),
+    ]
+    first, last, wanted = (np.array([case[k] for case in cases]) for k in range(3))
+    assert np.allclose(segment_to_block(first, last, low, high), wanted, atol=1e-12)
+    # As many at a time as there are
+    many = RNG.uniform(-2, 2, (2, 3000, 4, 1, 3))
+    blocks = np.stack([low, low - 2, low + 1.5]), np.stack([high, high - 2, high + 1.5])
+    found = segment_to_block(*many, *blocks)
+    assert np.array_equal(found[1234], segment_to_block(*many[:, 1234], *blocks))
+
+
 def test_segment_to_segment_is_the_least_sampled_distance() -> None:
     a0, a1, b0, b1 = RNG.uniform(-1, 1, (4, 60, 3))
     found = segment_to_segment(a0, a1, b0, b1)

@@ -12,11 +12,12 @@ from limms_scenes import loaded
 from climbplan.limms.assembly import initial, latch_arm
 from climbplan.limms.bounds import Connection, within_reach
 from climbplan.limms.check.verification import verification_of
+from climbplan.limms.courses import courses, relays
+from climbplan.limms.direct import search
+from climbplan.limms.means import standing_spots
 from climbplan.limms.modules.climbing_down import climb_down
 from climbplan.limms.planner import plan_limms
-from climbplan.limms.relays import relays, standing_spots
 from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.sequences import search
 from climbplan.limms.timeline import DRIVES, NOWHERE
 from climbplan.spec.limms.loading import LoadedLimms, load_limms
 
@@ -48,17 +49,20 @@ def scene(hall: LoadedLimms) -> Scene:
 
 
 def test_relays_lead_from_leg_to_leg_within_reach(scene: Scene) -> None:
-    found = list(relays(scene))
+    found = list(relays(initial(scene)))
     assert found
+    fewest = [relay for relay in found if len(relay.legs) == 2]
+    assert found[: len(fewest)] == fewest  # first
+    assert all(len(relay.legs) == 3 for relay in found[len(fewest) :])  # one more at most
+    assert [relay.cost() for relay in found] == sorted(relay.cost() for relay in found)
     for relay in found:
-        assert len(relay.legs) == 2  # the fewest
         assert relay.legs[0].begin == tuple(scene.box_start[0])
         assert relay.legs[-1].end == tuple(scene.goal)
         for leg, onward in itertools.pairwise(relay.legs):
             assert leg.end == onward.begin
         for leg in relay.legs:
             for place in (leg.begin, leg.end):
-                assert within_reach(scene, leg.connections, np.array(place))
+                assert within_reach(scene, leg.action.connections, np.array(place))
     spots = standing_spots(scene)
     assert np.allclose(spots[:, 2], 0.1)
     assert (np.abs(spots[:, 0]) <= 1.5 + 1e-9).all()
@@ -66,13 +70,16 @@ def test_relays_lead_from_leg_to_leg_within_reach(scene: Scene) -> None:
     assert (away > 0.13).any(axis=1).all()  # not on the module
 
 
-def test_no_relay_where_one_leg_serves(tmp_path: Path) -> None:
+def test_one_leg_comes_first_where_it_serves(tmp_path: Path) -> None:
     path = tmp_path / "near.yaml"
     path.write_text(HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [-0.5, 0.1, 0.4]"), "utf-8")
     near = scene_of(load_limms(path))
     assert within_reach(near, (Connection(0, 2),), near.goal)
-    assert not list(relays(near))
-    assert not list(relays(scene_of(loaded("limms_walk"))))  # no anchor at all
+    listed = list(courses(initial(near), search(near).actions))
+    assert len(listed[0].legs) == 1
+    assert listed[0].cost() + 1 < min(course.cost() for course in listed if len(course.legs) > 1)
+    walk = scene_of(loaded("limms_walk"))  # no anchor at all: one walk, and no second one after it
+    assert not list(relays(initial(walk)))
 
 
 def test_a_module_comes_down_from_a_wall(scene: Scene) -> None:
@@ -105,16 +112,19 @@ def test_one_module_carries_a_box_past_its_reach(hall: LoadedLimms) -> None:
 
 
 def test_a_throw_may_follow_a_carry(tmp_path: Path) -> None:
-    high = HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [0.4, 0.1, 1.42], arrival_speed: 1.5")
+    text = HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [0.4, 0.1, 1.42], arrival_speed: 1.5")
     path = tmp_path / "high.yaml"
-    path.write_text(high, encoding="utf-8")
-    found = list(relays(scene_of(load_limms(path))))
+    path.write_text(text, encoding="utf-8")
+    high = scene_of(load_limms(path))
+    found = list(relays(initial(high)))
     assert found
     for relay in found:
-        assert [leg.is_thrown for leg in relay.legs] == [False, True]
-        assert [leg.connections[0].root for leg in relay.legs] == [0, 1]
+        if len(relay.legs) == 2:
+            assert [leg.action.kind for leg in relay.legs] == ["arms", "throw"]
+            assert [leg.action.connections[0].root for leg in relay.legs] == [0, 1]
+    assert len(found[0].legs) == 2
     # From the first anchor the goal is too far to be among the first throws to try
-    (far, *_) = search(scene_of(load_limms(path))).sequences
+    (far, *_) = search(high).actions
     assert far.kind == "throw"
     assert far.cost() > found[0].cost()
 

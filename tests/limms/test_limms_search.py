@@ -8,28 +8,28 @@ import pytest
 from limms_scenes import changed, loaded, scene
 
 from climbplan.errors import Infeasible, NotProved
+from climbplan.limms.direct import search
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.random_rooms import random_room
 from climbplan.limms.refusal import one_latch_too_weak, out_of_reach, unliftable
-from climbplan.limms.sequences import search
 from climbplan.spec.limms.loading import load_limms
 
 
 def test_light_box_takes_two_arms_first() -> None:
     found = search(scene("limms_lift_light"))
-    assert found.sequences[0].kind == "arms"
-    assert found.sequences[0].modules == 2  # one latch does not hold the moment
+    assert found.actions[0].kind == "arms"
+    assert found.actions[0].modules == 2  # one latch does not hold the moment
     assert found.configurations == 2 * (2 * 4) + 4 * (4 * 3) + 1  # one or two modules a chain
 
 
 def test_weak_latch_is_what_asks_for_two() -> None:
     alone = search(scene("limms_lift_light", "box.mass=0.4"))
-    assert alone.sequences[0].modules == 1
+    assert alone.actions[0].modules == 1
 
 
 def test_heavy_box_is_too_much_for_arms() -> None:
     found = search(scene("limms_lift_light", "box.mass=7"))
-    assert [s.kind for s in found.sequences] == ["quadruped"]
+    assert [s.kind for s in found.actions] == ["quadruped"]
     assert "28.7 N short" in str(found.conflicts[0])
 
 
@@ -67,7 +67,7 @@ def test_one_latch_that_holds_too_little_is_a_proof() -> None:
     heavy = loaded("limms_throw", "box.mass=1.0")
     with pytest.raises(Infeasible, match=r"holds 0.7 N m, 0.98 N m needed.*box.mass <= 0.71 kg"):
         plan_limms(heavy)
-    assert search(scene("limms_throw", "box.mass=0.7")).sequences
+    assert search(scene("limms_throw", "box.mass=0.7")).actions
 
 
 def test_a_box_that_nothing_reaches_is_a_proof() -> None:

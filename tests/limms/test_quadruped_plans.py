@@ -11,12 +11,12 @@ from scipy.optimize import linprog
 
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.check.verification import verify
+from climbplan.limms.direct import search
 from climbplan.limms.legs.leaps import find_leaps
 from climbplan.limms.legs.standing import largest_share
 from climbplan.limms.plan_file import write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import GRAVITY
-from climbplan.limms.sequences import search
 
 
 @pytest.mark.slow
@@ -34,8 +34,8 @@ def test_leap_down_from_a_platform_verifies(tmp_path: Path) -> None:
 
 def test_heavy_box_is_lifted_by_legs_and_a_light_one_by_arms() -> None:
     heavy, light = (search(scene("limms_lift_heavy", f"box.mass={m}")) for m in (7, 0.5))
-    assert [s.kind for s in heavy.sequences] == ["quadruped"]
-    assert light.sequences[0].kind == "arms"
+    assert [s.kind for s in heavy.actions] == ["quadruped"]
+    assert light.actions[0].kind == "arms"
     with pytest.raises(Infeasible, match=r"28\.7 N short"):
         plan_limms(loaded("limms_lift_heavy", "task.allow=[arms]"))
 
@@ -67,7 +67,7 @@ def test_load_of_four_feet_is_the_least_there_is() -> None:
 
 
 def test_time_limit_covers_the_whole_planning() -> None:
-    with pytest.raises(LimitReached, match=r"within 2 s\. Tried: quadruped, leap"):
+    with pytest.raises(LimitReached, match=r"within 2 s\..*quadruped"):
         plan_limms(loaded("limms_walk", "solver.time_limit=2"))
 
 

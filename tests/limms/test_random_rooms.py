@@ -47,13 +47,16 @@ def test_obstacles_of_rooms_are_solid() -> None:
 
 
 def test_benchmark_tells_found_and_refused() -> None:
-    result = bench_limms(LimmsOptions(methods="rooms", count=1))
+    told = io.StringIO()
+    result = bench_limms(LimmsOptions(methods="rooms", count=1), out=told)
     assert not result.shipped
     assert not result.random
     out = io.StringIO()
     write_text(result, out)
+    assert told.getvalue().startswith(out.getvalue())
+    assert "processor time of this part" in told.getvalue()
     assert "found and verified: 100% of all" in out.getvalue()
-    assert len(json.loads(json.dumps(as_json(result, LimmsOptions())))["rooms"]) == 1
+    assert len(json.loads(json.dumps(as_json(result, LimmsOptions())))["rooms"]["rooms"]) == 1
     with pytest.raises(UsageError, match="modes, admm, rooms, turned"):
         bench_limms(LimmsOptions(methods="room"))
 
@@ -66,7 +69,7 @@ def test_refusals_are_told_by_what_they_prove() -> None:
     )
     assert list(counts(trials).values()) == [1, 1, 2, 1]
     out = io.StringIO()
-    write_text(LimmsResult((), {}, trials), out)
+    write_text(LimmsResult((), {}, {"rooms": trials}), out)
     text = out.getvalue()
     assert "20% of all, 25% of those that are not proved impossible" in text
     assert "room 1 (goal far), proved impossible: why 1" in text

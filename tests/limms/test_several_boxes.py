@@ -110,7 +110,7 @@ def test_files_hold_all_boxes(swapped: LimmsPlan, tmp_path: Path) -> None:
 
 def test_places_aside_are_out_of_the_way() -> None:
     scene = scene_of(loaded("limms_swap"))
-    search = Deliveries(scene, Attempts(60.0, 20), np.random.default_rng(0))
+    search = Deliveries(scene, Attempts(60.0, 20), np.random.default_rng(0), 16)
     start = search.start()
     chosen = search.aside(start.world, search.starts, 1, 0)
     assert 1 <= len(chosen) <= 3

@@ -26,12 +26,12 @@ def counts(trials: Sequence[Trial]) -> dict[str, int]:
     }
 
 
-def write_rooms(trials: Sequence[Trial], out: TextIO) -> None:
+def write_rooms(kind: str, trials: Sequence[Trial], out: TextIO) -> None:
     """Counts by where the goal is and how many modules there are, then every refusal."""
     if not trials:
         return
     out.write(
-        f"{'random rooms':<20}{'rooms':>7}" + "".join(f"{name:>19}" for name in COLUMNS) + "\n"
+        f"{f'random {kind}':<20}{'rooms':>7}" + "".join(f"{name:>19}" for name in COLUMNS) + "\n"
     )
     for title in dict.fromkeys(trial.title for trial in trials):
         _row(title, [trial for trial in trials if trial.title == title], out)

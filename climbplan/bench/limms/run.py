@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -25,6 +26,9 @@ from climbplan.spec.yaml_source import parse_yaml
 # Beside the methods: rooms drawn at random, by the search over modes, without and with a turn
 ROOMS = {"rooms": False, "turned": True}
 RANDOM: dict[str, Callable[[int], LoadedLimms]] = {"throw": random_throw, "jump": random_jump}
+COUNTS = {"throw": 30, "jump": 8, "rooms": 40, "turned": 30}
+# Seeds of each kind begin with the one of the run; turned rooms are others than those that are not
+FIRST = {"turned": 40}
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,14 @@ class LimmsOptions:
     """What is compared, and on how much."""
 
     seed: int = 0
-    count: int = 30  # random throws, and as many jumps; 0: shipped scenes only
-    seconds: float = 300.0  # limit of one plan
-    methods: str = ",".join(METHODS)
-    scenes: tuple[str, ...] = tuple(TABLE)
+    count: int | None = None  # of each random kind [COUNTS]; 0: shipped scenes only
+    seconds: float = 1000.0  # limit of one plan, which budgets of work end before
+    methods: str = ",".join((*METHODS, *ROOMS))
+    scenes: tuple[str, ...] = (*TABLE, "limms_relatch", "limms_walk")
+
+    def drawn(self, kind: str) -> int:
+        """How many of a random kind."""
+        return COUNTS[kind] if self.count is None else self.count
 
 
 @dataclass(frozen=True)
@@ -44,11 +52,17 @@ class LimmsResult:
 
     shipped: tuple[Trial, ...]
     random: dict[str, tuple[Trial, ...]]
-    rooms: tuple[Trial, ...] = ()
+    rooms: dict[str, tuple[Trial, ...]] = field(default_factory=dict)
 
 
-def bench_limms(options: LimmsOptions, report: Progress = lambda stage, share: None) -> LimmsResult:
+def bench_limms(
+    options: LimmsOptions,
+    report: Progress = lambda stage, share: None,
+    out: TextIO | None = None,
+) -> LimmsResult:
     """Plan everything, one after the other, methods in turn on each scene.
+
+    out: where each table is written as soon as it is done, with the time that it took.
 
     Raises:
         UsageError: a method that is not known.
@@ -57,26 +71,48 @@ def bench_limms(options: LimmsOptions, report: Progress = lambda stage, share: N
     known = (*METHODS, *ROOMS)
     if set(names) - set(known) or not names:
         raise UsageError(f"--methods: expected some of {', '.join(known)}, got {options.methods}")
-    rooms = []
-    for kind in (name for name in ROOMS if name in names):
-        for number in range(options.count):
-            report(kind, number / options.count)
-            room = random_room(options.seed + number, ROOMS[kind])
-            rooms.append(attempt(room, "modes", options.seconds))
     chosen = [method for method in METHODS if method in names]
-    shipped = []
+    shipped: list[Trial] = []
+    found: dict[str, tuple[Trial, ...]] = {}
+    rooms: dict[str, tuple[Trial, ...]] = {}
+    began = time.process_time()
+
+    def told(part: LimmsResult) -> None:
+        nonlocal began
+        if out is not None:
+            write_text(part, out)
+            out.write(f"(processor time of this part: {time.process_time() - began:.0f} s)\n\n")
+            out.flush()
+        began = time.process_time()
+
     for number, name in enumerate(options.scenes if chosen else ()):
         report("scenes", number / len(options.scenes))
-        shipped += [attempt(_shipped(name), method, options.seconds) for method in chosen]
-    found: dict[str, tuple[Trial, ...]] = {}
+        shipped += [
+            attempt(_shipped(name), method, options.seconds)
+            for method in chosen
+            if method == "modes" or name in TABLE
+        ]
+    if shipped:
+        told(LimmsResult(tuple(shipped), {}))
     for kind, draw in RANDOM.items() if chosen else ():
-        trials = []
-        for number in range(options.count):
-            report(f"random {kind}", number / options.count)
+        trials: list[Trial] = []
+        for number in range(options.drawn(kind)):
+            report(f"random {kind}", number / options.drawn(kind))
             loaded = draw(options.seed + number)
             trials += [attempt(loaded, method, options.seconds) for method in chosen]
         found[kind] = tuple(trials)
-    return LimmsResult(tuple(shipped), found, tuple(rooms))
+        if trials:
+            told(LimmsResult((), {kind: found[kind]}))
+    for kind in (name for name in ROOMS if name in names):
+        drawn = []
+        for number in range(options.drawn(kind)):
+            report(kind, number / options.drawn(kind))
+            room = random_room(options.seed + FIRST.get(kind, 0) + number, ROOMS[kind])
+            drawn.append(attempt(room, "modes", options.seconds))
+        rooms[kind] = tuple(drawn)
+        if drawn:
+            told(LimmsResult((), {}, {kind: rooms[kind]}))
+    return LimmsResult(tuple(shipped), found, rooms)
 
 
 def _shipped(name: str) -> LoadedLimms:
@@ -92,7 +128,7 @@ def as_json(result: LimmsResult, options: LimmsOptions) -> dict[str, Any]:
         "time_limit": options.seconds,
         "shipped": [asdict(trial) for trial in result.shipped],
         "random": {kind: [asdict(t) for t in trials] for kind, trials in result.random.items()},
-        "rooms": [asdict(trial) for trial in result.rooms],
+        "rooms": {kind: [asdict(t) for t in trials] for kind, trials in result.rooms.items()},
         "published": {name: asdict(row) for name, row in TABLE.items()},
     }
 
@@ -104,7 +140,8 @@ def write_text(result: LimmsResult, out: TextIO) -> None:
     for kind, trials in result.random.items():
         if trials:
             write_random(kind, trials, out)
-    write_rooms(result.rooms, out)
+    for kind, trials in result.rooms.items():
+        write_rooms(kind, trials, out)
 
 
 def write_files(result: LimmsResult, options: LimmsOptions, directory: Path) -> None:

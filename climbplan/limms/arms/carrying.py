@@ -1,4 +1,4 @@
-"""A mode sequence with arms made into a plan: who, which branches, program, way there."""
+"""Arms carry or throw the box from where it stands: who, which branches, program, way there."""
 
 from __future__ import annotations
 
@@ -7,90 +7,123 @@ from itertools import permutations
 
 import numpy as np
 
+from climbplan.limms.actions import Action
 from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
-from climbplan.limms.assembly import initial, latch_arm, latch_box, reach_box
+from climbplan.limms.assembly import latch_arm, latch_box, reach_box
 from climbplan.limms.attempts import Attempts
-from climbplan.limms.bounds import Connection, standing_places
+from climbplan.limms.between_legs import Settle, as_it_is, come_down
+from climbplan.limms.bounds import Connection, on_ground
 from climbplan.limms.densify import add_traces
 from climbplan.limms.modules.limbs import arm, root_on_anchor
 from climbplan.limms.modules.stretch_clearance import require_clear_of_all
-from climbplan.limms.scene import Scene
-from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import PlanSoFar
+from climbplan.limms.timeline import NOWHERE, PlanSoFar
+
+_DOWN = 2.0  # [m] that coming down from a wall counts as, beside driving
+_OWNERS = 2  # choices of modules
 
 
 def carry(
-    scene: Scene,
-    modes: Modes,
+    world: PlanSoFar,
+    action: Action,
     attempts: Attempts,
     rng: np.random.Generator,
     given: tuple[int, ...] | None = None,
+    settle: Settle = as_it_is,
 ) -> PlanSoFar | None:
-    """A plan in which arms carry or throw the box, or None; given: the arms' modules."""
-    task = delivery(scene, attempts, modes.kind == "throw", scene.arrival_speed)
+    """The world after arms carried or threw the box, or None; given: the arms' modules."""
+    scene = world.scene
+    task = delivery(scene, attempts, action.kind == "throw", scene.arrival_speed)
     if task is None:
         return None
-    for owners in _owners(scene, modes.connections) if given is None else (given,):
+    name = action.named(scene)
+    for owners in _owners(world, action.connections) if given is None else (given,):
         limbs = [
-            limb_of(scene, module, connection)
-            for module, connection in zip(owners, modes.connections, strict=True)
+            limb_of(world, module, connection)
+            for module, connection in zip(owners, action.connections, strict=True)
         ]
-        name = modes.named(scene)
+        is_solved = False
         for chosen, outcome in solved_branches(scene, limbs, task, name, attempts):
+            is_solved = True
             with noted(attempts, name):
-                return whole_carried(scene, chosen, modes.connections, outcome, rng)
+                return settle(whole_carried(world, chosen, action.connections, outcome, rng))
+        if not is_solved:
+            return None  # nor would other modules, as they are alike
     return None
 
 
-def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[int, ...]]:
-    """Which modules, the nearest first; a module latched to an anchor is the one that uses it."""
-    n = len(connections)
-    costs = []
-    places = standing_places(scene)
-    for modules in permutations(range(scene.count), n):
+def _owners(world: PlanSoFar, connections: Sequence[Connection]) -> Iterator[tuple[int, ...]]:
+    """Which modules, those with the least way first; who is latched to an anchor is its arm."""
+    scene = world.scene
+    taken = set(world.base_anchor) | set(world.tip_anchor)
+    ranked = []
+    for modules in permutations(range(scene.count), len(connections)):
         cost = 0.0
         for module, connection in zip(modules, connections, strict=True):
             anchor = scene.wall_offset + connection.root
-            if scene.held[module] == anchor:
+            ends = {int(world.base_anchor[module]), int(world.tip_anchor[module])}
+            if anchor in ends:
                 continue
-            if anchor in scene.held:
-                cost += np.inf
-            else:
-                away = places[module] - scene.wall_position[connection.root]
-                cost += float(np.linalg.norm(away))
+            away = world.base_position[module] - scene.wall_position[connection.root]
+            cost += float(np.linalg.norm(away)) + (0.0 if _drives(world, ends) else _DOWN)
+            if anchor in taken:
+                cost = np.inf
         if np.isfinite(cost):
-            costs.append((cost, modules))
-    costs.sort()
-    for _, modules in costs[:1]:
+            ranked.append((cost, modules))
+    for _, modules in sorted(ranked)[:_OWNERS]:
         yield modules
 
 
-def limb_of(scene: Scene, module: int, connection: Connection) -> Limb:
+def _drives(world: PlanSoFar, ends: set[int]) -> bool:
+    """Whether a module with these anchors at its ends drives, or stands on one that it leaves."""
+    offset, anchors = world.scene.wall_offset, len(world.scene.anchor_names)
+    return all(
+        end == NOWHERE or (offset <= end < anchors and on_ground(world.scene, end - offset))
+        for end in ends
+    )
+
+
+def limb_of(world: PlanSoFar, module: int, connection: Connection) -> Limb:
     """The arm of a module from an anchor of the terrain to a side of the box."""
-    latched = scene.held[module] == scene.wall_offset + connection.root
+    scene = world.scene
+    latched = world.base_anchor[module] == scene.wall_offset + connection.root
     box_end = 1 if latched else 0
     root = root_on_anchor(scene, connection.root, 1 - box_end)
     return arm(module, connection.side, root, box_end)
 
 
 def whole_carried(
-    scene: Scene,
+    world: PlanSoFar,
     limbs: Sequence[Limb],
     connections: Sequence[Connection],
     outcome: Outcome,
     rng: np.random.Generator,
 ) -> PlanSoFar:
-    """Everything from the modules' start to the goal.
+    """Everything from where the modules are until the box is where it is to be.
 
     Raises:
         Blocked: a way there is not free, or the carried motion touches something.
     """
-    world = initial(scene)
+    scene, world = world.scene, world.copy()
     for limb, connection in zip(limbs, connections, strict=True):
         name = scene.module_names[limb.module]
+        ends = world.base_anchor[limb.module], world.tip_anchor[limb.module]
+        if scene.wall_offset + connection.root not in ends:
+            world = come_down(world, limb.module, rng)
         world, _ = latch_arm(world, limb.module, connection.root, name, rng)
+    return brought(world, limbs, outcome, rng)
+
+
+def brought(
+    world: PlanSoFar, limbs: Sequence[Limb], outcome: Outcome, rng: np.random.Generator
+) -> PlanSoFar:
+    """Arms on their anchors come to the box, latch to it at once, and bring it on.
+
+    Raises:
+        Blocked: a way there is not free, or the carried motion touches something.
+    """
+    scene, world = world.scene, world.copy()
     for i, limb in enumerate(limbs):
         name = f"{scene.module_names[limb.module]}: to the box"
         path = np.concatenate([trace.angles[:, i] for trace in outcome.traces])

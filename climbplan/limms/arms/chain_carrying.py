@@ -1,4 +1,4 @@
-"""A mode sequence with arms on arms made into a plan: carriers, added arms, program, way there."""
+"""Arms on arms carry the box from where it stands: carriers, added arms, program, way there."""
 
 from __future__ import annotations
 
@@ -8,27 +8,20 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
+from climbplan.limms.actions import Action
 from climbplan.limms.arms.added import Grip, grips, grounds, pairs
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
+from climbplan.limms.arms.carrying import brought
 from climbplan.limms.arms.held_branches import HeldTask, way_points
-from climbplan.limms.assembly import (
-    initial,
-    latch_arm,
-    latch_box,
-    latch_from_ground,
-    reach_box,
-    root_pose,
-)
+from climbplan.limms.assembly import latch_arm, latch_from_ground, root_pose
 from climbplan.limms.attempts import Attempts
+from climbplan.limms.between_legs import Settle, as_it_is, come_down
 from climbplan.limms.bounds import Connection, standing_places
-from climbplan.limms.densify import add_traces
 from climbplan.limms.modules.limbs import arm
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.reaching import move_joints
-from climbplan.limms.modules.stretch_clearance import require_clear_of_all
 from climbplan.limms.scene import Array, Scene
-from climbplan.limms.sequences import Sequence as Modes
-from climbplan.limms.statement import Limb, Trace
+from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import ADDED_ARM, PlanSoFar
 
 
@@ -41,33 +34,35 @@ class Chain:
 
 
 def carry_on_chains(
-    scene: Scene,
-    modes: Modes,
+    world: PlanSoFar,
+    action: Action,
     attempts: Attempts,
     rng: np.random.Generator,
     given: tuple[Chain, ...] | None = None,
+    settle: Settle = as_it_is,
 ) -> PlanSoFar | None:
-    """A plan in which chains of modules carry the box, or None; given: their modules."""
+    """The world after chains of modules carried the box, or None; given: their modules."""
+    scene = world.scene
     task = delivery(scene, attempts)
     if task is None:
         return None
-    for chains in _owners(scene, modes.connections) if given is None else (given,):
-        attempts.begin(f"{modes.named(scene)}: arms come to their anchors")
+    name = action.named(scene)
+    for chains in _owners(scene, action.connections) if given is None else (given,):
+        attempts.begin(f"{name}: arms come to their anchors")
         try:
-            world, still = _carriers(scene, chains, task, rng)
+            hanging, still = _carriers(world, chains, task, rng)
         except Blocked as error:
-            attempts.notes.append(f"{modes.named(scene)}: {error}")
+            attempts.notes.append(f"{name}: {error}")
             continue
         for chosen in pairs(still):
             try:
-                ready, limbs = _added(world, chains, chosen, rng)
+                ready, limbs = _added(hanging, chains, chosen, rng)
             except Blocked as error:
-                attempts.notes.append(f"{modes.named(scene)}: {error}")
+                attempts.notes.append(f"{name}: {error}")
                 continue
-            name = modes.named(scene)
             for arms, outcome in solved_branches(scene, limbs, task, name, attempts):
                 with noted(attempts, name):
-                    return _whole(ready, arms, outcome.traces, rng)
+                    return settle(brought(ready, arms, outcome, rng))
     return None
 
 
@@ -101,16 +96,20 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[C
 
 
 def _carriers(
-    scene: Scene, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
+    world: PlanSoFar, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
 ) -> tuple[PlanSoFar, list[list[Grip]]]:
     """First modules of all chains latched to their anchors; where their free ends may be held.
 
     Raises:
         Blocked: a module does not get to its anchor, or no place for an added arm is good.
     """
-    world = initial(scene)
+    scene = world.scene
     for chain in chains:
         name = scene.module_names[chain.modules[0]]
+        for number, module in enumerate(chain.modules):
+            anchor = scene.wall_offset + chain.connection.root
+            if number or anchor not in (world.base_anchor[module], world.tip_anchor[module]):
+                world = come_down(world, module, rng)
         world, _ = latch_arm(world, chain.modules[0], chain.connection.root, name, rng)
     path = _path(task)
     still = []
@@ -163,20 +162,3 @@ def _added(
             box_end = 0
         limbs.append(arm(last, chain.connection.side, grip.root, box_end))
     return world, limbs
-
-
-def _whole(
-    world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[Trace], rng: np.random.Generator
-) -> PlanSoFar:
-    """Raises Blocked where a way to the box is not free, or the motion touches something."""
-    scene, world = world.scene, world.copy()
-    for i, limb in enumerate(limbs):
-        name = f"{scene.module_names[limb.module]}: to the box"
-        path = np.concatenate([trace.angles[:, i] for trace in traces])
-        reach_box(world, limb, traces[0].position[0], path, name, rng)
-    latch_box(world, limbs)
-    before = len(world.stretches)
-    add_traces(world, limbs, traces)
-    for stretch in world.stretches[before:]:
-        require_clear_of_all(scene, stretch)
-    return world

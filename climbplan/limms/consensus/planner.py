@@ -18,14 +18,14 @@ from climbplan.limms.consensus.copies import Found
 from climbplan.limms.consensus.iteration import Agreement, Parameters, agree
 from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
-from climbplan.limms.consensus.refinement import refine, sequence_of
+from climbplan.limms.consensus.refinement import action_of, refine
 from climbplan.limms.consensus.setting import setting_of
 from climbplan.limms.consensus.story import consensus_lines, convergence_of
+from climbplan.limms.direct import search
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.refusal import BEHAVIOURS, ruled_out
 from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.sequences import search
 from climbplan.limms.timeline import PlanSoFar
 from climbplan.progress import Progress
 from climbplan.spec.limms.loading import LoadedLimms
@@ -56,7 +56,7 @@ def plan_by_consensus(
     scene = scene_of(loaded)
     report("modes", 0.0)
     bounds = search(scene)
-    if not bounds.sequences:
+    if not bounds.actions:
         raise ruled_out(scene, bounds.conflicts)
     setting = setting_of(scene, solver.admm.intervals)
     block, nonlinear = MixedInteger(setting), Nonlinear(setting)
@@ -74,7 +74,7 @@ def plan_by_consensus(
             if agreement is not None:
                 run.agreements.append(agreement)
                 report("refine", 0.0)
-                attempts.begin(sequence_of(agreement.best.modes).named(scene))
+                attempts.begin(action_of(agreement.best.modes).named(scene))
                 world = refine(scene, agreement.best, attempts, rng)
                 if world is not None:
                     seconds = {"total": time.perf_counter() - began}
@@ -180,7 +180,7 @@ def _plan(
         "nonlinear": "IPOPT (CasADi)",
         "programs": "IPOPT (CasADi)",
     }
-    name = sequence_of(best.modes).named(scene)
+    name = action_of(best.modes).named(scene)
     convergence = convergence_of([a.steps for a in run.agreements])
     making = Making(METHOD, name, seconds, sizes, solvers, convergence)
     plan = make_plan(loaded, scene, world, attempts, making)

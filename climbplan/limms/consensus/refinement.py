@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.errors import LimitReached
+from climbplan.limms.actions import Action
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import Chain, carry_on_chains
+from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.bounds import Connection
 from climbplan.limms.consensus.copies import Modes
@@ -15,7 +17,6 @@ from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
 from climbplan.limms.consensus.warm_start import carry_on
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.scene import Scene
-from climbplan.limms.sequences import Sequence
 from climbplan.limms.timeline import PlanSoFar
 
 REFINED = 60  # programs and courses of events of one refinement
@@ -37,12 +38,12 @@ def chains_of(modes: Modes) -> tuple[Chain, ...]:
     return tuple(chains)
 
 
-def sequence_of(modes: Modes) -> Sequence:
-    """The mode sequence in the terms of method `modes`."""
+def action_of(modes: Modes) -> Action:
+    """The modes in the terms of method `modes`."""
     if (modes.box == STANDS).any():
-        return Sequence("quadruped")
+        return Action("quadruped")
     kind = "throw" if (modes.box == FREE).any() else "arms"
-    return Sequence(kind, tuple(chain.connection for chain in chains_of(modes)))
+    return Action(kind, tuple(chain.connection for chain in chains_of(modes)))
 
 
 def refine(
@@ -57,7 +58,7 @@ def refine(
     try:
         return _refined(scene, best, part, rng)
     except LimitReached as error:
-        part.notes.append(f"{sequence_of(best.modes).named(scene)}: its share of the work was over")
+        part.notes.append(f"{action_of(best.modes).named(scene)}: its share of the work was over")
         if part.over or part.most >= attempts.spare:
             raise error
         return None
@@ -72,16 +73,16 @@ def _refined(
     throw begins as there at once: between the knots of its fastest intervals nothing is known.
     """
     modes = best.modes
-    sequence = sequence_of(modes)
-    if sequence.kind == "quadruped":
+    action, start = action_of(modes), initial(scene)
+    if action.kind == "quadruped":
         gait = "leap" if (modes.box == LEAPS).any() else "stand"
-        return walk(scene, attempts, 1, rng, gait)
+        return walk(start, attempts, 1, rng, gait)
     chains = chains_of(modes)
     if any(len(chain.modules) > 1 for chain in chains):
-        return carry_on_chains(scene, sequence, attempts, rng, chains)
-    if sequence.kind == "arms":
-        world = carry_on(scene, sequence, chains, best, attempts, rng)
+        return carry_on_chains(start, action, attempts, rng, chains)
+    if action.kind == "arms":
+        world = carry_on(start, action, chains, best, attempts, rng)
         if world is not None:
             return world
     owners = tuple(chain.modules[0] for chain in chains)
-    return carry(scene, sequence, attempts, rng, owners)
+    return carry(start, action, attempts, rng, owners)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.limms.actions import Action
 from climbplan.limms.arms.carrying import limb_of, whole_carried
 from climbplan.limms.arms.chain_carrying import Chain
 from climbplan.limms.arms.guess import KNOTS, Piece, traces_along
@@ -21,20 +22,20 @@ from climbplan.limms.modules.chain import BRANCHES
 from climbplan.limms.modules.limbs import limb_angles
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.scene import Array, Scene
-from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import PlanSoFar
 
 
 def carry_on(
-    scene: Scene,
-    modes: Modes,
+    world: PlanSoFar,
+    action: Action,
     chains: Sequence[Chain],
     best: Iterate,
     attempts: Attempts,
     rng: np.random.Generator,
 ) -> PlanSoFar | None:
     """A plan in which single arms carry the box as the best iterate does, or None."""
+    scene = world.scene
     start = scene.box_start[0]
     way = ways(centre_blocks(scene), start, scene.goal)
     if way is None or not chains:
@@ -45,7 +46,7 @@ def carry_on(
     limbs = [
         _with_branch(
             scene,
-            limb_of(scene, chain.modules[0], chain.connection),
+            limb_of(world, chain.modules[0], chain.connection),
             start,
             best.angles[held[0], chain.modules[0]],
         )
@@ -53,12 +54,12 @@ def carry_on(
     ]
     guess = traces_along(scene, limbs, task, _pieces(task, path))
     outcome = plan_held(scene, limbs, task, attempts.end, guess)
-    name = f"{modes.named(scene)}, from the best iterate"
+    name = f"{action.named(scene)}, from the best iterate"
     attempts.count(outcome, name)
     if not outcome.solved:
         return None
     try:
-        return whole_carried(scene, limbs, modes.connections, outcome, rng)
+        return whole_carried(world, limbs, action.connections, outcome, rng)
     except (Blocked, Follow) as error:
         attempts.notes.append(f"{name}: {error}")
         return None

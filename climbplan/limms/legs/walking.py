@@ -1,15 +1,16 @@
-"""The box as body of a quadruped made into a plan: footholds, gait, program, assembly."""
+"""The box as body of a quadruped, from where it stands: footholds, gait, program, assembly."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 
-from climbplan.limms.assembly import initial, latch_box, stand_leg
+from climbplan.limms.assembly import latch_box, stand_leg
 from climbplan.limms.attempts import Attempts
+from climbplan.limms.between_legs import Settle, as_it_is, come_down, headed
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.legs.gaits import gaits
 from climbplan.limms.legs.motion import leg_motion
@@ -23,21 +24,26 @@ from climbplan.limms.timeline import PlanSoFar
 
 
 def walk(
-    scene: Scene,
+    world: PlanSoFar,
     attempts: Attempts,
     most_steps: int,
     rng: np.random.Generator,
     only: str = "",
-    fault: Callable[[PlanSoFar], str] = lambda world: "",
+    settle: Settle = as_it_is,
 ) -> PlanSoFar | None:
-    """A plan in which four modules are legs of the box, or None.
+    """The world after four modules were legs of the box, or None.
 
-    only: name of the gait to try, all if empty; fault: what is wrong with a plan, in words, empty
-    if nothing: the search goes on with the next start then.
+    only: name of the gait to try, all if empty. Modules on walls come down first.
 
     Raises:
         LimitReached: budget or time of the whole planning are over.
     """
+    try:
+        world = _all_down(world, rng)
+    except Blocked as error:
+        attempts.notes.append(f"quadruped: {error}")
+        return None
+    scene = world.scene
     way = ways(centre_blocks(scene), scene.box_start[0], scene.goal)
     if way is None:
         attempts.notes.append("there is no way for the box")
@@ -57,22 +63,32 @@ def walk(
             if not outcome.solved:
                 continue
             try:
-                world = _whole(scene, start.limbs, outcome.traces, attempts, rng)
+                return settle(_whole(world, start.limbs, outcome.traces, attempts, rng))
             except Blocked as error:
                 attempts.notes.append(f"quadruped, {gait.name}: {error}")
-                continue
-            wrong = fault(world)
-            if not wrong:
-                return world
-            attempts.notes.append(f"quadruped, {gait.name}: {wrong}")
         attempts.left()
         if not count:
             attempts.notes.append(f"quadruped, {gait.name}: no pose of the legs serves it")
     return None
 
 
+def _all_down(world: PlanSoFar, rng: np.random.Generator) -> PlanSoFar:
+    """As the world is, but modules that hang on walls by their last ends drive, as legs need them.
+
+    Raises:
+        Blocked: a module does not come down.
+    """
+    scene = world.scene
+    for module in np.flatnonzero(world.tip_anchor >= 0):
+        if (world.scene.held < 0).sum() >= 4:
+            break
+        down = come_down(world, int(module), rng)
+        world = headed(down, scene.goal_place, scene.arrival_speed)
+    return world
+
+
 def _whole(
-    scene: Scene,
+    before: PlanSoFar,
     limbs: Sequence[Limb],
     traces: Sequence[LegTrace],
     attempts: Attempts,
@@ -84,14 +100,14 @@ def _whole(
         Blocked: a way to the box is not free.
         LimitReached: budget or time of the whole planning are over.
     """
-    feet = traces[0].before
+    scene, feet = before.scene, traces[0].before
     angles = leg_motion(scene, limbs, traces[0]).angles[0]
     reason: Exception | None = None
     for owners in _owners(scene, feet):
         owned = [replace(limb, module=m) for limb, m in zip(limbs, owners, strict=True)]
         for order in _orders(len(limbs)):
             attempts.left()
-            world = initial(scene)
+            world = before.copy()
             try:
                 for i in order:
                     stand_leg(world, owned[i], feet[i], angles[i], rng)

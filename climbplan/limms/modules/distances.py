@@ -6,38 +6,62 @@ import numpy as np
 
 from climbplan.limms.scene import Array
 
-_GOLDEN = (np.sqrt(5.0) - 1) / 2
-_ROUNDS = 24  # the distance is convex along the segment: its place to 1e-5 of its length
+_MOST = 8192  # segments and blocks at a time
 
 
 def segment_to_block(first: Array, last: Array, lower: Array, upper: Array) -> Array:
     """Distance (...) of segments from axis-parallel blocks [m]; 0 if they touch or are inside.
 
-    All arguments broadcast to (..., 3).
+    All arguments broadcast to (..., 3). The squared distance is convex along a segment, and its
+    slope a straight line between the places where coordinates pass faces of the block: the pair
+    of them between which it is zero is searched for, and the place is exact.
     """
     shape = np.broadcast_shapes(first.shape, last.shape, lower.shape, upper.shape)
-    first, last = np.broadcast_to(first, shape), np.broadcast_to(last, shape)
-    span = last - first
+    rows = max(_MOST // max(int(np.prod(shape[1:-1])), 1), 1)
+    if len(shape) > 1 and shape[0] > rows:
+        parts = []
+        for begin in range(0, shape[0], rows):
+            some = slice(begin, begin + rows)
+            own = (
+                each[some] if each.ndim == len(shape) and len(each) > 1 else each
+                for each in (first, last, lower, upper)
+            )
+            parts.append(_near_to_block(*own))
+        return np.concatenate(parts)
+    return _near_to_block(first, last, lower, upper)
 
-    def distance(share: Array) -> Array:
+
+def _near_to_block(first: Array, last: Array, lower: Array, upper: Array) -> Array:
+    """The same of as many as the processor keeps at hand."""
+    shape = np.broadcast_shapes(first.shape, last.shape, lower.shape, upper.shape)
+    span = np.broadcast_to(last - first, shape)
+
+    def excess(share: Array) -> Array:
         point = first + share[..., None] * span
-        out = np.maximum(np.maximum(lower - point, point - upper), 0.0)
-        found: Array = np.sqrt((out**2).sum(axis=-1))
+        found: Array = point - np.minimum(np.maximum(point, lower), upper)
         return found
 
-    low, high = np.zeros(shape[:-1]), np.ones(shape[:-1])
-    c, d = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_c, at_d = distance(c), distance(d)
-    for _ in range(_ROUNDS):
-        left = at_c <= at_d
-        high, low = np.where(left, d, high), np.where(left, low, c)
-        c_new = high - _GOLDEN * (high - low)
-        d_new = low + _GOLDEN * (high - low)
-        fresh = distance(np.where(left, c_new, d_new))
-        at_c, at_d = np.where(left, fresh, at_d), np.where(left, at_c, fresh)
-        c, d = c_new, d_new
-    ends = np.minimum(distance(np.zeros(shape[:-1])), distance(np.ones(shape[:-1])))
-    best: Array = np.minimum(np.minimum(at_c, at_d), ends)
+    def slope(share: Array) -> Array:
+        found: Array = np.einsum("...i,...i->...", span, excess(share))
+        return found
+
+    passing = np.where(span == 0, 1.0, span)  # what never passes a face is no place to look at
+    places = np.empty((*shape[:-1], 8))
+    places[..., 0], places[..., 7] = 0.0, 1.0
+    places[..., 1:4], places[..., 4:7] = (lower - first) / passing, (upper - first) / passing
+    places = np.sort(np.clip(places, 0.0, 1.0), axis=-1)
+    low, high = np.zeros(shape[:-1], int), np.full(shape[:-1], 7)
+    for _ in range(3):
+        middle = (low + high) // 2
+        falls = slope(np.take_along_axis(places, middle[..., None], axis=-1)[..., 0]) <= 0
+        low, high = np.where(falls, middle, low), np.where(falls, high, middle)
+    begin = np.take_along_axis(places, low[..., None], axis=-1)[..., 0]
+    end = np.take_along_axis(places, high[..., None], axis=-1)[..., 0]
+    at_begin, at_end = slope(begin), slope(end)
+    rise = at_end - at_begin
+    share = begin - at_begin * (end - begin) / np.where(rise > 0, rise, 1.0)
+    away = excess(np.minimum(np.maximum(share, begin), end))
+    best: Array = np.sqrt(np.einsum("...i,...i->...", away, away))
     return best
 
 

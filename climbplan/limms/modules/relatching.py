@@ -10,16 +10,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.limms.actions import Action
 from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
 from climbplan.limms.arms.held_branches import branch_choices
-from climbplan.limms.assembly import (
-    initial,
-    latch_box,
-    latch_from_ground,
-    reach_box,
-)
+from climbplan.limms.assembly import latch_box, latch_from_ground, reach_box
 from climbplan.limms.attempts import Attempts
+from climbplan.limms.between_legs import Settle, as_it_is, come_down
 from climbplan.limms.bounds import Connection, on_ground
 from climbplan.limms.densify import add_traces
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor, side_pose
@@ -28,33 +25,36 @@ from climbplan.limms.modules.reaching import reach
 from climbplan.limms.modules.straight_ways import leave
 from climbplan.limms.modules.stretch_clearance import require_clear_of_all
 from climbplan.limms.scene import Scene
-from climbplan.limms.sequences import Sequence as Modes
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import ARM, DRIVES, MANIPULATED, NOWHERE, STABLE, PlanSoFar, samples
 
 
 def relatch(
-    scene: Scene, modes: Modes, attempts: Attempts, rng: np.random.Generator
+    world: PlanSoFar,
+    action: Action,
+    attempts: Attempts,
+    rng: np.random.Generator,
+    settle: Settle = as_it_is,
 ) -> PlanSoFar | None:
-    """A plan in which a module comes to its anchor over the box and then carries it, or None."""
-    connection = modes.connections[0]
+    """The world after a module came to its anchor over the box and carried it, or None."""
+    scene, connection = world.scene, action.connections[0]
     task = delivery(scene, attempts)
     if task is None:
         return None
+    name = action.named(scene)
     for module in _owners(scene, connection):
-        attempts.begin(f"{modes.named(scene)}: module {scene.module_names[module]} to the box")
+        attempts.begin(f"{name}: module {scene.module_names[module]} to the box")
         try:
-            world = on_box(scene, module, connection.side, modes.lets_go, rng)
+            held = on_box(world, module, connection.side, action.lets_go, rng)
         except Blocked as error:
-            attempts.notes.append(f"{modes.named(scene)}: {error}")
+            attempts.notes.append(f"{name}: {error}")
             continue
-        box_end = 0 if world.base_anchor[module] == connection.side else 1
+        box_end = 0 if held.base_anchor[module] == connection.side else 1
         root = root_on_anchor(scene, connection.root, 1 - box_end)
         limb = arm(module, connection.side, root, box_end)
-        name = modes.named(scene)
         for arms, outcome in solved_branches(scene, [limb], task, name, attempts):
             with noted(attempts, name):
-                return _from_box(world, arms[0], connection, outcome, rng)
+                return settle(_from_box(held, arms[0], connection, outcome, rng))
     return None
 
 
@@ -71,33 +71,38 @@ def _owners(scene: Scene, connection: Connection) -> Iterator[int]:
 
 
 def on_box(
-    scene: Scene, module: int, side: int, lets_go: bool, rng: np.random.Generator
+    world: PlanSoFar, module: int, side: int, lets_go: bool, rng: np.random.Generator
 ) -> PlanSoFar:
     """Everything until a module is held by a side of the standing box alone.
 
-    lets_go: a module on an anchor of the ground drives first, otherwise it comes from there.
+    lets_go: a module on an anchor of the ground drives first, otherwise it comes from there. One
+    that hangs on a wall comes from there, or else down and then from the ground.
 
     Raises:
         Blocked: no free way was found.
     """
-    world = initial(scene)
-    if scene.held[module] >= 0 and not lets_go:
-        return _from_anchor(world, module, side, rng)
-    if scene.held[module] >= 0 and not on_ground(
-        scene, int(scene.held[module]) - scene.wall_offset
-    ):
-        raise Blocked(f"{scene.module_names[module]} is latched to a wall and cannot drive")
+    scene = world.scene
+    name, anchor = scene.module_names[module], int(scene.held[module])
+    if anchor >= 0 and not lets_go:
+        try:
+            return _from_anchor(world, module, side, rng)
+        except Blocked:
+            if world.tip_anchor[module] != anchor:
+                raise
+            world = come_down(world, module, rng)
+    elif anchor >= 0 and not on_ground(scene, anchor - scene.wall_offset):
+        raise Blocked(f"{name} is latched to a wall and cannot drive")
     target = side_pose(scene, world.place, side, 1)
-    name = scene.module_names[module]
     return latch_from_ground(world, module, target, side, DRIVES, name, rng)
 
 
 def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Generator) -> PlanSoFar:
     """The same for a module that is latched to the terrain, and lets go once it has the box."""
     scene = world.scene
-    name = scene.module_names[module]
-    root = root_on_anchor(scene, int(scene.held[module]) - scene.wall_offset, 0)
-    limb = arm(module, side, root, 1)
+    name, anchor = scene.module_names[module], int(scene.held[module])
+    end = 0 if world.base_anchor[module] == anchor else 1  # that is latched to the terrain
+    root = root_on_anchor(scene, anchor - scene.wall_offset, end)
+    limb = arm(module, side, root, 1 - end)
     here = world.place[None]
     reason = Blocked(f"{name}: the box is out of reach from where it is latched")
     for _, _, choice in branch_choices(scene, limb, here, root.position[None]):
@@ -109,8 +114,9 @@ def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Genera
             hold(attempt, choice, f"{name}: latch")
             attempt.box_mode = STABLE
             attempt.mode[module] = DRIVES
-            attempt.base_anchor[module] = NOWHERE
-            leave(attempt, module, side_pose(scene, attempt.place, side, 1), 1, f"{name}: let go")
+            (attempt.base_anchor, attempt.tip_anchor)[end][module] = NOWHERE
+            held = side_pose(scene, attempt.place, side, 1 - end)
+            leave(attempt, module, held, 1 - end, f"{name}: let go")
         except Blocked as error:
             reason = error
             continue

@@ -1,7 +1,7 @@
-"""Search over mode sequences: configurations that the logic rules allow, cheapest first.
+"""Actions that bring the box to its goal at once: what the logic rules allow, cheapest first.
 
 Modules are alike, so a configuration says how many hold the box from where, not which (their
-permutations are one). Bounds that no plan escapes cut sequences off before any program is solved:
+permutations are one). Bounds that no plan escapes cut actions off before any program is solved:
 force at latches and feet, moment at latches, reach, ways to the anchors, number of modules.
 """
 
@@ -13,6 +13,7 @@ from itertools import combinations, product
 from math import comb, floor, perm
 
 from climbplan.errors import Conflict, Remedy
+from climbplan.limms.actions import Action
 from climbplan.limms.bounds import (
     Connection,
     access,
@@ -26,62 +27,25 @@ from climbplan.limms.bounds import (
     within_reach,
 )
 from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.scene import GRAVITY, SIDES, Scene
+from climbplan.limms.scene import GRAVITY, Scene
 
 LONGEST = 2  # modules in a chain
 FLIGHT = 0.3  # [m] beyond the reach of arms: what throws do easily
 
 
 @dataclass(frozen=True)
-class Sequence:
-    """How the box moves from start to goal: held by arms, thrown by them, or as a quadruped.
-
-    A module that relatches holds the box first, and comes to its anchor from there.
-    """
-
-    kind: str  # "arms", "throw", "relatch", "quadruped"
-    connections: tuple[Connection, ...] = ()
-    away: float = 0.0  # [m] how far wrists are apart that the chains have to bring together
-    flight: float = 0.0  # [m] that a throw is longer than throws that are tried early
-    lets_go: bool = False  # a module on an anchor of the ground drives, before it relatches
-
-    @property
-    def modules(self) -> int:
-        """How many modules it takes."""
-        return 4 if self.kind == "quadruped" else sum(c.links for c in self.connections)
-
-    def cost(self) -> float:
-        """What is tried first: few modules, no change of latches, steps or flight; near ones."""
-        extra = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}.get(self.kind, 0.0)
-        near = 2 * self.flight + 0.01 * self.away
-        return self.modules + extra + (0.1 if self.lets_go else 0.0) + near
-
-    def named(self, scene: Scene) -> str:
-        """In words."""
-        if self.kind == "quadruped":
-            return "quadruped"
-        names = scene.anchor_names[scene.wall_offset :]
-        arms = ", ".join(
-            f"{names[c.root]} to {SIDES[c.side]}"
-            + (f" by {c.links} modules" if c.links > 1 else "")
-            for c in self.connections
-        )
-        return f"{self.kind}: {arms}"
-
-
-@dataclass(frozen=True)
 class Search:
-    """Sequences to try, cheapest first; why others cannot be; how many there were."""
+    """Actions to try, cheapest first; why others cannot be; how many there were."""
 
-    sequences: tuple[Sequence, ...]
+    actions: tuple[Action, ...]
     conflicts: tuple[Conflict, ...]
     configurations: int  # of connections, up to permuting modules
 
 
 def search(scene: Scene) -> Search:
-    """All mode sequences that pass the bounds."""
+    """All actions that pass the bounds."""
     conflicts: list[Conflict] = []
-    found: list[Sequence] = []
+    found: list[Action] = []
     count = 0
     if ways(centre_blocks(scene), scene.start_place, scene.goal_place) is None:
         what = "free space holds no way for the box from its start to its goal"
@@ -105,7 +69,7 @@ def search(scene: Scene) -> Search:
         conflicts.append(Conflict("quadruped", ("not among task.allow",), (), True))
     else:
         found += _possible_quadruped(scene, conflicts)
-    found.sort(key=Sequence.cost)
+    found.sort(key=Action.cost)
     return Search(tuple(found), tuple(conflicts), count)
 
 
@@ -142,7 +106,7 @@ def _configurations(scene: Scene) -> int:
 
 def _possible_arms(
     scene: Scene, every: list[tuple[Connection, ...]], count: int, conflicts: list[Conflict]
-) -> list[Sequence]:
+) -> list[Action]:
     """count: of all sets of chains; `every`: those that reach the box at its start."""
     if not count:
         conflicts.append(Conflict("arms", ("there is no anchor to hold on to",), (), True))
@@ -160,7 +124,7 @@ def _possible_arms(
         cures = (Remedy(f"box.mass <= {heaviest:.2f} kg", "box.mass", heaviest),)
         conflicts.append(Conflict("arms", (what,), cures, True))
         return []
-    found: list[Sequence] = []
+    found: list[Action] = []
     reasons = dict.fromkeys(("force", "moment", "reach", "way to the anchor"), 0)
     reasons["reach"] = count - len(every)
     for connections in every:
@@ -176,7 +140,7 @@ def _possible_arms(
     return found
 
 
-def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] | str:
+def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Action] | str:
     """What chains can do with the box, or what rules them out."""
     thrown = "flight" in scene.allow and scene.arrival_speed > 0
     reason = holding_misfit(scene, connections)
@@ -190,14 +154,14 @@ def _uses(scene: Scene, connections: tuple[Connection, ...]) -> list[Sequence] |
     found = []
     if all(access(scene, c.root) for c in connections):
         if carried:
-            found.append(Sequence("arms", connections, away))
+            found.append(Action("arms", connections, away))
         if thrown and single:
-            found.append(Sequence("throw", connections, away, _flight(scene, connections)))
+            found.append(Action("throw", connections, away, _flight(scene, connections)))
     relatched = len(connections) == 1 and single and carried
-    if relatched and access_over_box(scene, connections[0]):
-        found.append(Sequence("relatch", connections, away))
+    if relatched and access_over_box(scene, connections[0], scene.start_place):
+        found.append(Action("relatch", connections, away))
         if any(a >= 0 and on_ground(scene, int(a) - scene.wall_offset) for a in scene.held):
-            found.append(Sequence("relatch", connections, away, lets_go=True))
+            found.append(Action("relatch", connections, away, lets_go=True))
     return found or "way to the anchor"
 
 
@@ -220,16 +184,22 @@ def _flight(scene: Scene, connections: tuple[Connection, ...]) -> float:
     return max(beyond - FLIGHT, 0.0)
 
 
-def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequence]:
-    strength = 4 * scene.module.max_force
+def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Action]:
     if scene.turns:
         what = "legs do not turn a box, nor stand beside one that is turned"
         conflicts.append(Conflict("quadruped", (what,), (), True))
         return []
+    misfit = legs_misfit(scene)
+    conflicts += misfit
+    return [] if misfit else [Action("quadruped")]
+
+
+def legs_misfit(scene: Scene) -> tuple[Conflict, ...]:
+    """Why modules cannot be legs of the box wherever it stands."""
+    strength = 4 * scene.module.max_force
     if scene.count < 4:
         what = f"it takes 4 modules, there are {scene.count}"
-        conflicts.append(Conflict("quadruped", (what,), (), True))
-        return []
+        return (Conflict("quadruped", (what,), (), True),)
     if strength < scene.weight:
         what = (
             f"4 legs push {strength:.1f} N at most, the box weighs {scene.weight:.1f} N: "
@@ -237,6 +207,5 @@ def _possible_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Sequenc
         )
         heaviest = floor(1e2 * strength / GRAVITY) / 1e2
         cures = (Remedy(f"box.mass <= {heaviest:.2f} kg", "box.mass", heaviest),)
-        conflicts.append(Conflict("quadruped", (what,), cures, True))
-        return []
-    return [Sequence("quadruped")]
+        return (Conflict("quadruped", (what,), cures, True),)
+    return ()

@@ -1,0 +1,280 @@
+"""Between which places the box may be brought by each action, by relaxations of what actions need.
+
+Arms hold the box at places where the closed inverse has an answer within joint ranges that touches
+nothing solid; a throw begins at such a place and ends at the goal; a module relatches where it
+comes to the box first, and over it to its anchor; chains reach stretched out, and hold what they
+have to; legs walk from ground to ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.limms.actions import Action
+from climbplan.limms.arms.held_branches import (
+    APPROACH_MARGIN,
+    RANGE_MARGIN,
+    clearance,
+    off_singular,
+)
+from climbplan.limms.bounds import (
+    Connection,
+    access,
+    access_over_box,
+    anchor_wrist,
+    chain_stretch,
+    holding_misfit,
+    side_wrist,
+    span,
+    within_reach,
+)
+from climbplan.limms.corridor import centre_blocks, yaws_between
+from climbplan.limms.direct import FLIGHT, legs_misfit
+from climbplan.limms.modules.chain import BRANCHES, in_range
+from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
+from climbplan.limms.placement import extents, yaw_of
+from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.timeline import PlanSoFar
+
+STEP = 0.12  # [m] between places
+_CHAINS = 12  # sets of chains, those that serve most places
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Means:
+    """An action, and between which of n places: for some row, from its begins to its ends."""
+
+    action: Action
+    begin: Mask  # (rows, n)
+    end: Mask  # (rows, n)
+
+    def onward(self, here: int) -> Mask:
+        """Places (n,) that it brings the box to from one of them."""
+        return np.asarray(self.end[self.begin[:, here]].any(axis=0))
+
+    def before(self, there: Mask) -> Mask:
+        """Places (n,) from which it brings the box to some of those in `there` (n,)."""
+        return np.asarray(self.begin[(self.end & there).any(axis=1)].any(axis=0))
+
+
+def places_of(scene: Scene) -> Array:
+    """Start, goal, and where the box can be put down (n, D) [m, rad]."""
+    return np.vstack([scene.start_place, scene.goal_place, standing_spots(scene)])
+
+
+def standing_spots(scene: Scene) -> Array:
+    """Placements of the box (n, D) on a grid, its whole base on the ground [m, rad]."""
+    blocks = centre_blocks(scene)
+    turned = [
+        _standing_at(scene, blocks, float(yaw) if scene.turns else None)
+        for yaw in yaws_between(scene)
+    ]
+    return np.concatenate(turned)
+
+
+def _standing_at(scene: Scene, blocks: Array, yaw: float | None) -> Array:
+    """The same of one yaw, of which nothing is said where the box does not turn."""
+    half = extents(scene.box_size[0] / 2, yaw or 0.0, yaw or 0.0)
+    found: set[tuple[float, float, float]] = set()
+    for patch in scene.patches:
+        spans = [
+            np.arange(np.ceil((low + h) / STEP), np.floor((high - h) / STEP) + 1) * STEP
+            for low, high, h in zip(patch.lower, patch.upper, half[:2], strict=True)
+        ]
+        for x in spans[0]:
+            height = patch.height + half[2]
+            found |= {(float(x), float(y), float(height)) for y in spans[1]}
+    spots = np.array(sorted(found)).reshape(-1, 3)
+    if yaw is not None:
+        spots = np.column_stack([spots, np.full(len(spots), yaw)])
+    above = spots[:, None] >= blocks[:, 0] - 1e-9
+    inside = (above & (spots[:, None] <= blocks[:, 1] + 1e-9)).all(axis=2)
+    away = np.abs(spots[:, None, :2] - scene.stand[None, :, :2])
+    apart = np.any(away > half[:2] + scene.module.radius, axis=2)
+    unoccupied = np.all(apart | np.any(np.isnan(scene.stand), axis=1), axis=1)
+    kept: Array = spots[np.any(inside, axis=1) & unoccupied]
+    return kept
+
+
+def by_first_ends(world: PlanSoFar) -> frozenset[int]:
+    """Anchors of the terrain, as those are numbered, that modules are on with their first ends."""
+    offset, anchors = world.scene.wall_offset, len(world.scene.anchor_names)
+    return frozenset(int(a) - offset for a in world.base_anchor if offset <= a < anchors)
+
+
+def carrying(scene: Scene, places: Array, by_first: frozenset[int]) -> list[Means]:
+    """Arms that hold the box: single ones where one latch does, else pairs."""
+    if "arms" not in scene.allow:
+        return []
+    return [
+        Means(Action("arms", arms), mask, mask)
+        for arms, mask in _holding(scene, places, by_first)
+        if mask.any()
+    ]
+
+
+def all_means(world: PlanSoFar, places: Array) -> list[Means]:
+    """All actions that may do something."""
+    scene = world.scene
+    carried = carrying(scene, places, by_first_ends(world))
+    found = carried + list(_thrown(scene, carried, places))
+    if "arms" in scene.allow:
+        found += [*_relatched(scene, places), *_chained(scene, places)]
+    return found + list(_walked(scene, places))
+
+
+def legs_left(means: Sequence[Means], to: int, places: int) -> Index:
+    """Fewest legs (n,) from every place to one of them, `places` where none lead there.
+
+    No course over the same places has fewer.
+    """
+    left = np.full(places, places)
+    left[to] = 0
+    for legs in range(1, places):
+        before = left == legs - 1
+        if not before.any():
+            break
+        for each in means:
+            joined = each.before(before)
+            left[joined] = np.minimum(left[joined], legs)
+    return left
+
+
+def _holding(
+    scene: Scene, places: Array, by_first: frozenset[int]
+) -> list[tuple[tuple[Connection, ...], Mask]]:
+    """Sets of arms that hold the box, and where they can, (branches, places)."""
+    single: list[tuple[Connection, Mask]] = []
+    for root in range(scene.walls):
+        if access(scene, root):
+            single += [
+                (c, _held_at(scene, c, places, root in by_first))
+                for c in (Connection(root, side) for side in range(4))
+            ]
+    alone: list[tuple[tuple[Connection, ...], Mask]] = [
+        ((connection,), mask)
+        for connection, mask in single
+        if not holding_misfit(scene, (connection,))
+    ]
+    if alone or scene.count < 2:
+        return alone
+    return [
+        ((one, other), np.atleast_2d(a.any(axis=0) & b.any(axis=0)))
+        for (one, a), (other, b) in combinations(single, 2)
+        if one.root != other.root
+        and one.side != other.side
+        and not holding_misfit(scene, (one, other))
+    ]
+
+
+def _held_at(scene: Scene, connection: Connection, places: Array, by_first: bool) -> Mask:
+    """Where an arm can hold the box (branches, n), its first or its last end on the anchor."""
+    box_end = 1 if by_first else 0
+    limb = arm(0, connection.side, root_on_anchor(scene, connection.root, 1 - box_end), box_end)
+    # Where latches close programs keep further from the ends of ranges; at the goal none closes
+    margin = np.full(len(places), RANGE_MARGIN + APPROACH_MARGIN)
+    margin[1] = RANGE_MARGIN
+    near = _reached(scene, connection, places)
+    found = np.zeros((len(BRANCHES), len(places)), bool)
+    if not near.any():
+        return found
+    box = places[near]
+    feet = np.broadcast_to(limb.fixed_position, (len(box), 3))
+    for number, branch in enumerate(BRANCHES):
+        angles, missing = limb_angles(scene, limb, box, feet, branch)
+        angles = (angles + np.pi) % (2 * np.pi) - np.pi
+        fits = (missing <= 0) & (in_range(scene.module, angles) <= -margin[near])
+        fits &= off_singular(scene.module, angles)
+        if fits.any():
+            gap = clearance(scene, [limb], box[fits], feet[fits, None], angles[fits, None])
+            fits[fits] = gap >= -1e-6
+        found[number, near] = fits
+    return found
+
+
+def _reached(scene: Scene, connection: Connection, places: Array) -> Mask:
+    """Where a chain, stretched out, spans from its anchor to its side of the box (n,)."""
+    return np.array([within_reach(scene, (connection,), place) for place in places])
+
+
+def _only_goal(like: Mask) -> Mask:
+    """Rows that end at the goal."""
+    end = np.zeros_like(like)
+    end[:, 1] = True
+    return end
+
+
+def _thrown(scene: Scene, carried: Sequence[Means], places: Array) -> Iterator[Means]:
+    """Throws to a goal that no arms hold the box at, by arms that nearly do."""
+    if "flight" not in scene.allow or scene.arrival_speed <= 0:
+        return
+    if any(each.end[:, 1].any() for each in carried):
+        return
+    reach = chain_stretch(scene, 1) + FLIGHT
+    for each in carried:
+        arms = each.action.connections
+        if all(
+            span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, places[1])) <= reach
+            for c in arms
+        ):
+            yield Means(Action("throw", arms), each.begin, _only_goal(each.begin))
+
+
+def _relatched(scene: Scene, places: Array) -> Iterator[Means]:
+    """One module over the box, to anchors that none comes to from the ground."""
+    for root, side in product(range(scene.walls), range(4)):
+        connection = Connection(root, side)
+        if access(scene, root) or holding_misfit(scene, (connection,)):
+            continue
+        held = np.vstack([_held_at(scene, connection, places, end) for end in (True, False)])
+        if held.any():
+            over = np.array([access_over_box(scene, connection, place) for place in places])
+            yield Means(Action("relatch", (connection,)), held & over, held)
+
+
+def _chained(scene: Scene, places: Array) -> list[Means]:
+    """Arms on arms that bring the box to its goal: one where that holds it, else two."""
+    single = [
+        Connection(root, side, links)
+        for root in range(scene.walls)
+        if access(scene, root)
+        for side in range(4)
+        for links in range(1, min(scene.count, 2) + 1)
+    ]
+    reached = {c: _reached(scene, c, places) for c in single}
+    single = [c for c in single if reached[c][1]]
+    sets: list[tuple[Connection, ...]] = [(c,) for c in single if not holding_misfit(scene, (c,))]
+    if not sets:
+        sets = [
+            (one, other)
+            for one, other in combinations(single, 2)
+            if one.root != other.root
+            and one.side != other.side
+            and not holding_misfit(scene, (one, other))
+        ]
+    found = []
+    for arms in sets:
+        if sum(c.links for c in arms) <= scene.count and any(c.links > 1 for c in arms):
+            begin = np.all([reached[c] for c in arms], axis=0)[None]
+            found.append(Means(Action("arms", arms), begin, _only_goal(begin)))
+    found.sort(key=lambda each: -int(each.begin.sum()))
+    return found[:_CHAINS]
+
+
+def _walked(scene: Scene, places: Array) -> Iterator[Means]:
+    """Four legs, from ground to ground or to the goal, the box as it stands at first."""
+    if "quadruped" not in scene.allow or legs_misfit(scene):
+        return
+    plain = np.abs(yaw_of(places)) < 1e-12
+    if plain[0]:
+        row = plain[None]
+        begin = row.copy()
+        begin[:, 1] = False
+        yield Means(Action("quadruped"), begin, row)

@@ -6,10 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from climbplan.climb.proposed import planned_proposal
+from climbplan.climb.looks import plan_looks
+from climbplan.climb.proposed import file_name, planned_proposal
 from climbplan.reports.robot_page import robot_page
-from climbplan.robots.urdf.proposal.proposing import propose
+from climbplan.robots.urdf.proposal.proposing import propose, read_tree
 from climbplan.walking.proposed import proposed_walk
+
+_TRIANGLES = 800  # of one shape in the pictures of a page
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,16 @@ class NewRobot:
     name: str
     files: dict[str, str]
     notes: tuple[str, ...]
+
+
+def names_of_files(urdf: Path) -> list[str]:
+    """Files that `new_robot` may write, known before anything is planned.
+
+    Raises SpecError for what is wrong in the URDF.
+    """
+    name = file_name(read_tree(urdf).name)
+    ends = (".yaml", "_ground.yaml", "_chimney.yaml", "_wall.yaml", "_walk.yaml", ".html")
+    return [f"{name}{end}" for end in ends]
 
 
 def new_robot(
@@ -45,5 +58,6 @@ def new_robot(
         for one in outcomes
     ]
     walks = {walk_file: walk.text} if walk.text else {}
-    page = {f"{made.name}.html": robot_page(found, made.climb.brace, badges)}
+    looks = plan_looks(found.draft.robot(), found.robot, _TRIANGLES)
+    page = {f"{made.name}.html": robot_page(found, made.climb.brace, badges, looks)}
     return NewRobot(made.name, made.files | walks | page, tuple(notes))

@@ -53,7 +53,7 @@ _KNOWN = {
     "stands": ("count",),
     "judge": ("count",),
     "scans": ("scenes",),
-    "zoo": ("scenes",),
+    "zoo": ("scenes", "methods", "count"),
     "instances": ("methods", "count", "seconds"),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
@@ -215,7 +215,7 @@ def bench(
     --methods (offline, envelopes, bounds, stones, ticks, strategies, recovery, pushes), --count,
     --library and --library-size, `bench refusals` --count and --time-limit, `bench stands` and
     `bench judge` --count, `bench scans` --scenes, the folder of its meshes, `bench zoo` --scenes,
-    its robots, and --out.
+    its robots, --methods (plans, refusals: looked at again by a second method), --count and --out.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -313,7 +313,7 @@ def bench(
             from climbplan.bench.zoo.run import bench_zoo
 
             with standard_output() as stream:
-                bench_zoo(quick, stream, scenes, out)
+                bench_zoo(quick, stream, scenes, out, methods, seed, given.get("count"))
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

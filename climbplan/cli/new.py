@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -38,7 +39,7 @@ def new(
         typer.Option(
             "--urdf",
             metavar="FILE",
-            help="Kind robot: propose one from its URDF, with a walk and a climb that plan.",
+            help="Kind robot: propose one from its URDF or MJCF, with plans of a walk and a climb.",
         ),
     ] = None,
     package: Annotated[
@@ -92,9 +93,7 @@ def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
     """All files or none that is there already."""
     from climbplan.plans.atomic_file import written_aside
 
-    for path in content:
-        if path.exists() and not force:
-            raise UsageError(f"{path}: already exists; --force replaces it")
+    _refuse_existing(content, force)
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -102,6 +101,12 @@ def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
     for path, value in content.items():
         with written_aside(path) as aside:
             aside.write_bytes(value)
+
+
+def _refuse_existing(paths: Iterable[Path], force: bool) -> None:
+    for path in paths:
+        if path.exists() and not force:
+            raise UsageError(f"{path}: already exists; --force replaces it")
 
 
 def _new_robot(
@@ -119,11 +124,12 @@ def _new_robot(
     given = {"--urdf": urdf, "--package": package, "--example": example}
     if sum(value is not None for value in given.values()) > 1:
         raise UsageError("expected one of --urdf, --package and --example")
-    from climbplan.api.new_robot import new_robot
+    from climbplan.api.new_robot import names_of_files, new_robot
     from climbplan.robots.urdf.proposal.packaged import package_urdf
 
     session = context.ensure_object(Session)
     path = urdf if urdf is not None else package_urdf(package or "")
+    _refuse_existing((directory / name for name in names_of_files(path)), force)
     made = new_robot(path, directory, session.note)
     content = {directory / name: text.encode() for name, text in made.files.items()}
     _write(content, directory, force)

@@ -14,6 +14,7 @@ from climbplan.errors import UsageError
 if TYPE_CHECKING:
     from climbplan.robots.facts import RobotFacts
 
+_TRIANGLES = 800  # of one shape in a picture
 _COLUMNS = "joint bounds [deg], torque [N m], stiffness [N m/rad]"
 
 
@@ -44,14 +45,15 @@ def robot(
             raise UsageError(f"{picture}: already exists; --force replaces it")
     from climbplan.robots.facts import robot_facts
 
-    made, notes = _robot_of(name)
+    spec, made, notes = _robot_of(name)
     facts = robot_facts(made)
     if picture is not None:
+        from climbplan.climb.looks import plan_looks
         from climbplan.plans.atomic_file import written_aside
         from climbplan.reports.robot_picture import robot_picture
         from climbplan.reports.sheet import png
 
-        image = png(robot_picture(facts))
+        image = png(robot_picture(facts, looks=plan_looks(spec, made, _TRIANGLES)))
         with written_aside(picture) as aside:
             aside.write_bytes(image)
     if as_json:
@@ -60,8 +62,8 @@ def robot(
         print_result("\n".join(_lines(facts, notes)))
 
 
-def _robot_of(name: str) -> tuple[Any, tuple[str, ...]]:
-    """The robot, and what was assumed of it."""
+def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
+    """What the file says, the robot, and what was assumed of it."""
     from climbplan.robots.any_robot import assumptions, build_robot
     from climbplan.spec.loading import load_spec
     from climbplan.spec.robots.source import UnknownRobot, load_any_robot
@@ -78,7 +80,7 @@ def _robot_of(name: str) -> tuple[Any, tuple[str, ...]]:
     except UnknownRobot as error:
         raise UsageError(str(error)) from error
     made = build_robot(spec)
-    return made, assumptions(spec, made)
+    return spec, made, assumptions(spec, made)
 
 
 def _is_robot_file(name: str) -> bool:

@@ -12,10 +12,11 @@ from climbplan.spec.robots.urdf.source import UrdfRobot
 _log = logging.getLogger(__name__)
 
 
-def plan_looks(spec: AnyRobot, robot: Robot) -> Looks | None:
+def plan_looks(spec: AnyRobot, robot: Robot, most: int | None = None) -> Looks | None:
     """The visual geometry that a plan carries; None for robots that are drawn from their numbers.
 
-    What cannot be read is told: nothing that is planned rests on it.
+    most: triangles of one shape, in place of those of a plan. What cannot be read is told: nothing
+    that is planned rests on it.
     """
     if not isinstance(spec, UrdfRobot):
         return None
@@ -23,7 +24,7 @@ def plan_looks(spec: AnyRobot, robot: Robot) -> Looks | None:
     from climbplan.robots.urdf.visuals import NoLooks, looks_of
 
     try:
-        return looks_of(spec, robot)
+        return looks_of(spec, robot) if most is None else looks_of(spec, robot, most)
     except NoLooks as error:
         _log.warning("%s is drawn as capsules: %s", spec.name, error)
         return None

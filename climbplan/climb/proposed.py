@@ -79,7 +79,7 @@ class Trials:
     def __init__(self, found: Proposal, folder: Path) -> None:
         """Settle on the roomiest of its standing postures in which it walks on ground."""
         self.folder = folder
-        self.name = _file_name(found.name)
+        self.name = file_name(found.name)
         self.robot_file = f"{self.name}.yaml"
         self._stand(found)
         self.ground = first = self._walk()
@@ -192,6 +192,6 @@ def _varied(braces: tuple[Posture, ...]) -> list[Posture]:
     return [brace for own in by_friction.values() for brace in own[: _TRIED // len(by_friction)]]
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """A robot's name as one of a file."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "robot"

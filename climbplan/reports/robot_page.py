@@ -11,6 +11,7 @@ from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.robot_picture import robot_picture
 from climbplan.reports.sheet import png
 from climbplan.robots.facts import robot_facts
+from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import with_stance
 from climbplan.robots.urdf.proposal.postures import Posture
@@ -20,11 +21,19 @@ _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "sp
            "stiffness [N m/rad]")  # fmt: skip
 
 
-def robot_page(proposal: Proposal, brace: Posture | None, told: Sequence[tuple[str, bool]]) -> str:
-    """The page; told: what became of each spec that uses the robot, and whether it is a plan."""
+def robot_page(
+    proposal: Proposal,
+    brace: Posture | None,
+    told: Sequence[tuple[str, bool]],
+    looks: Looks | None = None,
+) -> str:
+    """The page; told: what became of each spec that uses the robot, and whether it is a plan.
+
+    looks: the URDF's visual geometry, which the pictures show.
+    """
     robot = proposal.robot
     facts = robot_facts(robot)
-    images = {"standing on ground": png(robot_picture(facts, "standing on ground"))}
+    images = {"standing on ground": png(robot_picture(facts, "standing on ground", looks))}
     if brace is not None:
         toes = {
             name: (float(x), float(y), float(z))
@@ -32,7 +41,7 @@ def robot_page(proposal: Proposal, brace: Posture | None, told: Sequence[tuple[s
         }
         braced = robot_facts(with_stance(robot, toes))
         title = f"between walls {brace.gap:.3f} m apart"
-        images[title] = png(robot_picture(braced, title))
+        images[title] = png(robot_picture(braced, title, looks))
     notes = [("IMPLAUSIBLE", text) for text in proposal.odd]
     notes += [("ASSUMED", text) for text in proposal.assumed]
     cards = [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -20,24 +22,34 @@ from climbplan.reports.sheet import (
 )
 from climbplan.robots.facts import RobotFacts
 from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.looks import Looks, piece_places, pieces_of
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
 
 _VIEWS = (("from above", 0, 1), ("front", 0, 2), ("side, from the right", 1, 2))
 _AXES = "xyz"
 _DOTS = 1200  # of a limb's sampled toes that are drawn
 
 
-def robot_picture(facts: RobotFacts, title: str = "") -> Figure:
-    """Three views in the body frame [m]; title: what is shown, the robot's name by default."""
+def robot_picture(facts: RobotFacts, title: str = "", looks: Looks | None = None) -> Figure:
+    """Three views in the body frame [m]; title: what is shown, the robot's name by default.
+
+    looks: visual geometry, which takes the place of the body's box.
+    """
     robot = facts.robot
+    angles = np.nan_to_num(facts.stance_angles)
+    triangles = None if looks is None else _triangles(looks, robot, angles)
     figure = new_figure(4.6, entries=robot.limb_count)
-    points = joint_points_body(robot, np.nan_to_num(facts.stance_angles))  # (N, P, 3)
+    points = joint_points_body(robot, angles)  # (N, P, 3)
     grid = figure.add_gridspec(1, 3)
     for column, (name, across, up) in enumerate(_VIEWS):
         ax = figure.add_subplot(grid[0, column])
         style_axes(ax)
         panel_title(ax, name)
-        for start, end in _edges(robot.body_hull):
+        if triangles is not None:
+            _draw(ax, triangles, across, up)
+        for start, end in _edges(robot.body_hull) if triangles is None else ():
             ax.plot(
                 [start[across], end[across]], [start[up], end[up]], color=palette.INK, linewidth=1
             )
@@ -48,8 +60,9 @@ def robot_picture(facts: RobotFacts, title: str = "") -> Figure:
             if np.isfinite(facts.stance_angles[limb]).all():
                 own = points[limb]
                 ax.plot(
-                    own[:, across], own[:, up], color=color, linewidth=2, marker="o", markersize=3.5
-                )
+                    own[:, across], own[:, up], color=color, linewidth=2 if looks is None else 1,
+                    marker="o", markersize=3.5 if looks is None else 2.5,
+                )  # fmt: skip
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_xlabel(f"{_AXES[across]} [m]")
         ax.set_ylabel(f"{_AXES[up]} [m]")
@@ -65,6 +78,36 @@ def robot_picture(facts: RobotFacts, title: str = "") -> Figure:
         "dots: toes within joint bounds",
     )
     return figure
+
+
+def _triangles(looks: Looks, robot: Robot, angles: Array) -> Array:
+    """Corners (F, 3, 3) of all triangles at angles (N, J), body frame [m]."""
+    chain = robot.mechanism
+    if not isinstance(chain, SerialChain):
+        raise TypeError("a robot from a URDF is a serial chain")
+    pieces = pieces_of(looks, chain)
+    place, turned = piece_places(pieces, chain, angles)
+    return np.concatenate(
+        [(piece.vertices @ turned[k].T + place[k])[piece.faces] for k, piece in enumerate(pieces)]
+    )
+
+
+def _draw(ax: Axes, triangles: Array, across: int, up: int) -> None:
+    """Triangles that face the viewer, the nearest last, darker the more they are turned away."""
+    toward = np.cross(np.eye(3)[across], np.eye(3)[up])
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    facing = normal @ toward / np.maximum(size, 1e-15)
+    seen = np.flatnonzero(facing > 0)
+    seen = seen[np.argsort((triangles[seen] @ toward).mean(axis=1), kind="stable")]
+    grey = 0.55 + 0.38 * facing[seen]
+    colors = np.repeat(grey[:, None], 3, axis=1)
+    ax.add_collection(
+        PolyCollection(
+            list(triangles[seen][..., [across, up]]), facecolors=colors, edgecolors=colors,
+            linewidths=0.2, zorder=0.5,
+        )
+    )  # fmt: skip
 
 
 def _edges(hull: Array) -> list[tuple[Array, Array]]:

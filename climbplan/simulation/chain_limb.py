@@ -20,6 +20,9 @@ from climbplan.robots.serial_chain import SerialChain
 _SHORTEST = 0.01  # [m] of a link that is drawn and touches
 _THINNEST = 0.005  # [m] radius of a link
 _POINT = 1e-6  # [m] an axis this short is none
+_STIFF = 'solref="0.002 1" solimp="0.9999 0.9999 0.001"'
+_NO_MASS = 1e-4  # [kg] of a body where a limb has no joint
+_ANY_AXIS = np.array([0.0, 0.0, 1.0])  # about which it does not turn
 _MASSIVE = 1e-7  # [kg m^2] inertia of a link without length
 
 
@@ -50,12 +53,23 @@ def chain_of(robot: Robot) -> SerialChain:
     chain = robot.mechanism
     if not isinstance(chain, SerialChain):
         raise UsageError(f"simulate does not know the limbs of {robot.name}")
-    if not robot.has_joint.all():
-        raise UsageError(
-            f"simulate builds limbs of as many joints each; those of {robot.name} have "
-            f"{', '.join(str(n) for n in robot.has_joint.sum(axis=1))}"
-        )
     return chain
+
+
+def ties_of_absent(robot: Robot) -> list[str]:
+    """What holds the joints at zero that limbs with fewer joints than others have not.
+
+    Arrays of joints are as wide as the longest limb: the first of a shorter one are bodies without
+    mass to speak of at the place of its first joint.
+    """
+    if robot.mechanism is None:
+        return []
+    return [
+        f'<joint joint1="{name}" polycoef="0 0 0 0 0" {_STIFF}/>'
+        for limb in range(robot.limb_count)
+        for name, there in zip(motor_names(robot, limb), robot.has_joint[limb], strict=True)
+        if not there
+    ]
 
 
 def motor_names(robot: Robot, limb: int) -> list[str]:
@@ -86,14 +100,17 @@ def chain_limb(
     before = np.zeros(3)
     for j, name in enumerate(motor_names(robot, limb)):
         end = points[j + 1] - points[j]
+        there = bool(robot.has_joint[limb, j])
+        axis = chain.axis_zero[limb, j] if there else _ANY_AXIS
+        own = mass if there else _NO_MASS
         lines += [
             f'<body name="{name}" pos="{_numbers(points[j] - before)}">',
-            joints_xml[j].format(name=name, axis=_numbers(chain.axis_zero[limb, j])),
+            joints_xml[j].format(name=name, axis=_numbers(axis)),
         ]
         length = float(np.linalg.norm(end))
         if length < _SHORTEST:
             lines.append(
-                f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{_MASSIVE} {_MASSIVE} '
+                f'<inertial pos="0 0 0" mass="{own:.9g}" diaginertia="{_MASSIVE} {_MASSIVE} '
                 f'{_MASSIVE}"/>'
             )
         else:

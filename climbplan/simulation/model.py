@@ -18,7 +18,13 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.chain_limb import Narrow, chain_limb, motor_names, thickness_of
+from climbplan.simulation.chain_limb import (
+    Narrow,
+    chain_limb,
+    motor_names,
+    thickness_of,
+    ties_of_absent,
+)
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.gripper_model import gripper_end, welds, wrist_motors
 from climbplan.simulation.linkage_limb import couplers, linkage_limb
@@ -121,6 +127,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
     if robot.gripper is not None:
         actuators += wrist_motors(robot.gripper, robot.limb_count)
     tendons, ties = couplers(robot)
+    ties += ties_of_absent(robot)
     if robot.gripper is not None:
         ties += welds(robot.limb_count)
     return "\n".join(

@@ -14,6 +14,7 @@ from climbplan.cli.app import run
 from climbplan.errors import UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.robots.urdf.proposal.proposing import propose
 from climbplan.spec.robots.source import load_any_robot
 
 
@@ -64,6 +65,26 @@ def test_the_page_shows_both_postures(folder: Path) -> None:
     assert "L1_knee" in page
     assert "IMPLAUSIBLE" not in page or "inside their own feet" in page
     assert "<script" not in page
+
+
+def test_a_file_that_exists_is_told_before_anything_is_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = Walker(joints=3).write(tmp_path / "walker.urdf")
+    (tmp_path / "walker4_wall.yaml").write_text("mine")
+
+    def propose(*_: object) -> None:
+        raise AssertionError("nothing is proposed")
+
+    monkeypatch.setattr("climbplan.api.new_robot.propose", propose)
+    assert run(["new", "robot", "--urdf", str(path), str(tmp_path)]) == 2
+    assert "walker4_wall.yaml: already exists; --force replaces it" in capsys.readouterr().err
+
+
+def test_motors_that_cannot_stand_are_told_in_newton_metres(tmp_path: Path) -> None:
+    path = Walker(joints=3, effort=0.5).write(tmp_path / "weak.urdf")
+    with pytest.raises(UsageError, match=r"times their torque limits .* N m, and has 0\.5 N m"):
+        propose(path)
 
 
 @pytest.mark.slow

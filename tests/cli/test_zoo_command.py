@@ -45,7 +45,7 @@ def test_what_is_kept_is_not_made_again(tmp_path: Path) -> None:
     assert lines[1].count("stands") == 4
     assert "refused" in lines[1]
     assert "falls at 3.2 s" in lines[1]
-    assert lines[2].startswith("5 of 6 cells planned and verified, 83 %; in simulation 4 of them")
+    assert lines[2].startswith("5 of 6 cells planned and verified, 83 %; in simulation 4 of 5 do")
     assert lines[3] == f"  Solo12, chimney: {why}"
 
 
@@ -78,3 +78,18 @@ def test_one_robot_is_planned_and_simulated(package: None, tmp_path: Path) -> No
     assert [one.column for one in rows] == list(COLUMNS)
     assert all(one.planned for one in rows), [one.words for one in rows]
     assert all(not one.simulated.startswith("falls") for one in rows)
+
+
+def test_refusals_are_looked_at_again_and_kept(tmp_path: Path) -> None:
+    words = "no spec: walking is of legs with as many joints each"
+    rows = [row("hexapod", c, planned=c != "turn", words=words) for c in COLUMNS]
+    keep(tmp_path, rows)
+    for _ in range(2):
+        out = io.StringIO()
+        bench_zoo(False, out, "hexapod", tmp_path, "plans,refusals")
+        assert "  hexapod, turn: limit of ours: legs of as many joints each" in out.getvalue()
+        assert "1 refusals looked at again" in out.getvalue()
+    with (tmp_path / "refusals.csv").open(newline="") as stream:
+        assert [line["verdict"] for line in csv.DictReader(stream)] == ["limit of ours"]
+    with pytest.raises(UsageError, match="no table 'x', known are plans, refusals"):
+        bench_zoo(False, io.StringIO(), "hexapod", tmp_path, "x")

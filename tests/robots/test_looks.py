@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import trimesh
+from matplotlib.collections import PolyCollection
+from walking_urdf import walking_robot
 
+from climbplan.reports.robot_picture import robot_picture
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.facts import robot_facts
 from climbplan.robots.looks import BODY, Looks, piece_places, pieces_of
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.visuals import coarser
@@ -39,3 +46,21 @@ def test_large_meshes_become_coarser_and_keep_their_size() -> None:
     kept, same = coarser(np.array(small.vertices), np.array(small.faces), 1500)
     assert np.array_equal(kept, small.vertices)
     assert np.array_equal(same, small.faces)
+
+
+def test_a_picture_shows_triangles_at_their_links(tmp_path: Path) -> None:
+    """A box about a toe's link, where the posture has that link."""
+    robot = build_robot(walking_robot(tmp_path))
+    facts = robot_facts(robot)
+    chain = robot.mechanism
+    assert isinstance(chain, SerialChain)
+    box = trimesh.creation.box((0.02, 0.02, 0.02))
+    vertices = np.array(box.vertices) + chain.toe_zero[1]
+    here = np.ones(len(vertices), np.int64)
+    looks = Looks(vertices, np.array(box.faces, np.int64), here, 2 * here)
+    figure = robot_picture(facts, looks=looks)
+    toe = robot.stance_body[1]
+    for ax, (across, up) in zip(figure.axes, ((0, 1), (0, 2), (1, 2)), strict=True):
+        (drawn,) = (one for one in ax.collections if isinstance(one, PolyCollection))
+        middle = np.concatenate([p.vertices for p in drawn.get_paths()]).mean(axis=0)
+        assert np.abs(middle - toe[[across, up]]).max() < 0.015

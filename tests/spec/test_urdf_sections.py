@@ -158,7 +158,7 @@ def test_rings_without_a_root(tmp_path: Path, parent: str) -> None:
         (
             '<box size="0.4 0.2 0.08"/>',
             "<torus/>",
-            "one shape expected, box, cylinder, sphere, mesh",
+            "one shape expected, box, cylinder, capsule, sphere",
         ),
         ('<box size="0.4 0.2 0.08"/>', '<box size="0.4 0 0.1"/>', "<box>: expected `size` > 0"),
     ],
@@ -197,7 +197,7 @@ def test_weights_and_connections(tmp_path: Path) -> None:
         ("<robot name='x'>", "walker.urdf line 1: not XML: no element found"),
         ("{}", "not XML: not well-formed (invalid token)"),
         ("", "not XML: no element found"),
-        ("<sdf/>", "expected <robot> as the first element, got <sdf>"),
+        ("<sdf/>", "an SDF file, which Pinocchio reads only where it is built with sdformat"),
         ("<robot name='x'/>", "no <link> in it"),
         ("<robot><xacro:arm/></robot>", "line 1: <xacro:arm> is left for xacro to expand"),
         (

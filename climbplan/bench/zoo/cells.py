@@ -10,6 +10,7 @@ import numpy as np
 
 from climbplan.bench.climb.stands import fares
 from climbplan.climb.proposed import Outcome, Trials
+from climbplan.errors import UsageError
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.walking.comparison import compare_walk
 from climbplan.simulation.walking.walk_report import end_of
@@ -20,6 +21,7 @@ from climbplan.walking.task import ANGLES, VELOCITY
 
 Told = Callable[[str], None]
 _LAST = 4  # a walk's speed is that of its last quarter
+NOT_SIMULATED = "not simulated"
 _REACHED = 0.9  # of the speed or the turn that was asked for
 
 
@@ -36,15 +38,24 @@ class Cell:
 Column = Callable[[Trials, Told], Cell]
 
 
+def _simulated(end: Callable[[], str]) -> str:
+    """How a plan ends; of a robot that `simulate` refuses, that it was not simulated."""
+    try:
+        return end()
+    except UsageError:
+        return NOT_SIMULATED
+
+
 def _climb(make: Callable[[Trials, Told], Outcome]) -> Column:
     def cell(trials: Trials, told: Told) -> Cell:
         begin = time.process_time()
         outcome = make(trials, told)
         spent = time.process_time() - begin
-        if outcome.plan is None:
+        plan = outcome.plan
+        if plan is None:
             return Cell(False, "", outcome.why, spent)
         kept = f"keeps {outcome.share:.0%} of its margins"
-        return Cell(True, fares(outcome.plan, "joints"), kept, spent)
+        return Cell(True, _simulated(lambda: fares(plan, "joints")), kept, spent)
 
     return cell
 
@@ -54,13 +65,14 @@ def _walk(turns: bool) -> Column:
         begin = time.process_time()
         made: ProposedWalk = proposed_walk(trials.found, trials.robot_file, turns)
         spent = time.process_time() - begin
-        if made.plan is None:
+        plan = made.plan
+        if plan is None:
             return Cell(False, "", made.words, spent)
-        reached, asked, unit = _turned(made.plan) if turns else _speed(made.plan)
+        reached, asked, unit = _turned(plan) if turns else _speed(plan)
         words = f"{reached:.2f} of {asked:.2f} {unit}"
         if reached < _REACHED * asked:
             return Cell(False, "", f"the plan reaches {words} alone", spent)
-        return Cell(True, _fares(made.plan), words, spent)
+        return Cell(True, _simulated(lambda: _fares(plan)), words, spent)
 
     return cell
 

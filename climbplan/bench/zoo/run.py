@@ -13,24 +13,38 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TextIO
 
-from climbplan.bench.zoo.cells import COLUMNS, Cell
+from climbplan.bench.zoo.cells import COLUMNS, NOT_SIMULATED, Cell
+from climbplan.bench.zoo.refusals import check_refusals
 from climbplan.bench.zoo.results import Row, keep, kept
 from climbplan.bench.zoo.robots import QUICK, ROBOTS, Zoo
 from climbplan.climb.proposed import Trials
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.urdf.proposal.proposing import propose
 
+TABLES = ("plans", "refusals")
 _WIDTH = 19
 
 
 def bench_zoo(
-    quick: bool, out: TextIO, names: str | None = None, folder: Path | None = None
+    quick: bool,
+    out: TextIO,
+    names: str | None = None,
+    folder: Path | None = None,
+    tables: str | None = None,
+    seed: int = 0,
+    count: int | None = None,
 ) -> None:
     """One line a robot; one robot with `quick`.
 
     names: of robots, by commas. folder: rows are kept there, and those that are there already are
-    not made again. Raises UsageError for other names, and without the package.
+    not made again. tables: `plans`, and `refusals` for what a second method says of those, by
+    `count` postures drawn with `seed`. Raises UsageError for other names, and without the package.
     """
+    asked = [one.strip() for one in (tables or TABLES[0]).split(",")]
+    if unknown := [one for one in asked if one not in TABLES]:
+        raise UsageError(
+            f"`bench zoo` --methods: no table {unknown[0]!r}, known are {', '.join(TABLES)}"
+        )
     chosen = _chosen(quick, names)
     rows = [] if folder is None else kept(folder)
     head = f"{'robot':<15}{'kg':>6}{'legs':>5}{'first s':>8}"
@@ -44,6 +58,8 @@ def bench_zoo(
         print(_line([row for row in rows if row.robot == zoo.name]), file=out, flush=True)
     mine = [row for zoo in chosen for row in rows if row.robot == zoo.name]
     _sums(mine, out)
+    if "refusals" in asked:
+        check_refusals(mine, chosen, out, folder, seed, count)
 
 
 def _chosen(quick: bool, names: str | None) -> list[Zoo]:
@@ -103,11 +119,13 @@ def _sums(rows: list[Row], out: TextIO) -> None:
     """Shares by column and in all, then every refusal in its words."""
     planned = [row for row in rows if row.planned]
     stands = sum(row.simulated == "stands" for row in planned)
-    falls = sum(row.simulated.startswith("falls") for row in planned)
+    played = [row for row in planned if row.simulated != NOT_SIMULATED]
+    falls = sum(row.simulated.startswith("falls") for row in played)
     share = f"{100 * len(planned) / max(len(rows), 1):.0f} %"
     print(
         f"{len(planned)} of {len(rows)} cells planned and verified, {share}; in simulation "
-        f"{len(planned) - falls} of them do not fall, {stands} without a slip or a lost contact",
+        f"{len(played) - falls} of {len(played)} do not fall, {stands} without a slip or a lost "
+        "contact",
         file=out,
     )
     told: dict[tuple[str, str], list[str]] = {}

@@ -7,7 +7,7 @@ looks at, with each number as Python prints it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from xml.sax.saxutils import quoteattr
 
 from climbplan.spec.robots.urdf.meshes import mesh_path
@@ -35,9 +35,10 @@ _KEPT = {
     "origin": _Kept(vectors=("xyz", "rpy")),
     "collision": _Kept(("origin", "geometry")),
     "visual": _Kept(("origin", "geometry")),
-    "geometry": _Kept(("box", "cylinder", "sphere", "mesh")),
+    "geometry": _Kept(("box", "cylinder", "capsule", "sphere", "mesh")),
     "box": _Kept(vectors=("size",)),
     "cylinder": _Kept(numbers=("radius", "length")),
+    "capsule": _Kept(numbers=("radius", "length")),
     "sphere": _Kept(numbers=("radius",)),
     "mesh": _Kept(texts=("filename",), vectors=("scale",)),
     "joint": _Kept(("origin", "parent", "child", "axis", "limit"), ("name", "type")),
@@ -49,6 +50,7 @@ _KEPT = {
 _LIMITED = ("revolute", "prismatic")  # joints that Pinocchio does not read without <limit>
 _PICTURED = _KEPT | {"link": _Kept(("inertial", "visual"), ("name",))}
 _SHAPES = ("collision", "visual")
+_CAPSULE = "capsule"  # name of the shapes that are one
 _MANY = ("link", "joint", *_SHAPES)  # of all others the first one counts
 
 
@@ -98,8 +100,30 @@ def _written(element: Element, meshes: dict[str, str], tags: dict[str, _Kept]) -
         if vector is not None:
             texts[name] = " ".join(repr(value) for value in vector)
     head = " ".join([element.tag, *(f"{name}={quoteattr(text)}" for name, text in texts.items())])
-    below = "".join(_written(child, meshes, tags) for child in _children(element, kept, meshes))
+    children = _children(element, kept, meshes)
+    below = "".join(_written(child, meshes, tags) for child in children)
+    if element.tag == "capsule":
+        return _written(replace(element, tag="cylinder"), meshes, tags)
+    if element.tag == "link":
+        below += _capsules(children)
+    if element.tag in _SHAPES and _is_capsule(element):
+        head += f" name={quoteattr(_CAPSULE)}"
     return f"<{head}>{below}</{element.tag}>\n"
+
+
+def _capsules(children: list[Element]) -> str:
+    """What tells Pinocchio that shapes of a link are capsules: its reader knows no such shape.
+
+    It takes cylinders of that name for the middle of a capsule.
+    """
+    if not any(child.tag in _SHAPES and _is_capsule(child) for child in children):
+        return ""
+    return f"<collision_checking><capsule name={quoteattr(_CAPSULE)}/></collision_checking>\n"
+
+
+def _is_capsule(shape: Element) -> bool:
+    geometry = shape.first("geometry")
+    return geometry is not None and geometry.first("capsule") is not None
 
 
 def _children(element: Element, kept: _Kept, meshes: dict[str, str]) -> list[Element]:

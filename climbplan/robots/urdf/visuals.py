@@ -25,11 +25,11 @@ class NoLooks(Exception):
     """Visual geometry that is missing or cannot be read; says in words which."""
 
 
-def looks_of(robot: UrdfRobot, built: Robot) -> Looks | None:
+def looks_of(robot: UrdfRobot, built: Robot, most: int = MOST_TRIANGLES) -> Looks | None:
     """The visual geometry about the body frame of the built robot; None where the URDF has none.
 
-    Raises NoLooks for a mesh that is not there or that cannot be read: nothing that is planned
-    rests on it.
+    most: triangles of one shape. Raises NoLooks for a mesh that is not there or that cannot be
+    read: nothing that is planned rests on it.
     """
     chain = built.mechanism
     if not isinstance(chain, SerialChain):
@@ -51,7 +51,7 @@ def looks_of(robot: UrdfRobot, built: Robot) -> Looks | None:
     centre = found.leg(name).joints[-1] - chain.joint_zero[0, -1]
     vertices, faces, limbs, joints, count = [], [], [], [], 0
     for item in geometry.geometryObjects:
-        points, own = coarser(*_triangles(item.geometry))
+        points, own = coarser(*_triangles(item.geometry), most)
         if not len(own):
             continue
         at = data.oMi[item.parentJoint] * item.placement

@@ -37,6 +37,7 @@ class FoundLimbs:
 
     limbs: tuple[FoundLimb, ...]
     shared: tuple[UrdfJoint, ...]
+    short: dict[str, int]  # joints of chains too short for a limb, by the link that they end at
 
 
 def body_link(tree: UrdfTree) -> str:
@@ -77,13 +78,14 @@ def limbs_of(tree: UrdfTree, base: str) -> FoundLimbs:
             return [[joint, *(long or further)[0]]]
         return [[joint]]
 
+    found = [chain for joint in moving(base) for chain in chains(joint)]
     limbs = [
         FoundLimb(tuple(chain[:MOST_JOINTS]), tuple(chain[MOST_JOINTS:]))
-        for joint in moving(base)
-        for chain in chains(joint)
+        for chain in found
         if len(chain) >= FEWEST_JOINTS
     ]
-    return FoundLimbs(tuple(limbs), tuple(shared))
+    short = {chain[-1].child: len(chain) for chain in found if len(chain) < FEWEST_JOINTS}
+    return FoundLimbs(tuple(limbs), tuple(shared), short)
 
 
 def alike(lengths: dict[int, float], joints: dict[int, int]) -> list[list[int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +12,28 @@ from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
-from climbplan.robots.urdf.proposal.naming import named
+from climbplan.robots.urdf.proposal.naming import Named, named
 from climbplan.robots.urdf.proposal.settled import Proposal, settled
-from climbplan.robots.urdf.proposal.toes import toe_of
+from climbplan.robots.urdf.proposal.toes import Toe, toe_of
+from climbplan.robots.urdf.shapes import Shape
+from climbplan.spec.robots.urdf.model import FEWEST_LEGS
 from climbplan.spec.robots.urdf.tree import UrdfTree, read_urdf
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
 _LEG_NAMES = "limb {}"
+
+
+@dataclass(frozen=True)
+class FoundLegs:
+    """Which limbs of a URDF are its legs: all that is proposed before postures."""
+
+    draft: Draft
+    tree: UrdfTree
+    toes: tuple[Toe, ...]  # (N,)
+    named: Named
+    shapes: list[Shape]
+    unread: str  # why there is no collision geometry
 
 
 def propose(urdf: Path, packages: dict[str, str] | None = None) -> Proposal:
@@ -28,15 +42,24 @@ def propose(urdf: Path, packages: dict[str, str] | None = None) -> Proposal:
     Raises SpecError for what is wrong in it and UsageError where nothing can be proposed: too few
     limbs, or no posture in which it stands.
     """
-    tree = _tree(urdf)
+    found = legs_of(urdf, packages)
+    own = found.draft, found.tree, list(found.toes), found.named, found.shapes, found.unread
+    return settled(*own).proposal()
+
+
+def legs_of(urdf: Path, packages: dict[str, str] | None = None) -> FoundLegs:
+    """Legs of a URDF, their toes, names and order; raises as `propose` but for postures."""
+    tree = read_tree(urdf)
     base = body_link(tree)
     found = limbs_of(tree, base)
     limbs = found.limbs
-    if len(limbs) < 3:
+    if len(limbs) < FEWEST_LEGS:
         have = ", ".join(limb.end for limb in limbs) or "none"
+        short = ", ".join(f"{end} with {count}" for end, count in found.short.items())
+        ours = f"; limbs of fewer joints ({short}) are a limit of climbplan, not of the robot"
         raise UsageError(
             f"{urdf}: expected three limbs or more of at least 3 joints that turn, carried by the "
-            f"body {base!r}, found {len(limbs)} (ending at: {have})"
+            f"body {base!r}, found {len(limbs)} (ending at: {have}){ours if short else ''}"
         )
     locked = [*found.shared, *(joint for limb in limbs for joint in limb.locked)]
     draft = Draft(
@@ -69,10 +92,11 @@ def propose(urdf: Path, packages: dict[str, str] | None = None) -> Proposal:
     out = {joint.name for i in legs for joint in limbs[i].locked}
     draft.locked = {n: angle for n, angle in draft.locked.items() if n in ways or n in out}
     shapes, unread = draft.shapes()
-    return settled(draft, tree, [toes[i] for i in legs], names, shapes, unread).proposal()
+    return FoundLegs(draft, tree, tuple(toes[i] for i in legs), names, shapes, unread)
 
 
-def _tree(urdf: Path) -> UrdfTree:
+def read_tree(urdf: Path) -> UrdfTree:
+    """The tree of a URDF; raises SpecError for what is wrong in it."""
     try:
         tree = read_urdf(urdf)
     except (UrdfFault, UrdfFaults) as error:

@@ -41,6 +41,7 @@ SHARE = 0.1  # of compliance in the structure
 _TRIED = 24  # postures whose room is measured with exact kinematics
 _BRACES = 16  # postures between walls that are kept, for the planner to choose from
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
+_STRONG = 100.0  # times the torque limits, to see what is missing
 FLOOR = 0.8  # friction: rubber on a floor
 
 
@@ -196,11 +197,14 @@ def settled(
         )
         standings = _roomiest(legs, fine([replace(one, friction=FLOOR) for one in found]))
     if not standings:
-        lacks = f"; standing on its feet with its hands on walls{_lacking(least)}"
+        strong = replace(legs, torque=_STRONG * legs.torque)
+        lacks = f"; on level ground{_too_weak(legs, fine(standing_postures(strong, _TRIED)))}"
+        if any(names.arms):
+            lacks += f"; standing on its feet with its hands on walls{_lacking(least)}"
         raise UsageError(
             f"{tree.path}: found no posture in which it stands with {', '.join(names.names)} "
             f"(toes {', '.join(toe.link for toe in toes)}): `climbplan new robot --example "
-            f"robot_walker` shows what to write by hand{lacks if any(names.arms) else ''}"
+            f"robot_walker` shows what to write by hand{lacks}"
         )
     return Settled(
         draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs.mirror,
@@ -284,6 +288,22 @@ def _braces(robot: Robot, mirror: tuple[int | None, ...]) -> tuple[tuple[Posture
         out += [replace(brace, friction=mu) for brace in found]
         lacks = f", on walls of friction {mu:g}{_lacking(least)}"
     return tuple(out), lacks
+
+
+def _too_weak(legs: Legs, found: list[Posture]) -> str:
+    """What motors lack in the best of postures that stronger ones would hold."""
+    if not found:
+        return " none is in reach, clear of the ground and of itself, however strong the motors"
+    best = min(found, key=lambda posture: posture.use)
+    force = np.zeros((len(best.toes), 3))
+    force[:, 2] = legs.weight / min(3, len(force))
+    needed = np.abs(np.einsum("nij,ni->nj", legs.chain.jacobian(best.angles), force))
+    leg, joint = np.unravel_index(int(np.argmax(needed / legs.torque)), needed.shape)
+    name, has = legs.chain.names[leg][joint], float(legs.torque[leg, joint])
+    return (
+        f" the motors need {_STRONG * best.use:.2g} times their torque limits on three legs: "
+        f"{name} {needed[leg, joint]:.3g} N m, and has {has:.3g} N m"
+    )
 
 
 def _lacking(least: float) -> str:

@@ -91,7 +91,7 @@ class UrdfRobotSpec(SpecModel):
     """A robot that a URDF describes, with what no URDF says of it."""
 
     kind: Literal["robot"] = Field(default="robot", description="always `robot`")
-    urdf: str = Field(min_length=1, description="path of the URDF (XML, not xacro)")
+    urdf: str = Field(min_length=1, description="path of the URDF (XML, not xacro) or MJCF file")
     name: str | None = Field(
         default=None, min_length=1, description="name used in reports; left out: the URDF's"
     )

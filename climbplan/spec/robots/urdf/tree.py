@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from climbplan.spec.robots.mjcf.as_urdf import mjcf_as_urdf
 from climbplan.spec.robots.ranges import ANGLE, LENGTH, MASS, PLACE
 from climbplan.spec.robots.urdf.encoding import decoded
 from climbplan.spec.robots.urdf.xacro import refuse_xacro
@@ -28,10 +29,20 @@ from climbplan.spec.robots.urdf.xml import (
 LARGEST_URDF = 20_000_000  # [bytes]
 TURNING = ("revolute", "continuous")
 _KINDS = (*TURNING, "prismatic", "fixed", "floating", "planar")
+_NO_SDF = (
+    "an SDF file, which Pinocchio reads only where it is built with sdformat, as none of the "
+    "packages on PyPI is; expected a URDF or an MJCF file"
+)
 _SHORTEST = 1e-6  # of an axis
 _LARGEST_SCALE = 1e6  # of a mesh
 # Sizes that each shape has to have
-_SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ()}
+_SHAPES = {
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),  # length without the round ends
+    "sphere": ("radius",),
+    "mesh": (),
+}
 
 
 @dataclass(frozen=True)
@@ -121,10 +132,10 @@ Entry = TypeVar("Entry", UrdfLink, UrdfJoint)
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """The tree of a URDF file.
+    """The tree of a URDF file, or of an MJCF file, which is written as URDF first.
 
-    Raises UrdfFault for a file that is missing, too large or no URDF, and UrdfFaults with all that
-    is wrong in one.
+    Raises UrdfFault for a file that is missing, too large or neither, UrdfFaults with all that is
+    wrong in one, and MissingSolver for an MJCF file without MuJoCo.
     """
     try:
         if path.is_dir():
@@ -137,7 +148,13 @@ def read_urdf(path: Path) -> UrdfTree:
         raise UrdfFault(f"{path}: cannot be read: {error}") from error
     if len(content) > LARGEST_URDF:
         raise UrdfFault(f"too large, a URDF has {LARGEST_URDF / 1e6:.0f} MB at most")
-    return urdf_of_text(decoded(content), path)
+    text = decoded(content)
+    root = parsed(text)
+    if root.tag == "mujoco":
+        text = mjcf_as_urdf(path, root)
+    elif root.tag == "sdf":
+        raise UrdfFault(_NO_SDF, root.line)
+    return urdf_of_text(text, path)
 
 
 def urdf_of_text(text: str, path: Path) -> UrdfTree:
@@ -147,8 +164,11 @@ def urdf_of_text(text: str, path: Path) -> UrdfTree:
     """
     root = parsed(text)
     if root.tag != "robot":
-        raise UrdfFault(f"expected <robot> as the first element, got <{root.tag}>", root.line)
+        expected = "expected <robot>, or <mujoco> of an MJCF file,"
+        raise UrdfFault(f"{expected} as the first element, got <{root.tag}>", root.line)
     refuse_xacro(root, path)
+    for element in root.walk():
+        element.line = int(number_of(element, "from_line") or element.line)
     faults: list[UrdfFault] = []
     links = _named(_read(_link, root.all("link"), faults), "link", faults)
     joints = _named(_read(_joint, root.all("joint"), faults), "joint", faults)

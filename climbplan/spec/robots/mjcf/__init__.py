@@ -1,0 +1,1 @@
+"""Robots from MJCF files: compiled by MuJoCo, written anew as URDF."""

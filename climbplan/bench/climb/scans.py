@@ -112,7 +112,7 @@ def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
             "hpp-environments by --scenes DIR"
         )
     head = f"{'mesh':<22}{'regions':>8}{'rounds':>8}{'windows':>9}{'verified':>10}{'stands':>22}"
-    print(f"{head}{'CPU s':>8}{'s':>8}", file=out)
+    print(f"{head}{'CPU s':>8}{'s':>8}", file=out, flush=True)
     for name in names:
         begin = time.perf_counter()
         found = _planned(name, where, [])
@@ -126,7 +126,7 @@ def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
         line = f"{name:<22}{len(plan.terrain.regions):>8}{plan.rounds.count:>8}{windows:>9}"
         line += f"{verified:>10}{fares(plan, 'joints'):>22}"
         print(f"{line}{found.cpu:>8.1f}{spent:>8.1f}", file=out, flush=True)
-    print(file=out)
+    print(file=out, flush=True)
     _choices(names, where, quick, out)
 
 
@@ -148,7 +148,7 @@ def _choices(names: tuple[str, ...], where: Path, quick: bool, out: TextIO) -> N
     a tenth to six tenths of them taken away, whose postures pass the exact kinematic checks.
     """
     head = f"{'surfaces by':<28}{'branch and bound':>18}{'CPU s':>8}"
-    print(f"{head}{'sl1-relaxation':>16}{'CPU s':>8}{'cost':>8}", file=out)
+    print(f"{head}{'sl1-relaxation':>16}{'CPU s':>8}{'cost':>8}", file=out, flush=True)
     for name in names:
         if WALKS[name].rounds == "auto":
             continue  # windows are drawn on by a cost, which the relaxation has not

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import time
+from dataclasses import dataclass, replace
 
 import highspy
 import numpy as np
@@ -13,16 +14,20 @@ from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
+from climbplan.walking.cost import objective
 from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.micp.covering import covering, halves
 from climbplan.walking.micp.frame import Frame
 from climbplan.walking.micp.given_gait import bound_of_gait
+from climbplan.walking.micp.heads import Drawn, Stated, drawn_by_heads, first_intervals
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import Box, ranges_below
+from climbplan.walking.micp.relaxed import infeasible, linear, relaxed
 from climbplan.walking.micp.shrinking import shrunk
 from climbplan.walking.micp.statement import Relaxation, relaxation
+from climbplan.walking.micp.tree import decided, node_of, searched
 from climbplan.walking.micp.tube import Tube, tube_about, turning
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.task import Array, WalkTask, WalkTrajectory
@@ -345,3 +350,86 @@ def test_only_euler_steps_are_bounded(integrator: str) -> None:
         assert answer.bound is None
         assert not proved
         assert "no bound" in answer.word
+
+
+@dataclass(frozen=True)
+class Cheap:
+    """All motions of a short task that cost no more than a known one, and what heads tell."""
+
+    stated: Stated
+    found: WalkTrajectory
+    cost: float
+    drawn: Drawn
+
+
+@pytest.fixture(scope="module")
+def cheap() -> Cheap:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    answer = known(task)
+    assert answer.trajectory is not None
+    tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
+    stated = Stated(task, tube, answer.objective * 1.005, 1, 1, 3.0)
+    drawn = drawn_by_heads(stated, stated.program(None), 3.0, time.process_time)
+    assert drawn is not None
+    return Cheap(stated, answer.trajectory, answer.objective, drawn)
+
+
+def lowest(stated: Stated, program: Relaxation) -> float:
+    """What the relaxed program costs at least."""
+    return max(bound for bound, _ in relaxed(program.model, 1e-4 * stated.most, linear()))
+
+
+def test_heads_keep_cheaper_motions_and_draw_ranges_closer(cheap: Cheap) -> None:
+    stated, found, box = cheap.stated, cheap.found, cheap.drawn.box
+    assert (found.state >= box.low - 1e-6).all()
+    assert (found.state <= box.high + 1e-6).all()
+    program, held = stated.program(None), stated.program(box)
+    before = np.array(program.model.upper) - np.array(program.model.lower)
+    asked = np.array([[c.column for c in row] for row in program.states])[2, 2:6]
+    assert (box.high - box.low)[2, 2:6].sum() < 0.8 * before[asked].sum()
+    assert (found.gait.contact[:-1] >= box.stands_low).all()
+    assert (found.gait.contact[:-1] <= box.stands_high).all()
+    for n in range(1, 4):
+        begun = found.state[: n + 1], found.force[: n + 1]
+        paid = cheap.cost - objective(first_intervals(stated.task, n), *begun)
+        assert cheap.drawn.later[n] <= paid + 1e-9
+    assert program_cost(held, found) <= cheap.cost * (1 + 1e-6)
+    assert lowest(stated, program) + 0.005 * cheap.cost < lowest(stated, held) <= cheap.cost
+    none = replace(stated, most=0.3 * cheap.cost)
+    assert drawn_by_heads(none, none.program(None), 1.0, time.process_time) is None
+
+
+@pytest.mark.slow
+def test_a_search_over_contacts_never_loses_a_motion(cheap: Cheap) -> None:
+    stated, later = cheap.stated, cheap.drawn.later
+    root = node_of(stated, cheap.drawn.box)
+    assert root is not None
+    choice = root.choice
+    assert choice is not None
+    stands = float(cheap.found.gait.contact[choice])
+    child = decided(stated, root, choice, stands, later)
+    assert child is not None  # the motion is in it
+    assert root.bound <= child.bound <= cheap.cost
+    assert child.box.stands_low[choice] == child.box.stands_high[choice] == stands
+    assert program_cost(stated.program(child.box), cheap.found) <= cheap.cost * (1 + 1e-6)
+    bounds = list[float]()
+
+    def goes_on(bound: float) -> bool:
+        bounds.append(bound)
+        return len(bounds) < 2
+
+    bound = searched(stated, root, later, goes_on, lambda program, most: 0.0)
+    assert root.bound <= bound <= cheap.cost
+    assert bounds == sorted(bounds)
+    none = replace(stated, most=root.bound * 0.99)  # what is cheaper than all of its motions
+    assert searched(none, root, later, lambda bound: True, lambda program, most: 0.0) == none.most
+
+
+def test_what_has_no_point_is_asked_again_from_scratch() -> None:
+    solver = linear()
+    solver.addVar(0.0, 1.0)
+    solver.addRow(2.0, 3.0, 1, np.array([0], np.int32), np.array([1.0]))
+    solver.run()
+    assert infeasible(solver)
+    solver.changeRowBounds(0, 0.5, 3.0)
+    assert not infeasible(solver)

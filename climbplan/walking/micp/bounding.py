@@ -8,7 +8,7 @@ trajectories are answers.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,10 +20,11 @@ from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
 from climbplan.walking.micp.covering import Leaf, covering
+from climbplan.walking.micp.heads import Stated, drawn_by_heads
 from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.micp.ranges import Box
-from climbplan.walking.micp.shrinking import shrunk
+from climbplan.walking.micp.relaxed import SAG, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
+from climbplan.walking.micp.tree import node_of, searched
 from climbplan.walking.micp.tube import Tube, tube_about
 from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
@@ -31,13 +32,10 @@ from climbplan.walking.task import Array, WalkTask, WalkTrajectory
 
 _TOLERANCE = 1e-7  # of rows
 _OFF = 1e-5  # of rows, beyond which it is told
-_SHRINKS = 1  # rounds of drawing tube and ranges closer
-_SHRINKING = 0.4  # of the time that is left, for each
+_DRAWING = 0.4  # of the time that is left, for drawing tube and ranges closer
 _BRANCHING = 0.3  # of all time, to part tubes
 _NEW_START = 0.85  # times the cost before
-_ROUNDS = 6  # of tangents at the relaxed optimum, before binaries
 TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
-_SAG = 1e-4  # of the cost that a square may be too small, then
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
@@ -58,7 +56,7 @@ class Bounding:
     share: float = 1.0  # of all time that this tube has
     word: str = "time limit"
     again: bool = False
-    solved: bool = False
+    reached: float = 0.0  # the bound of the program with binaries that is solved
     seen: set[bytes] = field(default_factory=set)
     history: list[Improvement] = field(default_factory=list)
 
@@ -134,45 +132,63 @@ class Bounding:
         self.history.append(Improvement(self.seconds, self.objective, self.bound))
 
     def bounded(self, tube: Tube) -> None:
-        """Programs of ever more parts: one that is solved leaves what its envelopes leave."""
-        parts, about = 1, self.best
-        while self.left > 0 and not self.closed:
-            self.attempt(tube, about, parts)
-            if self.again or not self.solved:
-                return
-            parts *= 2
-
-    def attempt(self, tube: Tube, known: WalkTrajectory, parts: int) -> None:
         """The program of motions that are cheaper by the gap: if there are none, it is closed."""
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
-        self.solved = False
-        box: Box | None = None
-        closer = tube
-        for k in range(_SHRINKS + 1):
-            program = relaxation(
-                self.stated,
-                closer,
-                most,
-                parts * limits.arm_pieces,
-                parts * limits.height_pieces,
-                TANGENTS,
-                box,
-            )
-            if not self.tighten(program, most):
-                return
-            if k < _SHRINKS:
-                box = shrunk(program, _SHRINKING * self.left, limits.clock)
-                if box is None:
-                    self.raise_bound(most, most)
-                    self.word = "no motion is cheaper by the gap, by linear programs alone"
-                    return
-                closer = box.tube(tube)
-        # What is solved may owe its cost to squares that tangents leave too small.
-        x = self.branch(program, known, most)
-        while x is not None and not self.closed and self.left > 0:
-            if not program.model.refine(x, _SAG * self.objective):
-                return
-            x = self.branch(program, known, most)
+        stated = Stated(self.stated, tube, most, limits.arm_pieces, limits.height_pieces, TANGENTS)
+        program = stated.program(None)
+        if not self.tighten(program, most):
+            return
+        drawn = drawn_by_heads(stated, program, _DRAWING * self.left, limits.clock)
+        if drawn is None:
+            self.nothing_cheaper(most)
+            return
+        program = stated.program(drawn.box)
+        if not self.tighten(program, most) or self.left <= 0:
+            return
+        root = self.mixed(program, most, lambda bound: self.raise_bound(bound, most))
+        if root is None or self.again:  # not solved: HiGHS had the time that there was
+            return
+        node = node_of(stated, drawn.box)
+        if node is None:
+            self.nothing_cheaper(most)
+            return
+        searched(stated, replace(node, bound=root), drawn.later, self.goes_on, self.solved)
+
+    def goes_on(self, bound: float) -> bool:
+        """Keep the bound of a search over contacts, and whether it is to look at another node."""
+        self.raise_bound(bound, bound)
+        return self.left > 0 and not self.closed and not self.again
+
+    def solved(self, program: Relaxation, most: float) -> float:
+        """What motions of a node of that search cost at least."""
+        found = self.mixed(program, most, lambda bound: None)
+        return self.reached if found is None else found
+
+    def nothing_cheaper(self, most: float) -> None:
+        """No motion costs less than so much."""
+        self.raise_bound(most, most)
+        self.word = "no motion is cheaper by the gap, by linear programs alone"
+
+    def mixed(
+        self,
+        program: Relaxation,
+        most: float,
+        told: Callable[[float], None],
+    ) -> float | None:
+        """The least cost of the program with binaries, None if time did not suffice.
+
+        What is solved may owe its cost to squares that tangents leave too small.
+        """
+        self.reached = 0.0
+        while self.left > 0:
+            x = self.branch(program, most, told)
+            if self.reached >= most:
+                return most
+            if x is None or self.again:
+                return None
+            if not program.model.refine(x, SAG * self.objective):
+                return self.reached
+        return None
 
     def tighten(self, program: Relaxation, most: float) -> bool:
         """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
@@ -181,9 +197,10 @@ class Bounding:
         """
         x: Array | None = None
         for bound, at in self.relaxed(program):
-            self.raise_bound(bound, most)
-            if at is None:
-                self.word = "no motion is cheaper by the gap, by linear programs alone"
+            if at is not None:
+                self.raise_bound(bound, most)
+            else:
+                self.nothing_cheaper(most)
                 return False
             x = at
         if x is not None:
@@ -196,39 +213,32 @@ class Bounding:
 
         Infinity and no point if it has none.
         """
-        model = program.model
-        for _ in range(_ROUNDS):
-            solver = self.quiet()
-            solver.passModel(rows_model(model, relaxed=True))
-            run_highs(solver)
-            status = solver.getModelStatus()
-            if status == highspy.HighsModelStatus.kInfeasible:
-                yield np.inf, None
-                return
-            if status != highspy.HighsModelStatus.kOptimal:
-                return
-            x = np.array(solver.getSolution().col_value)
-            yield float(solver.getInfo().objective_function_value), x
-            if not model.refine(x, _SAG * self.objective):
-                return
+        return relaxed(program.model, SAG * self.objective, self.quiet())
 
-    def branch(self, program: Relaxation, known: WalkTrajectory, most: float) -> Array | None:
-        """The program with binaries, the known gait as a partial start; a point if it is solved."""
+    def branch(
+        self, program: Relaxation, most: float, told: Callable[[float], None]
+    ) -> Array | None:
+        """The program with binaries; a point if it is solved. told: of each bound.
+
+        No start is handed on: HiGHS 1.16 takes a partial one for cheaper than it is, and ends.
+        """
         model, basis = program.model, self.objective
         solver = self.quiet()
         solver.setOptionValue("mip_rel_gap", 0.0)
         solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
         solver.passModel(rows_model(model))
-        start = program.integers(known)
-        columns = np.array(list(start), np.int32)
-        solver.setSolution(len(columns), columns, np.array(list(start.values()), float))
         self.again = False
+
+        def raised(bound: float) -> None:
+            if np.isfinite(bound):
+                self.reached = max(self.reached, min(bound, most))
+                told(self.reached)
 
         def improved(event: Any) -> None:
             self.consider(program, np.array(event.data_out.mip_solution))
 
         def logged(event: Any) -> None:
-            self.raise_bound(float(event.data_out.mip_dual_bound), most)
+            raised(float(event.data_out.mip_dual_bound))
 
         def interrupt(event: Any) -> None:
             self.again = self.objective < _NEW_START * basis
@@ -246,11 +256,8 @@ class Bounding:
             f"{info.mip_node_count} nodes, {len(model.lower)} variables, {sum(model.integer)} "
             f"binaries, {len(model)} rows"
         )
-        self.solved = status == highspy.HighsModelStatus.kOptimal
-        if status == highspy.HighsModelStatus.kInfeasible:
-            self.raise_bound(most, most)
-        else:
-            self.raise_bound(float(info.mip_dual_bound), most)
+        none_left = status == highspy.HighsModelStatus.kInfeasible
+        raised(most if none_left else float(info.mip_dual_bound))
         solution = solver.getSolution()
         x = np.array(solution.col_value) if solution.value_valid else None
         if x is not None:
@@ -258,7 +265,7 @@ class Bounding:
             if (worst := model.worst(x)).residual > _OFF:
                 self.word += f", {worst}"
         self.note()
-        return x if self.solved else None
+        return x if status == highspy.HighsModelStatus.kOptimal else None
 
     def raise_bound(self, bound: float, most: float) -> None:
         """A bound on motions that cost no more than so much: the others cost more than that."""

@@ -34,6 +34,7 @@ class Frame:
         self.most = task.body.force_limit / self.unit
         self.known = box is not None
         self.box = box = Box.open(task, cost, self.most) if box is None else box
+        self.paid: list[tuple[int, float]] = []  # first cost of each interval, and what is given
         self.rows: dict[tuple[int, int], int] = {}  # of whether legs stand, by knot and leg
         self.turns = [turning(task, tube, n) for n in range(task.knots)]
         ranges = ranges_below(task, cost)

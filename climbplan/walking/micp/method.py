@@ -22,8 +22,7 @@ def solve_micp(
 ) -> WalkAnswer:
     """Improve the cheapest of known trajectories, and bound it where steps are Euler's.
 
-    All of them give the tube. The cheapest gives the largest cost, and its contacts and pieces a
-    partial start.
+    All of them give the tube, and the cheapest the largest cost.
     """
     given = [answer for answer in (warm, *others) if answer.trajectory is not None]
     cheapest = min(given, key=lambda answer: answer.objective, default=warm)

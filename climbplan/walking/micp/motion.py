@@ -126,6 +126,7 @@ class Motion(Counts):
         self.model.constant += w.motion * float(step @ step)
         counts = [self.counts(n, legs) for n, legs in enumerate(pieces)]
         for n, legs in enumerate(pieces):
+            self.paid.append((len(self.model.lower), self.model.constant))
             self.tracking(n + 1, counts[n], counts[n + 1] if n + 1 < task.knots else ())
             self.differences(legs, counts[n])
             for k in range(3):

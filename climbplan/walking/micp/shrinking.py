@@ -14,9 +14,10 @@ from collections.abc import Callable
 import highspy
 import numpy as np
 
-from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.solvers.highs.model import rows_model, run_highs
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.ranges import Box
+from climbplan.walking.micp.relaxed import infeasible, linear
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.task import POSITION, Array
 
@@ -30,17 +31,22 @@ def shrunk(
     program: Relaxation,
     seconds: float,
     clock: Callable[[], float] = time.perf_counter,
+    first: int = 0,
 ) -> Box | None:
     """What is known of a program's motions; None if it has no point at all.
 
-    Whatever time does not suffice for stays as it is. Raises nothing.
+    Only what is at a knot or after it is asked. Whatever time does not suffice for stays as it is.
+    Raises nothing.
     """
     asked = _Asked(program, clock() + seconds, clock)
     try:
-        asked.costs_of_velocities()
-        asked.sums()
-        asked.legs()
-        asked.states()
+        if first == 0:
+            asked.costs_of_velocities()
+        else:
+            asked.nothing()
+        asked.sums(first)
+        asked.legs(first)
+        asked.states(first)
     except _NothingThere:
         return None
     except _OutOfTime:
@@ -66,8 +72,7 @@ class _Asked:
         low, high = np.array(model.lower)[self.columns], np.array(model.upper)[self.columns]
         copies = {name: value.copy() for name, value in vars(known).items()}
         self.box = Box(**(copies | {"low": low, "high": high}))
-        self.solver = highs()
-        self.solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
+        self.solver = linear()
         self.solver.setOptionValue("presolve", "off")  # the next one starts where this one ends
         self.solver.setOptionValue("simplex_strategy", _PRIMAL)  # costs change, rows do not
         self.solver.passModel(rows_model(model, relaxed=True))
@@ -83,7 +88,9 @@ class _Asked:
         run_highs(self.solver)
         status = self.solver.getModelStatus()
         if status == highspy.HighsModelStatus.kInfeasible:
-            raise _NothingThere
+            if infeasible(self.solver):
+                raise _NothingThere
+            return None
         if status != highspy.HighsModelStatus.kOptimal:
             return None
         self.points = np.vstack([self.points, np.array(self.solver.getSolution().col_value)])
@@ -119,6 +126,11 @@ class _Asked:
             return False
         return bool(np.abs(self.values(value) - end).min() <= _WORTH * width)
 
+    def nothing(self) -> None:
+        """No cost: what is asked next has costs of its own."""
+        count = len(self.everything)
+        self.solver.changeColsCost(count, self.everything, np.zeros(count))
+
     def costs_of_velocities(self) -> None:
         """What all may cost less what all but velocities along x or y costs at least.
 
@@ -133,34 +145,36 @@ class _Asked:
             if others is not None:
                 left = max(program.most - others, 0.0) + float(program.given[k])
                 self.box.off[k] = min(self.box.off[k], left + _PAD * program.most)
-        self.solver.changeColsCost(count, self.everything, np.zeros(count))
+        self.nothing()
 
-    def states(self) -> None:
-        """Ranges of states but positions along x and y."""
+    def states(self, first: int = 0) -> None:
+        """Ranges of states but positions along x and y, after a knot."""
         low, high = self.box.low, self.box.high
-        for n in range(1, len(low)):
+        for n in range(first + 1, len(low)):
             for k in range(low.shape[1]):
                 if high[n, k] - low[n, k] < _FIXED or k in range(12)[POSITION][:2]:
                     continue
                 column = int(self.columns[n, k])
+                if not np.isfinite(high[n, k] - low[n, k]):  # the last turning, which turns nothing
+                    continue
                 low[n, k], high[n, k] = self.ends(Lin({column: 1.0}), low[n, k], high[n, k])
                 self.solver.changeColBounds(column, low[n, k], high[n, k])
 
-    def sums(self) -> None:
-        """Ranges of the sums of forces, by what they change velocities by."""
+    def sums(self, first: int = 0) -> None:
+        """Ranges of the sums of forces from a knot on, by what they change velocities by."""
         program, box = self.program, self.box
-        for n in range(len(program.pieces)):
+        for n in range(first, len(program.pieces)):
             legs = program.pieces[n]
             for k in range(3):
                 force = total(q.force[k] for leg in legs for q in leg)
                 low, high = box.push_low[n, k], box.push_high[n, k]
                 box.push_low[n, k], box.push_high[n, k] = self.ends(force, low, high)
 
-    def legs(self) -> None:
-        """Whether legs stand, and arms and forces of those that do."""
+    def legs(self, first: int = 0) -> None:
+        """Whether legs stand from a knot on, and arms and forces of those that do."""
         program, box = self.program, self.box
-        for n, legs in enumerate(program.pieces):
-            for leg, pieces in enumerate(legs):
+        for n in range(first, len(program.pieces)):
+            for leg, pieces in enumerate(program.pieces[n]):
                 row, share = int(program.rows[n, leg]), total(q.chosen for q in pieces)
                 low, high = box.stands_low[n, leg], box.stands_high[n, leg]
                 if high == 0.0:

@@ -40,6 +40,14 @@ class Relaxation:
     most: float  # that motions cost
     rows: Whole  # (N, L) of whether legs stand
     box: Box  # what is known already
+    paid: tuple[tuple[int, float], ...]  # (N) of each interval: its first cost, and what is given
+
+    def paid_after(self, knots: int) -> tuple[Array, float]:
+        """Costs of columns, and a constant, of what is paid for the intervals from a knot on."""
+        first, given = self.paid[knots]
+        cost = np.array(self.model.cost)
+        cost[:first] = 0.0
+        return cost, self.model.constant - given
 
     def integers(self, found: WalkTrajectory) -> dict[int, float]:
         """Values of all binaries at a motion, by column."""
@@ -72,6 +80,10 @@ class Relaxation:
                     for part, force in zip(q.force, found.force[n, leg], strict=True):
                         values[part.column] = float(share * force)
         return values
+
+    def standing(self, x: Array) -> Array:
+        """Shares of contacts (N, L) at a point."""
+        return np.array([[total(q.chosen for q in leg).at(x) for leg in n] for n in self.pieces])
 
     def gait(self, x: Array, share: float = 0.5) -> tuple[Flags, Whole]:
         """Contacts beyond a share and regions (N, L) of a point; of swinging legs -1."""
@@ -137,4 +149,5 @@ class _Statement(Motion):
             self.cost,
             np.array([[self.rows[n, leg] for leg in range(self.legs)] for n in range(knots)]),
             self.box,
+            tuple(self.paid),
         )

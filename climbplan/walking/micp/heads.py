@@ -1,0 +1,171 @@
+"""The first intervals of a walk alone: small programs that say where its beginning can be.
+
+A motion that costs no more than so much pays for its first intervals that less what all later ones
+cost at least, so that the same statement of a shorter task holds its beginning. Its linear programs
+are many times smaller than those of the whole, and the start is where ranges gain most, as it is
+given: each head that is one interval longer begins from what the one before has drawn closer.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import highspy
+import numpy as np
+
+from climbplan.solvers.highs.model import rows_model, run_highs
+from climbplan.walking.micp.ranges import Box
+from climbplan.walking.micp.relaxed import SAG, infeasible, linear, relaxed
+from climbplan.walking.micp.shrinking import shrunk
+from climbplan.walking.micp.statement import Relaxation, relaxation
+from climbplan.walking.micp.tube import Tube
+from climbplan.walking.task import Goal, WalkTask
+
+_T = TypeVar("_T", Tube, Box)
+_WHOLE = ("low", "high", "off")  # of a box: states are of one knot more than intervals
+_SHORTEST = 3  # intervals of a head: the first step is the start's
+_AFTER = 2  # intervals from a knot, that a head about it has
+_WORTH = 0.003  # of the cost, that a head has to raise the bound by
+_PAD = 1e-4  # of the cost, that later intervals may cost less than the solver says
+
+
+@dataclass(frozen=True)
+class Stated:
+    """How a task is relaxed: what all programs of it have in common."""
+
+    task: WalkTask
+    tube: Tube
+    most: float  # that motions cost
+    arm_pieces: int
+    height_pieces: int
+    ratio: float  # of tangents
+
+    def program(self, box: Box | None) -> Relaxation:
+        """Of all motions that a box holds."""
+        pieces = self.arm_pieces, self.height_pieces
+        tube = self.tube if box is None else box.tube(self.tube)
+        return relaxation(self.task, tube, self.most, *pieces, self.ratio, box)
+
+    def head(self, box: Box, knots: int, later: float) -> Relaxation:
+        """Of the first intervals of such motions, where later ones cost so much at least."""
+        begin = Stated(
+            first_intervals(self.task, knots),
+            _cut(self.tube, knots, tuple(vars(self.tube))),
+            self.most - later,
+            self.arm_pieces,
+            self.height_pieces,
+            self.ratio,
+        )
+        return begin.program(first_of_box(box, knots))
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What heads tell of motions."""
+
+    box: Box
+    later: tuple[float, ...]  # (N + 1) what intervals from a knot on cost at least
+
+
+def drawn_by_heads(
+    stated: Stated, program: Relaxation, seconds: float, clock: Callable[[], float]
+) -> Drawn | None:
+    """What ever longer heads tell of a program's motions; None if there are none.
+
+    Until one does not raise what the whole costs at least by a share, or the time is over. Where
+    not even the first one does, the whole is asked.
+    """
+    end, box, whole, before = clock() + seconds, program.box, program, -np.inf
+    later, gained = np.zeros(stated.task.knots + 1), False
+    for knots in range(_SHORTEST, stated.task.knots):
+        known = max((k for k, _ in relaxed(whole.model, SAG * stated.most, linear())), default=0.0)
+        if np.isinf(known):
+            return None
+        if clock() >= end or known < before + _WORTH * stated.most:
+            break
+        before, gained = known, np.isfinite(before)
+        least = least_after(whole, knots)
+        if least is None:
+            return None
+        later[knots] = max(least - _PAD * stated.most, 0.0)
+        found = drawn_by_head(stated, box, knots, tuple(later), 0, max(end - clock(), 0.0), clock)
+        if found is None:
+            return None
+        box, whole = found, stated.program(found)
+    if not gained and clock() < end:
+        whole_box = shrunk(whole, end - clock(), clock)
+        if whole_box is None:
+            return None
+        box = whole_box
+    # What is paid from a knot on is paid from any before it on, too.
+    return Drawn(box, tuple(np.maximum.accumulate(later[::-1])[::-1].tolist()))
+
+
+def drawn_about(stated: Stated, box: Box, knot: int, later: Sequence[float]) -> Box | None:
+    """What one head tells of motions about a knot; None if there are none."""
+    knots = min(max(knot + _AFTER, _SHORTEST), stated.task.knots - 1)
+    return drawn_by_head(stated, box, knots, later, max(knot - 1, 0)) if knots > knot else box
+
+
+def drawn_by_head(
+    stated: Stated,
+    box: Box,
+    knots: int,
+    later: Sequence[float],
+    first: int,
+    seconds: float = np.inf,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Box | None:
+    """What the head of so many intervals tells of motions from a knot on; None without any."""
+    head = stated.head(box, knots, later[knots])
+    for _, at in relaxed(head.model, SAG * stated.most, linear()):
+        if at is None:
+            return None
+    found = shrunk(head, seconds, clock, first)
+    return with_head(box, found) if found is not None else None
+
+
+def least_after(program: Relaxation, knots: int) -> float | None:
+    """What intervals from a knot on cost at least; 0 if that is not known, None without a point."""
+    solver = linear()
+    solver.passModel(rows_model(program.model, relaxed=True))
+    cost, given = program.paid_after(knots)
+    solver.changeColsCost(len(cost), np.arange(len(cost), dtype=np.int32), cost)
+    run_highs(solver)
+    status = solver.getModelStatus()
+    if status == highspy.HighsModelStatus.kInfeasible:
+        return None if infeasible(solver) else 0.0
+    if status != highspy.HighsModelStatus.kOptimal:
+        return 0.0
+    found = float(solver.getInfo().objective_function_value) - program.model.constant + given
+    return max(found, 0.0)
+
+
+def first_intervals(task: WalkTask, knots: int) -> WalkTask:
+    """The first so many intervals of a task; a goal at its end is left out."""
+    kept = {name: value[:knots] for name, value in vars(task.reference).items()}
+    reference = replace(task.reference, **kept)
+    return replace(task, knots=knots, goal=Goal.anywhere(), reference=reference)
+
+
+def first_of_box(box: Box, knots: int) -> Box:
+    """What is known of the first intervals; fewer velocities cost no more than all of them."""
+    states = _cut(box, knots, ("low", "high"))
+    return _cut(states, knots - 1, tuple(name for name in vars(box) if name not in _WHOLE))
+
+
+def with_head(box: Box, head: Box) -> Box:
+    """What is known of a motion, and more of its first intervals."""
+    copies = {name: value.copy() for name, value in vars(box).items()}
+    for name, value in vars(head).items():
+        if name != "off":  # of the head's velocities only
+            copies[name][: len(value)] = value
+    return Box(**copies)
+
+
+def _cut(one: _T, knots: int, names: tuple[str, ...]) -> _T:
+    """Arrays of these names up to a knot."""
+    return replace(one, **{name: getattr(one, name)[: knots + 1] for name in names})

@@ -1,0 +1,70 @@
+"""Bounds of a program without its integers, tangents added where its optimum wants them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import highspy
+import numpy as np
+
+from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.walking.micp.model import LinearModel
+from climbplan.walking.task import Array
+
+_ROUNDS = 6  # of tangents at the optimum
+SAG = 1e-4  # of the cost that a square may be too small, then
+
+
+_TOLERANCE = 1e-7  # of rows
+
+
+def linear() -> Any:
+    """HiGHS as linear programs about ranges need it: 1e-9 of narrow ones is within its rounding."""
+    solver = highs()
+    solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
+    return solver
+
+
+def infeasible(solver: Any) -> bool:
+    """Whether a program that was found to have no point has none from scratch, either.
+
+    Where a solver goes on from is a matter of speed: what rounding makes of it excludes nothing.
+    """
+    solver.clearSolver()
+    run_highs(solver)
+    return bool(solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible)
+
+
+def relaxed(model: LinearModel, sag: float, solver: Any) -> Iterator[tuple[float, Array | None]]:
+    """Bounds and points of a program without integers, with ever more tangents.
+
+    Infinity and no point if it has none. The model keeps the tangents; squares are right within
+    `sag`, or nearly so, in the end. solver: HiGHS, which ends it by its own limit.
+    """
+    solver.passModel(rows_model(model, relaxed=True))
+    for _ in range(_ROUNDS):
+        run_highs(solver)
+        status = solver.getModelStatus()
+        if status == highspy.HighsModelStatus.kInfeasible:
+            if infeasible(solver):
+                yield np.inf, None
+                return
+            status = solver.getModelStatus()
+        if status != highspy.HighsModelStatus.kOptimal:
+            return
+        x = np.array(solver.getSolution().col_value)
+        yield float(solver.getInfo().objective_function_value), x
+        before = len(model)
+        if not model.refine(x, sag):
+            return
+        rows = model.matrix()[before:].tocsr()  # the next one starts where this one ends
+        solver.addRows(
+            rows.shape[0],
+            np.array(model.row_lower)[before:],
+            np.array(model.row_upper)[before:],
+            rows.nnz,
+            rows.indptr[:-1].astype(np.int32),
+            rows.indices.astype(np.int32),
+            rows.data,
+        )

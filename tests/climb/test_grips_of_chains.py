@@ -49,7 +49,7 @@ def written(folder: Path, joints: int = 3, text: str = "") -> Path:
     )
     before, _, rest = climb.partition("  stance:\n")
     (folder / "hang.yaml").write_text(
-        f"{before}  gait: [L1, R2, R1, L2]\n\ngripper:\n{rest.partition('gripper:')[2].lstrip()}"
+        f"{before}  gait: [L1, R2, R1, L2]\n\ngripper:{rest.partition('gripper:')[2]}"
     )
     return folder / "hang.yaml"
 

@@ -11,11 +11,15 @@ from limb_tests import SILVIA, Truth, write_tests
 from climbplan.errors import SpecError, UsageError
 from climbplan.mechanics.identification.fit import Model, fit_stiffness
 from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
-from climbplan.mechanics.identification.measurements import read_measurements
+from climbplan.mechanics.identification.measurements import AXES, read_measurements
 from climbplan.mechanics.identification.slopes import matrices_from
 from climbplan.mechanics.identification.study import identify
 from climbplan.mechanics.stiffness import limb_stiffness
-from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.kinematics import jacobian_body, jacobian_world
+from climbplan.spec.robots.source import load_any_robot
+
+PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 @pytest.mark.parametrize(
@@ -157,3 +161,30 @@ def test_rows_and_columns_that_cannot_be_used(tmp_path: Path) -> None:
     one = matrices_from(single.series, single.axes).matrices
     with pytest.raises(UsageError, match="not enough"):
         fit_stiffness(Limb(SILVIA, (0, 2)), one, Model(True, True, "known"))
+
+
+def test_joints_of_a_chain_are_told_by_their_names(tmp_path: Path) -> None:
+    """A leg of four joints from a URDF, measured in the body's frame."""
+    walker = build_robot(load_any_robot("specs/robot_walker.yaml"))
+    number = walker.limb_names.index("R2")
+    limb = Limb(walker, (0, 1, 2), number)
+    assert limb.felt == limb.angles.names == ("R2_yaw", "R2_lift", "R2_knee", "R2_ankle")
+    truth = np.array([120.0, 150.0, 90.0, 60.0])
+    rng = np.random.default_rng(0)
+    low, high = walker.joint_lower[number], walker.joint_upper[number]
+    rows = [",".join(["test", *(f"{n}_deg" for n in limb.felt), *(f"K{p}_N_per_m" for p in PAIRS)])]
+    for test in range(16):
+        angles = rng.uniform(low, high)
+        matrix = limb_matrices(limb.jacobians(angles[None]), 1 / truth, 0.0)[0]
+        matrix = matrix * (1 + 0.01 * rng.normal())
+        entries = [matrix[AXES.index(p[0]), AXES.index(p[1])] for p in PAIRS]
+        rows.append(f"t{test}," + ",".join(f"{v:.6g}" for v in [*np.rad2deg(angles), *entries]))
+    table = tmp_path / "leg.csv"
+    table.write_text("\n".join(rows) + "\n")
+    found = identify(table, walker, number=number)
+    told = [found.robot_file["joints"][name]["stiffness"] for name in limb.felt]
+    np.testing.assert_allclose(told, truth, rtol=0.05)
+    with pytest.raises(SpecError, match="R1_yaw_deg: column is missing"):
+        identify(table, walker, number=walker.limb_names.index("R1"))
+    joints = jacobian_body(walker, np.zeros((4, 4)))[number]
+    np.testing.assert_allclose(limb.jacobians(np.zeros((1, 4)))[0], joints, atol=1e-15)

@@ -70,7 +70,7 @@ class Fit:
     joint_stiffness: tuple[Estimate, ...]  # of the joints felt [N m/rad]
     share: Estimate | None  # the structure's part of the compliance, mean over postures
     predicted: Array  # (T, a, a) [N/m]
-    angles: Array  # (T, 3) [rad]
+    angles: Array  # (T, j) [rad]
     misfit: Array  # (T,) rms residual of each matrix, in robust standard deviations
     relative_error: float  # median |K - K_measured| / |K_measured|
     outliers: tuple[str, ...]
@@ -88,7 +88,7 @@ class _Problem:
     measured: Array  # (T, a, a)
     weight: Array  # (T, a, a) 1 / standard deviation, 0 for entries counted already
     softening: Array  # (T,) reference gain / gain
-    angles: Array  # (T, 3), NaN where unknown
+    angles: Array  # (T, j), NaN where unknown
     distance: Array  # (T,) NaN where known
 
     @property
@@ -179,7 +179,6 @@ def fit_stiffness(limb: Limb, matrices: Sequence[Matrix], model: Model, seed: in
 
 
 def _usable(limb: Limb, matrices: Sequence[Matrix], model: Model) -> tuple[list[Matrix], list[str]]:
-    _, l2, l3 = limb.lengths
     used, unusable = [], []
     for one in matrices:
         eigenvalues = np.linalg.eigvalsh((one.stiffness + one.stiffness.T) / 2)
@@ -187,7 +186,7 @@ def _usable(limb: Limb, matrices: Sequence[Matrix], model: Model) -> tuple[list[
             unusable.append(f"{one.name}: its matrix is not positive definite")
             continue
         r = one.posture.distance
-        if r is not None and (r >= l2 + l3 or (model.feet == "radial" and r <= abs(l3 - l2))):
+        if r is not None and not limb.reaches(r, model.feet == "radial"):
             unusable.append(f"{one.name}: no posture has its foot {1e3 * r:.0f} mm away")
             continue
         used.append(one)
@@ -208,7 +207,7 @@ def _problem(limb: Limb, matrices: Sequence[Matrix], model: Model) -> _Problem:
     gains = np.array([one.gain if one.gain is not None else np.nan for one in matrices])
     known = np.isfinite(gains)
     softening = np.where(known, np.median(gains[known]) / gains, 1.0) if known.any() else None
-    none = np.full(3, np.nan)
+    none = np.full(len(limb.angles.names), np.nan)
     return _Problem(
         limb,
         model,

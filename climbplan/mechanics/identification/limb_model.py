@@ -4,6 +4,10 @@ K = (J c J^T + s 1)^-1 over the measured axes, eq. (4.7), with joint compliances
 structure that gives s [m/N] alike in all directions. A structure that gives in the shape of a
 joint's motion cannot be told from that joint, unless the motors' gain is varied: joints then
 soften as 1/gain, structure does not.
+
+Limbs of coxa, femur and tibia are measured in their own frame, x outward, y across, z up, and may
+be measured in their plane alone. All others are measured in the frame of the body, x to the right,
+y forward, z up, which stands still.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.mechanics.identification.measurements import AngleColumns
 from climbplan.robots.kinematics import jacobian_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
@@ -21,21 +26,44 @@ from climbplan.robots.rotations import Array
 class Limb:
     """The geometry of the limb that was measured."""
 
-    robot: Robot  # whose first limb it is
+    robot: Robot
     axes: tuple[int, ...]  # measured
+    number: int = 0  # of the limb
+
+    @property
+    def angles(self) -> AngleColumns:
+        """Which angles a posture of it is told by."""
+        return angle_columns(self.robot, self.number)
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Joints that the measured axes feel: in the limb's plane the coxa is not among them."""
-        return (0, 1, 2) if len(self.axes) == 3 else (1, 2)
+        """Those of its angles that the measured axes feel: in a plane the coxa is none of them."""
+        planar = self.robot.mechanism is None and len(self.axes) == 2
+        return tuple(range(int(planar), len(self.angles.names)))
+
+    @property
+    def felt(self) -> tuple[str, ...]:
+        """Names of these joints."""
+        return tuple(self.angles.names[j] for j in self.joints)
 
     @property
     def lengths(self) -> Array:
-        """(3,) coxa, femur, tibia [m]."""
-        return np.asarray(self.robot.link_lengths[0])
+        """(j,) coxa, femur, tibia, or distances between joints and toe [m]."""
+        return np.asarray(self.robot.link_lengths[self.number])
+
+    def reaches(self, distance: float, radial: bool) -> bool:
+        """Whether a foot may be so far [m] from the femur joint, level or in any direction."""
+        _, l2, l3 = self.lengths
+        return bool(distance < l2 + l3 and not (radial and distance <= abs(l3 - l2)))
 
     def jacobians(self, angles: Array) -> Array:
-        """(T, a, j) toe motion along the measured axes by the joints felt, angles (T, 3) [rad]."""
+        """(T, a, j) toe motion along the measured axes by the joints felt, angles (T, J) [rad]."""
+        if self.robot.mechanism is not None:
+            has = np.flatnonzero(self.robot.has_joint[self.number])
+            every = np.zeros((len(angles), 1, self.robot.joint_count))
+            every[:, 0, has] = angles
+            own = jacobian_body(self.robot.one_limb(self.number), every)[:, 0]
+            return np.asarray(own[:, self.axes, :][:, :, has])
         count = len(angles)
         plane = angles if len(self.axes) == 3 else angles * [0.0, 1.0, 1.0]
         posed = replace(
@@ -57,6 +85,12 @@ class Limb:
         femur = np.arctan2(z, x) - np.arctan2(l3 * np.sin(beta), l2 + l3 * np.cos(beta))
         tibia = np.broadcast_to(beta + np.pi / 2, femur.shape)
         return np.stack([np.zeros_like(femur), femur, tibia], axis=-1)
+
+
+def angle_columns(robot: Robot, number: int) -> AngleColumns:
+    """The angles of one of a robot's limbs; the coxa turns across the limb's plane."""
+    names = tuple(name for name in robot.limbs.joint_names[number] if name)
+    return AngleColumns(names, names[0] if robot.mechanism is None else None)
 
 
 def limb_matrices(jacobian: Array, joint_compliance: Array, structure: Array | float) -> Array:

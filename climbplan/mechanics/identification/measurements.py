@@ -4,9 +4,10 @@ A table has one stiffness matrix a row (columns Kxx, Kxz, Kzz, of a spatial test
 Kyz). Tests have one load step a row: `test`, imposed displacements dx, dy, dz and forces fx, fy, fz
 of the axes that were measured, and `axis` (the axis loaded) where it cannot be told from the
 displacements. Both say the posture by joint angles (femur_deg, tibia_deg, and coxa_deg of a spatial
-test), or a table by `r`, how far the foot is from the femur joint. Units stand in the column names
-(r_mm, Kxx_N_per_mm, dx_mm, fx_N); `gain` is the motors' P gain. Frame of the limb: x outward,
-z up, y across; forces act on the limb.
+test; of other limbs all, by their joints' names), or a table by `r`, how far the foot is from the
+femur joint. Units stand in the column names (r_mm, Kxx_N_per_mm, dx_mm, fx_N); `gain` is the
+motors' P gain. Frame of the limb: x outward, z up, y across, or that of the body
+(`limb_model.py`); forces act on the limb.
 """
 
 from __future__ import annotations
@@ -27,16 +28,33 @@ _UNITS = {
     "m": 1.0, "mm": 1e-3, "in": 0.0254, "inch": 0.0254, "rad": 1.0, "deg": np.pi / 180, "N": 1.0,
     "N_per_m": 1.0, "N_per_mm": 1e3, "": 1.0,
 }  # fmt: skip
-_COLUMN = re.compile(r"(K[xyz]{2}|[df][xyz]|r|coxa|femur|tibia|gain)(?:_(.+))?")
+_COLUMN = r"(K[xyz]{2}|[df][xyz]|r|gain|%s)(?:_(.+))?"
 _LARGEST_FILE = 50_000_000  # [bytes]
-_ANGLES = ("coxa", "femur", "tibia")
+
+
+@dataclass(frozen=True)
+class AngleColumns:
+    """Which angles say how a limb stands."""
+
+    names: tuple[str, ...]  # of its joints, from the body to the toe
+    # That which a test in the limb's plane does not feel; None: limbs have no plane, and all angles
+    # are needed
+    across: str | None
+
+    def needed(self, axes: tuple[int, ...]) -> set[str]:
+        """Columns that tests along axes have to have."""
+        in_plane = self.across is not None and 1 not in axes
+        return set(self.names) - ({self.across} if in_plane and self.across else set())
+
+
+COXA_FEMUR_TIBIA = AngleColumns(("coxa", "femur", "tibia"), "coxa")
 
 
 @dataclass(frozen=True)
 class Posture:
     """Where the limb stood: joint angles, or only the distance of its foot."""
 
-    angles: Array | None  # (3,) coxa, femur, tibia [rad]
+    angles: Array | None  # (j,) [rad]
     distance: float | None  # [m] of the foot from the femur joint
 
 
@@ -90,26 +108,26 @@ class _Sheet:
     resolution: dict[str, float]  # half a unit of the last digit printed, by column
 
 
-def read_measurements(path: Path) -> Measurements:
+def read_measurements(path: Path, angles: AngleColumns = COXA_FEMUR_TIBIA) -> Measurements:
     """The measurements in a CSV file; lines that begin with # are comments.
 
     Rows with a value that is missing or no number are left out and named. Raises UsageError for a
     file that cannot be read and SpecError for columns that do not make a table or tests.
     """
-    sheet = _read_sheet(path)
+    sheet = _read_sheet(path, angles)
     tables = [name for name in sheet.columns if name.startswith("K")]
     axes = tuple(a for a in range(3) if any(AXES[a] in name[1:] for name in tables))
     if not tables:
         axes = tuple(a for a in range(3) if f"d{AXES[a]}" in sheet.columns)
-    _require_columns(path, sheet.columns, tables, axes)
+    _require_columns(path, sheet.columns, tables, axes, angles)
     if tables:
-        matrices = tuple(_matrix(row, axes, sheet.resolution) for row in sheet.rows)
+        matrices = tuple(_matrix(row, axes, sheet.resolution, angles) for row in sheet.rows)
         return Measurements(axes, matrices, (), sheet.skipped)
-    series, skipped = _series(sheet.rows, axes)
+    series, skipped = _series(sheet.rows, axes, angles)
     return Measurements(axes, (), tuple(series), (*sheet.skipped, *skipped))
 
 
-def _read_sheet(path: Path) -> _Sheet:
+def _read_sheet(path: Path, angles: AngleColumns) -> _Sheet:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise UsageError(f"{path}: too large for a stiffness test (over 50 MB)")
@@ -121,7 +139,7 @@ def _read_sheet(path: Path) -> _Sheet:
     if len(kept) < 2:
         raise UsageError(f"{path}: holds no rows, expected a CSV file of stiffness measurements")
     cells = list(csv.reader([text for _, text in kept]))
-    names, scales = _columns(path, kept[0][0], cells[0])
+    names, scales = _columns(path, kept[0][0], cells[0], angles)
     rows, skipped = [], []
     digits: dict[str, int] = {}
     for (line, _), values in zip(kept[1:], cells[1:], strict=True):
@@ -140,11 +158,15 @@ def _read_sheet(path: Path) -> _Sheet:
     return _Sheet(tuple(rows), frozenset([*scales, *names]), tuple(skipped), resolution)
 
 
-def _columns(path: Path, line: int, header: Sequence[str]) -> tuple[list[str], dict[str, float]]:
+def _columns(
+    path: Path, line: int, header: Sequence[str], angles: AngleColumns
+) -> tuple[list[str], dict[str, float]]:
     """Names without units, and by number column the factor to SI units."""
     names, scales, mistakes = [], {}, []
+    longest_first = sorted(angles.names, key=len, reverse=True)
+    column = re.compile(_COLUMN % "|".join(map(re.escape, longest_first)))
     for cell in (cell.strip() for cell in header):
-        match = _COLUMN.fullmatch(cell)
+        match = column.fullmatch(cell)
         if match is None:
             names.append(cell)
             continue
@@ -165,7 +187,11 @@ def _columns(path: Path, line: int, header: Sequence[str]) -> tuple[list[str], d
 
 
 def _require_columns(
-    path: Path, columns: frozenset[str], tables: Sequence[str], axes: tuple[int, ...]
+    path: Path,
+    columns: frozenset[str],
+    tables: Sequence[str],
+    axes: tuple[int, ...],
+    angles: AngleColumns,
 ) -> None:
     missing = []
     if axes not in ((0, 2), (0, 1, 2)):
@@ -177,9 +203,10 @@ def _require_columns(
     else:
         missing += sorted({f"f{AXES[a]}" for a in axes} - columns)
         missing += [] if "test" in columns else ["test"]
-    angles = {"femur", "tibia"} | ({"coxa"} if 1 in axes else set())
-    if not angles <= columns and not (tables and "r" in columns and 1 not in axes):
-        missing += [f"{name}_deg" for name in sorted(angles - columns)]
+    needed = angles.needed(axes)
+    by_distance = tables and "r" in columns and 1 not in axes and angles.across is not None
+    if not needed <= columns and not by_distance:
+        missing += [f"{name}_deg" for name in sorted(needed - columns)]
     if missing:
         raise SpecError(str(path), [SpecMistake(name, "column is missing") for name in missing])
 
@@ -191,13 +218,15 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def _posture(row: _Row) -> Posture:
-    if "femur" in row.number and "tibia" in row.number:
-        return Posture(np.array([row.number.get(name, 0.0) for name in _ANGLES]), None)
+def _posture(row: _Row, angles: AngleColumns) -> Posture:
+    if set(angles.names) - {angles.across} <= set(row.number):
+        return Posture(np.array([row.number.get(name, 0.0) for name in angles.names]), None)
     return Posture(None, row.number["r"])
 
 
-def _matrix(row: _Row, axes: tuple[int, ...], resolution: dict[str, float]) -> Matrix:
+def _matrix(
+    row: _Row, axes: tuple[int, ...], resolution: dict[str, float], angles: AngleColumns
+) -> Matrix:
     size = len(axes)
     stiffness, deviation = np.empty((size, size)), np.empty((size, size))
     for i, a in enumerate(axes):
@@ -209,10 +238,13 @@ def _matrix(row: _Row, axes: tuple[int, ...], resolution: dict[str, float]) -> M
             # Rounded numbers are uniform over the last digit.
             deviation[i, j] = resolution[name] / np.sqrt(3)
     name = row.text.get("test") or row.text.get("row") or f"line {row.line}"
-    return Matrix(name, _posture(row), row.number.get("gain"), stiffness, deviation, row.line)
+    posture, gain = _posture(row, angles), row.number.get("gain")
+    return Matrix(name, posture, gain, stiffness, deviation, row.line)
 
 
-def _series(rows: Sequence[_Row], axes: tuple[int, ...]) -> tuple[list[Series], list[str]]:
+def _series(
+    rows: Sequence[_Row], axes: tuple[int, ...], angles: AngleColumns
+) -> tuple[list[Series], list[str]]:
     """Rows of one test and one loaded axis, in their order."""
     moved = ["d" + AXES[a] for a in axes]
     groups: dict[tuple[str, int], list[_Row]] = {}
@@ -238,10 +270,9 @@ def _series(rows: Sequence[_Row], axes: tuple[int, ...]) -> tuple[list[Series], 
             skipped.append(f"test {test}, axis {AXES[axes[axis]]}: fewer than 3 different steps")
             continue
         force = np.array([[row.number["f" + AXES[a]] for a in axes] for row in members])
-        series.append(
-            Series(test, axis, _posture(members[0]), members[0].number.get("gain"), displacement,
-                   force, members[0].line)
-        )  # fmt: skip
+        first = members[0]
+        posture, gain = _posture(first, angles), first.number.get("gain")
+        series.append(Series(test, axis, posture, gain, displacement, force, first.line))
     return series, skipped
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.mechanics.identification.fit import Fit, Model, fit_stiffness
-from climbplan.mechanics.identification.limb_model import Limb
+from climbplan.mechanics.identification.limb_model import Limb, angle_columns
 from climbplan.mechanics.identification.measurements import Matrix, Measurements, read_measurements
 from climbplan.mechanics.identification.slopes import Reduced, matrices_from
-from climbplan.robots.coxa_femur_tibia import JOINTS
 from climbplan.robots.model import Robot
 
 _MANY = 0.2  # relative error of the matrices above which the model does not describe the limb
@@ -32,20 +32,35 @@ class Identification:
     findings: tuple[str, ...]  # what can and what cannot be told, in sentences
 
     @property
+    def robot_file(self) -> dict[str, Any]:
+        """What a robot file of a URDF says of it: joints by name, and the structural share."""
+        told = zip(self.limb.felt, self.best.joint_stiffness, strict=True)
+        own: dict[str, Any] = {
+            "joints": {name: {"stiffness": round(found.value, 2)} for name, found in told}
+        }
+        if self.best.share is not None:
+            own["structural_compliance_share"] = round(self.best.share.value, 4)
+        return own
+
+    @property
     def best(self) -> Fit:
         """The model that explains most for its unknowns (BIC)."""
         return self.fits[0]
 
 
 def identify(
-    path: Path, robot: Robot, seed: int = 0, progress: Callable[[float], None] | None = None
+    path: Path,
+    robot: Robot,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+    number: int = 0,
 ) -> Identification:
-    """Identify joint stiffness and structure from a file, with the robot's first limb's lengths.
+    """Identify joint stiffness and structure from a file, with the geometry of a robot's limb.
 
     Raises UsageError and SpecError for files that cannot be used.
     """
-    measured = read_measurements(path)
-    limb = Limb(robot, measured.axes)
+    measured = read_measurements(path, angle_columns(robot, number))
+    limb = Limb(robot, measured.axes, number)
     reduced = matrices_from(measured.series, measured.axes) if measured.series else None
     matrices = reduced.matrices if reduced is not None else measured.matrices
     if not matrices:
@@ -87,7 +102,7 @@ def _findings(
     fits: list[Fit], limb: Limb, matrices: tuple[Matrix, ...], gain: float | None
 ) -> tuple[str, ...]:
     best = fits[0]
-    names = [JOINTS[j] for j in limb.joints]
+    names = limb.felt
     out = []
     at = f" at P gain {gain:g}" if gain is not None else ""
     for name, estimate in zip(names, best.joint_stiffness, strict=True):

@@ -15,17 +15,18 @@ from climbplan.mechanics.identification.measurements import AXES
 from climbplan.mechanics.identification.study import Identification
 from climbplan.reports.fits.figure_stiffness import stiffness
 from climbplan.reports.sheet import png
-from climbplan.robots.coxa_femur_tibia import JOINTS
+from climbplan.robots.serial_chain import SerialChain
 
 RESULT = "stiffness.csv"
 
 
 def report_dict(found: Identification, name: str) -> dict[str, Any]:
     """What was identified, as JSON-ready values in SI units."""
-    reduced = found.reduced
+    reduced, mechanism = found.reduced, found.limb.robot.mechanism
     return {
         "name": name,
         "robot": found.limb.robot.name,
+        "limb": found.limb.robot.limb_names[found.limb.number],
         "link_lengths": found.limb.lengths.tolist(),
         "axes": [AXES[a] for a in found.measurements.axes],
         "matrices": len(found.matrices),
@@ -33,6 +34,7 @@ def report_dict(found: Identification, name: str) -> dict[str, Any]:
         "best": _fit(found, found.best),
         "models": [_fit(found, fit) for fit in found.fits],
         "findings": list(found.findings),
+        "robot_file": found.robot_file if isinstance(mechanism, SerialChain) else None,
         "skipped": [
             *found.measurements.skipped,
             *(reduced.skipped if reduced is not None else ()),
@@ -68,8 +70,7 @@ def _estimate(value: Estimate) -> dict[str, Any]:
 
 
 def _fit(found: Identification, fit: Fit) -> dict[str, Any]:
-    joints = [JOINTS[j] for j in found.limb.joints]
-    values = dict(zip(joints, map(_estimate, fit.joint_stiffness), strict=True))
+    values = dict(zip(found.limb.felt, map(_estimate, fit.joint_stiffness), strict=True))
     return {
         "model": fit.model.name,
         "feet": fit.model.feet,
@@ -105,7 +106,7 @@ def _table(found: Identification) -> str:
     names = [f"K{AXES[axes[i]]}{AXES[axes[j]]}" for i, j in pairs]
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
-    angles = [f"{joint}_deg" for joint in JOINTS]
+    angles = [f"{joint}_deg" for joint in found.limb.angles.names]
     fitted = [f"fitted_{name}_N_per_m" for name in names]
     table.writerow(["test", *angles, *(f"{n}_N_per_m" for n in names), *fitted, "misfit"])
     fit = found.best

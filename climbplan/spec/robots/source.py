@@ -16,9 +16,7 @@ from climbplan.spec.source import read_source
 from climbplan.spec.yaml_source import parse_yaml
 
 AnyRobot = RobotSpec | UrdfRobot
-NO_CHAINS = (
-    "expected limbs of coxa, femur and tibia; a robot from a URDF plans climbs and transitions"
-)
+NO_CHAINS = "expected limbs of coxa, femur and tibia, not a robot from a URDF"
 URDF_HINT = "; a URDF needs to be told its legs: `robot: {urdf: PATH, legs: {NAME: {toe: LINK}}}`"
 
 

@@ -15,14 +15,16 @@ from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.transition.clear_standing import clear_standing
+from climbplan.climb.transition.motion import Motion, plan_motion
 from climbplan.climb.transition.motion_numbers import links_beside, motion_numbers, shape_of
 from climbplan.climb.transition.motion_statement import POINTS, motion_statement
 from climbplan.climb.transition.planner import plan_transition, searched
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import Search
-from climbplan.climb.transition.stances import stance_forces
+from climbplan.climb.transition.stances import Laboratory, stance_forces
 from climbplan.errors import NotProved, SpecError
 from climbplan.robots.capsules import limb_capsules
+from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.touching_parts import limbs_room, parts_beside
 from climbplan.spec.climb.transition_loading import load_transition
 
@@ -180,3 +182,42 @@ def test_links_that_come_close_are_found(scene: TransitionScene) -> None:
     assert near
     for i, _, k, _ in near:
         assert {scene.robot.limb_names[i][0], scene.robot.limb_names[k][0]} == {"L", "R"}
+
+
+def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
+    """Shins 2 mm too thick for the motion without rows: with them the body goes another way."""
+    flat = build_transition(load_transition(SPECS / "transition_flat.yaml"))
+    search, found = searched(flat, FAR)
+    limbs, last = range(flat.robot.limb_count), flat.robot.joint_count - 1
+    others = [
+        (i, c, k, d)
+        for i in limbs
+        for k in limbs[i + 1 :]
+        for c in range(last + 1)
+        for d in range(last + 1)
+        if (c, d) != (last, last)
+    ]
+    others += [(i, c, -1, 0) for i in limbs for c in range(last + 1)]
+
+    def room(lab: Laboratory, motion: Motion) -> float:
+        # After the first round, whose pose is the start's
+        moved, rounds = found[0].moved[1:], motion.rounds
+        toes = np.stack([rounds.toes[1:-1], rounds.toes[2:]], axis=1)
+        pose = rounds.com[1:-1, None], rounds.rpy[1:-1, None]
+        angles = inverse(lab.scene.robot, to_body(*pose, toes)).best()
+        there = np.where(moved[:, None, :, None], angles, angles[:, :1])
+        links = limb_capsules(lab.scene.robot, there)
+        return float(limbs_room(links, parts_beside(lab.scene.robot, links)[1]).min())
+
+    def as_thick(radius: float) -> Laboratory:
+        robot = replace(flat.robot, limb_radius=radius, touching=np.array(others))
+        return replace(search.lab, scene=replace(flat, robot=robot))
+
+    thin = as_thick(flat.robot.limb_radius)
+    plain = plan_motion(thin, found[0])
+    assert plain.accepted
+    thick = as_thick(flat.robot.limb_radius + (room(thin, plain) + 2e-3) / 2)
+    assert room(thick, plain) == pytest.approx(-2e-3, abs=1e-6)
+    parted = plan_motion(thick, found[0], parted=True, met=plain.rounds)
+    assert parted.accepted, parted.block
+    assert room(thick, parted) > -1e-5

@@ -53,7 +53,7 @@ _KNOWN = {
     "stands": ("count",),
     "judge": ("count",),
     "scans": ("scenes",),
-    "zoo": ("scenes", "methods", "count"),
+    "zoo": ("scenes", "methods", "count", "jobs"),
     "instances": ("methods", "count", "seconds"),
     "mpc": ("methods", "count", "library", "library_size", "jobs", "assignments"),
 }
@@ -185,7 +185,7 @@ def bench(
             "-j",
             metavar="N",
             min=1,
-            help="Of mpc: parallel workers; counts do not depend on them, times may.",
+            help="Of mpc and zoo: parallel workers; what is counted does not depend on them.",
             rich_help_panel=_PANEL,
         ),
     ] = None,
@@ -215,7 +215,8 @@ def bench(
     --methods (offline, envelopes, bounds, stones, ticks, strategies, recovery, pushes), --count,
     --library and --library-size, `bench refusals` --count and --time-limit, `bench stands` and
     `bench judge` --count, `bench scans` --scenes, the folder of its meshes, `bench zoo` --scenes,
-    its robots, --methods (plans, refusals: looked at again by a second method), --count and --out.
+    its robots, --methods (plans, refusals: looked at again by a second method), --count,
+    --jobs and --out.
     """
     if show_list:
         for known, meaning in BENCHMARKS.items():
@@ -313,7 +314,7 @@ def bench(
             from climbplan.bench.zoo.run import bench_zoo
 
             with standard_output() as stream:
-                bench_zoo(quick, stream, scenes, out, methods, seed, given.get("count"))
+                bench_zoo(quick, stream, scenes, out, methods, seed, given.get("count"), jobs or 1)
             continue
         if chosen == "transition":
             from climbplan.bench.transition import run_transition

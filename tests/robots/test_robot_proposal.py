@@ -11,7 +11,7 @@ from urdf_walkers import QUADRUPED, Walker
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import toe_body
-from climbplan.robots.urdf.proposal.holding import holding_share
+from climbplan.robots.urdf.proposal.holding import holding_share, lack_of
 from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
 from climbplan.robots.urdf.proposal.naming import named
 from climbplan.robots.urdf.proposal.proposing import propose
@@ -128,7 +128,11 @@ def test_braces_hold_with_any_leg_lifted(quadruped: Proposal) -> None:
     assert np.isfinite(holding_share(brace.toes, *slack, 0.8, 0.2)[0])
     assert holding_share(brace.toes, *slack, 0.05, 0.2)[0] > 1  # ice
     weak = (normal, jacobian, 0.01 * robot.max_torque, robot.weight)
-    assert holding_share(brace.toes, *weak, 0.8, 0.2)[0] > 1
+    share = holding_share(brace.toes, *weak, 0.8, 0.2)[0]
+    assert share > 1
+    lack = lack_of(share, brace.toes, *weak, 0.8, 0.2)
+    limit = 0.01 * robot.max_torque[lack.limb, lack.joint]
+    assert lack.torque == pytest.approx(share * limit, rel=1e-6)
 
 
 def test_a_shift_takes_the_weight_to_the_legs_that_stay() -> None:

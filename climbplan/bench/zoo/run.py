@@ -13,6 +13,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TextIO
 
+from joblib import Parallel, delayed
+
 from climbplan.bench.zoo.cells import COLUMNS, NOT_SIMULATED, Cell
 from climbplan.bench.zoo.refusals import check_refusals
 from climbplan.bench.zoo.results import Row, keep, kept
@@ -33,12 +35,14 @@ def bench_zoo(
     tables: str | None = None,
     seed: int = 0,
     count: int | None = None,
+    jobs: int = 1,
 ) -> None:
     """One line a robot; one robot with `quick`.
 
     names: of robots, by commas. folder: rows are kept there, and those that are there already are
     not made again. tables: `plans`, and `refusals` for what a second method says of those, by
-    `count` postures drawn with `seed`. Raises UsageError for other names, and without the package.
+    `count` postures drawn with `seed`. jobs: robots at a time. Raises UsageError for other names,
+    and without the package.
     """
     asked = [one.strip() for one in (tables or TABLES[0]).split(",")]
     if unknown := [one for one in asked if one not in TABLES]:
@@ -49,17 +53,36 @@ def bench_zoo(
     rows = [] if folder is None else kept(folder)
     head = f"{'robot':<15}{'kg':>6}{'legs':>5}{'first s':>8}"
     print(head + "".join(f"{column:>{_WIDTH}}" for column in COLUMNS), file=out)
-    for zoo in chosen:
-        due = [c for c in COLUMNS if not any((r.robot, r.column) == (zoo.name, c) for r in rows)]
-        if due:
-            rows += _rows(zoo, due)
-            if folder is not None:
-                keep(folder, rows)
-        print(_line([row for row in rows if row.robot == zoo.name]), file=out, flush=True)
+    there = {(row.robot, row.column) for row in rows}
+    dues = [(zoo, [c for c in COLUMNS if (zoo.name, c) not in there]) for zoo in chosen]
+    ended = {zoo.name for zoo, due in dues if not due}
+    waiting = _told([zoo.name for zoo in chosen], ended, rows, out)
+    making = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    for new in making(delayed(_rows)(zoo, due) for zoo, due in dues if due):
+        rows = sorted([*rows, *new], key=_place)
+        ended.add(new[0].robot)
+        if folder is not None:
+            keep(folder, rows)
+        waiting = _told(waiting, ended, rows, out)
     mine = [row for zoo in chosen for row in rows if row.robot == zoo.name]
     _sums(mine, out)
     if "refusals" in asked:
         check_refusals(mine, chosen, out, folder, seed, count)
+
+
+def _told(waiting: list[str], ended: set[str], rows: Sequence[Row], out: TextIO) -> list[str]:
+    """Print lines of robots in their order, up to one that is not ended; those left."""
+    for number, name in enumerate(waiting):
+        if name not in ended:
+            return waiting[number:]
+        print(_line([row for row in rows if row.robot == name]), file=out, flush=True)
+    return []
+
+
+def _place(row: Row) -> int:
+    """A row's place in the file: robots as the table has them, others last."""
+    names = [zoo.name for zoo in ROBOTS]
+    return names.index(row.robot) if row.robot in names else len(names)
 
 
 def _chosen(quick: bool, names: str | None) -> list[Zoo]:

@@ -35,7 +35,7 @@ CLIMBS = ("ground", "stairs", "chimney", "wall")
 class Look:
     """What the second method says."""
 
-    verdict: str  # "refusal right", "found one", "limit of ours", "not looked at"
+    verdict: str  # "refusal right", "found one", "not decided", "limit of ours", "not looked at"
     words: str
     reached: int = 0  # postures with every toe on its surface and all else clear
     drawn: int = 0
@@ -132,8 +132,8 @@ def looked(
         if reached:
             words = f"joints are {1e3 * out:.0f} mm or more beyond surfaces"
         if out == 0:
-            words = "parts of the robot touch in all"
-        return Look("refusal right", words, whole, total)
+            words = "parts of the robot touch in every posture that was drawn"
+        return Look("not decided", words, whole, total)
     return _judged(limbs, best, any_limb, whole, total)
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.robots.urdf.proposal.holding import holding_share
+from climbplan.robots.urdf.proposal.holding import Lack, holding_share, lack_of
 from climbplan.robots.urdf.proposal.postures import (
     Legs,
     Mask,
@@ -44,10 +44,8 @@ def corridor_postures(
     count: int,
     clearance: float,
     mu: float,
-) -> tuple[list[Posture], float]:
+) -> tuple[list[Posture], Lack]:
     """The best postures, best first, and the least share of torque limits that one needs.
-
-    The share is infinite where friction holds none, NaN where none is in reach.
 
     Toes in the frame of the chains.
 
@@ -82,24 +80,29 @@ def corridor_postures(
     most = np.minimum(reach, common_reach(reach))
     near = np.linalg.norm(toes - hips, axis=-1) < _LONGEST * most
     fine = reached & near & within & clear_of_body(legs, quality.points) & (above > _ABOVE * reach)
-    found, least = [], np.inf
+    found, lack = [], Lack(np.inf)
     for posture in best_of(quality, angles, toes, fine, _HELD, 2 * half):
         jacobian = legs.chain.jacobian(posture.angles)
         at = posture.toes - center(posture.angles)
         far = _SHIFTED * float(reach.min())
         use, shift = holding_share(at, normal, jacobian, legs.torque, legs.weight, mu, far)
-        least = min(least, use)
+        if use < lack.share:
+            lack = Lack(use)
+            if use >= 1:
+                lack = lack_of(use, at, normal, jacobian, legs.torque, legs.weight, mu, far)
         if use < 1:
             score = posture.room * (1 - use)
             found.append(replace(posture, use=use, shift=shift, score=score))
     whole = fine.all(axis=1)
-    if (
-        np.isinf(least)
-        and whole.any()
-        and not (tried := quality.score[whole].min(axis=1) > 0).any()
-    ):
+    if np.isinf(lack.share) and whole.any() and not (quality.score[whole].min(axis=1) > 0).any():
         # Too weak for the weight on their feet alone
-        least = float(quality.use[whole].max(axis=1)[~tried].min())
+        best = int(np.argmin(quality.use[whole].max(axis=1)))
+        limb = int(np.argmax(quality.use[whole][best]))
+        jacobian = legs.chain.jacobian(angles[whole][best])
+        needed = np.abs(np.einsum("nij,ni->nj", jacobian, force))[limb]
+        joint = int(np.argmax(needed / legs.torque[limb]))
+        share = float(quality.use[whole][best, limb])
+        lack = Lack(share, limb, joint, float(needed[joint]))
     return sorted(found, key=lambda posture: -posture.score)[
         :count
-    ], least if whole.any() else np.nan
+    ], lack if whole.any() else Lack()

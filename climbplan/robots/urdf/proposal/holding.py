@@ -13,6 +13,8 @@ this (compliance, commands, stability); it has the last word.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linprog
@@ -22,6 +24,61 @@ from climbplan.robots.rotations import Array
 _FACETS = 8
 _PRESS = 0.05  # of the weight, at every toe
 _SHIFT_COST = 2.0  # [1/m] share of torque that a metre of shift has to save
+
+
+@dataclass(frozen=True)
+class Lack:
+    """The least share of the torque limits that any posture needs, and what is missing for it."""
+
+    share: float = np.nan  # above 1 where none holds; infinite by friction, NaN: none in reach
+    limb: int = 0
+    joint: int = 0  # of that limb, that needs the largest share
+    torque: float = 0.0  # of it [N m]
+
+
+def lack_of(
+    share: float,
+    toes: Array,
+    normal: Array,
+    jacobian: Array,
+    torque: Array,
+    weight: float,
+    mu: float,
+    most: float,
+) -> Lack:
+    """The joint that is at `share` of its limit in a posture; arguments as of `holding_share`."""
+    worst, most_used = Lack(share), 0.0
+    for stands, found in _lifts(toes, normal, jacobian, torque, weight, mu, most):
+        if found is None:
+            continue
+        force = weight * found[2].reshape(-1, 3)
+        needed = np.abs(np.einsum("nij,ni->nj", jacobian[stands], force))
+        used = needed / torque[stands]
+        limb, joint = (int(k) for k in np.unravel_index(int(np.argmax(used)), used.shape))
+        if used[limb, joint] > most_used:
+            most_used = float(used[limb, joint])
+            worst = Lack(share, stands[limb], joint, float(needed[limb, joint]))
+    return worst
+
+
+def _lifts(
+    toes: Array,
+    normal: Array,
+    jacobian: Array,
+    torque: Array,
+    weight: float,
+    mu: float,
+    most: float,
+) -> Iterator[tuple[list[int], tuple[float, float, Array] | None]]:
+    """Limbs that stand, and what they need, with each limb lifted in turn."""
+    for lifted in range(len(toes)):
+        stands = [i for i in range(len(toes)) if i != lifted]
+        yield (
+            stands,
+            _least_share(
+                toes[stands], normal[stands], jacobian[stands], torque[stands], weight, mu, most
+            ),
+        )
 
 
 def holding_share(
@@ -41,11 +98,7 @@ def holding_share(
     friction coefficient that may be used; most: [m] of shift.
     """
     worst, shift = 0.0, 0.0
-    for lifted in range(len(toes)):
-        stands = [i for i in range(len(toes)) if i != lifted]
-        found = _least_share(
-            toes[stands], normal[stands], jacobian[stands], torque[stands], weight, mu, most
-        )
+    for _, found in _lifts(toes, normal, jacobian, torque, weight, mu, most):
         if found is None:
             return np.inf, np.inf
         worst, shift = max(worst, found[0]), max(shift, found[1])
@@ -60,8 +113,8 @@ def _least_share(
     weight: float,
     mu: float,
     most: float,
-) -> tuple[float, float] | None:
-    """Share and shift of one stance.
+) -> tuple[float, float, Array] | None:
+    """Share, shift and forces (3 n,) in units of the weight of one stance.
 
     Unknowns: forces in units of the weight, s, the shift in x and y, and its size.
     """
@@ -104,4 +157,6 @@ def _least_share(
     cost[3 * n], cost[-1] = 1.0, _SHIFT_COST
     bounds = [(None, None)] * (3 * n) + [(0.0, None), (-most, most), (-most, most), (0.0, most)]
     found = linprog(cost, np.vstack(rows), np.concatenate(ends), equal, right, bounds)
-    return (float(found.x[3 * n]), float(found.x[-1])) if found.status == 0 else None
+    if found.status != 0:
+        return None
+    return float(found.x[3 * n]), float(found.x[-1]), np.asarray(found.x[: 3 * n])

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.holding import holding_share
+from climbplan.robots.urdf.proposal.holding import Lack, holding_share, lack_of
 from climbplan.robots.urdf.proposal.quality import Quality, quality_of
 from climbplan.robots.urdf.workspace import common_reach
 
@@ -118,11 +118,10 @@ def standing_postures(legs: Legs, count: int) -> list[Posture]:
 
 def bracing_postures(
     legs: Legs, standing: Array, count: int, clearance: float, mu: float
-) -> tuple[list[Posture], float]:
+) -> tuple[list[Posture], Lack]:
     """The best postures between two walls, the same distance on both sides; best first.
 
-    And the least share of the torque limits that any posture needs with one leg lifted: above 1
-    where there are none, infinite where friction holds none, NaN where none is in reach.
+    And the least share of the torque limits that any posture needs with one leg lifted.
 
     standing: (N, J) angles that legs start from, as when the robot is planned with. clearance: [m]
     of the body from the walls; mu: friction coefficient that may be used. Frame: the centre of
@@ -156,9 +155,9 @@ def bracing_postures(
     normal[:, 0] = -sides
     tried = best_of(quality, angles, toes, fine, _HELD, 2 * half)
     held: list[Posture] = []
-    least = np.inf
+    lack = Lack(np.inf)
     for share in _SHIFTED:
-        if least <= _WEAK:
+        if lack.share <= _WEAK:
             break
         held, most = [], share * float(reach.min())
         for brace in tried:
@@ -166,12 +165,16 @@ def bracing_postures(
             use, shift = holding_share(
                 brace.toes, normal, jacobian, legs.torque, legs.weight, mu, most
             )
-            least = min(least, use)
+            if use < lack.share:
+                lack = Lack(use)
+                if use >= 1:
+                    own = brace.toes, normal, jacobian, legs.torque
+                    lack = lack_of(use, *own, legs.weight, mu, most)
             if use < 1:
                 score = brace.room * (1 - use)
                 held.append(replace(brace, use=use, shift=shift, score=score))
     any_tried = bool(fine.all(axis=1).any())
-    return sorted(held, key=lambda brace: -brace.score)[:count], least if any_tried else np.nan
+    return sorted(held, key=lambda brace: -brace.score)[:count], lack if any_tried else Lack()
 
 
 def reached_angles(

@@ -17,6 +17,7 @@ from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.proposal.corridor import corridor_postures
 from climbplan.robots.urdf.proposal.draft import Draft
+from climbplan.robots.urdf.proposal.holding import Lack
 from climbplan.robots.urdf.proposal.idle import idle_joints, rest_of
 from climbplan.robots.urdf.proposal.motors import Motors, motors_of
 from climbplan.robots.urdf.proposal.naming import Named, mirrored
@@ -188,11 +189,11 @@ def settled(
     def center(angles: Array) -> Array:
         return model.center(_by_joint(at_zero, angles))
 
-    least = np.nan
+    lack = Lack()
     standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
     if not standings and any(names.arms):
         usable = _IN_HAND * FLOOR / SAFETY
-        found, least = corridor_postures(
+        found, lack = corridor_postures(
             legs, np.array(names.arms), center, _TRIED, CLEARANCE, usable
         )
         standings = _roomiest(legs, fine([replace(one, friction=FLOOR) for one in found]))
@@ -200,7 +201,7 @@ def settled(
         strong = replace(legs, torque=_STRONG * legs.torque)
         lacks = f"; on level ground{_too_weak(legs, fine(standing_postures(strong, _TRIED)))}"
         if any(names.arms):
-            lacks += f"; standing on its feet with its hands on walls{_lacking(least)}"
+            lacks += f"; standing on its feet with its hands on walls{_lacking(legs, lack)}"
         raise UsageError(
             f"{tree.path}: found no posture in which it stands with {', '.join(names.names)} "
             f"(toes {', '.join(toe.link for toe in toes)}): `climbplan new robot --example "
@@ -284,9 +285,9 @@ def _braces(robot: Robot, mirror: tuple[int | None, ...]) -> tuple[tuple[Posture
     lacks = ""
     for mu in WALLS:
         usable = _IN_HAND * mu / SAFETY
-        found, least = bracing_postures(legs, chain.posture, _BRACES, CLEARANCE, usable)
+        found, lack = bracing_postures(legs, chain.posture, _BRACES, CLEARANCE, usable)
         out += [replace(brace, friction=mu) for brace in found]
-        lacks = f", on walls of friction {mu:g}{_lacking(least)}"
+        lacks = f", on walls of friction {mu:g}{_lacking(legs, lack)}"
     return tuple(out), lacks
 
 
@@ -306,13 +307,18 @@ def _too_weak(legs: Legs, found: list[Posture]) -> str:
     )
 
 
-def _lacking(least: float) -> str:
+def _lacking(legs: Legs, lack: Lack) -> str:
     """What motors lack to hold the robot with any one limb lifted."""
-    if np.isnan(least):
+    if np.isnan(lack.share):
         return " no posture is in reach, clear of the body"
-    if np.isinf(least):
+    if np.isinf(lack.share):
         return " no posture in reach holds its weight within the friction cones"
-    return f" the motors need {least:.2g} times their torque limits with any one limb lifted"
+    name = legs.chain.names[lack.limb][lack.joint]
+    has = float(legs.torque[lack.limb, lack.joint])
+    return (
+        f" the motors need {lack.share:.2g} times their torque limits with any one limb lifted: "
+        f"{name} {lack.torque:.3g} N m, and has {has:.3g} N m"
+    )
 
 
 def _masses(tree: UrdfTree) -> list[str]:

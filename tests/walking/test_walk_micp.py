@@ -433,3 +433,24 @@ def test_what_has_no_point_is_asked_again_from_scratch() -> None:
     assert infeasible(solver)
     solver.changeRowBounds(0, 0.5, 3.0)
     assert not infeasible(solver)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
+    # Of the whole task, in a tube about all of them, below a cost that most of them are below.
+    task = walk_task((-1.0, 0, 0) if disturbed else (0, 0, 0))
+    answers = [search(task, SearchLimits(60.0, seed=k, qps=300)) for k in range(4)]
+    cost = 1.02 * min(answer.objective for answer in answers)
+    found = [a.trajectory for a in answers if a.trajectory is not None and a.objective <= cost]
+    width = np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25])
+    tube = tube_about(task, np.stack([one.state for one in found]), *width)
+    stated = Stated(task, tube, cost, 1, 1, 3.0)
+    drawn = drawn_by_heads(stated, stated.program(None), 10.0, time.process_time)
+    assert drawn is not None
+    held = stated.program(drawn.box)
+    assert lowest(stated, stated.program(None)) + 0.03 * cost < lowest(stated, held)
+    for one in found:
+        assert (one.gait.contact[:-1] >= drawn.box.stands_low).all()
+        assert (one.gait.contact[:-1] <= drawn.box.stands_high).all()
+        assert program_cost(held, one) <= cost * (1 + 1e-6)

@@ -18,10 +18,10 @@ from climbplan.bench.walking.recovery import recovery_table
 from climbplan.bench.walking.stones import stones_table
 from climbplan.errors import UsageError
 
-Section = Callable[[int, bool, TextIO], None]  # seed, quick, where to print
+Section = Callable[[int, bool, int, TextIO], None]  # seed, quick, processes, where to print
 OFFLINE: dict[str, Section] = {
     "offline": offline_tables,
-    "envelopes": accuracy_table,
+    "envelopes": lambda seed, quick, jobs, stream: accuracy_table(seed, quick, stream),
     "bounds": bound_table,
     "stones": stones_table,
 }
@@ -47,7 +47,7 @@ def run_mpc(
     for name in chosen:
         begin, used = time.perf_counter(), _processor_time()
         if name in OFFLINE:
-            OFFLINE[name](options.seed, options.quick, stream)
+            OFFLINE[name](options.seed, options.quick, options.jobs, stream)
         elif inputs is not None and name == "ticks":
             found[name] = tick_tables(inputs, options.seed, options.quick, stream)
         elif inputs is not None and name == "strategies":

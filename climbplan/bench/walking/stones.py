@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TextIO
 
 import numpy as np
 
 from climbplan.bench.walking.shipped_tasks import shipped, shipped_task
+from climbplan.bench.walking.workers import in_order
 from climbplan.walking.check.checker import check_loop, check_trajectory, failures
 from climbplan.walking.gaps import widest_gap
 from climbplan.walking.offline.nlp import solve_nlp
@@ -28,7 +30,7 @@ _BEYOND = 0.6  # [s] longer than the horizon of an offline plan
 _ONLINE = ("solver.method=online", "task.goal=null")
 
 
-def stones_table(seed: int, quick: bool, stream: TextIO) -> None:
+def stones_table(seed: int, quick: bool, jobs: int, stream: TextIO) -> None:
     """Print how many random fields are crossed by each method, and what keeps the others.
 
     A field is crossed if the exact check passes, goal included; online if that of the loop does and
@@ -42,25 +44,30 @@ def stones_table(seed: int, quick: bool, stream: TextIO) -> None:
     )
     kept: list[str] = []
     for method, fields in (("search", min(count, _SEARCHED)), ("nlp", count)):
-        times, costs = np.zeros(fields), []
-        for k in range(fields):
-            loaded = shipped(SPEC, _field(seed + k))
-            task = build_task(loaded.spec, loaded.robot, loaded.source)
-            begin = time.process_time()
-            if method == "nlp":
-                answer = solve_nlp(task, "walking trot", _SECONDS)
-            else:
-                answer = search(task, SearchLimits(_SECONDS, qps=loaded.spec.solver.qps))
-            times[k] = time.process_time() - begin
-            if _holds(task, answer.trajectory):
-                costs.append(answer.objective)
-            else:
-                kept.append(f"  {seed + k} by {method}: {widest_gap(task) or answer.word}")
+        found = list(in_order(partial(_field_by, method), range(seed, seed + fields), jobs))
+        times = np.array([spent for spent, _, _ in found])
+        costs = [cost for _, cost, _ in found if cost is not None]
+        kept += [f"  {why}" for _, _, why in found if why]
         median = f"{np.median(costs):11.1f}" if costs else "       none"
         print(f"{_row(method, len(costs), times)}  {median}", file=stream, flush=True)
     kept += _online(seed, count, stream)
     if kept:
         print("fields that were not crossed:", *kept, sep="\n", file=stream)
+
+
+def _field_by(method: str, number: int) -> tuple[float, float | None, str]:
+    """Processor time [s], the cost if a field is crossed, and else what keeps it."""
+    loaded = shipped(SPEC, _field(number))
+    task = build_task(loaded.spec, loaded.robot, loaded.source)
+    begin = time.process_time()
+    if method == "nlp":
+        answer = solve_nlp(task, "walking trot", _SECONDS)
+    else:
+        answer = search(task, SearchLimits(_SECONDS, qps=loaded.spec.solver.qps))
+    spent = time.process_time() - begin
+    if _holds(task, answer.trajectory):
+        return spent, answer.objective, ""
+    return spent, None, f"{number} by {method}: {widest_gap(task) or answer.word}"
 
 
 def _online(seed: int, count: int, stream: TextIO) -> list[str]:

@@ -21,6 +21,7 @@ from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.dataset_rows import WalkRows, task_of_frame, walk_of
 from climbplan.walking.draws import TREADS, in_world
 from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
+from climbplan.walking.online.features import feature_count
 from climbplan.walking.online.library import SECTION, sections_of
 from climbplan.walking.online.run import library_key
 from climbplan.walking.problem import build_task
@@ -92,6 +93,7 @@ def test_a_spoilt_walk_is_found(walks: Dataset, tmp_path: Path) -> None:
         task_of_frame(other.frame, path)
 
 
+FLAT = np.concatenate([np.ones(2 * TREADS), np.zeros(2 * TREADS)])
 RANGES = WorldRangesSpec(mass=0.3, speed=(0.3, 1.0), rise=0.05, tread=(0.15, 0.3))
 WORLDS = SPEC.model_copy(update={"world": RANGES})
 
@@ -143,6 +145,19 @@ def test_sections_have_heights_above_their_own_ground() -> None:
     assert np.allclose(above.state, flat.state)
 
 
+def test_sections_of_another_speed_are_farther_away() -> None:
+    task = build_task(SPEC.walk, load_body("scaler"))
+    state = np.tile(task.start.state, (task.knots + 1, 1))
+    near, far = (
+        sections_of(in_world(task, np.concatenate([[1.0, share], FLAT])), _standing(state), 0)
+        for share in (0.5, 0.25)
+    )
+    apart = (near.features - far.features)[0]
+    asked = 0.25 * np.linalg.norm(task.reference.velocity[0])
+    assert np.linalg.norm(apart) == pytest.approx(asked / 0.4)
+    assert len(near.features[0]) == feature_count(task.body.leg_count)
+
+
 def _standing(state: np.ndarray) -> WalkTrajectory:
     knots = len(state)
     toes = np.zeros((knots, 4, 3))
@@ -152,7 +167,7 @@ def _standing(state: np.ndarray) -> WalkTrajectory:
 
 def test_a_flat_world_leaves_ground_and_toes_as_they_are() -> None:
     task = build_task(SPEC.walk, load_body("scaler"))
-    world = np.concatenate([[1.2, 1.0], np.ones(2 * TREADS), np.zeros(2 * TREADS)])
+    world = np.concatenate([[1.2, 1.0], FLAT])
     same = in_world(task, world)
     assert same.ground is task.ground
     assert same.body.mass == pytest.approx(1.2 * task.body.mass)

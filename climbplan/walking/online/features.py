@@ -11,6 +11,7 @@ from climbplan.walking.task import SPIN, VELOCITY, Array
 # What a unit of distance between two situations is, for each kind of feature
 _SCALES = {
     "velocity": 0.4,
+    "asked": 0.4,
     "height": 0.05,
     "tilt": 0.15,
     "spin": 1.0,
@@ -20,11 +21,12 @@ _SCALES = {
 }
 
 
-def features_of(situation: Situation, height: float) -> Array:
-    """(F,) features; height: reference of the body [m]."""
+def features_of(situation: Situation, height: float, asked: Array) -> Array:
+    """(F,) features; height: reference of the body [m]; asked: (3,) its velocity [m/s]."""
     state = situation.state
     parts = (
         state[VELOCITY] / _SCALES["velocity"],
+        asked / _SCALES["asked"],
         (state[2:3] - height) / _SCALES["height"],
         state[6:8] / _SCALES["tilt"],
         state[SPIN] / _SCALES["spin"],
@@ -37,7 +39,7 @@ def features_of(situation: Situation, height: float) -> Array:
 
 def feature_count(legs: int) -> int:
     """F."""
-    return 9 + 5 * legs
+    return 12 + 5 * legs
 
 
 def feature_mirror(legs: int) -> Array:
@@ -45,6 +47,7 @@ def feature_mirror(legs: int) -> Array:
     flat = np.diag([1.0, -1.0])
     swap = np.eye(legs)[mirror_legs(legs)]
     blocks = [
+        np.diag(MIRROR_POINT),
         np.diag(MIRROR_POINT),
         np.eye(1),
         np.diag(MIRROR_TURN[:2]),

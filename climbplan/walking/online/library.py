@@ -156,7 +156,7 @@ def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
         base = np.array([*found.state[n, :2], under[n]])
         state, toes = found.state[here].copy(), found.toes[here] - base
         state[:, POSITION] -= base
-        features = features_of(situation, above + under[n])
+        features = features_of(situation, above + under[n], task.reference.velocity[n])
         rows.append((features, state, toes, found.force[here], found.gait.contact[here]))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     features, state, toes, force, contact = columns

@@ -221,7 +221,8 @@ class OnlineController:
             gait = gone_on(task, gait, at, last, SECTION + between)
             first.append(_Candidate(LAST, gait, at))
             yield replace(first[-1], short=falls)
-        features = features_of(situation, float(task.reference.height[0]))
+        reference = task.reference
+        features = features_of(situation, float(reference.height[0]), reference.velocity[0])
         below = 0.0 if task.ground.endless else task.reference.height[0] - self._above
         base = np.array([*situation.state[:2], below])
         named = len(self.library) and not self._published

@@ -75,8 +75,9 @@ def state_turns(
     places; one block for each limb whose ball of `radius` (N,) [m] a plane cuts.
 
     inside: (N,) [rad] that joints keep within their bounds, none if None. start: body origin (3,),
-    angles (3,) and toes (N, 3) of the start, on whose toes joints keep no more than there. frame: R0, rates and Theta0 of the linear rotation. postures: toes (M + 1, N, 3),
-    body origins and angles (M + 1, 3). moving: the latter two (M, N, 3) as each limb moves.
+    angles (3,) and toes (N, 3) of the start, on whose toes joints keep no more than there. frame:
+    R0, rates and Theta0 of the linear rotation. postures: toes (M + 1, N, 3), body origins and
+    angles (M + 1, 3). moving: the latter two (M, N, 3) as each limb moves.
     """
     toes, coms, turns = postures
     reference, rates, level = frame

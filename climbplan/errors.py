@@ -220,10 +220,19 @@ class ReachFailure(NoPlanFound):
 
     status = "not_proved"
 
-    def __init__(self, limb: str, reason: str, missing: float = 0.0, where: str = "") -> None:
+    def __init__(
+        self,
+        limb: str,
+        reason: str,
+        missing: float = 0.0,
+        where: str = "",
+        joint: int | None = None,
+        past: float = 0.0,
+    ) -> None:
         self.limb = limb
         self.reason = reason  # "too far", "too near", "femur bound", ...
         self.missing = missing  # [m] out of reach by this much; 0 if only joint bounds fail
+        self.joint, self.past = joint, past  # the joint past its bound if known, and how far [rad]
         self.where = where  # "round 3, LM lifted"
         prefix = f"{where}: " if where else ""
         gap = f" by {1e3 * missing:.1f} mm" if missing > 0 else ""

@@ -23,6 +23,7 @@ from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.postures.nlp.method import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
+from climbplan.climb.postures.turning import turn_normals
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.self_clearance import standing_overlap
 from climbplan.climb.swing import SwingBlocked, SwingMeets, swing_paths
@@ -36,6 +37,7 @@ _OF_SCANS = 8  # more times, for parts of a scan that limbs come too close to
 _TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
+_LEAST_TURN = np.deg2rad(0.3)  # by which first joints are asked to stay within their bounds
 _LEAST_TIME = 0.05  # [s] that a solver is given at least
 _STEADYINGS = 3  # times postures are planned nearer to the stance for a body that is not stable
 
@@ -140,7 +142,9 @@ def _plan_motion(
             else:
                 try:
                     inside = within(planned, left)
-                    posture = _convex_postures(inside, margins, save_model, posture, nodes)
+                    posture = _convex_postures(
+                        inside, margins, save_model, posture, nodes, explain=not notes
+                    )
                 except NoPostures as error:
                     if not notes:
                         raise
@@ -277,11 +281,15 @@ def _convex_postures(
     save_model: Path | None,
     earlier: PostureResult | None,
     nodes: float,
+    explain: bool,
 ) -> PostureResult:
-    """Postures alone, or together with forces; earlier: with smaller margins."""
+    """Postures alone, or together with forces; earlier: with smaller margins.
+
+    explain: whether what has no solution is looked into.
+    """
     if scene.spec.solver.method in COUPLED_METHODS:
         return plan_coupled(scene, margins)
-    return plan_postures(scene, margins, save_model, earlier, nodes)
+    return plan_postures(scene, margins, save_model, earlier, nodes, explain)
 
 
 def _not_found(scene: ClimbScene, notes: list[str], failure: _Failure | None) -> NoPlanFound:
@@ -317,7 +325,14 @@ def _bounded_by(posture: PostureResult, bound: float | None, scene: ClimbScene) 
 
 
 def _shrunk(scene: ClimbScene, margins: PostureMargins, failure: ReachFailure) -> PostureMargins:
-    return _nearer_stance(scene, margins, scene.robot.limb_names.index(failure.limb))
+    """Room within the bounds of the joint that fails, where the statement has it, else a smaller
+    ball about the limb's stance."""
+    limb = scene.robot.limb_names.index(failure.limb)
+    if failure.joint != 0 or not len(turn_normals(scene.robot, limb)):
+        return _nearer_stance(scene, margins, limb)
+    turn = np.zeros(scene.robot.limb_count) if margins.turn is None else margins.turn.copy()
+    turn[limb] += max(1.2 * failure.past, _LEAST_TURN)
+    return replace(margins, turn=turn)
 
 
 def _nearer_stance(scene: ClimbScene, margins: PostureMargins, limb: int) -> PostureMargins:

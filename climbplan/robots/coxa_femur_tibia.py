@@ -165,5 +165,6 @@ class CoxaFemurTibia:
         )
         branch = int(np.argmin(excess.max(axis=-1)))
         joint = int(np.argmax(excess[branch]))
-        over = np.rad2deg(excess[branch, joint])
-        return Miss(f"{JOINTS[joint]} {over:.1f} deg past its bound", 0.0)
+        past = float(excess[branch, joint])
+        words = f"{JOINTS[joint]} {np.rad2deg(past):.1f} deg past its bound"
+        return Miss(words, 0.0, joint, past)

@@ -72,5 +72,7 @@ def require_reachable(robot: Robot, toes_body: Array, where: str) -> Array:
     for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
         bounds = robot.joint_lower, robot.joint_upper
         found = robot.limbs.miss(solution, toes_body, limb, *bounds)
-        raise ReachFailure(robot.limb_names[limb], found.reason, found.missing, where)
+        raise ReachFailure(
+            robot.limb_names[limb], found.reason, found.missing, where, found.joint, found.past
+        )
     return solution.best()

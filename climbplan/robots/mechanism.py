@@ -49,6 +49,8 @@ class Miss:
 
     reason: str  # "too far", "femur 3.0 deg past its bound"
     missing: float  # [m] by which the toe is out of reach, 0 if only joint bounds fail
+    joint: int | None = None  # that is past its bound, where one is known
+    past: float = 0.0  # [rad] by which it is
 
 
 class Mechanism(Protocol):

@@ -37,6 +37,7 @@ task:
     LR: [-0.25, -{side}, -{up}], LM: [-{middle}, 0, -{up}], LF: [-0.25, {side}, -{up}]}}
 posture: {{steps: {{com_max: {step}}}}}
 trajectory: {{lift: 0.06}}
+margins: {{edge: {edge}}}
 solver: {{method: {method}, time_limit: {limit}}}
 """
 
@@ -56,6 +57,7 @@ class Walk:
     middle: float = 0.44  # [m] of the middle feet beside it
     up: float = 0.28  # [m] of the body over its feet
     step: float = 0.15  # [m] of the body in a round
+    edge: float = 0.01  # [m] that toes keep off edges beyond which nothing goes on
     limit: int = 600  # [s]
 
     def spec(self, folder: Path) -> str:
@@ -84,6 +86,7 @@ WALKS = {
             *("[0.2, 0, 0.28]", "[6.9, 0, 0.89]"),
             pitch=18,
             guide="[[4.5, 0, 0.28]]",
+            edge=0.03,  # the stance is wider than its stairs, off whose sides toes came
         ),
         Walk(
             "slalom_debris",

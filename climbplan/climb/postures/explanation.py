@@ -49,6 +49,7 @@ _WORDS = {
     "workspace.stance": "toe {mm} outside its stance workspace",
     "workspace.stance_lift": "toe {mm} outside its stance workspace when it is lifted",
     "workspace.stance_place": "toe {mm} outside its stance workspace when it is placed",
+    "workspace.turn": "toe {mm} beyond the turn of its first joint",
     "contact.region": "toe {mm} off {alternative}, the nearest region it may use",
     "goal.com": "body {mm} further from the goal than its tolerance",
     "goal.toes": "toe {mm} further from its goal than the tolerance",
@@ -56,6 +57,8 @@ _WORDS = {
     "body.clearance": "body {mm} too close to pass {alternative}",
     "limbs.clearance": "limb {mm} too close to stay {alternative}",
 }
+
+_TURN = "workspace.turn"  # with the limb's name
 
 Change = Callable[[ClimbScene, float], Remedy | None]
 
@@ -249,7 +252,9 @@ def needed_changes(scene: ClimbScene, program: Program, found: Violations) -> tu
 
 
 def _block(name: str) -> str:
-    """The block's name without the number of an obstacle."""
+    """The block's name without the number of an obstacle or the name of a limb."""
+    if name.startswith(_TURN):
+        return _TURN
     return name if name in _WORDS else name.rpartition("_")[0]
 
 
@@ -297,5 +302,7 @@ def _place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
     if name == "steps.first_toe":
         return "round 1"
     words = f"round {index[0] + 1}"
+    if _block(name) == _TURN:
+        return f"{words}, {name.removeprefix(_TURN + '_')}"
     per_limb = len(index) > 1 and name != "steps.rotation"
     return f"{words}, {names[index[1]]}" if per_limb else words

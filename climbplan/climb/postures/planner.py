@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.postures.explanation import BOUND_SCOPE, explain_infeasible
+from climbplan.climb.postures.explanation import BOUND_SCOPE, NoPostures, explain_infeasible
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.within_reach import between
@@ -50,6 +50,7 @@ def plan_postures(
     save_model: Path | None = None,
     earlier: PostureResult | None = None,
     nodes: float = np.inf,
+    explain: bool = True,
 ) -> PostureResult:
     """Globally optimal postures under linearised rotation (method `micp`).
 
@@ -58,7 +59,7 @@ def plan_postures(
     earlier: postures of the same scene with smaller margins. Their bound holds here too, and their
     choices are tried first. nodes: of the own tree, at most. The spec's time limit is that
     of statement and search together. Raises NoPostures naming round, limb and
-    constraint, or LimitReached without an incumbent.
+    constraint if `explain`, which takes as long as a search, or LimitReached without an incumbent.
     """
     begin = time.monotonic()
     refuse_unsuitable(scene)
@@ -81,6 +82,8 @@ def plan_postures(
         because = "alternatives are settled by rounding and not given up again"
         raise NotProved(words, because=because, stage="posture")
     if result.status == "infeasible":
+        if not explain:
+            raise NoPostures("no posture sequence found under the given bounds", [])
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
         limit = f"within {options.time_limit:g} s"

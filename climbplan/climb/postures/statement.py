@@ -18,6 +18,7 @@ import numpy as np
 
 from climbplan.climb.limb_clearance import standing_room
 from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
+from climbplan.climb.postures.turning import state_turns
 from climbplan.climb.scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.affine_array import AffineArray
@@ -37,6 +38,7 @@ class PostureMargins:
     """Tightening after a posture failed an exact check that the statement only approximates."""
 
     stance_radius: Array | None = None  # (N,) [m], the robot's own if None
+    turn: Array | None = None  # (N,) [rad] that first joints keep within their bounds
     clearance: float = 0.0  # [m] beyond the spec's body clearance
     limbs: float = 0.0  # [m] beyond the spec's limb clearance
     knees: float = 0.0  # [m] the same for knees alone
@@ -243,24 +245,28 @@ def posture_program(
     balls = [("reach", robot.shoulder_body, np.full(n, robot.reach))]
     if spec.stance_workspace:
         balls.append(("stance", robot.stance_body, stance_radius))
+    # The k-th limb to move does so when the body has covered k / N of its way: it leaves its old
+    # place and reaches its new one from there.
+    share = np.empty(n)
+    share[list(scene.gait)] = np.arange(n) / n
+    moving = [x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)]
     for label, origin, radius in balls:
         arm = toe - com[:, None] - rotation.apply(rpy[:, None], origin)
         p.ball(f"workspace.{label}", arm, np.tile(radius, (m, 1)), unit="m")
         if spec.intermediate_reach:
-            # The k-th limb to move does so when the body has covered k / N of its way: it leaves
-            # its old place and reaches its new one from there.
-            share = np.empty(n)
-            share[list(scene.gait)] = np.arange(n) / n
-            at = [
-                x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)
-            ]
             for when, feet in (("lift", toes[:-1]), ("place", toes[1:])):
-                arm = feet - at[0] - rotation.apply(at[1], origin)
+                arm = feet - moving[0] - rotation.apply(moving[1], origin)
                 room = np.tile(radius, (m, 1))
                 if label == "stance" and when == "lift":
                     # Where the start's toes stand no tightening changes
                     room[0] = np.maximum(radius, robot.stance_radius)
                 p.ball(f"workspace.{label}_{when}", arm, room, unit="m")
+
+    if spec.stance_workspace:
+        frame = rotation.reference, rotation.rates, rotation.level
+        start = scene.start.com, scene.start.rpy, scene.start.toes
+        within = stance_radius, margins.turn, start
+        state_turns(p, robot, *within, frame, (toes, coms, turns), (moving[0], moving[1]))
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
     if scene.by_round is None:

@@ -49,7 +49,9 @@ def relays(world: PlanSoFar, fewest: int = 2) -> Iterator[Course]:
     """Courses of `fewest` legs and more: as many as the fewest that there can be, or one more."""
     places = places_of(world.scene)
     means = all_means(world, places)
-    plain = [m for m in means if m.action.kind in ("arms", "throw") and not m.action.is_chained]
+    plain = [m for m in means if m.action.kind == "arms" and not m.action.is_chained]
+    if not any(m.end[:, 1].any() for m in plain):  # else throws are no shorter a way
+        plain += [m for m in means if m.action.kind == "throw"]
     without_legs = [m for m in means if m.action.kind != "quadruped"]
     guides = [legs_left(plain, 1, len(places))]
     for more in (without_legs, means):

@@ -49,18 +49,16 @@ def relays(world: PlanSoFar, fewest: int = 2) -> Iterator[Course]:
     """Courses of `fewest` legs and more: as many as the fewest that there can be, or one more."""
     places = places_of(world.scene)
     means = all_means(world, places)
-    carried, over_box, every = (
-        legs_left([m for m in means if m.action.kind in kinds], 1, len(places))
-        for kinds in (
-            {"arms", "throw"},
-            {"arms", "throw", "relatch"},
-            {"arms", "throw", "relatch", "quadruped"},
-        )
-    )
-    guides = [carried]
-    for guide in (over_box, every):
+    plain = [m for m in means if m.action.kind == "arms" and not m.action.is_chained]
+    if not any(m.end[:, 1].any() for m in plain):  # else throws are no shorter a way
+        plain += [m for m in means if m.action.kind == "throw"]
+    without_legs = [m for m in means if m.action.kind != "quadruped"]
+    guides = [legs_left(plain, 1, len(places))]
+    for more in (without_legs, means):
+        guide = legs_left(more, 1, len(places))
         if (guide != guides[-1]).any():
             guides.append(guide)
+    every = guides[-1]
     if every[0] < len(places):
         yield from _searched(places, means, guides, fewest)
 

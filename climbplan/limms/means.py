@@ -212,15 +212,13 @@ def _only_goal(like: Mask) -> Mask:
 
 
 def _thrown(scene: Scene, carried: Sequence[Means], places: Array) -> Iterator[Means]:
-    """Throws to a goal that no arms hold the box at, by arms that nearly do."""
+    """Throws to the goal by arms that do not hold the box there, but nearly."""
     if "flight" not in scene.allow or scene.arrival_speed <= 0:
-        return
-    if any(each.end[:, 1].any() for each in carried):
         return
     reach = chain_stretch(scene, 1) + FLIGHT
     for each in carried:
         arms = each.action.connections
-        if all(
+        if not each.end[:, 1].any() and all(
             span(anchor_wrist(scene, c.root), side_wrist(scene, c.side, places[1])) <= reach
             for c in arms
         ):
